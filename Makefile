@@ -3,8 +3,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo-results
+MINUTES ?= 10
 
-.PHONY: demo test test-all lint bench torture study schemas docs docs-output screenshots strangers-path clean
+.PHONY: demo test test-all lint bench fuzz torture mutants wheel oldest study schemas docs docs-output \
+        screenshots strangers-path clean
 
 $(VENV)/.run: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("ppmcal needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
@@ -55,6 +57,10 @@ docs-output: $(VENV)/.test
 strangers-path: $(VENV)/.run
 	@$(BIN)/python docs/strangers_path.py
 
+fuzz: $(VENV)/.test
+	@PYTHONPATH=.:tests $(BIN)/python -m fuzz --minutes $(MINUTES)
+	@PYTHONPATH=.:tests $(BIN)/python -m fuzz --minutes $(MINUTES) --commands
+
 bench: $(VENV)/.test
 	$(BIN)/python -m pytest benchmarks --benchmark-only -o addopts= -s
 
@@ -63,6 +69,15 @@ torture: $(VENV)/.test
 
 study: $(VENV)/.test
 	$(BIN)/python benchmarks/diagnosis_study.py --out study-results --minutes 10
+
+mutants: $(VENV)/.test
+	@$(BIN)/python benchmarks/mutants.py $(MUTANTS)
+
+wheel: $(VENV)/.run
+	@$(BIN)/python benchmarks/supply.py wheel
+
+oldest: $(VENV)/.run
+	@$(BIN)/python benchmarks/supply.py oldest
 
 clean:
 	rm -rf $(VENV) $(OUT) build dist *.egg-info

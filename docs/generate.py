@@ -17,18 +17,22 @@ from generators.commands import command_page
 from generators.drawings import drawings
 from generators.keys import key_pages
 from generators.kinds import effect_sections, limb_page
+from generators.limits import limits_table
 from generators.mathml import with_formulas
 from generators.notebook import notebook_page
 from generators.paths import DOCS, ROOT
 
 MARK = "<!-- generated: effects -->"
 """Where in effects.md the kinds stand one by one."""
+LIMITS = "<!-- generated: limits -->"
+"""Where in trust.md the limits stand."""
 
 
 def pages() -> dict[str, str]:
     """Return path -> Markdown of every page of the site."""
     out = {path.name: path.read_text(encoding="utf-8") for path in sorted(DOCS.glob("*.md"))}
     out["effects.md"] = out["effects.md"].replace(MARK, effect_sections())
+    out["trust.md"] = out["trust.md"].replace(LIMITS, limits_table())
     out["calibration.md"] = notebook_page(DOCS / "calibration.ipynb")
     out["changes.md"] = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     reference = {"commands.md": command_page(), "python.md": api_page(), "limbs.md": limb_page(),

@@ -10,6 +10,9 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+LONGEST = 4000
+"""Characters of each part of a message; of a longer one the middle is left out."""
+
 
 class PpmcalError(Exception):
     """Base of all errors that a user can cause or meet.
@@ -24,7 +27,8 @@ class PpmcalError(Exception):
 
     def __init__(self, what: str, where: str = "", mend: str = "") -> None:
         """Store the three parts; ``str(error)`` joins them to one message."""
-        self.what, self.where, self.mend = what, where, mend
+        self.what, self.where, self.mend = map(_shown, (what, where, mend))
+        what, where, mend = self.what, self.where, self.mend
         parts = [f"{where}: {what}" if where else what]
         if mend:
             parts.append(mend)
@@ -36,6 +40,19 @@ class PpmcalError(Exception):
         return type(self)(self.what, place, self.mend)
 
 
+def _shown(text: str) -> str:
+    """Return a part of a message as it can be shown: names out of files may hold anything.
+
+    Control characters would steer the terminal, halves of a surrogate pair cannot be written.
+    """
+    if len(text) > LONGEST:
+        text = f"{text[:LONGEST // 2]} ... {text[-LONGEST // 2:]}"
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\n\xa0" else
+                   c.encode("unicode_escape").decode("ascii") for c in text)
+
+
 class BadInput(PpmcalError):
     """A file, an option or a value that cannot be used (exit code 2)."""
 
@@ -44,6 +61,13 @@ class NoResult(PpmcalError):
     """The numbers could not be had: singular or not converged (exit code 3)."""
 
     exit_code = 3
+
+
+class LinearAlgebraError(NoResult):
+    """A linear system or decomposition that could not be had (exit code 3).
+
+    Raised in :mod:`ppmcal.linalg` alone: no other module calls a solver.
+    """
 
 
 def unknown(what: str, name: object, allowed: Iterable[object], where: str = "") -> BadInput:

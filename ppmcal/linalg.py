@@ -1,11 +1,20 @@
-"""Linear algebra that several packages need: array types, ranges, rotations, rows in use."""
+"""Linear algebra that several packages need: array types, ranges, rotations, rows in use.
+
+Every solver and decomposition of the program is called here and nowhere else: what cannot be had is
+one refusal, :class:`ppmcal.errors.LinearAlgebraError`, that says what was to be had and why not.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ppmcal.errors import LinearAlgebraError
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -21,19 +30,213 @@ def finite_rows(rows: Array) -> Bools:
     return np.asarray(np.isfinite(rows).all(axis=1), dtype=np.bool_)
 
 
-def svd(matrix: Array) -> tuple[Array, Array, Array]:
-    """Return the thin singular value decomposition u, s, vt of a matrix (m, n).
+TOO_FAR = ("Look for values, sigmas and tolerances that are far too large or too small, and for a "
+           "wrong unit")
+TOO_FEW = "Look for poses that are all alike, or near a singularity of the machine"
+
+
+def _not_finite(what: str) -> NoReturn:
+    raise LinearAlgebraError(f"{what} could not be had: a number on the way is beyond any size, or "
+                             "none at all", mend=TOO_FAR)
+
+
+def _finite(what: str, *matrices: Array) -> None:
+    """Refuse matrices that hold anything but numbers (LinearAlgebraError)."""
+    for matrix in matrices:
+        # the sum of squares is quick to make, and finite only where all numbers are
+        if not math.isfinite(np.vdot(matrix, matrix)) and not np.isfinite(matrix).all():
+            _not_finite(what)
+
+
+@contextmanager
+def guarded(what: str, why: str = "the matrix behind it is singular") -> Iterator[None]:
+    """Turn a decomposition that fails inside, NumPy's or SciPy's, into the one refusal.
+
+    Args:
+        what: that was to be had, such as "the inverse of a matrix".
+        why: it fails.
+
+    Raises:
+        LinearAlgebraError: in place of NumPy's.
+    """
+    try:
+        yield
+    except np.linalg.LinAlgError:
+        raise _lost(what, why) from None
+    except ValueError as error:
+        if "finite" not in str(error):
+            raise
+        _not_finite(what)
+
+
+def _lost(what: str, why: str = "the matrix behind it is singular") -> LinearAlgebraError:
+    return LinearAlgebraError(f"{what} could not be had: {why}", mend=TOO_FEW)
+
+
+# Each takes batches (..., m, n) as NumPy's own does, refuses what is not finite, and raises
+# LinearAlgebraError with ``what`` was to be had.
+
+
+def solve(matrix: Array, right: Array, what: str = "the solution of linear equations") -> Array:
+    """Return x of matrix (..., n, n) x = right, as :func:`numpy.linalg.solve`."""
+    _finite(what, matrix, right)
+    try:
+        return np.asarray(np.linalg.solve(matrix, right))
+    except np.linalg.LinAlgError:
+        raise _lost(what) from None
+
+
+def solve_blocks(matrix: Array, right: Array) -> Array:
+    """Solve (N, d, d) x = (N or 1, d, m) row by row.
+
+    A row that is singular, or holds anything but numbers, gives nan and no error.
+    """
+    try:
+        return np.asarray(np.linalg.solve(matrix, right), dtype=float)
+    except np.linalg.LinAlgError:
+        with np.errstate(invalid="ignore", over="ignore"):
+            bad = ~(np.abs(np.linalg.det(matrix)) > 0.0)
+        safe = np.where(bad[:, None, None], np.eye(matrix.shape[-1]), matrix)
+        out = np.linalg.solve(safe, right)
+        out[bad] = np.nan
+        return np.asarray(out, dtype=float)
+
+
+def solve_rows(matrix: Array, right: Array) -> Array:
+    """Solve (N, d, d) x = (N, d) row by row; see :func:`solve_blocks`."""
+    return solve_blocks(matrix, right[..., None])[..., 0]
+
+
+def inv(matrix: Array, what: str = "the inverse of a matrix") -> Array:
+    """Return the inverse of (..., n, n)."""
+    _finite(what, matrix)
+    try:
+        return np.asarray(np.linalg.inv(matrix))
+    except np.linalg.LinAlgError:
+        raise _lost(what) from None
+
+
+def cholesky(matrix: Array, what: str = "the square root of a covariance") -> Array:
+    """Return the lower factor L of (..., n, n) = L L^T."""
+    _finite(what, matrix)
+    try:
+        return np.asarray(np.linalg.cholesky(matrix))
+    except np.linalg.LinAlgError:
+        raise _lost(what, "the covariance behind it is not positive definite") from None
+
+
+def eigh(matrix: Array, what: str = "the principal directions of a matrix",
+         metric: Array | None = None) -> tuple[Array, Array]:
+    """Return eigenvalues (..., n), ascending, and vectors of a symmetric matrix (..., n, n).
+
+    With a ``metric`` (n, n), positive definite: of matrix v = w metric v, for one matrix.
+    """
+    _finite(what, matrix, *(() if metric is None else (metric,)))
+    with guarded(what):
+        if metric is None:
+            w, v = np.linalg.eigh(matrix)
+        else:
+            from scipy.linalg import eigh as general
+
+            w, v = general(matrix, metric)
+    return w, v
+
+
+def eigvalsh(matrix: Array, what: str = "the principal sizes of a matrix") -> Array:
+    """Return the eigenvalues (..., n), ascending, of a symmetric matrix (..., n, n)."""
+    _finite(what, matrix)
+    with guarded(what, "its iteration does not converge"):
+        return np.asarray(np.linalg.eigvalsh(matrix))
+
+
+def triangle(matrix: Array, what: str = "the triangle of a matrix") -> Array:
+    """Return R (..., k, n) of the QR decomposition of (..., m, n)."""
+    _finite(what, matrix)
+    return np.asarray(np.linalg.qr(matrix, mode="r"))
+
+
+def column_basis(matrix: Array, what: str = "the triangle of a matrix") -> Array:
+    """Return Q (..., m, k) of the QR decomposition of (..., m, n)."""
+    _finite(what, matrix)
+    return np.asarray(np.linalg.qr(matrix)[0])
+
+
+def svd(matrix: Array, full: bool = False, what: str = "the singular values of a matrix"
+        ) -> tuple[Array, Array, Array]:
+    """Return the thin (or ``full``) singular value decomposition u, s, vt of (..., m, n).
 
     LAPACK's divide and conquer, which is fast, now and then does not converge on a sound matrix
     with many equal singular values; then by QR iteration, which does.
     """
+    _finite(what, matrix)
     try:
-        u, s, vt = np.linalg.svd(matrix, full_matrices=False)
+        u, s, vt = np.linalg.svd(matrix, full_matrices=full)
     except np.linalg.LinAlgError:
-        from scipy.linalg import svd as by_qr
-
-        u, s, vt = by_qr(matrix, full_matrices=False, lapack_driver="gesvd")
+        u, s, vt = _svd_by_qr(matrix, full, what)
     return u, s, vt
+
+
+def _svd_by_qr(matrix: Array, full: bool, what: str) -> tuple[Array, Array, Array]:
+    from scipy.linalg import svd as by_qr
+
+    flat = matrix.reshape(-1, *matrix.shape[-2:])
+    with guarded(what, "its iteration does not converge"):
+        parts = [by_qr(one, full_matrices=full, lapack_driver="gesvd") for one in flat]
+    u, s, vt = (np.stack(p).reshape(*matrix.shape[:-2], *p[0].shape)
+                for p in zip(*parts, strict=True))
+    return u, s, vt
+
+
+def singular_values(matrix: Array, what: str = "the singular values of a matrix") -> Array:
+    """Return the singular values (..., k), descending, of (..., m, n)."""
+    _finite(what, matrix)
+    try:
+        return np.asarray(np.linalg.svd(matrix, compute_uv=False))
+    except np.linalg.LinAlgError:
+        return _svd_by_qr(matrix, False, what)[1]
+
+
+def largest_singular(matrix: Array) -> float:
+    """Return the largest singular value of a matrix (m, n), 0 where it is empty."""
+    return float(singular_values(matrix).max(initial=0.0)) if matrix.size else 0.0
+
+
+def condition(matrix: Array) -> float:
+    """Return largest over smallest singular value of (m, n), inf where it is singular."""
+    s = singular_values(matrix)
+    return float(s[0] / s[-1]) if s[-1] > 0.0 else math.inf
+
+
+def pinv(matrix: Array, rcond: float = 1e-15, hermitian: bool = False,
+         what: str = "the pseudo-inverse of a matrix") -> Array:
+    """Return the pseudo-inverse (..., n, m) of (..., m, n).
+
+    Directions of a singular value below ``rcond`` of the largest count as 0.
+    """
+    _finite(what, matrix)
+    try:
+        return np.asarray(np.linalg.pinv(matrix, rcond, hermitian))
+    except np.linalg.LinAlgError:
+        u, s, vt = _svd_by_qr(matrix, False, what)
+        use = s > rcond * s.max(axis=-1, keepdims=True, initial=0.0)
+        inverse = np.where(use, 1.0 / np.where(use, s, 1.0), 0.0)
+        return np.asarray(np.swapaxes(vt, -1, -2) @ (inverse[..., None] * np.swapaxes(u, -1, -2)))
+
+
+def lstsq(matrix: Array, right: Array, rcond: float | None = None,
+          what: str = "the solution of a least-squares problem") -> tuple[Array, int]:
+    """Return x (n,) or (n, k) of least length that minimises |matrix (m, n) x - right|; the rank.
+
+    Directions of a singular value below ``rcond`` of the largest count as 0, default round-off.
+    """
+    _finite(what, matrix, right)
+    try:
+        found, _, rank, _ = np.linalg.lstsq(matrix, right, rcond=rcond)
+        return np.asarray(found, dtype=float), int(rank)
+    except np.linalg.LinAlgError:
+        least = np.finfo(float).eps * max(matrix.shape) if rcond is None else rcond
+        s = _svd_by_qr(matrix, False, what)[1]
+        return pinv(matrix, least, what=what) @ right, int(np.sum(s > least * s.max(initial=0.0)))
 
 
 def unit_columns(matrix: Array) -> Array:
@@ -74,7 +277,7 @@ def without_range(block: Array, basis: Array) -> Array:
 
 def nearest_rotation(matrix: Array) -> Array:
     """Return the proper rotation nearest to a matrix (3, 3), in the Frobenius norm (Kabsch)."""
-    u, _, vt = np.linalg.svd(matrix)
+    u, _, vt = svd(matrix)
     return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
 
 

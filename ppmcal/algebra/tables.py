@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ppmcal import linalg
 from ppmcal.algebra._types import Array, as_array, components
 from ppmcal.algebra.blades import FULL, SCALAR, Blades
 from ppmcal.errors import unknown
@@ -72,7 +73,7 @@ def _geometric_table() -> Array:
         for b in range(_SIZE):
             orthonormal[a, b, a ^ b] = _orthonormal_product(a, b)
     there = _expansions(_NULL_VECTORS)
-    back = _expansions(np.linalg.inv(_NULL_VECTORS))
+    back = _expansions(linalg.inv(_NULL_VECTORS))
     halfway = np.tensordot(there, np.tensordot(there, orthonormal, (1, 1)), (1, 1))
     return halfway @ back
 

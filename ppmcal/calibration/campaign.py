@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.observation import coordinates
 from ppmcal.kinematics.closure import Model
@@ -104,7 +105,7 @@ def _spanned(fit: Fit) -> Iterable[str]:
         own = [j for j, c in enumerate(chosen) if (c >= 3) == turns]
         if not own:
             continue
-        rank = int((np.linalg.svd(away[:, own], compute_uv=False) > FLAT).sum())
+        rank = int((linalg.singular_values(away[:, own]) > FLAT).sum())
         if rank == len(own):
             continue
         if turns:

@@ -14,7 +14,9 @@ import numpy as np
 from ppmcal.calibration.identifiability import (
     RANK_TOLERANCE,
     Identifiability,
+    Unidentifiable,
     predict_identifiability,
+    unidentifiable,
     whole_rank,
 )
 from ppmcal.calibration.least_squares import column_scale, qr_factor
@@ -95,7 +97,8 @@ class Check:
     home q; ``singular_value``: the smallest at home; ``rank`` of ``columns``; ``unseen`` parameters
     to which no measured row is sensitive; ``redundant`` further ones that others explain;
     ``identifiability``: what a fit to the measurements will leave open, None without any;
-    ``misreadings``: how the files are to be read instead.
+    ``misreadings``: how the files are to be read instead; ``unidentifiable``: unseen and redundant
+    ones as whole sets.
     """
 
     findings: tuple[str, ...]
@@ -108,6 +111,7 @@ class Check:
     redundant: tuple[str, ...]
     identifiability: Identifiability | None = None
     misreadings: tuple[Misreading, ...] = ()
+    unidentifiable: tuple[Unidentifiable, ...] = ()
 
 
 @stage("checking")
@@ -153,11 +157,12 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     rank, columns = 0, 0
     unseen: tuple[str, ...] = ()
     redundant: tuple[str, ...] = ()
+    sets: tuple[Unidentifiable, ...] = ()
     used: tuple[Dataset, ...] = ()
     if mechanism.free and value >= SINGULAR_HOME:
         used = tuple(datasets) or (trial_dataset(mechanism),)
     if any(len(d) for d in used) and not misreadings:
-        rank, columns, unseen, redundant, lost = visibility(mechanism, used)
+        rank, columns, unseen, redundant, lost, sets = visibility(mechanism, used)
         # of poses about home some are beyond where a learned term is known
         if lost and (datasets or not any(e.kind.known for e in mechanism.effects)):
             findings.append(f"{counted(lost, 'row')} without a pose at the joint values: check q, "
@@ -168,7 +173,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         else None
     )
     return Check(tuple(findings), gaps, value, state.q, rank, columns, unseen, redundant, ahead,
-                 listed)
+                 listed, sets)
 
 
 def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:
@@ -297,8 +302,9 @@ def _trial_environment(mechanism: Mechanism, n: int, rng: np.random.Generator) -
 
 @stage("what the measurements see")
 def visibility(mechanism: Mechanism, datasets: Sequence[Dataset]
-               ) -> tuple[int, int, tuple[str, ...], tuple[str, ...], int]:
-    """Return rank, columns, unseen and redundant parameters, and rows without a pose.
+               ) -> tuple[int, int, tuple[str, ...], tuple[str, ...], int,
+                          tuple[Unidentifiable, ...]]:
+    """Return rank, columns, unseen and redundant parameters, rows without a pose, and whole sets.
 
     Judged at the nominal values; "unseen" columns are zero, "redundant" ones are explained
     by the others (open frames and targets included).
@@ -310,9 +316,10 @@ def visibility(mechanism: Mechanism, datasets: Sequence[Dataset]
     reduced = qr_factor(problem, state, keep)
     count = len(problem.free)
     scale = column_scale(problem)
-    _, kept, dropped = whole_rank(reduced.triangle, count, scale)
+    names = problem.columns
+    rank, kept, dropped = whole_rank(reduced.triangle, count, scale, names=names)
     norms = np.linalg.norm(reduced.triangle[:, :count] * scale[:count], axis=0)
     blind = norms <= RANK_TOLERANCE * max(float(norms.max(initial=0.0)), 1e-300)
-    names = problem.columns
     return (len(kept), len(names), tuple(names[c] for c in range(count) if blind[c]),
-            tuple(names[c] for c in dropped if c >= count or not blind[c]), lost)
+            tuple(names[c] for c in dropped if c >= count or not blind[c]), lost,
+            unidentifiable(rank, names))

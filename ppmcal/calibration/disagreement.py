@@ -21,8 +21,10 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtrc, ndtr
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, posterior, prediction_covariance
 from ppmcal.calibration.session_clusters import Clusters, Components, components
+from ppmcal.errors import LinearAlgebraError
 from ppmcal.linalg import Array, Bools, svd
 
 SWEEPS, WARM_UP, LEAST_SWEEPS = 600, 0.2, 80
@@ -82,6 +84,9 @@ class Disagreement:
         return np.asarray(self.p_value * max(self.p_value.size, 1) < SURE, dtype=bool)
 
 
+DIFFERENCES = "how far sessions, or stretches of rows, differ"
+
+
 class _Posterior:
     """The posterior of the variances: theta and all frames are integrated out."""
 
@@ -94,7 +99,11 @@ class _Posterior:
         self.seen = data.right @ g
         self.prior = np.diag(data.prior**2 + RIDGE)
         self.offset = data.prior**2 * data.away
-        self.covariance = np.linalg.inv(data.matrix.sum(axis=0) + self.prior)
+        self.covariance = linalg.inv(data.matrix.sum(axis=0) + self.prior, DIFFERENCES)
+        if not np.all(np.diagonal(self.covariance) > 0.0):
+            raise LinearAlgebraError(f"{DIFFERENCES} could not be had: what the tolerances say "
+                                     "drowns in the round-off of what the data say",
+                                     mend="Look for a sigma that is far too small")
 
     @cached_property
     def shrinkage(self) -> Array:
@@ -119,16 +128,16 @@ class _Posterior:
         each = spread[self.parts.member]
         inner = each[:, None] * self.inner * each / noise
         inner += np.eye(each.size)
-        factor = np.linalg.cholesky(inner)
-        half = np.linalg.solve(factor, np.concatenate(
+        factor = linalg.cholesky(inner, DIFFERENCES)
+        half = linalg.solve(factor, np.concatenate(
             [each[:, None] * self.cross, (each * self.seen)[..., None]], axis=-1)) / noise
         known = self.data.matrix.sum(axis=0) / noise - np.einsum("smc,smd->cd", half[..., :-1],
                                                                  half[..., :-1])
-        total = np.linalg.cholesky(known + self.prior)
+        total = linalg.cholesky(known + self.prior, DIFFERENCES)
         right = self.data.right.sum(axis=0) / noise - np.einsum(
             "smc,sm->c", half[..., :-1], half[..., -1]) + self.offset
         square = self.data.square.sum() / noise - float(np.sum(half[..., -1] ** 2))
-        solved = np.linalg.solve(total, right)
+        solved = linalg.solve(total, right)
         twice = (square - float(solved @ solved) + self.data.count.sum() * np.log(noise)
                  + 2.0 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum()
                  + 2.0 * np.log(np.diagonal(total)).sum())
@@ -248,7 +257,7 @@ def _registered(data: Clusters, parts: Components, count: int) -> Array:
         taken = np.zeros((size, parts.directions.shape[1]))
         where = np.flatnonzero(mine)
         block = a[np.ix_(where, where)] + RIDGE * np.eye(where.size)
-        taken[where] = np.linalg.solve(block, a[where] @ parts.directions)
+        taken[where] = linalg.solve(block, a[where] @ parts.directions)
         out.append(taken)
     return np.concatenate(out, axis=1)
 
@@ -270,7 +279,7 @@ def _each(data: Clusters, prior: Array, count: int, noise: float) -> tuple[Array
     All clusters share the prior, so that it cancels in their differences as far as it is the
     same part of each estimate.
     """
-    inverse = np.linalg.inv(data.matrix + prior)
+    inverse = linalg.inv(data.matrix + prior)
     own = np.einsum("scd,sd->sc", inverse, data.right + np.diagonal(prior) * data.away)[:, :count]
     by_noise = noise * np.einsum("scd,sde,sec->sc", inverse, data.matrix, inverse)[:, :count]
     pull = np.einsum("scd,de,tec->cst", inverse, prior, inverse)[:count]
@@ -280,5 +289,5 @@ def _each(data: Clusters, prior: Array, count: int, noise: float) -> tuple[Array
     differs = own.T @ contrast
     among = contrast.T @ total @ contrast
     among += np.eye(size - 1) * 1e-12 * np.trace(among, axis1=-2, axis2=-1)[:, None, None]
-    chi2 = np.einsum("fa,fa->f", differs, np.linalg.solve(among, differs[..., None])[..., 0])
+    chi2 = np.einsum("fa,fa->f", differs, linalg.solve(among, differs[..., None])[..., 0])
     return own, np.sqrt(np.maximum(by_noise, 0.0)), np.asarray(chdtrc(size - 1, chi2))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.session_knowledge import SHAPES
 from ppmcal.linalg import Array, svd
 from ppmcal.model.mechanism import Mechanism
@@ -189,7 +190,7 @@ def best_of(candidates: Sequence[Explanation], columns: Sequence[Array], misfit:
         tied = [i for i in np.argsort(-trial.score, kind="stable").tolist()
                 if i not in chosen and trial.tied(i, c)]
         rest, left = without(columns[c], misfit, [columns[o] for o in others])
-        inverse = np.linalg.pinv(rest, rcond=1e-9)
+        inverse = linalg.pinv(rest, rcond=1e-9)
         p_value = min(1.0, chance(trial.gain[c], trial.rank[c]) * len(candidates))
         found.append(TakenExplanation(candidates[c], inverse @ left, inverse @ inverse.T, p_value,
                                       tuple(candidates[i].name for i in tied)))

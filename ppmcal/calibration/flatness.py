@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
 from ppmcal.linalg import Array, range_basis, subsample
 
@@ -67,7 +68,7 @@ def _shape(name: str, at: Array, jacobian: Array, residual: Array, raw: Array) -
     n, taken = left.size, basis.shape[1]
     best = (n * float(left @ left) / (n - taken) ** 2, 0, np.zeros_like(left), taken)
     for degree in range(2, HIGHEST + 1):
-        columns = np.linalg.qr(_monomials(at, degree))[0]
+        columns = linalg.column_basis(_monomials(at, degree))
         columns = columns - basis @ (basis.T @ columns)
         # places come from the fit: what it took already would be explained by its own residuals
         w = range_basis(columns, least=SURVIVES)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.linalg import Array, nearest_rotation
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.limbs.chain import cross_matrix
@@ -66,9 +67,9 @@ def _miss_form(rotation: Array, origin: Array, position: Array) -> Array:
     by_turn = np.einsum("nj,ik->nijk", y, np.eye(3)).reshape(-1, 9)
     matrix = np.concatenate([by_turn, -o.reshape(-1, 1)], axis=1)
     rest = np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), rotation], axis=-1)
-    left, size, _ = np.linalg.svd(rest.reshape(-1, 6), full_matrices=False)
+    left, size, _ = linalg.svd(rest.reshape(-1, 6))
     basis = left[:, size > NEGLIGIBLE * size[0]]
-    return np.asarray(np.linalg.qr(matrix - basis @ (basis.T @ matrix), mode="r"))
+    return linalg.triangle(matrix - basis @ (basis.T @ matrix))
 
 
 def _residual(form: Array, turns: Array) -> Array:
@@ -87,7 +88,7 @@ def _refined(form: Array, turns: Array, planar: bool) -> Array:
     missed = _miss(form, turns)
     for _ in range(STEPS):
         by_turn = (axes @ turns[:, None]).reshape(len(turns), len(axes), 9) @ form[:, :9].T
-        step = np.einsum("tak,tk->ta", -np.linalg.pinv(np.swapaxes(by_turn, 1, 2), NEGLIGIBLE),
+        step = np.einsum("tak,tk->ta", -linalg.pinv(np.swapaxes(by_turn, 1, 2), NEGLIGIBLE),
                          _residual(form, turns))
         vector = np.zeros((len(turns), 3))
         vector[:, -len(axes):] = step

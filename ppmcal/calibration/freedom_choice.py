@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.intervals import spatial_blocks
 from ppmcal.calibration.least_squares import column_scale, prior_weights
@@ -197,7 +198,7 @@ def _left_out(rows: Sequence[Array], prior: Array, away: Array, columns: Array, 
     whole, all_right = sum(normal), sum(right)
     out = []
     for (a, b), n, r in zip(own, normal, right, strict=True):
-        step = np.linalg.solve(whole - n + np.diag(weight + ridge),
+        step = linalg.solve(whole - n + np.diag(weight + ridge),
                                all_right - r + weight * away[columns])
         out.append(float(np.sum((b - a @ step) ** 2)))
     return np.array(out)

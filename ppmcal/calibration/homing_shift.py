@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import session_masks
@@ -126,12 +127,12 @@ def _shift(fit: Fit, keep: Sequence[Bools], rows: Ints) -> tuple[Array | None, A
         square += float(residual @ residual)
         count += residual.size
     scale = fit.scale
-    inverse = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(
+    inverse = linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(
         scale, scale)
     information = own - cross.T @ inverse @ cross
-    if not np.all(np.linalg.eigvalsh(information) > 1e-9 * max(np.trace(own), 1e-300)):
+    if not np.all(linalg.eigvalsh(information) > 1e-9 * max(np.trace(own), 1e-300)):
         return None, information
-    estimate = np.linalg.solve(information, other - cross.T @ inverse @ right)
+    estimate = linalg.solve(information, other - cross.T @ inverse @ right)
     left = square - right @ inverse @ right - estimate @ information @ estimate
     noise = max(1.0, float(left) / max(count - size - k, 1))
     return np.asarray(estimate), np.asarray(information / noise)
@@ -183,7 +184,7 @@ def _which(label: str, names: Sequence[str], estimate: Array, information: Array
         rest = [c for c in range(len(names)) if c not in chosen]
         part, left = information, target
         if chosen:
-            inner = np.linalg.inv(information[np.ix_(chosen, chosen)])
+            inner = linalg.inv(information[np.ix_(chosen, chosen)])
             across = information[:, chosen] @ inner
             part = information - across @ information[chosen]
             left = target - across @ target[chosen]
@@ -193,7 +194,7 @@ def _which(label: str, names: Sequence[str], estimate: Array, information: Array
         chosen.append(rest[int(np.argmax(gain))])
     if not chosen:
         return
-    inner = np.linalg.inv(information[np.ix_(chosen, chosen)])
+    inner = linalg.inv(information[np.ix_(chosen, chosen)])
     value = inner @ target[chosen]
     for c, v, variance in zip(chosen, value, np.diagonal(inner), strict=True):
         yield HomingShift(label, names[c], float(v), float(np.sqrt(variance)),

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import OUTLIER, Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.gauss_newton import Minimum, least_squares
 from ppmcal.calibration.gross_rows import gross_errors
@@ -159,7 +160,7 @@ def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Arra
     """
     scale = column_scale(problem)
     seen = normal_sums(problem, state, keep).matrix * (scale[:, None] * scale)
-    known_best = float(np.sqrt(np.linalg.norm(seen, 2)))
+    known_best = float(np.sqrt(linalg.largest_singular(seen)))
     weakest = float((prior[prior > 0.0] * column_scale(problem)[prior > 0.0]).min(initial=np.inf))
     excess = known_best / (STIFFEST * weakest)
     while excess > 1.0:
@@ -183,7 +184,7 @@ def _remark(problem: Problem, found: Minimum, reduced: QRFactor, keep: Sequence[
     """Log how a fit went."""
     if log.isEnabledFor(logging.INFO):
         used = reduced.triangle * column_scale(problem)
-        condition = float(np.linalg.cond(used)) if used.size else 1.0
+        condition = float(linalg.condition(used)) if used.size else 1.0
         log.info("%d columns to %d rows: %s after %d iterations, %d of them from normal equations, "
                  "the others by QR; chi-squared %.6g, condition of the data alone %.2g",
                  len(problem.columns), sum(int(k.sum()) for k in keep),

@@ -129,8 +129,10 @@ def in_words(fit: Fit, found: Disagreement | None) -> list[str]:
     """Return what the user must look at: parameters that sessions disagree about, file units."""
     if found is None or not (found.differ or found.disagree.any()):
         return []
-    wide = float(np.median(found.half[:len(fit.problem.free)]
-                           / (1.96 * np.sqrt(np.diagonal(posterior(fit)))[:len(fit.problem.free)])))
+    sigma = np.sqrt(np.diagonal(posterior(fit)))[:len(fit.problem.free)]
+    known = np.isfinite(sigma) & (sigma > 0.0)
+    wide = float(np.median(found.half[:sigma.size][known] / (1.96 * sigma[known])
+                           )) if known.any() else 1.0
     if not found.sessions:
         return [f"what the model leaves is smooth over {found.labels[0].rsplit(' ', 1)[0]}: "
                 f"rows there are not independent, and intervals count it{_longer(wide)}"]

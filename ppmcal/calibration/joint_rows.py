@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.common_misfit import DifferenceNoise
 from ppmcal.calibration.posterior import BENT, SEEN, Earlier, Posterior
 from ppmcal.calibration.session_knowledge import SESSION
@@ -40,7 +41,7 @@ class JointRows:
         Of two posteriors C1, C2 with the same prior P: C1 + C2 - C1 P C2 - C2 P C1.
         """
         one, two, prior = self.information
-        first, second = (np.linalg.pinv(i + prior, rcond=1e-14, hermitian=True)
+        first, second = (linalg.pinv(i + prior, rcond=1e-14, hermitian=True)
                          for i in (one, two))
         cross = first @ prior @ second
         variance = np.diagonal(first + second - cross - cross.T)

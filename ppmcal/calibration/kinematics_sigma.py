@@ -18,9 +18,8 @@ from ppmcal.calibration.compensation import (
     prediction_jacobian,
 )
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.linalg import Array, Bools, Ints, finite_rows
+from ppmcal.linalg import Array, Bools, Ints, finite_rows, pinv, solve_blocks
 from ppmcal.model.dataset import Environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
@@ -122,7 +121,7 @@ def _joints_of_poses(model: Model, pose: Array, q: Array) -> Array:
     poses = -solve_blocks(a, jq)
     out = np.full((len(q), jq.shape[2], a.shape[2]), np.nan)
     good = np.isfinite(poses).all(axis=(1, 2))
-    out[good] = np.linalg.pinv(poses[good])
+    out[good] = pinv(poses[good])
     return out
 
 

@@ -12,8 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.normal_equations import NormalSums, white_blocks
 from ppmcal.calibration.problem import Problem, State
+from ppmcal.errors import LinearAlgebraError
 from ppmcal.linalg import Array, Bools, svd
 
 SOLVE_TOLERANCE = 1e-13
@@ -82,13 +84,13 @@ def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
             # in pieces that stay in the cache, which halves the time
             for begin in range(0, len(flat), ROWS):
                 piece = np.concatenate([stack, flat[begin:begin + ROWS]])
-                stack = np.asarray(np.linalg.qr(piece, mode="r"))
+                stack = linalg.triangle(piece)
             count += int(part.values.sum())
     if problem.earlier is not None:
         residual, jacobian = problem.earlier.rows(problem.mechanism, problem.free, state.g)
         block = np.zeros((residual.size, size))
         block[:, :len(problem.free)], block[:, -1] = jacobian, residual
-        stack = np.asarray(np.linalg.qr(np.concatenate([stack, block]), mode="r"))
+        stack = linalg.triangle(np.concatenate([stack, block]))
         count += residual.size
     full = np.zeros((size, size))
     full[:min(size, stack.shape[0])] = stack[:size]
@@ -146,7 +148,7 @@ class SummedStep:
 
     @cached_property
     def _strongest(self) -> float:
-        return float(np.linalg.norm(self.matrix, 2))
+        return float(linalg.largest_singular(self.matrix))
 
     def _inverse_root(self, matrix: Array) -> Array | None:
         """Return X (C, C) with X^T X = matrix^-1 by Cholesky of unit columns, None without one."""
@@ -154,10 +156,10 @@ class SummedStep:
         if not np.all(size > 0.0):
             return None
         try:
-            root = np.linalg.cholesky(matrix / (size[:, None] * size))
-        except np.linalg.LinAlgError:
+            root = linalg.cholesky(matrix / (size[:, None] * size))
+        except LinearAlgebraError:
             return None
-        return np.asarray(np.linalg.inv(root) / size)
+        return np.asarray(linalg.inv(root) / size)
 
     @cached_property
     def _plain(self) -> Array | None:

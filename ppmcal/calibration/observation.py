@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, row_by_row
 from ppmcal.model.dataset import Dataset
@@ -279,5 +280,5 @@ def whitener(
     covariance = joint_noise @ np.swapaxes(joint_noise, -1, -2) + np.eye(m) * (safe**2)[..., None]
     # scale to unit diagonal first: metres and radians differ by orders of magnitude
     d = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    root = np.linalg.cholesky(covariance / (d[..., :, None] * d[..., None, :]))
-    return np.asarray(np.linalg.inv(root) / d[..., None, :], dtype=float)
+    root = linalg.cholesky(covariance / (d[..., :, None] * d[..., None, :]))
+    return np.asarray(linalg.inv(root) / d[..., None, :], dtype=float)

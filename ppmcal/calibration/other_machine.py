@@ -58,7 +58,7 @@ def other_machine(problem: Problem, state: State) -> Misreading | None:
 
 def doubtful_machine(problem: Problem) -> tuple[Misreading, ...]:
     """Return that the machine's file is of another one, as a short fit of few rows shows it."""
-    with suppress(PpmcalError, np.linalg.LinAlgError):
+    with suppress(PpmcalError):
         few, state, _ = short_fit(problem)
         if _size(_away(few, state)) > FAR:
             found = other_machine(replace(problem, free=few.free), state)
@@ -95,7 +95,7 @@ def _size(away: dict[str, float]) -> float:
 
 def _right_in_part(problem: Problem) -> bool:
     for *_, alone in end_parts(problem):
-        with suppress(PpmcalError, np.linalg.LinAlgError):
+        with suppress(PpmcalError):
             few, state, left = short_fit(alone)
             if left <= TELLING and _size(_away(few, state)) <= NEAR:
                 return True

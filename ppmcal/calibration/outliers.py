@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc, chdtri
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, prediction_covariance
 from ppmcal.calibration.homing_shift import HomingShift, homing_shifts
 from ppmcal.calibration.normal_equations import row_squares, white_blocks
@@ -101,9 +102,9 @@ def _freed(rows: Array, covariance: Array, used: Array) -> Array:
     # a row that alone fixes a parameter has no residual to judge; none does whose leverage is small
     heavy = np.flatnonzero((used > 0.0) & ~singular
                            & (np.trace(hat, axis1=1, axis2=2) > 1.0 - ALONE))
-    weak = heavy[np.linalg.eigvalsh(of_residual[heavy])[:, 0] < ALONE]
+    weak = heavy[linalg.eigvalsh(of_residual[heavy])[:, 0] < ALONE]
     of_residual[weak] = np.eye(r.shape[1])
-    squares = np.sum(r * np.linalg.solve(of_residual, r[..., None])[..., 0], axis=1)
+    squares = np.sum(r * linalg.solve(of_residual, r[..., None])[..., 0], axis=1)
     squares[singular] = np.inf
     return np.asarray(squares)
 
@@ -214,7 +215,7 @@ def _would(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:
         flat = rows.jacobian.reshape(-1, len(covariance))
         gain += flat.T @ flat
         right += flat.T @ rows.residual.reshape(-1)
-    step = np.linalg.solve(np.eye(len(covariance)) + covariance @ gain, covariance @ right)
+    step = linalg.solve(np.eye(len(covariance)) + covariance @ gain, covariance @ right)
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
     out = {}
     for c in np.argsort(-np.abs(step[:count]) / sigma[:count]).tolist():

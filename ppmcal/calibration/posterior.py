@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.linalg import Array, range_basis, svd, unit_columns, without_range
 from ppmcal.model.mechanism import Mechanism
 
@@ -133,7 +134,7 @@ class Posterior:
         """Return the covariance (F, F), and directions (F, d) that neither data nor prior see."""
         rows = np.concatenate([self.matrix * self.scale / self.inflation,
                                np.diag(self.scale / self.tolerance)])
-        _, s, vt = np.linalg.svd(rows, full_matrices=True)
+        _, s, vt = linalg.svd(rows, full=True)
         strength = np.zeros(len(vt))
         strength[:s.size] = s
         seen = strength > SEEN

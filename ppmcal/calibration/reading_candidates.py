@@ -16,7 +16,9 @@ from itertools import permutations, product
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.readings import AXES, IDENTITY, PLUS, JointReading, PoseReading
+from ppmcal.errors import LinearAlgebraError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.rotations import ORDERS
@@ -89,8 +91,8 @@ def _by_slopes(mechanism: Mechanism, data: Dataset) -> Iterator[JointReading]:
     home = home_state(mechanism).q[None]
     closure, pose = model.closure(home), mechanism.home[None]
     try:
-        speeds = -np.linalg.solve(closure.pose_matrix(pose)[0], closure.joint_matrix(pose)[0])
-    except np.linalg.LinAlgError:
+        speeds = -linalg.solve(closure.pose_matrix(pose)[0], closure.joint_matrix(pose)[0])
+    except LinearAlgebraError:
         return
     own = speeds[[n for n, c in enumerate(mechanism.dof) if c < 3]]
     (shape, size), (nominal, length) = _correlations(measured), _correlations(own)
@@ -140,7 +142,7 @@ def _slopes(data: Dataset) -> Array | None:
         if keep.sum() < 2 * q.shape[1] + 2:
             return None
         columns = np.column_stack([q[keep] / spread, np.ones(int(keep.sum()))])
-        slopes, _, rank, _ = np.linalg.lstsq(columns, p[keep], rcond=1e-8)
+        slopes, rank = linalg.lstsq(columns, p[keep], rcond=1e-8)
         if rank < columns.shape[1]:
             return None
         away = np.linalg.norm(p - np.column_stack([q / spread, np.ones(len(q))]) @ slopes, axis=1)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.calibration.reading_candidates import (
     combined,
     joint_readings,
@@ -242,7 +243,7 @@ class _Scene:
             normal[..., :3, 3:], normal[..., 3:, :3] = 0.0, 0.0
             back = (w * np.swapaxes(seen, -1, -2)).sum(axis=1)
             right[:, 3:] -= (back @ offset[..., None])[..., 0]
-        solution = np.linalg.solve(normal + 1e-9 * np.eye(6), right[..., None])[..., 0]
+        solution = linalg.solve(normal + 1e-9 * np.eye(6), right[..., None])[..., 0]
         target = solution[..., 3:] * np.array([1.0, 1.0, 0.0 if self.planar else 1.0])
         return target, solution[..., :3] if self.data.frame.fitted else offset
 
@@ -275,7 +276,7 @@ def _rotations(matrix: Array, planar: bool) -> Array:
         motor = cga.motor_from_rotation_vector(
             angle[..., None] * np.array([0.0, 0.0, 1.0]), np.zeros(3))
         return np.asarray(cga.rotation_matrix(motor))
-    u, _, v = np.linalg.svd(np.where(np.isfinite(matrix), matrix, 0.0))
+    u, _, v = linalg.svd(np.where(np.isfinite(matrix), matrix, 0.0), full=True)
     u[..., :, 2] *= np.sign(np.linalg.det(u @ v))[..., None]
     return np.asarray(u @ v)
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.calibration.frame_rotation import frame_turn, mean_rotation
 from ppmcal.calibration.observation import SCALARS, rotation_residual
 from ppmcal.errors import BadInput
@@ -65,7 +66,7 @@ def _flat(point: Array, height: Array) -> Array:
     """Return height and tilt (6,) that best turn points' z into the heights."""
     x, y, z = point.T
     columns = np.stack([np.ones_like(z), y, -x], axis=1)
-    up, rx, ry = np.linalg.lstsq(columns, height - z, rcond=None)[0]
+    up, rx, ry = linalg.lstsq(columns, height - z, rcond=None)[0]
     return np.array([0.0, 0.0, up, rx, ry, 0.0])
 
 
@@ -80,7 +81,7 @@ def _origin(point: Array, distance: Array, motion: str) -> Array:
     p = (point - middle)[:, :free]
     square = np.sum(p**2, axis=1) - distance**2
     columns = np.concatenate([2.0 * p, np.ones((len(p), 1))], axis=1)
-    solution = np.linalg.lstsq(columns, square, rcond=1e-9)[0]
+    solution = linalg.lstsq(columns, square, rcond=1e-9)[0]
     out = np.zeros(6)
     out[:free] = -(solution[:free] + middle[:free])
     return out
@@ -241,7 +242,7 @@ def _origins(data: Dataset, turn: Array, rotation: Array, origin: Array, positio
     if not blocks:
         return shift, target
     matrix = np.concatenate(blocks, axis=-1).reshape(-1, 3 * len(blocks))
-    solution = np.linalg.lstsq(matrix, rest.reshape(-1), rcond=1e-9)[0].reshape(-1, 3)
+    solution = linalg.lstsq(matrix, rest.reshape(-1), rcond=1e-9)[0].reshape(-1, 3)
     found = dict(zip(columns, solution, strict=True))
     flat = np.array([1.0, 1.0, 0.0]) if planar else np.ones(3)
     return found.get("shift", shift) * flat, found.get("target", target) * flat

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identifiability import RANK_TOLERANCE
 from ppmcal.calibration.least_squares import column_scale, normal_step, qr_factor
@@ -80,7 +81,7 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
     for iteration in range(1, limit + 1):
         matrix = plain.triangle.T @ plain.triangle
         matrix[:count, :count] += options.damping * np.eye(count)
-        step = np.asarray(np.linalg.lstsq(matrix, plain.triangle.T @ plain.right, rcond=1e-15)[0],
+        step = np.asarray(linalg.lstsq(matrix, plain.triangle.T @ plain.right, rcond=1e-15)[0],
                           dtype=np.float64)
         state = problem.moved(state, step)
         reduced, plain = qr_factor(problem, state, keep), qr_factor(unit, state, keep)

@@ -14,9 +14,8 @@ from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.compiled_limbs import compiled_limbs
 from ppmcal.kinematics.effect_response import effect_terms, setting
 from ppmcal.kinematics.equilibrium import platform_pose
-from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.registration import displacement_twists
-from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.linalg import Array, Bools, Ints, solve_blocks
 from ppmcal.model.dataset import Environment
 from ppmcal.model.effects import Setting, Shift
 

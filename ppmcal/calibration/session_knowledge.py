@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.observation import SCALARS, coordinates
 from ppmcal.calibration.posterior import ROUND_OFF, SessionKnowledge, Sight, of_data
@@ -52,14 +53,13 @@ def session_knowledge(fit: Fit) -> SessionKnowledge:
     stack, count = np.zeros((0, size)), 0
     for rows, block in _blocks(fit, problem, columns, fit.keep):
         count += int(rows.observed.sum())
-        stack = np.asarray(np.linalg.qr(np.concatenate([stack, block.reshape(-1, size)]),
-                                        mode="r"))
+        stack = linalg.triangle(np.concatenate([stack, block.reshape(-1, size)]))
     if fit.problem.earlier is not None:
         missed, slope = fit.problem.earlier.rows(fit.problem.mechanism, fit.problem.free,
                                                  fit.state.g)
         block = np.zeros((missed.size, size))
         block[:, :free], block[:, -1] = slope, missed
-        stack = np.asarray(np.linalg.qr(np.concatenate([stack, block]), mode="r"))
+        stack = linalg.triangle(np.concatenate([stack, block]))
         count += missed.size
     triangle, right = stack[:, :-1], stack[:, -1]
     length = column_lengths(triangle)
@@ -217,7 +217,7 @@ def _sights(fit: Fit, problem: Problem, columns: _Columns, basis: Array, step: A
 
 def _scores(rows: Array, rest: Array, groups: Ints) -> float:
     """Return the sum of squares of scores by pose, of an orthonormal basis' rows (n, m, r)."""
-    size, turn = np.linalg.eigh(rows @ np.swapaxes(rows, -1, -2))
+    size, turn = linalg.eigh(rows @ np.swapaxes(rows, -1, -2))
     part = np.maximum(1.0 - size, LEVERAGE)
     own = (turn @ ((np.swapaxes(turn, -1, -2) @ rest[..., None])[..., 0] / part)[..., None])
     score = (np.swapaxes(rows, -1, -2) @ own)[..., 0]
@@ -230,7 +230,7 @@ def _scores(rows: Array, rest: Array, groups: Ints) -> float:
 def _raw(fit: Fit, rows: Rows, data: Dataset, rest: Array) -> Array:
     """Return white residuals (n, m) in m and rad, base axes."""
     motion = fit.problem.mechanism.motion
-    raw = np.where(rows.observed, np.linalg.solve(rows.whitener, rest[..., None])[..., 0], 0.0)
+    raw = np.where(rows.observed, linalg.solve(rows.whitener, rest[..., None])[..., 0], 0.0)
     if data.kind in SCALARS:
         return raw
     six = np.zeros((len(raw), 6))

@@ -100,7 +100,7 @@ def _likely(mechanism: Mechanism, data: Dataset) -> list[FileReading]:
 def _judged(problem: Problem, judge: Judge, lands: float = np.inf) -> Trial | None:
     try:
         return judge(problem, lands)
-    except (PpmcalError, np.linalg.LinAlgError):
+    except PpmcalError:
         return None
 
 

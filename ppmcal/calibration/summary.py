@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.before import before
 from ppmcal.calibration.campaign import WeakCampaign
 from ppmcal.calibration.disagreement import Disagreement
@@ -21,8 +22,10 @@ from ppmcal.calibration.identifiability import (
     RANK_TOLERANCE,
     Identifiability,
     Rank,
+    Unidentifiable,
     identifiability,
     observability,
+    unidentifiable,
     whole_rank,
 )
 from ppmcal.calibration.intervals import honest, in_words
@@ -40,6 +43,7 @@ from ppmcal.calibration.posterior import BENT, Posterior
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.session_validation import sessions_left_out
 from ppmcal.calibration.validation import Residuals, held_out, on_other, residuals
+from ppmcal.errors import LinearAlgebraError
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset
@@ -48,6 +52,8 @@ from ppmcal.model.registration import Registration
 from ppmcal.wording import counted
 
 Z95 = 1.959963984540054
+BEYOND = 1e3
+"""Residuals so many times the stated noise: it is the noise that is wrong."""
 IMPLAUSIBLE = 8.0
 """A finding: a parameter that ends so many tolerances from its nominal value."""
 
@@ -114,6 +120,7 @@ class Identification:
     ``doubtful``: where the machine is another than this one, in no way that the model knows.
     ``sessions``: how far they disagree, None where there is one; ``blocks``: the same of stretches
     of rows, None where they do not; ``covariance`` counts what is sure to differ.
+    ``unidentifiable``: what the data see only together, as whole sets.
     ``campaign``: what is weak about the poses, and which are missing; None: nothing.
     """
 
@@ -135,6 +142,7 @@ class Identification:
     findings: tuple[str, ...]
     identifiability: Identifiability
     gross_errors: GrossErrors
+    unidentifiable: tuple[Unidentifiable, ...] = ()
     flats: tuple[Flat, ...] = ()
     unexplained: Mapping[str, float] = field(default_factory=dict)
     earlier: Posterior | None = None
@@ -164,12 +172,13 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
     # carried-on rows are straight: what only their bend against the new ones tells is not told
     largest = float(np.linalg.norm(scaled[:, :count], axis=0).max(initial=BENT))
     least = RANK_TOLERANCE if fit.problem.earlier is None else BENT / largest
-    rank, kept, dropped = whole_rank(fit.reduced.triangle, count, fit.scale, least)
+    rank, kept, dropped = whole_rank(fit.reduced.triangle, count, fit.scale, least,
+                                     fit.problem.columns)
     redundant = []
     norms = np.linalg.norm(scaled, axis=0)
     for d in dropped:
         used = [k for k in kept if k != d]
-        solution = np.linalg.lstsq(scaled[:, used], scaled[:, d], rcond=RANK_TOLERANCE)[0]
+        solution = linalg.lstsq(scaled[:, used], scaled[:, d], rcond=RANK_TOLERANCE)[0]
         weight = np.abs(solution) * norms[used]
         depends = {fit.problem.columns[k]: float(v * fit.scale[k] / fit.scale[d])
                    for k, v, w in zip(used, solution, weight, strict=True)
@@ -275,7 +284,14 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     rank, total, redundant = rank_of(fit)
     wrong = find_gross_errors(fit), tuple(flats(fit))
     fit = with_noise(fit, inflation, options)
-    sessions, blocks = honest(fit, inflation)
+    try:
+        sessions, blocks = honest(fit, inflation)
+    except LinearAlgebraError as error:
+        if noise.sigma_ratio < BEYOND:
+            raise
+        raise LinearAlgebraError(
+            f"the intervals could not be had: the residuals are {noise.sigma_ratio:.3g} times the "
+            "stated noise", mend="State the sigma that the instrument has") from error
     wider = sessions or blocks
     found = estimates(fit, rank, wider)
     mechanism = replace(with_estimates(fit, found), measured=measured_by(fit, noise))
@@ -295,7 +311,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
         wider.covariance if wider and wider.differ else prediction_covariance(fit), inflation,
         was.residuals, stood, after, held, note,
         (*_findings(fit, noise, inflation, found, out, wider), *unchecked(fit, total)),
-        identifiability(fit), *wrong,
+        identifiability(fit), wrong[0], unidentifiable(rank, fit.problem.columns), wrong[1],
         _unexplained(after.figures(fit.keep), noise), doubtful=doubtful_stretches(fit, after, out),
         sessions=sessions, blocks=blocks)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import with_noise
@@ -71,7 +72,7 @@ def residuals(problem: Problem, state: State) -> Residuals:
         for rows in problem.rows_of(i, state, False):
             vector[rows.index] = np.where(rows.observed, rows.raw, np.nan)
             if of_joints:
-                covariance = np.linalg.inv(np.swapaxes(rows.whitener, -1, -2) @ rows.whitener)
+                covariance = linalg.inv(np.swapaxes(rows.whitener, -1, -2) @ rows.whitener)
                 sigma[rows.index] = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         parts[0].append(vector)
         parts[1].append(sigma)

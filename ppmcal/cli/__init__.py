@@ -132,7 +132,7 @@ def refuse(message: str) -> None:
 
 def _run() -> int:
     """Run a command and return its exit code."""
-    from ppmcal.errors import PpmcalError
+    from ppmcal.errors import BadInput, PpmcalError
 
     try:
         code = cli(standalone_mode=False)
@@ -156,6 +156,12 @@ def _run() -> int:
     except Exception as error:
         if os.environ.get("PPMCAL_DEBUG"):
             raise
+        if isinstance(error, OSError) and error.filename is not None:
+            # a name that is too long, links in a circle, wherever they were met
+            met = BadInput(f"cannot be used ({error.strerror})", str(error.filename),
+                           "Check the path")
+            refuse(f"Error: {met}")
+            return met.exit_code
         refuse(f"Error: ppmcal failed: {type(error).__name__}: {error}\nThis is a fault of "
                "ppmcal. Set PPMCAL_DEBUG=1 to see where, and report it.")
         return 3

@@ -17,7 +17,7 @@ from ppmcal.cli.common import (
     single_files,
 )
 from ppmcal.errors import BadInput
-from ppmcal.wording import number, some
+from ppmcal.wording import number
 
 
 @click.command("check", epilog=examples(
@@ -32,7 +32,11 @@ def command(mech: Path, data: tuple[Path, ...], draw: Path | None, console: Cons
     """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
     from ppmcal.api.check import CheckResult, check
     from ppmcal.api.inputs import prepared
-    from ppmcal.io.results.identifiability import IdentifiabilitySummary
+    from ppmcal.io.results.identifiability import (
+        IdentifiabilitySummary,
+        UnidentifiableSet,
+        unidentifiable_words,
+    )
     from ppmcal.io.results.misreading import misreading_entries
 
     mechanism, datasets = prepared(mech, data)
@@ -61,11 +65,10 @@ def command(mech: Path, data: tuple[Path, ...], draw: Path | None, console: Cons
     if result.columns:
         seen = "the measurements" if datasets else "full-pose measurements about home"
         console.say(f"Rank with {seen}: {result.rank} of {result.columns}.")
-    if result.unseen:
-        console.say(f"{len(result.unseen)} not seen at all: {some(result.unseen, '--json')}.")
-    if result.redundant:
-        console.say(f"{len(result.redundant)} redundant with others: "
-                    f"{some(result.redundant, '--json')}.")
+    sets = [UnidentifiableSet.of(s, mechanism) for s in result.unidentifiable]
+    if sets:
+        console.say(f"{sum(s.combinations for s in sets)} redundant: combinations that cannot be "
+                    f"identified: {unidentifiable_words(sets)}.")
     identifiability = None if result.identifiability is None else IdentifiabilitySummary.of(
         result.identifiability, mechanism)
     open_ = identifiability.sentences() if identifiability else []
@@ -96,6 +99,7 @@ def command(mech: Path, data: tuple[Path, ...], draw: Path | None, console: Cons
             "columns": result.columns,
             "unseen": list(result.unseen),
             "redundant": list(result.redundant),
+            "unidentifiable": [s.model_dump() for s in sets],
             "identifiability": None if identifiability is None else
             identifiability.model_dump(exclude_unset=True),
             "misreadings": [m.model_dump() for m in

@@ -126,13 +126,14 @@ def _show_prior_dominated(record: IdentificationRecord, console: Console) -> Non
 
 
 def _show_redundant(record: IdentificationRecord, prior: bool, console: Console) -> None:
-    if not record.redundant:
+    if not record.unidentifiable:
         return
-    names = some([d.name for d in record.redundant], "identification.json, redundant")
-    how = "constrained by the prior alone" if prior else "left where nothing else moves them"
-    console.say(f"{len(record.redundant)} redundant (in unidentifiable combinations with others; "
-                f"{how}): {names}.")
+    from ppmcal.io.results.identifiability import unidentifiable_words
 
+    count = sum(s.combinations for s in record.unidentifiable)
+    how = "constrained by the prior alone" if prior else "left where nothing else moves them"
+    console.say(f"{count} redundant: combinations that these data cannot identify ({how}): "
+                f"{unidentifiable_words(record.unidentifiable)}.")
 
 
 @click.command("identify", epilog=examples(

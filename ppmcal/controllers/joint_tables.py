@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.extrapolation import OUTSIDE
 from ppmcal.controllers.joint_tables_file import DIGITS, MOST, Triplets, correction
 from ppmcal.controllers.pose_grid import at_rest, refuse_open
@@ -272,7 +273,7 @@ def _smoothed(x: Array, added: Array, at: Ints, factor: float) -> Triplets:
     """
     hats = np.stack([np.interp(x, x[at], row) for row in np.eye(len(at))], axis=-1)
     n = np.round(x[at] / factor, DIGITS)
-    fitted: Array = np.asarray(np.linalg.lstsq(hats, added, rcond=None)[0], dtype=float)
+    fitted: Array = np.asarray(linalg.lstsq(hats, added, rcond=None)[0], dtype=float)
     return _triplets(n, fitted / factor)
 
 

@@ -21,7 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.yaml import read_bytes
+from ppmcal.io.input_files import read_bytes
+from ppmcal.io.limits import CONFIG_BYTES
 from ppmcal.linalg import Array
 
 MOST = 256
@@ -68,7 +69,7 @@ def read_triplets(path: str | os.PathLike[str]) -> Triplets:
     Raises:
         BadInput: not a text file, or a line that LinuxCNC would stop at or not take.
     """
-    data = read_bytes(Path(path))
+    data = read_bytes(Path(path), CONFIG_BYTES)
     if b"\0" in data:
         raise BadInput("is not a text file", str(path), "Give a LinuxCNC compensation file")
     return parse_triplets(data.decode("utf-8", errors="replace"), str(path))

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.controllers.klipper_config import TOWERS, DeltaGeometry
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
@@ -183,7 +184,7 @@ def _circle(points: Array) -> tuple[Array, float]:
     if abs(np.linalg.det(across)) < 1e-9 * np.max(across**2):
         raise BadInput("the towers stand in one line", "", "Check the points of the limbs")
     square = np.sum(points**2, axis=1)
-    centre = np.linalg.solve(across, square[1:] - square[0])
+    centre = linalg.solve(across, square[1:] - square[0])
     return centre, float(np.linalg.norm(points[0] - centre))
 
 
@@ -217,5 +218,5 @@ def platform_jacobian(drive: KlipperDrive, geometry: DeltaGeometry, point: Array
     rows = np.flatnonzero(found.converged)
     closure = model.closure(q[rows])
     pose = found.pose[rows]
-    out[rows] = -np.linalg.pinv(closure.pose_matrix(pose)) @ closure.joint_matrix(pose)
+    out[rows] = -linalg.pinv(closure.pose_matrix(pose)) @ closure.joint_matrix(pose)
     return out

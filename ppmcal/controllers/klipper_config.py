@@ -15,9 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ppmcal.errors import BadInput
-from ppmcal.io.yaml import read_bytes
+from ppmcal.io.input_files import read_bytes
+from ppmcal.io.limits import CONFIG_BYTES
 
 TOWERS = ("a", "b", "c")
+LARGEST = 1e9
+"""mm, degrees, microsteps: no number of a printer is as large."""
 ANGLES = (210.0, 330.0, 90.0)
 DIGITS = 6
 """Decimals of what is written, as many as the firmware saves itself."""
@@ -77,7 +80,7 @@ class Config:
         parts = [p.strip() for p in entry.text.split(",")]
         good = len(parts) == count and all(_NUMBER.fullmatch(p) for p in parts)
         values = tuple(float(p) for p in parts) if good else ()
-        if not good or not all(math.isfinite(v) for v in values):
+        if not good or not all(abs(v) <= LARGEST for v in values):
             raise BadInput(f"'{entry.text[:40]}' is not {_count(count)}", self.at(section, key),
                            "Write decimal numbers" + (", separated by commas" if count > 1 else ""))
         return values
@@ -122,7 +125,7 @@ def read_config(path: str | os.PathLike[str]) -> Config:
     Raises:
         BadInput: not a text file, or not of this syntax where it matters.
     """
-    data = read_bytes(Path(path))
+    data = read_bytes(Path(path), CONFIG_BYTES)
     if b"\0" in data:
         raise BadInput("is not a text file", str(path), "Give the printer.cfg of a printer")
     return parse_config(data.decode("utf-8-sig", errors="replace"), str(path))

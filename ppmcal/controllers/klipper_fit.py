@@ -29,7 +29,7 @@ from ppmcal.controllers.klipper import axis as tower_axis
 from ppmcal.controllers.klipper_config import DeltaGeometry
 from ppmcal.controllers.pose_errors import ErrorSummary, PlanarMotion, rms
 from ppmcal.errors import NoResult
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, guarded
 from ppmcal.model.mechanism import Mechanism
 
 Numbers = TypeVar("Numbers")
@@ -189,8 +189,9 @@ def _best(drive: KlipperDrive, start: DeltaGeometry, points: Array) -> DeltaGeom
         return np.nan_to_num(np.stack(columns, axis=-1))
 
     first = np.array([start.radius, *start.angles[:2], *start.arms, *start.endstops])
-    found = least_squares(errors, first, slopes, x_scale=np.array([1.0, 0.3, 0.3, *[1.0] * 6]),
-                          xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=60)
+    with guarded("the numbers for Klipper"):
+        found = least_squares(errors, first, slopes, x_scale=np.array([1.0, 0.3, 0.3, *[1.0] * 6]),
+                              xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=60)
     return geometry(found.x)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ppmcal.controllers.klipper import MM, travel
 from ppmcal.controllers.klipper_config import (
+    LARGEST,
     TOWERS,
     Config,
     DeltaGeometry,
@@ -23,7 +24,7 @@ from ppmcal.controllers.klipper_config import (
 from ppmcal.controllers.klipper_nominal import read_nominal
 from ppmcal.controllers.printer import Mesh, Printer
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.yaml import read_bytes
+from ppmcal.io.input_files import read_bytes
 from ppmcal.linalg import Array
 
 PROBES = ("probe", "bltouch", "smart_effector")
@@ -176,6 +177,9 @@ def _logged(path: Path) -> tuple[Array, Array, str]:
         raise BadInput(f"{len(found)} lines such as `probe at 0.000,0.000 is z=1.234` stand here",
                        str(path), "Give a log of the console or klippy.log with a bed's touches")
     point = np.array(found)
+    if not np.all(np.abs(point) <= LARGEST):
+        raise BadInput("a touch lies where no printer reaches", str(path),
+                       f"Take out lines with numbers above {LARGEST:g}")
     moved = np.diff(point[:, 0], prepend=point[:1, 0])
     # repeats of a touch, and steps along y, go on as the move before
     last = np.maximum.accumulate(np.where(np.abs(moved) <= FLAT_ROW, 0, np.arange(len(point))))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.controllers.linuxcnc import (
     GenhexkinsSetting,
     LinuxcncDrive,
@@ -101,8 +102,9 @@ def best(drive: LinuxcncDrive, start: GenhexkinsSetting, pose: Array) -> Genhexk
     fit, unit = _Fit(drive, right_shift(drive, start.stretch), pose), drive.unit
     first = np.concatenate([drive.legs.base.ravel(), drive.legs.platform.ravel(),
                             start.shift * unit, np.ones(STRUTS)])
-    p = least_squares(fit.errors, first, fit.slopes, xtol=1e-14, ftol=1e-14, gtol=1e-14,
-                      max_nfev=60).x
+    with linalg.guarded("the numbers for genhexkins"):
+        p = least_squares(fit.errors, first, fit.slopes, xtol=1e-14, ftol=1e-14, gtol=1e-14,
+                          max_nfev=60).x
     found = replace(start.geometry, base=points(p[:18].reshape(6, 3) / unit),
                     platform=points(p[18:36].reshape(6, 3) / unit))
     return GenhexkinsSetting(found, start.stretch / p[42:], p[36:42] / unit)
@@ -130,7 +132,7 @@ class _Fit:
             # where a universal joint's axes do not meet, a point is at another length
             self.true = self._driven(drive, pose)
         line = strut / self.true[..., None]
-        self.back = np.linalg.inv(np.concatenate([line, np.cross(arm, line)], axis=-1))
+        self.back = linalg.inv(np.concatenate([line, np.cross(arm, line)], axis=-1))
         self.back[:, 3:] *= drive.mechanism.length_scale
 
     def _driven(self, drive: LinuxcncDrive, pose: Array) -> Array:

@@ -19,7 +19,8 @@ from pathlib import Path
 from textwrap import wrap
 
 from ppmcal.errors import BadInput
-from ppmcal.io.yaml import read_bytes
+from ppmcal.io.input_files import read_bytes
+from ppmcal.io.limits import CONFIG_BYTES
 
 STRUTS = 6
 DIGITS = 7
@@ -115,7 +116,7 @@ def read_hal(path: str | os.PathLike[str]) -> Hal:
     Raises:
         BadInput: not a text file, or a line on these pins that cannot be read.
     """
-    data = read_bytes(Path(path))
+    data = read_bytes(Path(path), CONFIG_BYTES)
     if b"\0" in data:
         raise BadInput("is not a text file", str(path), "Give a HAL file, such as kinematics.hal")
     return parse_hal(data.decode("utf-8-sig", errors="replace"), str(path))

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.yaml import read_bytes
+from ppmcal.io.input_files import read_bytes
+from ppmcal.io.limits import CONFIG_BYTES
 
 DIGITS = 4
 """Decimals of what is written: what single precision holds of 500 mm, in one line of below 100
@@ -128,7 +129,7 @@ def read_lines(path: str | os.PathLike[str]) -> Lines:
     Raises:
         BadInput: not a text file, or an M665 or M666 that cannot be read.
     """
-    data = read_bytes(Path(path))
+    data = read_bytes(Path(path), CONFIG_BYTES)
     if b"\0" in data:
         raise BadInput("is not a text file", str(path), "Give the config.g of a printer")
     return parse_lines(data.decode("utf-8-sig", errors="replace"), str(path))

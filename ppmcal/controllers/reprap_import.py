@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import os
 import re
 from collections.abc import Sequence
@@ -28,12 +27,14 @@ from ppmcal.controllers.printer import (
 from ppmcal.controllers.reprap import geometry_of, travel
 from ppmcal.controllers.reprap_config import Delta, Lines, read_delta, read_lines
 from ppmcal.errors import BadInput
-from ppmcal.io.yaml import read_bytes
+from ppmcal.io.input_files import read_bytes
+from ppmcal.io.limits import CONFIG_BYTES
 from ppmcal.linalg import Array
 
 OVERRIDE = "config-override.g"
 """What M500 writes and M501 runs."""
 LARGEST = 1000
+FARTHEST = 1e6
 """No grid has more points along an axis."""
 _PROBE = re.compile(r"^\s*G31\b([^;\n]*)", re.ASCII | re.IGNORECASE | re.MULTILINE)
 _LETTER = re.compile(r"([XYZ])\s*([-+]?(?:\d+\.?\d*|\.\d+))", re.ASCII | re.IGNORECASE)
@@ -117,7 +118,7 @@ def _mesh(config: Path, active: Delta, path: Path) -> Mesh:
 def _probe_offset(config: Path) -> tuple[float, float, float]:
     """Return X, Y, Z of the last G31: the probe from the nozzle, and its trigger height, mm."""
     found = {"X": 0.0, "Y": 0.0, "Z": 0.0}
-    text = read_bytes(config).decode("utf-8-sig", errors="replace")
+    text = read_bytes(config, CONFIG_BYTES).decode("utf-8-sig", errors="replace")
     for line in _PROBE.findall(text):
         found |= {letter.upper(): float(value) for letter, value in _LETTER.findall(line)}
     return found["X"], found["Y"], found["Z"]
@@ -133,7 +134,7 @@ def read_map(path: Path) -> tuple[Array, Array]:
     Raises:
         BadInput: it is not such a file.
     """
-    text = read_bytes(path).decode("utf-8-sig", errors="replace")
+    text = read_bytes(path, CONFIG_BYTES).decode("utf-8-sig", errors="replace")
     lines = [line for line in text.splitlines() if line.strip()]
     if len(lines) < 4 or "height map" not in lines[0]:
         raise BadInput("is not a height map of RepRapFirmware", f"{path}: line 1",
@@ -168,7 +169,7 @@ def read_map(path: Path) -> tuple[Array, Array]:
 
 def _number(cell: str) -> bool:
     try:
-        return math.isfinite(float(cell))
+        return abs(float(cell)) <= FARTHEST
     except ValueError:
         return False
 

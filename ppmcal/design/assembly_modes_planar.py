@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.design.assembly_modes_spatial import PLACE, FoundModes, closing
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Closure, Model
@@ -181,7 +182,7 @@ def _finite_number(closure: Closure, angles: Array, circles: int) -> None:
     where = angles
     if circles == 0:
         lines = _rows(closure, where).lines
-        left = np.linalg.svd(lines, compute_uv=False)[:, 1]
+        left = linalg.singular_values(lines)[:, 1]
         free = left < SAME * np.linalg.norm(lines, axis=(1, 2))
     else:
         step = 1e-4

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.linalg import Array, finite_rows
@@ -63,11 +64,11 @@ def _measures(model: Model, q: Array, pose: Array) -> Array:
     a = closure.pose_matrix(pose, lines).copy()
     a[..., turns] /= mechanism.length_scale
     determinant = np.linalg.det(a)
-    of_a = np.linalg.svd(a, compute_uv=False)
+    of_a = linalg.singular_values(a)
     regular = of_a[:, -1] > 1e-14 * of_a[:, 0]
     jq = closure.joint_matrix(pose, lines) * _joint_scale(mechanism)
     safe = np.where(regular[:, None, None], a, np.eye(a.shape[-1]))
-    of_j = np.linalg.svd(np.linalg.solve(safe, jq), compute_uv=False)
+    of_j = linalg.singular_values(linalg.solve(safe, jq))
     with np.errstate(invalid="ignore", divide="ignore"):
         dexterity = np.where(regular, of_j[:, -1] / of_j[:, 0], 0.0)
     out = np.stack([determinant, of_a[:, -1], of_a[:, -1] / of_a[:, 0], np.nan_to_num(dexterity)])

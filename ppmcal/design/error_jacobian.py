@@ -17,8 +17,8 @@ from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.compiled_limbs import compiled_limbs
 from ppmcal.kinematics.forward import newton
-from ppmcal.kinematics.inverse import home_state, solve_blocks
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.linalg import Array, finite_rows, solve_blocks
 from ppmcal.model.limbs.chain import cross_matrix
 
 CHUNK = 8192

@@ -35,8 +35,8 @@ from ppmcal.design.intersection_spatial import is_tripod, translational_poses, t
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import CONTRACTION, SMALLEST_STEP, Forward, moved
-from ppmcal.kinematics.inverse import home_state, solve_rows
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.linalg import Array, finite_rows, solve_rows
 from ppmcal.model.mechanism import Mechanism
 
 MEETS = 1e-8

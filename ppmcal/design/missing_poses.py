@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.campaign import (
     HALF,
     MissingPoses,
@@ -119,7 +120,7 @@ def _known(fit: Fit) -> Array:
     here = np.concatenate([own, np.zeros(len(whole) - own.size, dtype=bool)])
     rest = whole[np.ix_(~here, ~here)] + LOOSE**2 * np.eye(int((~here).sum()))
     across = whole[np.ix_(here, ~here)]
-    return np.asarray(whole[np.ix_(here, here)] - across @ np.linalg.solve(rest, across.T))
+    return np.asarray(whole[np.ix_(here, here)] - across @ linalg.solve(rest, across.T))
 
 
 def _like(fit: Fit) -> int | None:
@@ -152,7 +153,7 @@ def _pool(fit: Fit, i: int, seed: int) -> Candidates:
     if fit.problem.datasets[i].kind != "plane":
         return pool
     seen = poses_in_use(fit)
-    flat = np.linalg.lstsq(np.c_[np.ones(len(seen)), seen[:, :2]], seen[:, 2], rcond=None)[0]
+    flat = linalg.lstsq(np.c_[np.ones(len(seen)), seen[:, :2]], seen[:, 2], rcond=None)[0]
     poses = pool.pose.copy()
     poses[:, 2] = flat[0] + poses[:, :2] @ flat[1:]
     return listed(nominal, poses, NAME)
@@ -183,7 +184,7 @@ def _chosen(start: Array, jacobian: Array, wanted: Bools, least: Array) -> Ints:
         if len(rows) >= FEWEST and np.all((np.diagonal(inverse) - least)[wanted] <= HALF**2):
             break
         gain = inverse @ np.swapaxes(jacobian, -1, -2)
-        core = np.linalg.inv(np.eye(jacobian.shape[1]) + jacobian @ gain)
+        core = linalg.inv(np.eye(jacobian.shape[1]) + jacobian @ gain)
         own = gain[:, wanted]
         fall = np.einsum("rij,rci,rcj->r", core, own, own)
         fall[rows] = 0.0    # the same pose again tells its own noise, not the machine
@@ -202,7 +203,7 @@ def _variances(information: Array) -> Array:
 def _inverse(information: Array) -> Array:
     """Return the covariance (C, C) of an information matrix whose columns differ much in scale."""
     d = 1.0 / np.sqrt(np.diagonal(information))
-    values, vectors = np.linalg.eigh(information * np.outer(d, d))
+    values, vectors = linalg.eigh(information * np.outer(d, d))
     half = vectors / np.sqrt(np.maximum(values, 1e-15)) * d[:, None]
     return np.asarray(half @ half.T)
 

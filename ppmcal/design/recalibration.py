@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.calibration.compensation import Knowledge, prediction_jacobian
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
@@ -170,7 +171,7 @@ def alone(
     """
     mechanism, instrument = setup.mechanism, setup.instrument
     real, there, _ = newton(Model(mechanism, g).closure(setup.q), pose_motor(setup.pose))
-    raw = np.asarray(np.linalg.solve(linear.white, noise[..., None])[..., 0], dtype=np.float64)
+    raw = np.asarray(linalg.solve(linear.white, noise[..., None])[..., 0], dtype=np.float64)
     data = perturbed(instrument.dataset(setup.q, pose_vector(real), {},
                                      mechanism.motion == "planar"), raw, mechanism.motion)
     free = list(setup.problem.free) if linear.geometry else []

@@ -24,15 +24,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal import linalg
 from ppmcal.design.error_jacobian import to_tool
 from ppmcal.design.spring_model import Spring, spring_columns, springs_of
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import named, placed
 from ppmcal.kinematics.tables import KinematicsTable, home_singular_value, inverse_table
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, finite_rows, solve_blocks
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
 
@@ -184,8 +184,8 @@ def _roots(factor: Array) -> tuple[Array, Array]:
     safe = np.concatenate([np.where(good[:, None, None], factor, 0.0), np.zeros((n, t, t))], axis=2)
     if not safe.size:
         return np.zeros((n, t, t)), np.zeros((n, t))
-    triangle = np.linalg.qr(np.swapaxes(safe, -1, -2), mode="r")
-    directions, roots, _ = np.linalg.svd(np.swapaxes(triangle, -1, -2))
+    triangle = linalg.triangle(np.swapaxes(safe, -1, -2))
+    directions, roots, _ = linalg.svd(np.swapaxes(triangle, -1, -2), full=True)
     # an axis has no sign of its own: its largest component is positive
     leading = np.take_along_axis(directions, np.abs(directions).argmax(axis=1)[:, None, :], axis=1)
     directions = directions * np.where(leading < 0.0, -1.0, 1.0)

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 from scipy.special import betainc, betaln
 
+from ppmcal import linalg
 from ppmcal.linalg import Array, Ints, column_lengths
 
 VISIBLE = 1e-8
@@ -205,7 +206,7 @@ class AddedVariableTest:
     def roots(self, groups: Ints) -> tuple[Array, Ints]:
         """Return roots (F, k, k) of the inverse blocks of groups of columns (F, k), and ranks."""
         blocks = self._without_chosen(self._own_blocks(groups), groups, groups)
-        w, v = np.linalg.eigh(blocks)
+        w, v = linalg.eigh(blocks)
         use = w > VISIBLE
         root = np.where(use, 1.0 / np.sqrt(np.where(use, w, 1.0)), 0.0)
         return root[..., None] * np.swapaxes(v, -1, -2), use.sum(axis=1)
@@ -219,7 +220,7 @@ def squares_of(root: Array, right: Array) -> Array:
 
 def pseudo_inverse(block: Array) -> Array:
     """Return the inverse of a symmetric block, its invisible directions left out."""
-    w, v = np.linalg.eigh(block)
+    w, v = linalg.eigh(block)
     use = w > VISIBLE
     return np.asarray((v[:, use] / w[use]) @ v[:, use].T)
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.diagnosis.adequacy import LEVEL
 from ppmcal.diagnosis.equation_forms import (
     Equation,
@@ -172,7 +173,7 @@ def chosen_products(gram: Array, right: Array, square: float, freedom: int, pric
                 and not (kinks[n] and kinks[list(sets[-1])].any())]
         if not more:
             break
-        gains = [float(worth(right[list(s)] @ np.linalg.lstsq(
+        gains = [float(worth(right[list(s)] @ linalg.lstsq(
             gram[np.ix_(s, s)], right[list(s)], rcond=1e-6)[0], price[list(s)].sum()))
             for s in more]
         sets.append(more[int(np.argmax(gains))])
@@ -196,7 +197,7 @@ def _stability(seen: Visible, columns: Array, target: Array, products: Sequence[
     for _ in range(DRAWS):
         weight = np.bincount(rng.integers(count, size=count), minlength=count)[pose]
         inner = (whole * weight[:, None]).T @ whole
-        w, v = np.linalg.eigh(inner[:r, :r])
+        w, v = linalg.eigh(inner[:r, :r])
         use = w > 1e-9 * w.max(initial=1e-300)
         tie = (v[:, use] / np.sqrt(w[use])).T @ inner[:r, r:]
         rest = inner[r:, r:] - tie.T @ tie
@@ -220,7 +221,7 @@ def _sized(seen: Visible, term: Term, curve: LearnedCurve, target: Array,
     free = without_range(_columns(seen, term, products), seen.basis)
     length = np.maximum(np.linalg.norm(free, axis=0), 1e-300)
     gram, right, _ = _inner(free / length, target)
-    inverse = np.linalg.pinv(gram, rcond=1e-9)
+    inverse = linalg.pinv(gram, rcond=1e-9)
     return Equation(curve.input, curve.nodes, inverse @ right / length,
                     sigma**2 * inverse / np.outer(length, length), curve.signed, curve.acts,
                     curve.joint, curve.by, curve.by_nodes, tuple(products))

@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal import linalg
 from ppmcal.diagnosis.added_variable_test import log_p
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import System, Whitening, plain, range_basis
@@ -99,7 +100,7 @@ def _deviance(system: System, both: Array, noise: Whitening) -> float:
     """
     seen = noise.apply(both, system)
     gram = seen.T @ seen
-    square = float(gram[-1, -1] - gram[-1, :-1] @ np.linalg.solve(gram[:-1, :-1], gram[:-1, -1]))
+    square = float(gram[-1, -1] - gram[-1, :-1] @ linalg.solve(gram[:-1, :-1], gram[:-1, -1]))
     apart = system.apart
     tie = np.where(apart > 0, noise.rho ** np.maximum(apart, 1), 0.0)
     spread = float(np.sum(np.log(1.0 - tie**2) * system.observed[1:].sum(axis=1)))

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.left_out_rows import thirds
 from ppmcal.calibration.problem import Problem
@@ -172,7 +173,7 @@ def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools],
         out, missed = out - basis @ (basis.T @ out), missed - basis @ (basis.T @ missed)
     normal -= out.T @ out
     right += out.T @ missed
-    w, v = np.linalg.eigh(normal)
+    w, v = linalg.eigh(normal)
     use = w > SEEN * max(float(w[-1]), 1e-300)
     inverse = (v[:, use] / w[use]) @ v[:, use].T
     step = inverse @ right

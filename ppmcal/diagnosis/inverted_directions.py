@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.mistakes import Mistake, with_line
 from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.diagnosis.added_variable_test import VISIBLE
@@ -117,7 +118,7 @@ class _Sums:
         b, e = b[e - b >= FEWEST], e[e - b >= FEWEST]
         right = self.right[-1] - 2.0 * (self.right[e] - self.right[b])
         hidden = self.hidden[-1] - 2.0 * (self.hidden[e] - self.hidden[b])
-        inverse = np.linalg.pinv(self.gram - np.swapaxes(hidden, 1, 2) @ hidden, VISIBLE,
+        inverse = linalg.pinv(self.gram - np.swapaxes(hidden, 1, 2) @ hidden, VISIBLE,
                                  hermitian=True)
         value = np.einsum("pkl,pl->pk", inverse, right)
         left = self.square - np.sum(right * value, axis=1)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.learning import Term
 from ppmcal.diagnosis.result import LearnedTerms
@@ -163,7 +164,7 @@ def _period(x: Array, value: Array) -> float | None:
     for turns in np.arange(LEAST_PERIODS, MOST_PERIODS, 0.1):
         w = 2.0 * np.pi * turns * (x - x[0]) / (x[-1] - x[0])
         columns = np.stack([np.ones_like(w), np.cos(w), np.sin(w)], axis=-1)
-        fitted = columns @ np.linalg.lstsq(columns, away, rcond=None)[0]
+        fitted = columns @ linalg.lstsq(columns, away, rcond=None)[0]
         part = float(np.sum(fitted**2)) / total
         if part > best:
             best, found = part, float((x[-1] - x[0]) / turns)

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.equations import equations, sized_again
@@ -223,7 +224,7 @@ def _predicted(columns: Array, residual: Array, block: Bools, free: int) -> Arra
     """
     rest = columns[~block]
     normal = rest.T @ rest + np.diag(np.arange(columns.shape[1]) >= free).astype(float)
-    w, v = np.linalg.eigh(normal)
+    w, v = linalg.eigh(normal)
     use = w > SEEN * max(float(w[-1]), 1e-300)
     step = (v[:, use] / w[use]) @ (v[:, use].T @ (rest.T @ residual[~block]))
     left = np.asarray(residual[block] - columns[block] @ step)

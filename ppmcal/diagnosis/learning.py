@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import eigh
 
+from ppmcal import linalg
 from ppmcal.diagnosis.adequacy import LEVEL
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
 from ppmcal.diagnosis.term_candidates import TermCandidate, Visible, again
@@ -57,7 +57,7 @@ class Shape:
 
     def gauged(self, values: Array) -> Array:
         """Return values at the nodes (n,) less what geometry does as well."""
-        amount = np.linalg.lstsq(self.held @ self.lost, self.held @ values, rcond=None)[0]
+        amount = linalg.lstsq(self.held @ self.lost, self.held @ values, rcond=None)[0]
         return np.asarray(values - self.lost @ amount)
 
 
@@ -146,11 +146,11 @@ def shapes_of(candidate: TermCandidate) -> list[Shape]:
     out = []
     for length in LENGTHS:
         kernel = np.kron(_matern(curve.nodes, length), second)
-        w, v = np.linalg.eigh(kernel)
+        w, v = linalg.eigh(np.asarray(kernel, dtype=float))
         keep = w > 1e-10 * w[-1]
         root = v[:, keep] * (scale * np.sqrt(w[keep]))
         lost, held = absorbed(candidate, root)
-        free = np.linalg.svd(held)[2][len(held):].T if len(held) else np.eye(root.shape[1])
+        free = linalg.svd(held, full=True)[2][len(held):].T if len(held) else np.eye(root.shape[1])
         back = (v[:, keep] / (scale * np.sqrt(w[keep]))).T
         out.append(Shape(length, root @ free, root @ lost, held @ back))
     return [s for s in out if s.root.shape[1]]
@@ -170,8 +170,8 @@ def absorbed(candidate: TermCandidate, root: Array) -> tuple[Array, Array]:
     """
     seen = root.T @ candidate.columns.T @ candidate.columns @ root
     gone = seen - root.T @ candidate.gram @ root
-    metric = seen + UNSEEN * float(np.linalg.eigvalsh(seen)[-1]) * np.eye(len(seen))
-    part, v = eigh(0.5 * (gone + gone.T), metric)
+    metric = seen + UNSEEN * float(linalg.eigvalsh(seen)[-1]) * np.eye(len(seen))
+    part, v = linalg.eigh(0.5 * (gone + gone.T), metric=metric)
     lost = v[:, part > 1.0 - WEAK_SURVIVAL**2]
     return lost, lost.T @ metric
 
@@ -183,7 +183,7 @@ class _Rest:
         self.seen = seen
         n = seen.left.size
         self.z = np.concatenate([np.zeros((n, 0)), *(t.columns for t in terms)], axis=1)
-        self.inner = np.linalg.inv(np.eye(self.z.shape[1]) + self.z.T @ self.z)
+        self.inner = linalg.inv(np.eye(self.z.shape[1]) + self.z.T @ self.z)
         self.right = self.z.T @ seen.left
         self.square = float(seen.left @ seen.left - self.right @ self.inner @ self.right)
 
@@ -222,7 +222,7 @@ class _Rest:
         freedom, size = self.seen.freedom, SIZES / np.sqrt(candidate.curve.values.size)
         out = []
         for shape in shapes:
-            w, v = np.linalg.eigh(shape.root.T @ gram @ shape.root)
+            w, v = linalg.eigh(shape.root.T @ gram @ shape.root)
             w, right = np.maximum(w, 0.0), v.T @ (shape.root.T @ toward)
             spread = 1.0 + size[:, None] ** 2 * w
             gone = np.sum(size[:, None] ** 2 * right**2 / spread, axis=1)

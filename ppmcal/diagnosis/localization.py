@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis.stage import Stage, explained
 from ppmcal.kinematics.partial_pose import pose_vector
@@ -90,7 +91,7 @@ def _by_actuator(stage: Stage, cleaned: Array) -> list[Place]:
             column = (part.whitener @ raw[..., None])[..., 0]
             drive[part.at, :column.shape[1], limb.actuator] += column
     white = stage.noise.apply(drive, stage.system).reshape(drive.shape)
-    back = np.linalg.pinv(white, rcond=1e-6)
+    back = linalg.pinv(white, rcond=1e-6)
     errors = np.einsum("nkm,nmb->nkb", back, cleaned, optimize=True)
     sigma = np.sqrt(np.sum(back**2, axis=-1))[..., None]
     errors = errors / np.where(sigma > 0.0, sigma, 1.0)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.campaign import WeakCampaign
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import State
@@ -271,7 +272,7 @@ def _next_row(gain: Array, picked: list[int]) -> int | None:
 def _reduced(geometry: Array, rival: Array, goal: Array) -> Array:
     """Return old rows as one triangle [geometry, rival, goal]."""
     whole = np.concatenate([geometry, rival, goal[..., None]], axis=-1)
-    return np.asarray(np.linalg.qr(whole.reshape(-1, whole.shape[-1]), mode="r"))
+    return linalg.triangle(whole.reshape(-1, whole.shape[-1]))
 
 
 def _apart(ways: list[tuple[Array, Array, Array]], picked: list[int]
@@ -281,7 +282,7 @@ def _apart(ways: list[tuple[Array, Array, Array]], picked: list[int]
     for old, columns, goal in ways:
         matrix = np.concatenate([old[:, :-1], columns[picked].reshape(-1, columns.shape[-1])])
         right = np.concatenate([old[:, -1], goal[picked].reshape(-1)])
-        solution = np.linalg.lstsq(matrix, right, rcond=1e-10)[0]
+        solution = linalg.lstsq(matrix, right, rcond=1e-10)[0]
         figures.append(float(np.sum((right - matrix @ solution) ** 2)))
         rows.append(np.sum((goal - columns @ solution) ** 2, axis=1))
     return figures, rows

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.diagnosis.linear_system import INVISIBLE, MOST_ROWS, System, build, range_basis
 from ppmcal.diagnosis.refit import with_mechanism
@@ -212,5 +213,5 @@ def _free_of(basis: Array, columns: Array) -> Array:
 
 def _gain(columns: Array, target: Array) -> float:
     """Return by how much columns lower the sum of squares of the target."""
-    solution = np.linalg.lstsq(columns, target, rcond=1e-9)[0]
+    solution = linalg.lstsq(columns, target, rcond=1e-9)[0]
     return float(target @ (columns @ solution))

@@ -238,7 +238,7 @@ def _as_given(stage: Stage, reference: float) -> float | None:
             state = least_squares(problem, state, keep, prior_weights(problem, "prior"),
                                  ITERATIONS).state
         fitted = build(problem, state, keep)
-    except (PpmcalError, np.linalg.LinAlgError):
+    except PpmcalError:
         return None
     white = stage.noise.apply(fitted.residual[..., None], fitted)
     freedom = max(fitted.count - len(problem.columns), 1)

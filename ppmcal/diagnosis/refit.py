@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions, posterior
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem, State
@@ -145,7 +146,7 @@ def _against_zero(fit: Fit, covariance: Array, columns: Sequence[int]) -> float:
         return 0.0
     # residuals above the stated noise make everything less certain
     ratio = max(1.0, fit.reduced.square / max(fit.reduced.count - fit.scale.size, 1))
-    square = float(value @ np.linalg.pinv(linear_part, hermitian=True) @ value) / ratio
+    square = float(value @ linalg.pinv(linear_part, hermitian=True) @ value) / ratio
     return float(np.log(max(chdtrc(len(linear), square), 1e-300)))
 
 
@@ -163,7 +164,7 @@ def _given_optional(fit: Fit, covariance: Array, columns: Sequence[int], linear:
     out = covariance[np.ix_(linear, linear)]
     if held and np.isfinite(covariance[np.ix_(held, held)]).all():
         cross = covariance[np.ix_(linear, held)]
-        out = out - cross @ np.linalg.pinv(covariance[np.ix_(held, held)],
+        out = out - cross @ linalg.pinv(covariance[np.ix_(held, held)],
                                            hermitian=True) @ cross.T
     return np.asarray(out)
 

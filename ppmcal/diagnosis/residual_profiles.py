@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.response import Rows
@@ -94,7 +95,7 @@ def _errors(fit: Fit, rows: Rows) -> tuple[Array, Array, Array]:
         for end in (rows.response, rows.second):
             if end is not None:
                 drive[..., limb.actuator] += np.where(rows.observed, end.by_slot(i, "offset"), 0.0)
-    back = np.linalg.pinv(rows.whitener @ drive, rcond=1e-6)
+    back = linalg.pinv(rows.whitener @ drive, rcond=1e-6)
     joint = np.asarray((back @ np.where(rows.observed, rows.residual, 0.0)[..., None])[..., 0])
     measured = np.full((len(joint), 6), np.nan)
     data = fit.problem.datasets[rows.dataset]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import gammaln
 
+from ppmcal import linalg
 from ppmcal.diagnosis.hypotheses import Hypothesis, united
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.diagnosis.selection import (
@@ -147,12 +148,12 @@ def _angle(search: Search, others: list[int], one: int, rival: Sequence[int]) ->
     b = np.array(columns_of(search, rival))
 
     def root(block: Array) -> Array:
-        w, v = np.linalg.eigh(block)
+        w, v = linalg.eigh(block)
         use = w > 1e-10
         return np.asarray(v[:, use] / np.sqrt(w[use]))
 
     left, right = root(rest.block(a, a)), root(rest.block(b, b))
-    s = np.linalg.svd(left.T @ rest.block(a, b) @ right, compute_uv=False)
+    s = linalg.singular_values(left.T @ rest.block(a, b) @ right)
     return float(np.arccos(np.clip(s.max(initial=0.0), 0.0, 1.0)))
 
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.sessions import session_masks
@@ -92,7 +93,7 @@ def _cut(fit: Fit, system: System, own: Sequence[int], masks: Sequence[Bools],
     matrix = matrix.reshape(-1, matrix.shape[-1])
     weight = np.zeros(matrix.shape[1])
     weight[:len(rest)] = (fit.prior * scale)[rest] ** 2
-    w, v = np.linalg.eigh(matrix.T @ matrix + np.diag(weight))
+    w, v = linalg.eigh(matrix.T @ matrix + np.diag(weight))
     use = w > SEEN * max(float(w[-1]), 1e-300)
     inverse = (v[:, use] / w[use]) @ v[:, use].T
     gradient = matrix.T @ system.residual.reshape(-1)
@@ -118,5 +119,5 @@ def _apart(step: Array, covariance: Array) -> float:
     differences = np.kron(np.concatenate([-np.ones((count - 1, 1)), np.eye(count - 1)], axis=1),
                           np.eye(size))
     away = differences @ step.reshape(-1)
-    inverse = np.linalg.pinv(differences @ covariance @ differences.T, hermitian=True)
+    inverse = linalg.pinv(differences @ covariance @ differences.T, hermitian=True)
     return float(chdtrc((count - 1) * size, away @ inverse @ away))

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.left_out_rows import thirds
 from ppmcal.diagnosis.added_variable_test import log_p
@@ -114,7 +115,7 @@ def _absorber(stage: Stage, left: Remainder, given: Sequence[str]) -> tuple[str,
     n, m = stage.system.residual.shape
     rows = []
     for name in names:
-        w, v = np.linalg.eigh(_wandering(known[name][0]))
+        w, v = linalg.eigh(_wandering(known[name][0]))
         top = np.argsort(-w, kind="stable")[:MOST_SHAPES]
         rows.append(v[:, top] * np.sqrt(np.maximum(w[top], 0.0)))
     shape = np.kron(np.concatenate(rows, axis=1), np.eye(m)).reshape(n * m, -1)
@@ -141,7 +142,7 @@ def _beside(own: Array, rest: Array, shape: Array, freedom: int) -> tuple[float,
     likeliest size. The odds are against the shapes alone, at the size that is likeliest then.
     """
     plane = range_basis(unit_columns(own))
-    w, v = np.linalg.eigh(shape.T @ shape)
+    w, v = linalg.eigh(shape.T @ shape)
     seen = np.concatenate([plane, rest[:, None]], axis=1)
     cross, whole = v.T @ (shape.T @ seen), seen.T @ seen
     rank, before = plane.shape[1], plane.T @ rest
@@ -149,7 +150,7 @@ def _beside(own: Array, rest: Array, shape: Array, freedom: int) -> tuple[float,
     for size in np.append(0.0, SIZES):
         spread = 1.0 + size**2 * np.maximum(w, 0.0)
         inner = whole - (cross.T * (size**2 / spread)) @ cross
-        value = np.linalg.pinv(inner[:-1, :-1], hermitian=True) @ inner[:-1, -1]
+        value = linalg.pinv(inner[:-1, :-1], hermitian=True) @ inner[:-1, -1]
         square, gain = float(inner[-1, -1]), float(inner[:-1, -1] @ value)
         lost = -0.5 * float(np.sum(np.log(spread)))
         alone = max(alone, lost - 0.5 * freedom * np.log(square))
@@ -167,7 +168,7 @@ def _fails(stage: Stage, hypothesis: Hypothesis, own: Array, rest: Array) -> str
     square = float(np.sum((rest - plane @ (plane.T @ rest)) ** 2)) / max(stage.system.count, 1)
     for by, mask in _thirds(stage, hypothesis):
         held = np.repeat(mask, m)
-        value = np.linalg.lstsq(plane[~held], rest[~held], rcond=1e-6)[0]
+        value = linalg.lstsq(plane[~held], rest[~held], rcond=1e-6)[0]
         worse = np.sum((rest[held] - plane[held] @ value) ** 2) - np.sum(rest[held] ** 2)
         if worse > WORSE * square * plane.shape[1]:
             return by

@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
 from ppmcal.diagnosis.adequacy import varies
 from ppmcal.diagnosis.linear_system import System, Whitening
@@ -141,7 +142,7 @@ def slow_inputs(seen: Visible) -> set[str]:
     """
     here = [p.setting for p in seen.system.firsts]
     waves = slow_waves(np.concatenate([p.response.rows.row for p in seen.system.firsts]))
-    basis = np.linalg.qr(np.concatenate([np.ones((len(waves), 1)), waves], axis=1))[0]
+    basis = linalg.column_basis(np.concatenate([np.ones((len(waves), 1)), waves], axis=1))
     out = set()
     for source in INPUTS.values():
         x = np.concatenate([source.value(s) for s in here])

@@ -13,6 +13,7 @@ from functools import cache
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.diagnosis.added_variable_test import AddedVariableTest
 from ppmcal.diagnosis.hypotheses import Collector, Hypothesis
 from ppmcal.diagnosis.search import Search, columns_of
@@ -175,8 +176,8 @@ def _evidence(gram: Array, right: Array, size: Array, rest: AddedVariableTest) -
 
     ``gram`` (w, w), ``right`` (w,): of their columns; ``size`` (P, w): their standard deviations.
     """
-    root = np.linalg.cholesky(np.eye(right.size) + size[:, :, None] * gram * size[:, None, :])
-    gone = np.sum(np.linalg.solve(root, (size * right)[..., None]) ** 2, axis=(1, 2))
+    root = linalg.cholesky(np.eye(right.size) + size[:, :, None] * gram * size[:, None, :])
+    gone = np.sum(linalg.solve(root, (size * right)[..., None]) ** 2, axis=(1, 2))
     left = np.maximum(1.0 - gone / rest.square, 1e-9)
     lost = 2.0 * np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
     return np.asarray(lost + rest.freedom * np.log(left))

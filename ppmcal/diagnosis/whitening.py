@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from ppmcal import linalg
 from ppmcal.diagnosis.event_pairs import best_pair
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import TOGETHER, System, Whitening, plain, range_basis
+from ppmcal.errors import LinearAlgebraError
 from ppmcal.linalg import Array, unit_columns
 from ppmcal.model.effects import GEOMETRY
 
@@ -160,12 +162,12 @@ def _gain(unit: Array, along: Array, residual: Array) -> float:
         return float(along[0] ** 2)
     gram = unit.T @ unit
     try:
-        root = np.linalg.cholesky(gram)
-    except np.linalg.LinAlgError:
+        root = linalg.cholesky(gram)
+    except LinearAlgebraError:
         root = np.zeros((1, 1))
     if np.diagonal(root).min() > APART:
-        return float(np.sum(np.linalg.solve(root, along) ** 2))
-    return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
+        return float(np.sum(linalg.solve(root, along) ** 2))
+    return float(np.sum((unit @ linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
 
 
 def _runs(sizes: Sequence[int], most: int) -> Iterator[tuple[int, int]]:
@@ -190,7 +192,7 @@ def _slow(hypothesis: Hypothesis) -> bool:
 
 def _cleaned(system: System, plane: Array, noise: Whitening) -> tuple[Array, Array]:
     """Return a basis of what spans a plane (N, m, r) and the residual freed of it, whitened."""
-    basis = np.linalg.qr(noise.apply(plane, system))[0]
+    basis = linalg.column_basis(noise.apply(plane, system))
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     left = residual - basis @ (basis.T @ residual)
     shape = system.residual.shape
@@ -214,8 +216,8 @@ def _within_rows(system: System, basis: Array, left: Array, noise: Whitening) ->
         sign, logdet = np.linalg.slogdet(covariance / mean)
         statistic = -float(free.mean()) * logdet
         if sign > 0 and chdtrc(m * (m + 1) / 2 - 1, statistic) < SIGNIFICANT:
-            root = np.linalg.cholesky(covariance / mean)
-            inner[i] = np.linalg.inv(root)
+            root = linalg.cholesky(covariance / mean)
+            inner[i] = linalg.inv(root)
         scales.append(mean)
     return replace(noise, inner=inner, scale=float(np.sqrt(np.mean(scales))) if scales else 1.0)
 

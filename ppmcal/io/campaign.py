@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.copies import without_shared
 from ppmcal.io.dataset_reader import read_dataset
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset, Unknown
@@ -40,8 +41,8 @@ def joined(data: Sequence[Dataset]) -> tuple[Dataset, ...]:
                            "Give each sidecar its own `name`, and each file only once")
         by_name[d.name] = d
     before = np.cumsum([0, *(int(d.rows.max(initial=0)) for d in data)])
-    return tuple(replace(d, frame=_resolve(d, by_name), before=int(b))
-                 for d, b in zip(data, before[:-1], strict=True))
+    return without_shared([replace(d, frame=_resolve(d, by_name), before=int(b))
+                           for d, b in zip(data, before[:-1], strict=True)])
 
 
 def _resolve(data: Dataset, by_name: dict[str, Dataset]) -> Unknown:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
@@ -163,7 +164,7 @@ class _PoseRegression:
         part = (np.where(width > 0.0, (at - self.times[i]) / np.where(width > 0, width, 1.0), 0.0)
                 )[:, None]
         design = self.columns[i] * (1.0 - part) + self.columns[i + 1] * part
-        left, values, _ = np.linalg.svd(design, full_matrices=False)
+        left, values, _ = linalg.svd(design)
         left = left[:, values > 1e-9 * values[0]]
         rest = seen - left @ (left.T @ seen)
         return float(np.sqrt(np.sum(rest ** 2) / seen.shape[1] / (len(seen) - left.shape[1])))

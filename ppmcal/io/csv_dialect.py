@@ -8,7 +8,7 @@ is refused.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ppmcal.errors import BadInput
@@ -85,19 +85,30 @@ def decimal_of(data: bytes, start: int, separator: str) -> str | None:
     return None if data.find(b".", start) >= 0 else ","
 
 
-def decimal_of_cells(columns: Iterable[tuple[str, Sequence[str]]], source: str) -> str:
-    """Return the decimal mark of columns of numbers, (name, N cells) each.
+def marks_of_cells(columns: Iterable[tuple[str, Sequence[str]]], before: int,
+                   first: dict[str, str]) -> None:
+    """Note in ``first`` where each decimal mark stands first in columns of numbers.
 
-    Raises:
-        BadInput: points and commas both occur, in one cell or in two.
+    Args:
+        columns: name and n cells of each.
+        before: rows before these.
+        first: mark -> place and cell, so far.
     """
-    first: dict[str, str] = {}
     for name, cells in columns:
         whole = "".join(cells)
         for mark in ".,":
             if mark in whole and mark not in first:
                 row = next(i for i, cell in enumerate(cells) if mark in cell)
-                first[mark] = f"row {row + 1}, column {name} ('{cells[row].strip()[:40]}')"
+                first[mark] = (f"row {before + row + 1}, column {name} "
+                               f"('{cells[row].strip()[:40]}')")
+
+
+def one_mark(first: Mapping[str, str], source: str) -> str:
+    """Return the only decimal mark of a file, a point where there is none.
+
+    Raises:
+        BadInput: points and commas both occur, in one cell or in two.
+    """
     if len(first) == 2:
         raise BadInput(f"the numbers have decimal points in {first['.']} and commas in "
                        f"{first[',']}", source, ONE_MARK)

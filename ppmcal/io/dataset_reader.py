@@ -15,11 +15,13 @@ from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput
 from ppmcal.io import measurement_columns as cols
 from ppmcal.io.clock import clock_of_words
+from ppmcal.io.copies import chance, steps_of, without_copies
 from ppmcal.io.csv import Table
 from ppmcal.io.header_units import with_units, without_units
 from ppmcal.io.joint_columns import joint_values, second_joints
 from ppmcal.io.measured import measured
 from ppmcal.io.measurement_columns import further_columns, row_list
+from ppmcal.io.noise_limits import refuse_noise
 from ppmcal.io.read_block import MATRIX, ReadFile
 from ppmcal.io.reading import as_declared, of_homogeneous, renamed
 from ppmcal.io.remarks import remark_data
@@ -42,6 +44,8 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 from ppmcal.wording.progress import stage
 
+AS_IT_IS = {"rotation": None, "pose": "direct", "mirror": None}
+"""What a block `read` says of conventions, left out: numbers are as the instrument wrote them."""
 LABELS = ("pose", "session", "time")
 """Columns that may hold words: names, and times of a clock."""
 
@@ -98,6 +102,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
     headed = {own: headed[h] for own, h in zip(table.header, theirs, strict=True) if h in headed}
     read = with_units(file.read, headed, side)
     table = _in_seconds(table, read)
+    plain = as_declared(table, read.model_copy(update=AS_IT_IS), mechanism, units, side, headed)
     table = as_declared(table, read, mechanism, units, side, headed)
     cols.check_columns(table, mechanism)
     joint = mechanism.joint_factors(units)
@@ -124,8 +129,11 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         convention=convention, read=file.read.model_dump(exclude_unset=True),
         headers=headers)
     refuse_flat(data.kind, mechanism.motion, side)
+    refuse_noise(data, mechanism, side)
     remark_data(data, table, file, side)
-    return _usable(shifted_rows(_from_point(data, side), file.read.shift), mechanism)
+    data = replace(data, chance=chance(data, steps_of(plain, data, mechanism.reach)))
+    data = _usable(shifted_rows(_from_point(data, side), file.read.shift), mechanism)
+    return without_copies(data)
 
 
 def _in_seconds(table: Table, read: ReadFile) -> Table:

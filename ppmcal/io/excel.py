@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 import warnings
+import zipfile
 from collections.abc import Callable
 from typing import Any
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table
 from ppmcal.io.frames import as_table
+from ppmcal.io.limits import UNPACKED_BYTES, refuse_shape
 
 MAGIC = b"PK\x03\x04"
 """What every such file begins with, as every zip does."""
@@ -38,20 +40,35 @@ def excel_table(data: bytes, source: str, may_be_text: Callable[[str], bool],
     try:
         with warnings.catch_warnings():    # of styles, which nobody asks for
             warnings.simplefilter("ignore")
+            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+                UNPACKED_BYTES.refuse(sum(i.file_size for i in archive.infolist()), source)
             book = load_workbook(io.BytesIO(data), read_only=True, data_only=True)
             names = [s.title for s in book.worksheets]
-            rows = [] if sheet not in (None, *names) else [
-                list(row) for row in book[sheet or names[0]].iter_rows(values_only=True)]
+            rows = [] if sheet not in (None, *names) else _rows(book[sheet or names[0]], source)
+    except BadInput:
+        raise
     except Exception as error:    # a damaged archive raises anything
         raise BadInput(f"cannot be read as a spreadsheet ({type(error).__name__})", source,
                        "Save it again as .xlsx, or save the sheet as CSV") from None
     if sheet is not None and sheet not in names:
         raise unknown("sheet", sheet, names, source)
-    rows = [row for row in rows if any(c is not None and c != "" for c in row)]
     if not rows:
         raise BadInput("the sheet is empty", source, "Name another under `read.sheet` in the "
                        f"sidecar: {', '.join(names)}")
     return as_table(_columns(rows, source), (), source, may_be_text)
+
+
+def _rows(sheet: Any, source: str) -> list[list[Any]]:
+    """Return the rows of a sheet that are not blank."""
+    out: list[list[Any]] = []
+    for row in sheet.iter_rows(values_only=True):
+        cells = list(row)
+        while cells and cells[-1] in (None, ""):
+            cells.pop()
+        if cells:
+            out.append(cells)
+            refuse_shape(len(out), len(cells), source)
+    return out
 
 
 def _columns(rows: list[list[Any]], source: str) -> dict[str, list[Any]]:

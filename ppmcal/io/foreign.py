@@ -17,6 +17,7 @@ from ppmcal.io.clock import Clock, clock_of_numbers, clock_of_words
 from ppmcal.io.csv import Table, csv_table, refuse_absurd
 from ppmcal.io.foreign_names import GROUPED, own_name, unit_in
 from ppmcal.io.header_units import bare_name, without_units, zone_of
+from ppmcal.io.input_files import first_bytes, read_bytes
 from ppmcal.io.klipper_log import klipper_log
 from ppmcal.io.measurement_columns import known_columns, translate_foreign
 from ppmcal.io.point_list import with_header
@@ -25,7 +26,7 @@ from ppmcal.io.reading import of_homogeneous, renamed, unit_of
 from ppmcal.io.ros_bag import bag_tables, is_bag
 from ppmcal.io.ros_tables import FORM, Recording, ros_csv, ros_headers
 from ppmcal.io.tables import is_text, read_table
-from ppmcal.io.yaml import number_text, read_bytes
+from ppmcal.io.yaml import number_text
 from ppmcal.model.mechanism import Mechanism
 
 WORDS = ("pose", "session", "time", "date")
@@ -78,7 +79,7 @@ def foreign_tables(path: Path, mechanism: Mechanism, read: ReadFile, side: str
     Raises:
         BadInput: as :func:`csv_table` and :func:`with_header`, or an unknown unit in a header.
     """
-    if path.is_dir() or is_bag(read_bytes(path)):
+    if path.is_dir() or is_bag(first_bytes(path, 16)):
         made = bag_tables(path, mechanism, read.topics)
     else:
         made = [_recording(path, mechanism, read)]

@@ -10,6 +10,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table, refuse_absurd
+from ppmcal.io.limits import refuse_shape
 
 Tabular = str | os.PathLike[str] | Mapping[str, Any] | Any
 """A path of a CSV, a data frame (pandas, polars), a mapping of columns, or an array (N, c)."""
@@ -45,6 +46,7 @@ def as_table(source: Any, names: Sequence[str] = (), what: str = NAME,
                        "Give every column as many values")
     if not sizes or not max(sizes):
         raise BadInput("has no rows", what, "Give at least one row of numbers")
+    refuse_shape(max(sizes), len(columns), what)
     numbers: dict[str, Any] = {}
     text: dict[str, tuple[str, ...]] = {}
     for name, values in columns.items():
@@ -95,5 +97,5 @@ def _numbers(values: Any) -> Any:
     try:
         return np.array([np.nan if v is None else float(v) if not isinstance(v, str) else v
                          for v in values], dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None

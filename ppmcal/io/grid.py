@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.limits import GRID_POSES
 from ppmcal.kinematics.region import Grid, slice_axes, slice_grid
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 LEVELS = {1: 201, 2: 41, 3: 15}
 """Levels of each coordinate where none are given, by how many coordinates the grid has."""
-MOST = 2_000_000
 PLACE = "--grid"
 
 
@@ -52,8 +52,7 @@ def read_grid(text: str | None, mechanism: Mechanism, levels: int = LEVELS[2]) -
     total = 1
     for count in counts:
         total *= count
-    if total > MOST:
-        raise BadInput(f"has {total} poses, more than {MOST}", PLACE, "Ask for fewer levels")
+    GRID_POSES.refuse(total, PLACE)
     if len(axes) > len(mechanism.actuators):
         raise BadInput(f"names {len(axes)} coordinates, but the machine has "
                        f"{len(mechanism.actuators)} actuators", PLACE, "Name fewer")

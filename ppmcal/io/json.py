@@ -6,25 +6,24 @@ Nothing here trusts the files: they may be cut off, edited by hand or written by
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import note_read
+from ppmcal.io.input_files import read_bytes
+from ppmcal.io.limits import JSON_BYTES, JSON_DEPTH, JSON_NODES
 
 AGAIN = "Run the command that writes it again"
-MAX_DEPTH_MEND = "It is nested too deeply to be one of ppmcal's files"
 LARGEST = 1e30
+LONGEST = 300
+"""Digits of a number; more do not fit into a float."""
 
 
 def read_text(path: Path) -> str:
     """Return a file's text in UTF-8, and note it as an input of the run."""
-    note_read(path)
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise BadInput(f"cannot be read ({error.strerror or error})", str(path),
-                       "Check the path and its permissions") from None
+        return read_bytes(path, JSON_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise BadInput(f"is not UTF-8 text (byte {error.start})", str(path), AGAIN) from None
 
@@ -33,10 +32,22 @@ def read_object(path: Path, mend: str = AGAIN) -> dict[str, Any]:
     """Return the JSON object in a file.
 
     Raises:
-        BadInput: not readable, cut off, or no JSON object.
+        BadInput: not readable, cut off, no JSON object, too large or too deep, or with a number
+            that is not finite.
     """
+    text = read_text(path)
+    # commas, colons and brackets in texts count too; no result comes near
+    JSON_NODES.refuse(sum(map(text.count, ",:[{")), str(path))
+    odd = list[float]()
+
+    def number(word: str) -> float:
+        value = float(word)
+        if not math.isfinite(value):
+            odd.append(value)
+        return value
+
     try:
-        content = json.loads(read_text(path))
+        content = json.loads(text, parse_int=_whole, parse_float=number, parse_constant=number)
         if not isinstance(content, dict):
             raise BadInput("holds no JSON object", str(path), mend)
     except json.JSONDecodeError as error:
@@ -46,5 +57,40 @@ def read_object(path: Path, mend: str = AGAIN) -> dict[str, Any]:
         raise BadInput(f"cannot be read as JSON ({str(error).partition(';')[0]})", str(path),
                        mend) from None
     except RecursionError:
-        raise BadInput("cannot be read as JSON", str(path), MAX_DEPTH_MEND) from None
+        raise JSON_DEPTH.error(str(path)) from None
+    _refuse_deep(content, path)
+    if odd:
+        place = _place_of_odd(content)
+        raise BadInput("should be a number that is finite", f"{path}: {place}", mend)
     return content
+
+
+def _whole(text: str) -> int:
+    if len(text) > LONGEST:
+        raise ValueError(f"a number of {len(text)} digits")
+    return int(text)
+
+
+def _place_of_odd(node: Any, place: str = "") -> str:
+    """Return where the first number stands that is not finite, empty without one."""
+    if isinstance(node, float) and not math.isfinite(node):
+        return place
+    pairs = node.items() if isinstance(node, dict) else (
+        enumerate(node) if isinstance(node, list) else ())
+    for key, child in pairs:
+        part = f"[{key}]" if isinstance(key, int) else f".{key}" if place else str(key)
+        if found := _place_of_odd(child, place + part):
+            return found
+    return ""
+
+
+def _refuse_deep(content: dict[str, Any], path: Path) -> None:
+    """Refuse what is nested deeper than any result."""
+    level: list[Any] = [content]
+    for _ in range(JSON_DEPTH.most):
+        level = [child for node in level
+                 for child in (node.values() if isinstance(node, dict) else node)
+                 if isinstance(child, dict | list)]
+        if not level:
+            return
+    raise JSON_DEPTH.error(str(path))

@@ -16,6 +16,7 @@ from ppmcal.io.effects import with_effects
 from ppmcal.io.limb_reader import LimbReader, limb_kind
 from ppmcal.io.measurement_block import read_measured, read_registrations
 from ppmcal.io.mechanism_schema import MechanismFile, TolerancesFile, word
+from ppmcal.io.noise_limits import refuse_tolerances
 from ppmcal.io.parameter_reader import Draft
 from ppmcal.io.pose_fields import COORDINATES, OF_MOTION, pose_from_map, quantity
 from ppmcal.io.remarks import remark_machine
@@ -71,6 +72,7 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
         inputs=inputs, stiffness=read_stiffness(file.stiffness, file.limbs, limbs, units, source),
         tolerances=tolerances, cost=_cost(file, source))
     machine = with_effects(mechanism, file.effects, units, source)
+    refuse_tolerances(machine)
     remark_machine(machine)
     return machine
 

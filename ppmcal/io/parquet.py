@@ -11,6 +11,7 @@ import numpy as np
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.frames import as_table
+from ppmcal.io.limits import UNPACKED_BYTES, refuse_shape
 
 MAGIC = b"PAR1"
 """What every such file begins with."""
@@ -35,7 +36,9 @@ def parquet_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) 
         raise BadInput("is a Parquet file, which only pyarrow can read", source,
                        "Install it (pip install pyarrow), or save the table as CSV") from None
     try:
-        held = parquet.read_table(pyarrow.BufferReader(data))
+        file = parquet.ParquetFile(pyarrow.BufferReader(data))
+        _refuse_large(file, source)
+        held = file.read()
     except (pyarrow.ArrowException, OSError) as error:
         raise BadInput(f"cannot be read as Parquet ({_first_line(error)})", source,
                        "Write the file again, or save the table as CSV") from None
@@ -45,6 +48,14 @@ def parquet_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) 
         raise BadInput(f"two columns are called '{double}'", source, "Rename one of them")
     columns = {n: _values(c) for n, c in zip(names, held.columns, strict=True)}
     return as_table(columns, (), source, may_be_text)
+
+
+def _refuse_large(file: Any, source: str) -> None:
+    """Refuse what is too large when it is unpacked, told by what the file says of itself."""
+    about = file.metadata
+    refuse_shape(about.num_rows, about.num_columns, source)
+    groups = (about.row_group(i) for i in range(about.num_row_groups))
+    UNPACKED_BYTES.refuse(sum(g.total_byte_size for g in groups), source)
 
 
 def refuse_without_pyarrow(source: str) -> None:

@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.limits import BAG_BYTES, TABLE_ROWS, UNPACKED_BYTES
 from ppmcal.io.ros_tables import POSE_COLUMNS, Recording, joint_header, recording, seconds
 from ppmcal.model.mechanism import Mechanism
 
 MAGIC = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
+BAG_INFO = "metadata.yaml"
+"""What every folder of a bag of ROS 2 holds."""
 JOINTS = "sensor_msgs/msg/JointState"
 POINTS = {"geometry_msgs/msg/PoseStamped": "pose", "geometry_msgs/msg/PointStamped": "point",
           "geometry_msgs/msg/TransformStamped": "transform",
@@ -39,6 +42,10 @@ def bag_tables(path: Path, mechanism: Mechanism, topics: Sequence[str] = ()) -> 
             among which one must be chosen.
     """
     source = str(path)
+    if path.is_dir() and not (path / BAG_INFO).is_file():
+        raise BadInput("is a folder, and no bag of ROS 2", source, "Give files")
+    if path.is_file():
+        BAG_BYTES.refuse(path.stat().st_size, source)
     try:
         from rosbags.highlevel import AnyReader  # 20 MB with what it needs, for those with bags
         from rosbags.typesys import Stores, get_typestore
@@ -50,7 +57,11 @@ def bag_tables(path: Path, mechanism: Mechanism, topics: Sequence[str] = ()) -> 
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
             wanted = _chosen(reader.connections, topics, source)
             held: dict[str, list[Any]] = {c.topic: [] for c in wanted}
+            TABLE_ROWS.refuse(sum(c.msgcount for c in wanted), source)
+            size = 0
             for connection, _, data in reader.messages(connections=wanted):
+                size += len(data)
+                UNPACKED_BYTES.refuse(size, source)
                 held[connection.topic].append(reader.deserialize(data, connection.msgtype))
             types = {c.topic: c.msgtype for c in wanted}
     except BadInput:

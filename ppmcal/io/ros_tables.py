@@ -103,7 +103,7 @@ def ros_csv(data: bytes, source: str, mechanism: Mechanism) -> Recording | None:
         columns: dict[str, Array | tuple[str, ...]] = {
             "time": seconds([int(r[0]) for r in rows], [int(r[1]) for r in rows])}
         block = np.array([[float(c) for c in r[start:start + len(fields)]] for r in rows])
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise BadInput(f"a cell is no number ({error})", source,
                        "Record it again, or name the columns in a header line") from None
     columns |= dict(zip(fields, block.T, strict=True))

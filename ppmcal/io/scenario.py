@@ -11,6 +11,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.effects import with_effects
+from ppmcal.io.limits import POSES, SIMULATED_ROWS
 from ppmcal.io.pose_fields import COORDINATES, pose_from_map
 from ppmcal.io.poses import read_poses
 from ppmcal.io.scenario_schema import PosesFile, ScenarioFile
@@ -22,7 +23,15 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import ZERO_CELSIUS, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import Parameter
-from ppmcal.simulation.scenario import Circle, GridPattern, Helix, Listed, Random, Scenario
+from ppmcal.simulation.scenario import (
+    Circle,
+    GridPattern,
+    Helix,
+    Listed,
+    Pattern,
+    Random,
+    Scenario,
+)
 from ppmcal.units import Units
 
 
@@ -48,10 +57,12 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
     point = point_of(file.instrument.point or "known", mechanism.motion, units, source,
                      "instrument.point")
     joint = mechanism.joint_factors(units)
+    poses = _poses(file.poses, mechanism, units, source, Path(source))
+    _refuse_many(file, poses, source)
     warm = file.conditions.temperature
     return Scenario(
         source=source, units=units,
-        poses=_poses(file.poses, mechanism, units, source, Path(source)),
+        poses=poses,
         errors=errors, error_scale=scale, kind=file.instrument.kind,
         sigma_position=(sigma.position or 0.0) * length,
         sigma_rotation=(sigma.rotation or 0.0) * angle,
@@ -66,6 +77,13 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
         temperature=None if warm is None else (warm.mean + ZERO_CELSIUS, warm.swing),
         velocity=np.abs(actuator_noise(file.conditions.velocity, mechanism, joint, source)),
         with_effects=machine, seed=file.seed, pairs=_pairs(file, source))
+
+
+def _refuse_many(file: ScenarioFile, poses: Pattern, source: str) -> None:
+    """Refuse more poses than are asked for in earnest, and more rows than a table may have."""
+    POSES.refuse(poses.size, f"{source}: poses")
+    rows = poses.size * file.repeats * (2 if file.approach == "both" else 1)
+    SIMULATED_ROWS.refuse(rows * max(len(file.conditions.payload), 1), f"{source}: repeats")
 
 
 def _pairs(file: ScenarioFile, source: str) -> bool:
@@ -146,7 +164,7 @@ def _listed(path: Path, mechanism: Mechanism) -> Listed:
 
 
 def _poses(file: PosesFile, mechanism: Mechanism, units: Units, source: str, path: Path
-           ) -> Circle | GridPattern | Random | Helix | Listed:
+           ) -> Pattern:
     if file.file is not None:
         return _listed(path.parent / file.file, mechanism)
 

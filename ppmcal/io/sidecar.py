@@ -14,6 +14,7 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.registration import refuse_flat
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.noise_limits import refuse_sigma
 from ppmcal.io.pose_fields import OF_FRAME, pose_from_map
 from ppmcal.io.read_block import ReadFile
 from ppmcal.io.schema import (
@@ -121,6 +122,8 @@ class SidecarFile(Strict):
 
 def sidecar_path(csv_path: Path) -> Path:
     """Return the path of a CSV's sidecar, ``.yaml`` where there is neither that nor ``.yml``."""
+    if not csv_path.name:
+        raise BadInput("is a folder, not a file", str(csv_path), "Give the path of a CSV")
     short = csv_path.with_suffix(".yml")
     long = csv_path.with_suffix(".yaml")
     return short if short.is_file() and not long.is_file() else long
@@ -278,13 +281,17 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
     length, angle = units.factor("length"), units.factor("angle")
     own = {"plane": sigma.height, "distance": sigma.distance}.get(kind) or sigma.position
     scalar = kind in ("plane", "distance")
-    return Instrument(
+    found = Instrument(
         kind, np.nan if scalar else (sigma.position or np.nan) * length,
         (sigma.rotation or np.nan) * angle if kind == "pose" else np.nan,
         (own or np.nan) * length if scalar else np.nan,
         actuator_noise(sigma.actuator, mechanism, mechanism.joint_factors(units), source),
         frame, point_of(file.target, mechanism.motion, units, source),
         rotation_of(file.target_rotation, units, source))
+    for value, quantity in ((found.sigma_position, "length"), (found.sigma_rotation, "angle"),
+                            (found.sigma_value, "length")):
+        refuse_sigma(np.array([value]), quantity, mechanism, units, f"{source}: instrument.sigma")
+    return found
 
 
 def _from_point(file: SidecarFile, frame: Unknown, mechanism: Mechanism, units: Units,

@@ -15,12 +15,10 @@ from typing import Any
 import yaml
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import note_read
+from ppmcal.io.input_files import read_bytes
+from ppmcal.io.limits import YAML_BYTES, YAML_DEPTH, YAML_NODES
 from ppmcal.units import to_file as to_file
 
-MAX_BYTES = 20_000_000
-MAX_DEPTH = 60
-MAX_NODES = 500_000
 _FLOAT = re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$"
                     r"|^[-+]?\.(inf|Inf|INF)$|^\.(nan|NaN|NAN)$")
 _INT = re.compile(r"^[-+]?[0-9]+$")
@@ -84,53 +82,17 @@ _Loader.add_constructor(_TAG + "int", _int)
 _Loader.add_constructor(_TAG + "float", _float)
 
 
-def read_bytes(path: Path) -> bytes:
-    """Return a file's bytes, and note it as an input of the run.
-
-    Raises:
-        BadInput: it does not exist, is a directory, cannot be read, or would be replaced.
-    """
-    note_read(path)
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        folder = path.parent
-        near = _near(path)
-        hint = f" Did you mean '{near}'?" if near else ""
-        raise BadInput("there is no such file", str(path),
-                       f"Check the name; looked in {folder.absolute()}.{hint}") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise BadInput(f"cannot be read ({reason})", str(path),
-                       "Give the path of a readable file") from None
-    return data
-
-
-def _near(path: Path) -> str:
-    import difflib
-
-    try:
-        names = [p.name for p in path.parent.iterdir()]
-    except OSError:
-        return ""
-    found = difflib.get_close_matches(path.name, names, n=1)
-    return found[0] if found else ""
-
-
 def read_yaml(path: Path) -> dict[str, Any]:
     """Return the mapping that a YAML file holds.
 
     Raises:
         BadInput: unreadable, not YAML (with line and column), or not a mapping.
     """
-    data = read_bytes(path)
-    if len(data) > MAX_BYTES:
-        raise BadInput("is too large for a YAML file of this program", str(path),
-                       "Did you mean a measurement file? Those are CSV")
+    data = read_bytes(path, YAML_BYTES)
     if b"\x00" in data[:4096] and not data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise BadInput("is not a text file", str(path), "Give a YAML file")
     try:
-        _check_depth(data, path)
+        _check_events(data, path)
         tree = yaml.load(data, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         raise _syntax(path, error, data) from None
@@ -161,24 +123,29 @@ def _syntax(path: Path, error: yaml.MarkedYAMLError, data: bytes) -> BadInput:
     return BadInput(f"YAML error: {what}", where, "Check indentation, brackets and quotes there")
 
 
-def _check_depth(data: bytes, path: Path) -> None:
-    depth = 0
+def _check_events(data: bytes, path: Path) -> None:
+    """Refuse what is too deep or too much before anything is built of it."""
+    depth = count = 0
     for event in yaml.parse(data, Loader=yaml.CSafeLoader):
-        if isinstance(event, yaml.MappingStartEvent | yaml.SequenceStartEvent):
-            depth += 1
+        if isinstance(event, yaml.NodeEvent):
+            count += 1
+            if isinstance(event, yaml.MappingStartEvent | yaml.SequenceStartEvent):
+                depth += 1
         elif isinstance(event, yaml.MappingEndEvent | yaml.SequenceEndEvent):
             depth -= 1
-        if depth > MAX_DEPTH:
-            raise BadInput(f"is nested more than {MAX_DEPTH} deep",
-                           str(path), "Check the brackets in it")
+        if depth > YAML_DEPTH.most or count > YAML_NODES.most:
+            limit = YAML_DEPTH if depth > YAML_DEPTH.most else YAML_NODES
+            mark = event.start_mark
+            raise limit.error(f"{path}:{mark.line + 1}" if mark else str(path))
 
 
 def _check_size(tree: Any, path: Path) -> None:
+    """Refuse what aliases unfold to too much."""
     stack, count = [(tree, 0)], 0
     while stack:
         node, depth = stack.pop()
         count += 1
-        if count > MAX_NODES or depth > MAX_DEPTH:
+        if count > YAML_NODES.most or depth > YAML_DEPTH.most:
             raise BadInput("unfolds to a huge or endless structure", str(path),
                            "Remove the aliases (`*name`) from the file")
         children = node.values() if isinstance(node, dict) else node

@@ -36,7 +36,7 @@ def read_merged(source: str | os.PathLike[str] | Mapping[str, Any]
 
 
 def _read(path: Path, above: tuple[Path, ...], files: list[str]) -> dict[str, Any]:
-    here = path.resolve()
+    here = Path(os.path.realpath(path))    # of links in a circle too, where resolve raises
     if here in above or len(above) >= MAX_FILES:
         names = " -> ".join(p.name for p in (*above, here))
         raise BadInput(f"the files extend each other in a circle ({names})",

@@ -1,6 +1,6 @@
 """Motors and small linear systems, one at a time, for compiled loops.
 
-The motors are those of :mod:`ppmcal.algebra`, the systems those of :func:`inverse.solve_blocks`.
+The motors are those of :mod:`ppmcal.algebra`, the systems those of `linalg.solve_blocks`.
 """
 
 from __future__ import annotations

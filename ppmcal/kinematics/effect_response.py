@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.loads import limb_forces, loads
@@ -62,7 +63,7 @@ def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
     if rows.size:
         closure = model.closure(data.q[rows])
         lines = closure.lines(pose[rows])
-        moves = -np.linalg.pinv(closure.joint_matrix(pose[rows], lines)) @ closure.pose_matrix(
+        moves = -linalg.pinv(closure.joint_matrix(pose[rows], lines)) @ closure.pose_matrix(
             pose[rows], lines)
         for column, c in enumerate(mechanism.dof):
             if c < 3:

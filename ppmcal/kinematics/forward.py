@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.compiled_limbs import compiled_limbs
-from ppmcal.kinematics.inverse import home_state, solve_rows
-from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.linalg import Array, Bools, finite_rows, solve_rows
 
 CONTRACTION = 0.25
 """A second Newton step above this part of the first means: lead the joints in smaller steps."""
@@ -178,6 +179,6 @@ def smallest_singular_value(closure: Closure, pose: Array) -> tuple[Array, Array
     sign = np.full(matrix.shape[0], np.nan)
     finite = np.isfinite(matrix).all(axis=(1, 2))
     if finite.any():
-        value[finite] = np.linalg.svd(matrix[finite], compute_uv=False)[:, -1]
+        value[finite] = linalg.singular_values(matrix[finite])[:, -1]
         sign[finite] = np.sign(np.linalg.det(matrix[finite]))
     return value, sign

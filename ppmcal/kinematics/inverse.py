@@ -199,21 +199,3 @@ def inverse(model: Model, pose: Array) -> Inverse:
                           "coordinates empty to have them solved for")
     q[[bool(r) for r in reasons]] = np.nan
     return Inverse(q, pose, tuple(reasons))
-
-
-def solve_rows(matrix: Array, right: Array) -> Array:
-    """Solve (N, d, d) x = (N, d) row by row; a singular row gives nan instead of an error."""
-    return solve_blocks(matrix, right[..., None])[..., 0]
-
-
-def solve_blocks(matrix: Array, right: Array) -> Array:
-    """Solve (N, d, d) x = (N or 1, d, m) row by row; a singular row gives nan, not an error."""
-    try:
-        return np.asarray(np.linalg.solve(matrix, right), dtype=float)
-    except np.linalg.LinAlgError:
-        with np.errstate(invalid="ignore"):
-            bad = ~(np.abs(np.linalg.det(matrix)) > 0.0)
-        safe = np.where(bad[:, None, None], np.eye(matrix.shape[-1]), matrix)
-        out = np.linalg.solve(safe, right)
-        out[bad] = np.nan
-        return np.asarray(out, dtype=float)

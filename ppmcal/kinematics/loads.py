@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.kinematics.closure import Closure, Model
-from ppmcal.kinematics.inverse import solve_rows
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, finite_rows, solve_rows
 
 
 def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:

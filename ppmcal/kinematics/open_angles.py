@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.inverse import home_state, solve_rows
+from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.registration import carried_back, measured_pose
 from ppmcal.kinematics.rotations import euler_rates, from_euler
-from ppmcal.linalg import Array, Ints, finite_rows
+from ppmcal.linalg import Array, Ints, finite_rows, solve_rows
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.registration import Registration
 

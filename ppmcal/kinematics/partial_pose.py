@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import beyond, shifted
 from ppmcal.kinematics.equilibrium import ROUNDS, SETTLED, platform_pose, row_known
 from ppmcal.kinematics.forward import moved
-from ppmcal.kinematics.inverse import Inverse, home_state, inverse, solve_rows
+from ppmcal.kinematics.inverse import Inverse, home_state, inverse
 from ppmcal.kinematics.open_angles import solve_open_angles
 from ppmcal.kinematics.registration import carried_back, measured_pose
 from ppmcal.kinematics.rotations import euler_like, from_euler
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, finite_rows, solve_rows
 from ppmcal.model.dataset import Environment, unknown_environment
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import Mechanism
@@ -261,7 +262,7 @@ def solve_named(model: Model, registration: Registration, wanted: Array, open_: 
         by_pose = np.zeros((n, 6, 6))
         by_pose[:, :3, :3] = frame
         by_pose[:, :3, 3:] = -frame @ cross_matrix(arm)
-        by_pose[:, 3:, 3:] = np.linalg.inv(left_jacobian(measured[:, 3:])) @ frame
+        by_pose[:, 3:, 3:] = linalg.inv(left_jacobian(measured[:, 3:])) @ frame
         miss = np.take_along_axis(measured - np.nan_to_num(wanted), pick, axis=1)
         rows = np.take_along_axis(by_pose[..., mechanism.dof], pick[..., None], axis=1)
         c = closure.misclosure(pose)
@@ -293,7 +294,7 @@ def named_only(mechanism: Mechanism, asked: Array) -> Array:
     a = closure.pose_matrix(mechanism.home[None])[0]
     jq = closure.joint_matrix(mechanism.home[None])[0]
     # coordinates that the joints drive least at home are the parasitic ones
-    mobility = np.abs(np.linalg.solve(a, jq))
+    mobility = np.abs(linalg.solve(a, jq))
     scale = np.where(np.array(mechanism.dof) < 3, mechanism.length_scale, 1.0)
     strength = np.linalg.norm(mobility / scale[:, None], axis=1)
     weakest = [mechanism.dof[i] for i in np.argsort(strength, kind="stable")[:short]]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal.errors import LinearAlgebraError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_attempt
 from ppmcal.kinematics.partial_pose import inverse_partial, named_only, pose_vector
@@ -81,7 +82,7 @@ def _asked(mechanism: Mechanism) -> tuple[Array, list[tuple[int, float, int]]]:
     if len(mechanism.actuators) < mechanism.equations:
         try:
             home = named_only(mechanism, home[None])[0]
-        except np.linalg.LinAlgError:
+        except LinearAlgebraError:
             return np.zeros((0, 6)), []
     size = PART_OF_REACH * mechanism.reach
     asked, labels = [], []

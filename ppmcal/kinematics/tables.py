@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import beyond
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import Forward, forward, smallest_singular_value
-from ppmcal.kinematics.inverse import home_state, solve_rows
+from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import (
     LACKING,
     PoseConvention,
@@ -24,7 +25,7 @@ from ppmcal.kinematics.partial_pose import (
     pose_vector,
 )
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, finite_rows, solve_rows
 from ppmcal.model.dataset import Dataset, Environment, unknown_environment
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
@@ -150,7 +151,7 @@ def velocity_table(
                 unknown = np.concatenate([jq[mine], a[mine][..., pattern]], axis=-1)
                 rate[rows[mine]] = solve_rows(unknown, right)[:, :jq.shape[2]]
             else:
-                rate[rows[mine]] = (np.linalg.pinv(jq[mine]) @ right[..., None])[..., 0]
+                rate[rows[mine]] = (linalg.pinv(jq[mine]) @ right[..., None])[..., 0]
     return KinematicsTable(table.q, table.pose, rate, table.singular_value, tuple(status),
                            tuple(reason))
 

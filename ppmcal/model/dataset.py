@@ -70,6 +70,7 @@ class Dataset:
         convention: in which its rotation columns were read: ``rotvec``, ``quat-xyzw`` ...
         read: the sidecar's own block ``read``.
         headers: our column -> the file's header, where they differ.
+        chance: that two measurements of one pose agree in every digit, by noise and digits.
         before: rows of the campaign's files before this one.
         whole: the data set before rows were taken out: they were visited all the same; None:
             itself. ``place``: where its rows are in that one (N,).
@@ -108,6 +109,7 @@ class Dataset:
     convention: str = "rotvec"
     read: Mapping[str, Any] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
+    chance: float = 1.0
     before: int = 0
     whole: Dataset | None = None
     place: Ints | None = None

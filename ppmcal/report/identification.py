@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ppmcal.io.results.identifiability import unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
     ExcludedRow,
@@ -181,6 +182,10 @@ def redundant(r: IdentificationRecord) -> Section | None:
     names = some([c.name or "?" for c in r.redundant])
     said = "" if len(rows) <= MOST else paragraph(
         f"{len(rows)} parameters are only identified in combination with others: {names}.")
+    if r.unidentifiable:
+        total = sum(s.combinations for s in r.unidentifiable)
+        said = paragraph(f"{count(total, 'combination')} cannot be identified by these data: "
+                         f"{unidentifiable_words(r.unidentifiable)}.")
     return Section("Unidentifiable combinations", said
                    + table("", ["one unit of", "acts like"], rows) + paragraph(note, "note"),
                    count(len(rows), "combination"), folded=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.errors import BadInput
+from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io import read_dataset
 from ppmcal.io.results.identification_parts import FittedDataset, RegistrationEntry
 from ppmcal.io.results.scene_parts import MeasuredPose, Point
@@ -79,7 +79,7 @@ def placed_rows(one: Identified, index: int, mechanism: Mechanism, most: int = P
             continue
         try:
             data = with_joints(plain, _read(one, entry, mechanism))
-        except (BadInput, OSError, np.linalg.LinAlgError) as error:
+        except (PpmcalError, OSError) as error:
             what = getattr(error, "what", None) or error
             notes.append(f"The rows of {entry.name} are not drawn: {what}.")
             continue

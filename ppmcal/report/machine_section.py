@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.errors import BadInput
+from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import group_name, own_values, together
@@ -52,8 +52,8 @@ def machine_section(one: Identified, index: int, diagnosed: Sequence[Diagnosed] 
         mechanism = read_mechanism(path)
         record = next((d.record for d in diagnosed if d.folder == one.folder), None)
         scene = machine_scene(one, index, mechanism, record, machines)
-    except (BadInput, np.linalg.LinAlgError) as error:
-        what = getattr(error, "what", None) or error
+    except PpmcalError as error:
+        what = error.what
         return paragraph(f"The machine of {path.name} cannot be drawn: {what}.", "note")
     return scene_html(scene, index)
 

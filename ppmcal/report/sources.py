@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import os
 import re
 from collections.abc import Callable, Iterator
 from itertools import islice
@@ -17,7 +18,9 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.folder import note_read
+from ppmcal.io.input_files import refuse_no_file
 from ppmcal.io.json import AGAIN
+from ppmcal.io.limits import TABLE_BYTES, TABLE_COLUMNS, refuse_shape
 from ppmcal.linalg import Array
 from ppmcal.report.format import LARGEST
 from ppmcal.report.records import Columns
@@ -77,7 +80,10 @@ def read_columns(path: Path, whole: bool = True, wanted: Callable[[str], bool] |
     source = str(path)
     note_read(path)
     try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
+        with open(path, encoding="utf-8-sig", newline="", opener=_opened) as stream:
+            found = os.fstat(stream.fileno())
+            refuse_no_file(found, path)
+            TABLE_BYTES.refuse(found.st_size, source)
             if whole:
                 _refuse_open_end(path)
             return _read(csv.reader(stream, strict=True), source, wanted or (lambda _: True),
@@ -87,6 +93,11 @@ def read_columns(path: Path, whole: bool = True, wanted: Callable[[str], bool] |
                        "Check the path and its permissions") from None
     except UnicodeDecodeError as error:
         raise BadInput(f"is not UTF-8 text (byte {error.start})", source, AGAIN) from None
+
+
+def _opened(path: str, flags: int) -> int:
+    """Open a file without waiting for what is a pipe."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _refuse_open_end(path: Path) -> None:
@@ -106,6 +117,7 @@ def _read(reader: Iterator[list[str]], source: str, wanted: Callable[[str], bool
         header = tuple(c.strip() for c in next(reader, []))
         if not any(header):
             raise BadInput("has no header", f"{source}: line 1", AGAIN)
+        TABLE_COLUMNS.refuse(len(header), f"{source}: header")
         if len(set(header)) != len(header):
             double = next(h for h in header if header.count(h) > 1)
             raise BadInput(f"two columns are called '{double}'", f"{source}: header", AGAIN)
@@ -122,6 +134,7 @@ def _read(reader: Iterator[list[str]], source: str, wanted: Callable[[str], bool
                 elif name in text:
                     text[name].extend(seen.setdefault(c, c) for c in cells)
             count += len(rows)
+            refuse_shape(count, len(header), source)
     except csv.Error as error:
         raise BadInput(f"cannot be read as CSV ({error})", f"{source}: after row {count}",
                        AGAIN) from None

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,11 @@ class Circle:
     count: int
     swing: Array
 
+    @property
+    def size(self) -> int:
+        """How many poses it has."""
+        return self.count
+
 
 @dataclass(frozen=True)
 class GridPattern:
@@ -34,6 +41,11 @@ class GridPattern:
     half_range: Array
     counts: NDArray[np.int64]
 
+    @property
+    def size(self) -> int:
+        """How many poses it has."""
+        return math.prod(self.counts.tolist())
+
 
 @dataclass(frozen=True)
 class Random:
@@ -42,6 +54,11 @@ class Random:
     center: Array
     half_range: Array
     count: int
+
+    @property
+    def size(self) -> int:
+        """How many poses it has."""
+        return self.count
 
 
 @dataclass(frozen=True)
@@ -53,6 +70,11 @@ class Helix:
     pitch: float
     turns: float
     count: int
+
+    @property
+    def size(self) -> int:
+        """How many poses it has."""
+        return self.count
 
 
 @dataclass(frozen=True)
@@ -72,6 +94,15 @@ class Listed:
         """Return some of the rows."""
         return Listed(self.poses[keep], self.path, {n: c[keep] for n, c in self.columns.items()},
                       None if self.labels is None else self.labels[keep])
+
+    @property
+    def size(self) -> int:
+        """How many poses it has."""
+        return len(self.poses)
+
+
+Pattern: TypeAlias = Circle | GridPattern | Random | Helix | Listed
+"""Where a scenario measures."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +135,7 @@ class Scenario:
 
     source: str
     units: Units
-    poses: Circle | GridPattern | Random | Helix | Listed
+    poses: Pattern
     errors: Mapping[str, float]
     error_scale: float | None
     kind: str

@@ -112,7 +112,8 @@ def test_exp_and_log_at_special_angles(angle: float, sign: float) -> None:
 def test_log_at_and_beyond_half_a_turn() -> None:
     twist = np.array([0, 0, np.pi, 0.1, 0.2, 0.3])
     motor = cga.motor_exp(twist)
-    close(cga.motor_exp(cga.motor_log(motor)) * np.sign(motor[3]), motor * np.sign(motor[3]))
+    sign = np.sign(motor[3])
+    close(cga.motor_exp(cga.motor_log(motor)) * sign, motor * sign, atol=1e-16)
     over = cga.motor_log(cga.motor_exp([0, 0, np.pi + 0.1, 0, 0, 0.7]))
     close(over, [0, 0, 0.1 - np.pi, 0, 0, 0.7], atol=1e-15)
 

@@ -18,7 +18,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io import Output, csv_text, json_text, provenance
 from ppmcal.io.csv_writer import CHUNK, LongText, csv_lines
 from ppmcal.io.folder import RECORD, running
-from ppmcal.io.yaml import read_bytes
+from ppmcal.io.input_files import read_bytes
 
 
 def test_output_appears_together(tmp_path):

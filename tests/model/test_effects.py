@@ -21,7 +21,7 @@ from ppmcal.calibration.problem import Problem, State
 from ppmcal.io import read_mechanism
 from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import environment_of, shifted, with_strokes
+from ppmcal.kinematics.effect_response import environment_of, setting, shifted, with_strokes
 from ppmcal.kinematics.equilibrium import reached_poses, uses_load
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
@@ -46,6 +46,7 @@ from ppmcal.model.effects import (
     effect_kinds,
     find_effect,
 )
+from ppmcal.model.effects.setting import Shift
 from ppmcal.model.history import History
 from ppmcal.model.limbs import kinds as limb_kinds
 from ppmcal.model.mechanism import Mechanism
@@ -454,6 +455,37 @@ def slopes_apart(problem: Problem, state: State) -> dict[str, float]:
         scale = float(np.sum(np.abs(jacobian).max(axis=(0, 1)) * np.abs(step)))
         out[name] = float(np.abs(found - jacobian @ step).max()) / scale
     return out
+
+
+def flat(shift: Shift, n: int) -> dict[object, Array]:
+    """Return all that a shift of N rows adds, by slot or part."""
+    whole = {"pose": shift.pose, "stretch": shift.stretch, "frame": shift.frame,
+             "target": shift.target}
+    return {s: np.broadcast_to(v, (n,)) for s, v in shift.slots.items()} | {
+        part: v for part, v in whole.items() if v is not None}
+
+
+@few_cases
+def test_terms_say_their_own_derivatives(name: str, kind: str) -> None:
+    """What an effect adds, row by row, by each of its parameters, against differences."""
+    mechanism = with_kind(machine(name), kind)
+    q, rows = sample(machine(name))
+    at = setting(Model(mechanism), rows, q, bare(machine(name)))
+    effect, on = mechanism.effects[-1], np.ones(len(mechanism.actuators), dtype=bool)
+    values = {n: float(mechanism.values[p]) for n, p in effect.parameters.items()}
+
+    def shift(parameter: str, step: float) -> dict[object, Array]:
+        moved = values | {parameter: values[parameter] + step}
+        return flat(effect.kind.evaluate(at, on, moved).shift, len(q))
+
+    for parameter, slope in effect.kind.evaluate(at, on, values).by.items():
+        step = 1e-5 * (abs(values[parameter]) or 1e-2)
+        above, below = shift(parameter, step), shift(parameter, -step)
+        for part, told in flat(slope, len(q)).items():
+            # a term whose size is nothing is left out of the sum
+            differs = (above.get(part, 0.0) - below.get(part, 0.0)) / (2.0 * step)
+            np.testing.assert_allclose(told, differs, rtol=0.0, err_msg=f"{parameter}: {part}",
+                                       atol=3e-7 * max(np.abs(told).max(), 1e-12))
 
 
 def assert_derivatives(name: str, kinds: tuple[str, ...]) -> None:

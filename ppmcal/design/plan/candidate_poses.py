@@ -248,10 +248,17 @@ def _judge(nominal: Mechanism, poses: Array, mode: bool = True) -> _Judged:
     """Return joint values of poses, and why some should not be measured.
 
     Without ``mode`` it is not looked at whether home's assembly mode is theirs.
+
+    Raises:
+        NoResult: home is singular.
     """
     model = Model(nominal)
-    table = inverse_table(model, poses)
     home = home_singular_value(nominal)[0]
+    if not home > 0.0:
+        raise NoResult("the machine is singular at home, against which the distance from "
+                       "singularities is measured", f"{nominal.source}: home",
+                       "Choose another home pose")
+    table = inverse_table(model, poses)
     why = ["" if s == "ok" else s for s in table.status]
     good = np.flatnonzero([not w for w in why])
     for n in good[table.singular_value[good] < NEAR_SINGULAR * home]:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.design.plan.information import CandidateInformation
 from ppmcal.linalg import Array, Bools
 
@@ -72,7 +73,7 @@ class _Block:
         stacked = jacobian[list(rows)].reshape(-1, prior.size)
         matrix = stacked.T @ stacked + np.diag(np.where(prior > 0.0, prior, LOOSE) ** 2)
         d = 1.0 / np.sqrt(np.diagonal(matrix))
-        root = np.linalg.inv(np.linalg.cholesky(matrix * np.outer(d, d))) * d
+        root = linalg.inv(linalg.cholesky(matrix * np.outer(d, d))) * d
         half = jacobian @ root.T
         return cls(jacobian, root.T @ root, half @ np.swapaxes(half, -1, -2))
 
@@ -80,7 +81,7 @@ class _Block:
         """Return it with one row more (sign +1) or less (-1), by an update of rank m."""
         own = self.jacobian[row]
         gain = self.inverse @ own.T
-        core = sign * np.linalg.inv(np.eye(len(own)) + sign * (own @ gain))
+        core = sign * linalg.inv(np.eye(len(own)) + sign * (own @ gain))
         along = self.jacobian @ gain
         return _Block(self.jacobian, self.inverse - gain @ core @ gain.T,
                       self.leverage - along @ core @ np.swapaxes(along, -1, -2))
@@ -140,7 +141,7 @@ class Design:
         By the same update of rank m: trace((1 + J M^-1 J^T)^-1 J M^-1 aim M^-1 J^T).
         """
         half = self.offer.jacobian @ self.whole.inverse
-        inner = np.linalg.solve(np.eye(half.shape[1]) + self.whole.leverage,
+        inner = linalg.solve(np.eye(half.shape[1]) + self.whole.leverage,
                                 half @ aim @ np.swapaxes(half, -1, -2))
         return np.asarray(np.trace(inner, axis1=-2, axis2=-1))
 
@@ -157,7 +158,7 @@ def log_det(offer: CandidateInformation, rows: Sequence[int]) -> float:
         prior = offer.prior[columns]
         stacked = offer.jacobian[list(rows)][..., columns].reshape(-1, prior.size)
         matrix = np.concatenate([stacked, np.diag(np.where(prior > 0.0, prior, LOOSE))])
-        diagonal = np.abs(np.diagonal(np.linalg.qr(matrix, mode="r")))
+        diagonal = np.abs(np.diagonal(linalg.triangle(matrix)))
         return 2.0 * float(np.sum(np.log(diagonal)))
 
     everything = np.ones(offer.prior.size, dtype=np.bool_)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.compensation import Knowledge, prediction_jacobian
 from ppmcal.calibration.identifiability import RANK_TOLERANCE, analyse, pivoted
 from ppmcal.calibration.least_squares import column_scale, prior_weights
@@ -104,7 +105,7 @@ def offer(
 
 def _told(white: Array, prior: Array, count: int) -> Ints:
     """Return the columns that all rows together, and the prior, can tell (C,)."""
-    triangle = np.asarray(np.linalg.qr(white.reshape(-1, white.shape[-1]), mode="r"))
+    triangle = linalg.triangle(white.reshape(-1, white.shape[-1]))
     stacked = np.concatenate([triangle, np.diag(prior)])
     frames = pivoted(triangle[:, count:], RANK_TOLERANCE)[0] if white.shape[-1] > count else []
     open_ = [count + c for c in frames]
@@ -167,7 +168,7 @@ def spreads(information: Array, tasks: tuple[Array, Array]) -> tuple[Array, Arra
     """Return both standard deviations (n,) of designs with information (n, C, C)."""
     d = np.sqrt(np.diagonal(information, axis1=-2, axis2=-1))
     safe = np.where(d > 0.0, d, 1.0)
-    values, vectors = np.linalg.eigh(information / (safe[:, :, None] * safe[:, None, :]))
+    values, vectors = linalg.eigh(information / (safe[:, :, None] * safe[:, None, :]))
     enough = (values[:, 0] > DETERMINED) & (d > 0.0).all(axis=1)
     root = vectors / np.sqrt(np.maximum(values, DETERMINED))[:, None, :] / safe[:, :, None]
     out = [np.sqrt(np.einsum("nci,cd,ndi->n", root, g, root, optimize=True)) for g in tasks]
@@ -179,15 +180,15 @@ def limit(offer: CandidateInformation, tasks: tuple[Array, Array]) -> tuple[floa
 
     Directions that no candidate sees keep what the tolerances leave them; the others go to 0.
     """
-    triangle = np.linalg.qr(offer.jacobian.reshape(-1, offer.prior.size), mode="r")
-    _, s, vt = np.linalg.svd(triangle)
+    triangle = linalg.triangle(offer.jacobian.reshape(-1, offer.prior.size))
+    _, s, vt = linalg.svd(triangle, full=True)
     seen = np.zeros(len(vt), dtype=np.bool_)
     seen[:s.size] = s > UNSEEN * s[0]
     blind = vt[~seen].T
     if not blind.size:
         return 0.0, 0.0
     held = blind.T @ (offer.prior[:, None] ** 2 * blind)
-    left = blind @ np.linalg.pinv(held) @ blind.T
+    left = blind @ linalg.pinv(held) @ blind.T
     # what is left far below what the tolerances alone would give is round-off
     out = [float(np.sqrt(max(np.sum(g * left), 0.0))) for g in tasks]
     return out[0], out[1]

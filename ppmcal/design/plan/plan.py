@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.identifiability import analyse, observability
 from ppmcal.design.plan import information as accuracy
 from ppmcal.design.plan.candidate_poses import Candidates, Region, draw, evenly, listed, region_of
@@ -278,7 +279,7 @@ def _observed(whole: CandidateInformation, designs: Sequence[Sequence[int]]) -> 
     found = []
     for rows in designs:
         stacked = whole.jacobian[list(rows)].reshape(-1, whole.prior.size)
-        triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
+        triangle = linalg.triangle(stacked)
         rank = analyse(triangle, geometry, np.ones(geometry))
         found.append(observability(rank.singular, len(rank.kept), len(rows)))
     return {name: float(np.mean([f[name] for f in found])) for name in found[0]}

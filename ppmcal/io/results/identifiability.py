@@ -13,6 +13,7 @@ from ppmcal.calibration.identifiability import (
     CollinearParameters,
     Identifiability,
     Scale,
+    Unidentifiable,
 )
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.model.mechanism import Mechanism
@@ -97,6 +98,75 @@ class ScaleUncertainty(Part):
                     f"{caliper:.2g} {unit} (one sigma), would halve that.")
         return (f"{text}. That distance measured to {caliper * self.distance / needed:.2g} {unit} "
                 "(one sigma) would halve it.")
+
+
+class UnidentifiableSet(Part):
+    """Parameters that the data see only together.
+
+    ``combinations`` of ``parameters`` change nothing that was measured; ``slots``: their paths
+    without coordinates; ``limbs`` of the machine's ``of_limbs``, whose they are; ``unseen``: none
+    of them has any effect.
+    """
+
+    combinations: Whole = 0
+    slots: tuple[Text, ...] = ()
+    parameters: tuple[Text, ...] = ()
+    limbs: tuple[Text, ...] = ()
+    of_limbs: Whole = 0
+    unseen: Flag = False
+
+    @classmethod
+    def of(cls, found: Unidentifiable, mechanism: Mechanism) -> UnidentifiableSet:
+        """Return the entry of a set."""
+        own = {s.partition(".")[0] for s in found.slots}
+        limbs = tuple(limb.name for limb in mechanism.limbs if limb.name in own)
+        return cls(combinations=found.combinations, slots=found.slots,
+                   parameters=found.parameters, limbs=limbs, of_limbs=len(mechanism.limbs),
+                   unseen=found.unseen)
+
+    @property
+    def paths(self) -> dict[str, tuple[str, ...]]:
+        """Path within the limb -> the limbs that have it; nothing of what is no limb's."""
+        out: dict[str, tuple[str, ...]] = {}
+        for slot in self.slots:
+            limb, _, path = slot.partition(".")
+            if limb in self.limbs:
+                out[path] = (*out.get(path, ()), limb)
+        return out
+
+    def words(self) -> str:
+        """Return the slots, those of all limbs as one."""
+        shared: dict[tuple[str, ...], list[str]] = {}
+        for path, limbs in self.paths.items():
+            shared.setdefault(limbs, []).append(path)
+        each = [" and ".join(sorted(paths)) + " of " + (
+                    limbs[0] if len(limbs) == 1 else
+                    "all limbs" if len(limbs) == self.of_limbs else ", ".join(limbs))
+                for limbs, paths in shared.items()]
+        other = [s for s in self.slots if s.partition(".")[0] not in self.limbs]
+        return ", ".join([*sorted(each), *sorted(other)])
+
+
+def unidentifiable_words(found: Sequence[UnidentifiableSet]) -> str:
+    """Return what cannot be told apart: ``6 of base.point of all limbs; ...``.
+
+    Limbs that have the same are one.
+    """
+    alike: dict[tuple[object, ...], list[UnidentifiableSet]] = {}
+    for one in found:
+        key = tuple(sorted(one.paths)) if len(one.limbs) == 1 and len(one.paths) == len(
+            one.slots) else one.words()
+        alike.setdefault((key, one.combinations, one.unseen), []).append(one)
+    out = []
+    for (_, combinations, unseen), sets in alike.items():
+        first = sets[0]
+        limbs = [limb for s in sets for limb in s.limbs]
+        words = first.words() if len(sets) == 1 else (
+            f"{' and '.join(sorted(first.paths))} of each of "
+            f"{'the limbs' if len(limbs) == first.of_limbs else ', '.join(limbs)}")
+        total = int(str(combinations)) * len(sets)
+        out.append((-total, f"{total} of {words}{' (no effect at all)' if unseen else ''}"))
+    return "; ".join(words for _, words in sorted(out))
 
 
 class IdentifiabilitySummary(Part):

@@ -15,7 +15,11 @@ from ppmcal.io import write_mechanism
 from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.gross_errors import GrossErrorSummary
-from ppmcal.io.results.identifiability import FlatShape, IdentifiabilitySummary
+from ppmcal.io.results.identifiability import (
+    FlatShape,
+    IdentifiabilitySummary,
+    UnidentifiableSet,
+)
 from ppmcal.io.results.identification_parts import (
     Combination,
     CorrelatedPair,
@@ -69,6 +73,7 @@ class IdentificationRecord(Record):
     rank: Whole | None = None
     columns: Whole | None = None
     redundant: tuple[Combination, ...] = ()
+    unidentifiable: tuple[UnidentifiableSet, ...] = ()
     iterations: Whole | None = None
     by_normal_equations: Whole | None = None
     converged: Flag | None = None
@@ -110,6 +115,8 @@ class IdentificationRecord(Record):
             parameters=tuple(ParameterEstimate.of(e, units) for e in result.estimates),
             rank=result.rank, columns=len(result.columns),
             redundant=tuple(Combination.of(d, mechanism) for d in result.redundant),
+            unidentifiable=tuple(UnidentifiableSet.of(s, mechanism)
+                                 for s in result.unidentifiable),
             iterations=fit.iterations, by_normal_equations=fit.summed, converged=fit.converged,
             prior_scale=fit.prior_scale,
             residual=stages, unexplained=summaries(

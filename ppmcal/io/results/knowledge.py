@@ -24,7 +24,7 @@ from ppmcal.io.results.identification_parts import (
 from ppmcal.io.results.record import Part
 from ppmcal.io.results.session_parts import SessionInformation, SessionRows, rest_factors
 from ppmcal.io.results.units import Numbers, column_factor
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, eigh
 from ppmcal.model.measured import Measured
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
@@ -32,6 +32,7 @@ from ppmcal.units import Units
 
 AGAIN = "Run identify again"
 WITHOUT = "Run identify again, or remove it to go on without uncertainties"
+ROUND_OFF = 1e-6
 LONGEST = 1e15
 """File units: no value of a parameter and no pose is as large."""
 
@@ -49,6 +50,7 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
         _part(record, "measured_volume", "datasets")
         names = covariance.names
         matrix = _matrix(covariance.matrix, len(names), len(names))
+        _refuse_no_covariance(matrix, names, path)
         volume = {c: _range(ends, mechanism, c) for c, ends in record.measured_volume.items()}
         turn = {n: _finite(p, 3) * units.factor("length")
                 for n, p in covariance.frames_turn_about.items()}
@@ -194,6 +196,37 @@ def _matrix(rows: Sequence[Numbers], height: int, width: int) -> Array:
     if len(rows) != height:
         raise _Incomplete
     return np.array([_numbers(r, width) for r in rows], dtype=float).reshape(height, width)
+
+
+def _refuse_no_covariance(matrix: Array, names: Sequence[str], path: Path) -> None:
+    """Refuse a matrix (c, c) that is the covariance of nothing; null for what is not known.
+
+    Raises:
+        BadInput: a variance below 0, correlations beyond 1 or not alike on both sides.
+    """
+    def refusal(what: str, column: int) -> BadInput:
+        return BadInput(what, f"{path}: covariance.matrix, {names[column]}", WITHOUT)
+
+    known = np.flatnonzero(np.isfinite(np.diagonal(matrix)))
+    variance = np.diagonal(matrix)[known]
+    block = matrix[np.ix_(known, known)]
+    if np.any(variance < 0.0):
+        raise refusal(f"{variance.min():g} is no variance", int(known[np.argmin(variance)]))
+    sigma = np.sqrt(variance)
+    scale = np.outer(sigma, sigma)
+    # where sigma is 0 so is the covariance; else it is a correlation times both
+    bad = ~(np.abs(block) <= scale * (1.0 + ROUND_OFF)) | ~(
+        np.abs(block - block.T) <= ROUND_OFF * scale)
+    if bad.any():
+        raise refusal("the entries belong to no covariance", int(known[np.argwhere(bad)[0, 0]]))
+    free = sigma > 0.0
+    if free.any():
+        size = sigma[free]
+        lowest, way = eigh(block[np.ix_(free, free)] / size / size[:, None])
+        if lowest[0] < -ROUND_OFF * len(lowest):
+            strongest = int(np.argmax(np.abs(way[:, 0])))
+            raise refusal("the entries together belong to no covariance",
+                          int(known[np.flatnonzero(free)[strongest]]))
 
 
 def _range(ends: Numbers, mechanism: Mechanism, coordinate: str) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.observation import NUMBERS
 from ppmcal.design.plan.information import PAYS, reaching
 from ppmcal.design.plan.result import Plan
@@ -55,7 +56,7 @@ def effects(plan: Plan) -> list[str]:
         return []
     information = offer.information(plan.rows)
     d = np.sqrt(np.diagonal(information))
-    values, vectors = np.linalg.eigh(information / np.outer(d, d))
+    values, vectors = linalg.eigh(information / np.outer(d, d))
     sigmas = np.sqrt(np.sum(vectors**2 / np.maximum(values, 1e-14), axis=1)) / d * offer.scale
     worst: dict[str, tuple[float, str]] = {}
     for c, sigma in zip(offer.kept.tolist(), sigmas.tolist(), strict=True):

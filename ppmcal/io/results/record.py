@@ -32,6 +32,7 @@ from ppmcal.io.json import AGAIN, LARGEST, read_object
 from ppmcal.io.output import json_text, plain
 from ppmcal.units import Units
 
+LARGEST_WHOLE = 2 ** 53
 _READ = "read"
 """The context in which data come out of JSON, as they are."""
 
@@ -45,12 +46,19 @@ def _bounded(value: float, info: ValidationInfo) -> float:
     return value
 
 
+def _exact(value: int, info: ValidationInfo) -> int:
+    if info.context == _READ and not abs(value) <= LARGEST_WHOLE:
+        raise PydanticCustomError("too_large_whole", "too large")
+    return value
+
+
 Finite = Annotated[float, Field(strict=True, json_schema_extra={
     "minimum": -LARGEST, "maximum": LARGEST}), AfterValidator(_bounded)]
 """A number that is calculated with: of what is read, :data:`LARGEST` at most."""
 Text = InstanceOf[str]
 """A text; of a file's name it may hold what UTF-8 cannot, as ``\\udcff``."""
-Whole = Annotated[int, Field(strict=True)]
+Whole = Annotated[int, Field(strict=True), AfterValidator(_exact)]
+"""A whole number; of what is read one that a float holds exactly."""
 Flag = Annotated[bool, Field(strict=True)]
 
 _KINDS = {"float_type": "a number", "int_type": "a whole number",
@@ -59,7 +67,8 @@ _KINDS = {"float_type": "a number", "int_type": "a whole number",
           "mapping_type": "an object",
           "list_type": "a list", "tuple_type": "a list", "model_type": "an object",
           "model_attributes_type": "an object",
-          "too_large": f"a number, {LARGEST:g} at most"}
+          "too_large": f"a number, {LARGEST:g} at most",
+          "too_large_whole": f"a whole number, {LARGEST_WHOLE} at most"}
 
 
 class Part(BaseModel):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.io.results.scene_marks import pose_marks
 from ppmcal.io.results.scene_parts import (
     PlacedLimb,
@@ -179,7 +180,7 @@ def around(points: Array) -> tuple[int, ...]:
     (3, 0, 2, 1)
     """
     away = points - points.mean(axis=0)
-    normal = np.linalg.svd(away.T @ away)[0][:, 2]
+    normal = linalg.svd(away.T @ away, full=True)[0][:, 2]
     normal = normal if normal[np.argmax(np.abs(normal))] > 0.0 else -normal
     x = np.eye(3)[np.argmin(np.abs(normal))] if abs(normal[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     x = x - (x @ normal) * normal

@@ -9,6 +9,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Bools
 from ppmcal.model.effects.kind import (
@@ -111,7 +112,7 @@ def _center(axis: int, values: Mapping[str, float], middle: float) -> float:
     # c x r = -[r] c
     rows = np.concatenate([np.cross(np.eye(3), matrix[3:, k]).T for k in turned])
     moved = np.concatenate([matrix[:3, k] for k in turned])
-    return float(np.linalg.lstsq(rows, moved, rcond=1e-9)[0][axis])
+    return float(linalg.lstsq(rows, moved, rcond=1e-9)[0][axis])
 
 
 def _made(entries: Mapping[str, object], units: Units, joint: str) -> EffectKind:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.errors import BadInput, unknown
 from ppmcal.linalg import Array
 from ppmcal.model.effects.inputs import (
@@ -98,7 +99,7 @@ def _from_file(given: Mapping[str, object], units: Units, joint: str) -> EffectK
     covariance = _numbers(given, "covariance", (count, count))
     largest = float(np.abs(covariance).max())
     if (np.any(np.abs(covariance - covariance.T) > SYMMETRIC * largest)
-            or np.linalg.eigvalsh(covariance).min() < -SYMMETRIC * largest):
+            or linalg.eigvalsh(covariance).min() < -SYMMETRIC * largest):
         raise BadInput("this is no covariance: not symmetric, or of a negative variance",
                        "covariance", "Copy it whole, or write zeros where the values are certain")
     found = LearnedCurve(source.name, nodes, values.ravel(), covariance, by == DIRECTION.name,

@@ -15,6 +15,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects.inputs import DIRECTION
 from ppmcal.model.effects.kind import KnownRange, Terms, linear
@@ -120,7 +121,7 @@ class LearnedCurve:
     @cached_property
     def modes(self) -> Array:
         """Independent errors of the values, one standard deviation each (n, r)."""
-        w, v = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))
+        w, v = linalg.eigh(0.5 * (self.covariance + self.covariance.T))
         use = w > 1e-12 * max(float(w.max(initial=0.0)), 1e-300)
         return np.asarray(v[:, use] * np.sqrt(w[use]))
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects.kind import (
     EffectKind,
@@ -33,7 +34,7 @@ def _pushed(setting: Setting, part: str, points: Array) -> Array:
     if setting.motion != "spatial":
         return force
     at = points[0] - points[0].mean(axis=0)
-    normal = np.linalg.svd(at)[2][-1]
+    normal = linalg.svd(at, full=True)[2][-1]
     return np.asarray((force @ normal)[..., None] * normal)
 
 

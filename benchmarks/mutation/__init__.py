@@ -1,0 +1,1 @@
+"""Mutation tests: small faults put into the core one at a time, and whether a test notices."""

@@ -1,0 +1,236 @@
+"""Rows that are copies of another: equal in every digit, beyond what chance makes of repeats.
+
+A repeat is measured anew, and its noise is its own. A row that was copied, or that a log wrote
+again, tells nothing new, and counted as a repeat it makes the fit surer than it can be. Coarse
+readings do agree now and then: two of one value, with noise sigma and in steps r, are equal with
+the chance erf(a) - (1 - exp(-a^2))/(a sqrt(pi)), a = r/(2 sigma).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from decimal import Decimal
+
+import numpy as np
+
+from ppmcal.calibration.observation import SCALARS
+from ppmcal.errors import BadInput
+from ppmcal.io.csv import Table
+from ppmcal.io.measurement_columns import row_list
+from ppmcal.io.pose_fields import COORDINATES
+from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.model.dataset import Dataset
+from ppmcal.wording import counted
+
+BY_CHANCE = 1e-4
+"""Equal rows expected of honest repeats, below which they are copies."""
+ALWAYS = 10
+"""Where so many repeats or more, and all there are, equal the first of their pose, the noise is far
+below the steps or there is none: one of them tells what all do."""
+LOOKED_AT, FEWEST = 2000, 3
+REASON = "equal to an earlier row in every digit: a copy is no repeat"
+NO_INFLUENCE = ("time",)
+"""Columns that a copy need not share."""
+
+
+def step_of(values: Array) -> float:
+    """Return the largest step of which all differences of values (N,) are multiples, 0 for none.
+
+    >>> step_of(np.array([0.5, 0.75, 1.5]))
+    0.25
+    """
+    known = np.unique(values[np.isfinite(values)])
+    if known.size > LOOKED_AT:
+        known = known[np.unique(np.linspace(0, known.size - 1, LOOKED_AT).astype(int))]
+    noise = 1e-12 * float(np.abs(known).max(initial=0.0))
+    gaps = np.diff(known)
+    gaps = gaps[gaps > noise]
+    if not gaps.size:
+        return last_digit(float(known[0])) if known.size else math.inf
+    step = float(gaps.min())
+    while step > 100.0 * noise:
+        rest = np.abs(gaps - np.round(gaps / step) * step)
+        # a quotient carries the round-off of the step as often as it goes into the gap
+        left = rest[rest > np.minimum(noise * np.maximum(1.0, gaps / step), 0.02 * step)]
+        if not left.size:
+            return step
+        step = float(left.min())
+    return 0.0
+
+
+def last_digit(value: float) -> float:
+    """Return the place of a number's last digit, inf for 0, which may be any.
+
+    >>> last_digit(37.25), last_digit(1200.0)
+    (0.01, 100.0)
+    """
+    if value == 0.0:
+        return math.inf
+    return float(Decimal(1).scaleb(int(Decimal(repr(value)).normalize().as_tuple().exponent)))
+
+
+def chance_of_equal(step: float, sigma: float) -> float:
+    """Return the chance that two readings in steps of ``step`` and with noise ``sigma`` agree."""
+    if not sigma > 0.0 or not step < math.inf:
+        return 1.0
+    a = step / (2.0 * sigma)
+    if a < 1e-4:
+        return a / math.sqrt(math.pi)
+    return math.erf(a) - (1.0 - math.exp(-a * a)) / (a * math.sqrt(math.pi))
+
+
+def steps_of(table: Table, data: Dataset, reach: float) -> Array:
+    """Return the steps of x, y, z, rx, ry, rz and of the value (7,), SI; inf where not told.
+
+    Args:
+        table: the file's numbers, in its units, before rotations are turned into vectors.
+        data: what was made of it.
+        reach: the machine's, m.
+
+    Where all values are one, as of touches of a flat, it is the joints that were measured.
+    """
+    length, angle = data.units.factor("length"), data.units.factor("angle")
+    own = {name: (i, length if i < 3 else angle) for i, name in enumerate(COORDINATES)}
+    own |= {"height": (6, length), "distance": (6, length)}
+    out = np.full(7, math.inf)
+    for name, (i, factor) in own.items():
+        if name in table.numbers:
+            out[i] = step_of(table.numbers[name]) * factor
+    if data.kind in SCALARS and not out[6] < math.inf:
+        # the whole range of a joint moves the platform by no more than the reach
+        out[6] = reach * max((step_of(q) / float(np.nanmax(q) - np.nanmin(q)) for q in data.q.T
+                              if np.isfinite(q).any() and np.nanmax(q) > np.nanmin(q)),
+                             default=math.inf)
+    return out
+
+
+def chance(data: Dataset, steps: Array) -> float:
+    """Return the chance that two measurements of one pose agree in every digit.
+
+    By the stated noise, or by the scatter of those repeats that do not agree where that is less.
+    """
+    values, sigma = _values(data), _sigmas(data)
+    if data.kind in SCALARS:
+        steps, values, sigma = steps[6:], values[:, 6:], sigma[6:]
+    scatter = _scatter(data, values)
+    sigma = np.where(np.isfinite(scatter), np.fmin(sigma, scatter), sigma)
+    return math.prod(chance_of_equal(float(r), float(s)) for r, s in zip(steps, sigma, strict=True)
+                     if math.isfinite(s))
+
+
+def _values(data: Dataset) -> Array:
+    return np.column_stack([data.position, data.rotation, data.value])
+
+
+def _sigmas(data: Dataset) -> Array:
+    """Return the median noise of each column of :func:`_values` (7,), nan where not measured."""
+    sigma = np.column_stack([data.sigma_position, data.sigma_rotation, data.sigma_value])
+    seen = np.isfinite(_values(data)) & np.isfinite(sigma)
+    return np.array([np.median(s[k]) if k.any() else np.nan
+                     for s, k in zip(sigma.T, seen.T, strict=True)])
+
+
+def _scatter(data: Dataset, values: Array) -> Array:
+    """Return the scatter of repeats that differ (m,), nan without any."""
+    place, whole = _numbered(_conditions(data)), _numbered(
+        np.column_stack([_conditions(data), values]))
+    _, first = np.unique(whole, return_index=True)
+    _, label, count = np.unique(place[first], return_inverse=True, return_counts=True)
+    several = count[label] > 1
+    if not several.any():
+        return np.full(values.shape[1], np.nan)
+    some = values[first][several]
+    _, label = np.unique(label[several], return_inverse=True)
+    size = np.bincount(label)
+    middle = np.stack([np.bincount(label, c) / size for c in some.T], axis=1)
+    degrees = max(len(some) - size.size, 1)
+    return np.asarray(np.sqrt(np.sum((some - middle[label]) ** 2, axis=0) / degrees))
+
+
+def _conditions(data: Dataset) -> Array:
+    """Return all that the machine was told and stood in (N, c), 0 where unknown."""
+    parts = [data.q, *(p for p in (data.to_q, data.commanded) if p is not None),
+             *(c[:, None] for n, c in sorted(data.columns.items()) if n not in NO_INFLUENCE)]
+    return np.asarray(np.nan_to_num(np.concatenate(parts, axis=1), nan=0.5, posinf=0, neginf=0))
+
+
+def _numbered(rows: Array) -> Ints:
+    """Return the index of the first row that each row (N, c) is equal to, bit by bit (N,)."""
+    bits = np.ascontiguousarray(rows + 0.0).view(np.uint64)
+    odd = np.random.default_rng(1).integers(1, 2**63, bits.shape[1], dtype=np.uint64) | np.uint64(1)
+    mixed = (bits ^ (bits >> np.uint64(29))) * odd
+    _, first, label = np.unique((mixed ^ (mixed >> np.uint64(32))).sum(axis=1),
+                                return_index=True, return_inverse=True)
+    found = first[label.reshape(-1)]
+    # a row that only shares the sum with another stands for itself
+    return np.where(np.all(bits[found] == bits, axis=1), found, np.arange(len(rows)))
+
+
+def copied(data: Dataset) -> Bools:
+    """Return which rows (N,) are copies of an earlier one; ``data.chance`` says what is odd."""
+    values = _values(data)
+    told = _conditions(data)
+    whole = _numbered(np.column_stack([told, np.nan_to_num(values, nan=0.5)]))
+    out = whole < np.arange(len(data))
+    if not out.any():
+        return out
+    repeats = _numbered(told) < np.arange(len(data))
+    moving = np.any(np.nanmax(np.where(np.isfinite(values), values, -np.inf), axis=0)
+                    > np.nanmin(np.where(np.isfinite(values), values, np.inf), axis=0))
+    always = moving and repeats.sum() >= ALWAYS and np.array_equal(repeats, out)
+    if always or data.chance * repeats.sum() < BY_CHANCE:
+        return out
+    return np.zeros_like(out)
+
+
+def without_copies(data: Dataset) -> Dataset:
+    """Return the data set with copied rows left out, and that as a finding.
+
+    Raises:
+        BadInput: next to nothing else is there.
+    """
+    out = copied(data)
+    if not out.any():
+        return data
+    if len(data) - out.sum() < FEWEST <= len(data):
+        raise BadInput(f"the {len(data)} rows are {counted(len(data) - int(out.sum()), 'row')} "
+                       "copied: equal in every digit, they tell nothing more", data.source,
+                       "Measure more poses, and a pose again where it is to be a repeat")
+    return _left_out(data, out, f"{data.source}: {row_list(data.rows[out] - 1)}: {REASON}; "
+                                "each counts once.")
+
+
+def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
+    """Return data sets without the rows that an earlier one of the same kind has too.
+
+    Raises:
+        BadInput: one that has no row of its own.
+    """
+    done = list[Dataset]()
+    for data in several:
+        for other in done:
+            if (data.kind, data.q.shape[1]) != (other.kind, other.q.shape[1]) or sorted(
+                    data.columns) != sorted(other.columns):
+                continue
+            rows = [np.column_stack([_conditions(d), np.nan_to_num(_values(d), nan=0.5)])
+                    for d in (other, data)]
+            if rows[0].shape[1] != rows[1].shape[1]:
+                continue
+            again = _numbered(np.concatenate(rows))[len(other):] < len(other)
+            if again.any() and again.sum() * max(data.chance, other.chance) < BY_CHANCE:
+                if again.all():
+                    raise BadInput(f"holds no row that {other.source} does not hold too, equal in "
+                                   "every digit", data.source, "Give each measurement only once")
+                data = _left_out(data, again, (
+                    f"{data.source}: {counted(int(again.sum()), 'row')} stand in {other.source} "
+                    "too, equal in every digit: copies are no repeats; each counts once."))
+        done.append(data)
+    return tuple(done)
+
+
+def _left_out(data: Dataset, out: Bools, finding: str) -> Dataset:
+    dropped = [*data.dropped, *((int(n), REASON) for n in data.rows[out])]
+    return replace(data.take(~out), findings=(*data.findings, finding),
+                   dropped=tuple(sorted(dropped)))

@@ -1,0 +1,257 @@
+"""The rows of a CSV, part by part: plain numbers fast, others cell by cell with their messages.
+
+Only the part in which something stands out of the ordinary (text, ragged rows) goes the slow way,
+so that one bad cell among a million rows is refused where the reading meets it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+
+from ppmcal.errors import BadInput
+from ppmcal.io.csv_dialect import Dialect, decimal_of, marks_of_cells, one_mark
+from ppmcal.io.csv_numbers import is_number, parse, plain_column, without_columns
+from ppmcal.linalg import Array
+
+CHUNK = 1 << 20
+ROWS = 20_000
+"""Bytes that are parsed at once, and rows that are looked at cell by cell at once."""
+
+
+class Body(NamedTuple):
+    """Rows as columns: ``numbers`` (N,), nan where empty, and ``text`` by name; N; dialect."""
+
+    numbers: Mapping[str, Array]
+    text: Mapping[str, tuple[str, ...]]
+    size: int
+    dialect: Dialect
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Some rows: ``block`` (n, width) of the bytes ``span``, or columns of numbers by name.
+
+    ``words``: the columns that may hold words, as they stand, which go before those of the block;
+    ``wordy``: those that do hold some.
+    """
+
+    size: int
+    block: Array | None = None
+    span: tuple[int, int] = (0, 0)
+    words: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    wordy: frozenset[str] = frozenset()
+    numbers: Mapping[str, Array] = field(default_factory=dict)
+
+
+def read_body(data: bytes, start: int, header: tuple[str, ...], source: str,
+              is_text: Callable[[str], bool], separator: str) -> Body:
+    """Return the rows of a CSV from byte ``start`` on.
+
+    Args:
+        data: of the file, UTF-8, lines ended by newlines.
+        start: behind the header.
+        header: names of the columns.
+        source: what messages call the file.
+        is_text: says of a column's name whether it may hold words.
+        separator: of the columns.
+
+    Raises:
+        BadInput: ragged rows, none at all, two decimal marks, or a cell that is not a number.
+    """
+    reader = _Reader(data, start, header, source, is_text, separator)
+    parts = list(reader.parts())
+    size = sum(p.size for p in parts)
+    if not size:
+        raise BadInput("has a header but no rows", source, "Add at least one row of numbers")
+    blocks = [p.block for p in parts if p.block is not None and not p.words]
+    if len(blocks) == len(parts):
+        whole = np.concatenate(blocks) if len(blocks) != 1 else blocks[0]
+        return Body({h: whole[:, i] for i, h in enumerate(header)}, {}, size, reader.dialect)
+    wordy = frozenset().union(*(p.wordy for p in parts))
+    return Body({h: np.concatenate([reader.numbers(p, h) for p in parts])
+                 for h in header if h not in wordy},
+                {h: tuple(chain.from_iterable(reader.words(p, h) for p in parts))
+                 for h in header if h in wordy}, size, reader.dialect)
+
+
+class _Reader:
+    """The rows of one file, and the dialect that they turn out to be in."""
+
+    def __init__(self, data: bytes, start: int, header: tuple[str, ...], source: str,
+                 is_text: Callable[[str], bool], separator: str) -> None:
+        self.data, self.start, self.header, self.source = data, start, header, source
+        self.loose = frozenset(h for h in header if is_text(h))
+        self.quoted = data.find(b'"', start) >= 0
+        decimal = "." if separator == "," else decimal_of(data, start, separator)
+        self.dialect = Dialect(separator, decimal or ".")
+        self.known = decimal is not None
+
+    def parts(self) -> Iterator[_Part]:
+        """Yield the rows part by part."""
+        count, width = 0, len(self.header)
+        ours = None if self.dialect.plain else self.dialect.translation()
+        fast, settled = self.known and not self.quoted, self.dialect.separator == ","
+        for start, stop in self._spans():
+            chunk = self.data[start:stop] if fast else b""
+            block = parse(chunk if ours is None else chunk.translate(ours), width) if fast else None
+            if block is not None:
+                count += len(block)
+                yield _Part(len(block), block, (start, stop))
+                continue
+            if not settled:
+                self.dialect, settled = Dialect(self.dialect.separator, self._decimal()), True
+                ours = None if self.dialect.plain else self.dialect.translation()
+            part = self._beside_words(start, stop, ours) if not self.quoted else None
+            if part is not None:
+                count += part.size
+                yield part
+                continue
+            for rows in self._rows(start, stop, count):
+                yield self._slow(rows, count)
+                count += len(rows)
+
+    def _beside_words(self, start: int, stop: int, ours: bytes | None) -> _Part | None:
+        """Return lines whose words stand in the columns of words only, None where they do not."""
+        chunk, width = self.data[start:stop], len(self.header)
+        among = [i for i, h in enumerate(self.header) if h in self.loose]
+        bare = without_columns(chunk, width, among, self.dialect.separator)
+        block = None if bare is None else parse(
+            bare if ours is None else bare.translate(ours), width)
+        if block is None:
+            return None
+        rows = [line.split(self.dialect.separator) for line in chunk.decode("utf-8").split("\n")]
+        words = {self.header[i]: tuple([row[i].strip() for row in rows]) for i in among}
+        return _Part(len(block), block, (start, stop), words, self._wordy(words))
+
+    def _wordy(self, words: Mapping[str, tuple[str, ...]]) -> frozenset[str]:
+        """Return the columns of words that hold one."""
+        return frozenset(h for h, cells in words.items()
+                         if plain_column(cells, self.dialect) is None
+                         and not all(is_number(c, self.dialect) for c in cells))
+
+    def _spans(self) -> Iterator[tuple[int, int]]:
+        """Yield where whole lines begin and end; all of them where quotes may hold line ends."""
+        start, stop = self.start, len(self.data)
+        while stop > start and self.data[stop - 1] == 10:
+            stop -= 1
+        while start < stop:
+            # no line is as long as a chunk: that is refused before
+            end = stop if self.quoted or stop - start <= CHUNK else self.data.rfind(
+                b"\n", start, start + CHUNK)
+            yield start, end
+            start = end + 1
+
+    def _rows(self, start: int, stop: int, count: int) -> Iterator[list[list[str]]]:
+        """Yield the rows between two bytes, some at a time, without blank ones."""
+        width, lines = len(self.header), self._lines(start, stop)
+        reader = csv.reader(lines, strict=True, delimiter=self.dialect.separator)
+        rows: list[list[str]] = []
+        try:
+            for row in reader:
+                if len(row) != width:
+                    if any(cell.strip() for cell in row):
+                        raise _ragged(row, count + len(rows), self.header, self.source)
+                    continue
+                rows.append(row)
+                if len(rows) == ROWS:
+                    yield rows
+                    count, rows = count + ROWS, []
+        except csv.Error as error:
+            raise BadInput(f"cannot be read as CSV ({error})",
+                           f"{self.source}: row {count + len(rows) + 1}",
+                           "Check the quotes and line ends there") from None
+        if rows:
+            yield rows
+
+    def _lines(self, start: int, stop: int) -> Iterable[str]:
+        if not self.quoted:
+            return self.data[start:stop].decode("utf-8").split("\n")
+        raw = io.BytesIO(self.data)
+        raw.seek(start)
+        return io.TextIOWrapper(raw, encoding="utf-8", newline="")
+
+    def _decimal(self) -> str:
+        """Return the decimal mark, told by the cells of the columns of numbers, or of all."""
+        chosen = [h for h in self.header if h not in self.loose] or list(self.header)
+        first: dict[str, str] = {}
+        count = 0
+        for span in self._spans():
+            for rows in self._rows(*span, count):
+                columns = dict(zip(self.header, zip(*rows, strict=True), strict=True))
+                marks_of_cells(((h, columns[h]) for h in chosen), count, first)
+                count += len(rows)
+        return one_mark(first, self.source)
+
+    def _slow(self, rows: list[list[str]], count: int) -> _Part:
+        """Return some rows as columns; ``count``: rows before them."""
+        words, numbers = dict[str, tuple[str, ...]](), dict[str, Array]()
+        for name, given in zip(self.header, zip(*rows, strict=True), strict=True):
+            spaced = len("-".join(given).split()) > 1 or not "".join(given[-1:]).isprintable()
+            cells = tuple([c.strip() for c in given]) if spaced else given
+            if name in self.loose:
+                words[name] = cells
+            else:
+                numbers[name] = self._column(cells, name, count)
+        return _Part(len(rows), None, (0, 0), words, self._wordy(words), numbers)
+
+    def numbers(self, part: _Part, name: str) -> Array:
+        """Return one column of a part (n,)."""
+        if name in part.words:
+            return self._column(part.words[name], name, 0)
+        return part.numbers[name] if part.block is None else np.asarray(
+            part.block[:, self.header.index(name)])
+
+    def words(self, part: _Part, name: str) -> Iterable[str]:
+        """Return one column of a part as it stands in the file."""
+        if name in part.words:
+            return part.words[name]
+        i, mark = self.header.index(name), self.dialect.separator
+        lines = self.data[slice(*part.span)].decode("utf-8").split("\n")
+        return (line.split(mark)[i].strip() for line in lines)
+
+    def _column(self, cells: tuple[str, ...], name: str, count: int) -> Array:
+        """Return one column (n,); refuse the first cell that is not a number."""
+        found = plain_column(cells, self.dialect)
+        if found is not None:
+            return found
+        out, point = np.empty(len(cells)), self.dialect.decimal == "."
+        for i, cell in enumerate(cells):
+            if not is_number(cell, self.dialect):
+                raise _no_number(cell, name, f"{self.source}: row {count + i + 1}, column {name}",
+                                 point)
+            out[i] = float(cell if point else cell.replace(",", ".")) if cell else np.nan
+        return out
+
+
+def _no_number(cell: str, name: str, where: str, point: bool) -> BadInput:
+    """Return the refusal of a cell; ``point``: whether decimals have points."""
+    mend = "Write a number, or leave the cell empty if it was not measured"
+    if point and re.fullmatch(r"[-+]?\d+,\d+", cell):
+        mend = "Write a decimal point instead of the comma"
+    if cell == name:
+        mend = ("The header stands again in this row, as where files were put together: "
+                "take the line out")
+    shown = cell if len(cell) <= 40 else cell[:37] + "..."
+    return BadInput(f"'{shown}' is not a number", where, mend)
+
+
+def _ragged(row: list[str], index: int, header: tuple[str, ...], source: str) -> BadInput:
+    where = f"{source}: row {index + 1}"
+    what = f"the row has {len(row)} cells, but the header has {len(header)}"
+    if len(row) == 1 and row[0].count(";") + 1 == len(header):
+        return BadInput("the cells are separated by semicolons, the header by commas", where,
+                        "Save it with commas between columns and points in the numbers")
+    whole = sum(re.fullmatch(r"\s*[-+]?\d+\s*", c) is not None for c in row)
+    if len(row) > len(header) and 2 * whole > len(row):
+        return BadInput(f"{what}; it looks like decimal commas", where,
+                        "Save it with points in the numbers and commas between columns")
+    return BadInput(what, where, "Give every row one cell for each column; leave a missing value "
+                                 "empty")

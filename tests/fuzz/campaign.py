@@ -1,0 +1,97 @@
+"""A campaign of fuzzing: inputs that reach new lines or new refusals are kept and changed again."""
+
+import hashlib
+import os
+import random
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from fuzz.judge import judged
+from fuzz.mutations import mutated, smaller
+from fuzz.readers import CORPUS, folder
+from fuzz.tracing import Lines
+
+CRASHES = Path(os.environ.get("PPMCAL_FUZZ_CRASHES", CORPUS.parent / "crashes"))
+LARGEST_KEPT = 20_000
+POOL = 400
+
+
+@dataclass
+class Tally:
+    """What came of the inputs of one reader."""
+
+    inputs: int = 0
+    outcomes: Counter = field(default_factory=Counter)
+    lines: int = 0
+    slowest: float = 0.0
+    faults: dict = field(default_factory=dict)
+
+    def row(self, name):
+        """Return one line of the table."""
+        return (f"{name:22s}{self.inputs:10d}{len(self.outcomes):9d}{self.lines:8d}"
+                f"{self.slowest:8.2f}{len(self.faults):7d}")
+
+
+HEAD = f"{'reader':22s}{'inputs':>10s}{'outcomes':>9s}{'lines':>8s}{'s most':>8s}{'faults':>7s}"
+
+
+def fuzz(reader, seconds, seed, tally=None, lines=None, most=None, keep=()):
+    """Feed a reader changed inputs for some seconds; return the tally and the inputs of use."""
+    rng = random.Random(seed)
+    tally, lines = tally or Tally(), lines or Lines()
+    pool = [*reader.seeds, *keep]
+    form = reader.form
+    stop, seeds = time.monotonic() + seconds, list(pool)
+    most = None if most is None else tally.inputs + most
+    while time.monotonic() < stop and (most is None or tally.inputs < most):
+        data = seeds.pop() if seeds else mutated(rng.choice(pool), pool, rng, form)
+        begun = time.process_time()
+        with lines.watching(always=bool(seeds)):
+            outcome = judged(reader.read, data, reader.seconds)
+        tally.slowest = max(tally.slowest, time.process_time() - begun)
+        tally.inputs += 1
+        fresh = outcome.key not in tally.outcomes
+        tally.outcomes[outcome.key] += 1
+        tally.lines += lines.new
+        if outcome.fault and outcome.fault not in tally.faults:
+            tally.faults[outcome.fault] = (data, outcome.detail)
+        if (fresh or lines.new) and len(data) <= LARGEST_KEPT:
+            pool.append(data)
+            if len(pool) > POOL:
+                pool.pop(rng.randrange(len(reader.seeds) or 1, len(pool)))
+    return tally, pool[len(reader.seeds):]
+
+
+def minimised(reader, fault, data):
+    """Return a shorter input with the same fault."""
+    def fails(shorter):
+        return judged(reader.read, shorter, reader.seconds).fault == fault
+
+    return smaller(data, fails)
+
+
+def keep_crash(name, data):
+    """Write an input that failed into the corpus of regressions."""
+    home = CRASHES / name
+    home.mkdir(parents=True, exist_ok=True)
+    path = home / hashlib.sha256(data).hexdigest()[:12]
+    path.write_bytes(data)
+    return path
+
+
+def crashes():
+    """Return reader and input of everything that failed once."""
+    return [(p.parent.name, p) for p in sorted(CRASHES.glob("*/*"))]
+
+
+def clean():
+    """Remove the files of this process."""
+    home = folder()
+    for path, folders, files in os.walk(home, topdown=False):
+        for name in files:
+            os.unlink(os.path.join(path, name))
+        for name in folders:
+            os.rmdir(os.path.join(path, name))
+    home.rmdir()

@@ -1,0 +1,123 @@
+"""What effects and slots say of themselves: quantities, how long they hold, what is uncertain."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ppmcal.model.effects import LimbSetting, ScanRange, Setting, effect_kinds
+from ppmcal.model.effects.learned import LearnedCurve
+from ppmcal.model.effects.setting import COORDINATES, PLACE, Shift, total
+from ppmcal.model.limbs import kinds as limb_kinds
+
+Array = NDArray[np.float64]
+TURNS = {"rx", "ry", "rz"}
+
+
+@pytest.mark.parametrize("kind", ["drift", "target_shift", "base_shift"])
+def test_turns_are_angles_and_ways_are_lengths(kind: str) -> None:
+    found = effect_kinds()[kind]
+    for motion in found.motions:
+        specs = {s.name: s for s in found.parameters(motion) if s.name in PLACE}
+        assert set(specs) >= set(COORDINATES[motion])
+        for name, spec in specs.items():
+            assert spec.quantity.split("/")[0] == ("angle" if name in TURNS else "length")
+
+
+@pytest.mark.parametrize("kind", limb_kinds())
+def test_frame_errors_of_joints_are_three_ways_and_three_turns(kind: str) -> None:
+    for slot in limb_kinds()[kind].slots:
+        joint, _, part = slot.name.rpartition(".")
+        if joint.startswith("joint") and part in {"x", "y", "z", *TURNS}:
+            assert slot.quantity == ("angle" if part in TURNS else "length"), slot.name
+
+
+@pytest.mark.parametrize(("acts", "joint", "quantity"), [
+    ("joint", "length", "length"), ("joint", "angle", "angle"), ("z", "angle", "length"),
+    ("rx", "length", "angle")])
+def test_a_learned_term_is_of_what_it_acts_on(acts: str, joint: str, quantity: str) -> None:
+    nodes = np.arange(3.0)
+    made = LearnedCurve("travel", nodes, nodes, np.zeros((3, 3)), acts=acts, joint=joint)
+    assert made.quantity == quantity
+    assert made.input_quantity == joint
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-7, 1e-12])
+def test_modes_are_the_covariance_however_small(size: float) -> None:
+    """As many as it has rank; of certain values none."""
+    a = size * np.random.default_rng(1).normal(size=(4, 2))
+    made = LearnedCurve("travel", np.arange(4.0), np.zeros(4), a @ a.T)
+    assert made.modes.shape == (4, 2)
+    np.testing.assert_allclose(made.modes @ made.modes.T, a @ a.T, atol=1e-9 * size**2)
+    certain = LearnedCurve("travel", np.arange(4.0), np.zeros(4), np.zeros((4, 4)))
+    assert certain.modes.shape == (4, 0)
+
+
+def rows(n: int, limbs: tuple[LimbSetting, ...] = (), until: Array | None = None) -> Setting:
+    none: Any = np.zeros((n, 2))
+    return Setting("spatial", np.zeros(2, dtype=bool), none, np.zeros((2, 2)), none, none,
+                   np.linspace(-2.0, 3.0, n), np.zeros((n, 6)), np.arange(float(n)),
+                   np.arange(float(n)), limbs, lambda w: none, lambda w: none, np.zeros((n, 3)),
+                   np.array([0.0, 0.0, -1.0]), np.tile(np.eye(3), (n, 1, 1)), until=until)
+
+
+def test_an_event_holds_from_its_row_until_the_next_takes_its_place() -> None:
+    at = rows(6, until=np.array([4.0, np.inf]))
+    np.testing.assert_array_equal(at.since(2.0), [[0, 0], [0, 0], [1, 1], [1, 1], [0, 1], [0, 1]])
+    np.testing.assert_array_equal(rows(3).since(1.0), [[0, 0], [1, 1], [1, 1]])
+
+
+def test_joint_centres_of_each_row_or_of_all() -> None:
+    """A coordinate that a limb has not is 0; one that changes from row to row makes rows."""
+    def limb(**base: Any) -> LimbSetting:
+        return LimbSetting(0, {}, {f"base.point.{c}": np.asarray(v) for c, v in base.items()}, {})
+
+    still = rows(3, (limb(x=1.0, y=2.0), limb(x=3.0, z=4.0))).points("base")
+    np.testing.assert_array_equal(still, [[[1, 2, 0], [3, 0, 4]]])
+    moving = rows(3, (limb(x=1.0, y=2.0), limb(x=[3.0, 4.0, 5.0]))).points("base")
+    np.testing.assert_array_equal(moving[:, 0], [[1, 2, 0]] * 3)
+    np.testing.assert_array_equal(moving[:, 1, 0], [3, 4, 5])
+    assert rows(3, (limb(),)).points("base").tolist() == [[[0, 0, 0]]]
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.5])
+def test_what_lags_not_at_all_needs_no_past(tau: float) -> None:
+    """Half a second is a lag like any other: without a past nothing is known of it."""
+    found, slope = rows(4).late(tau)
+    if tau:
+        assert np.isnan(found).all()
+        assert np.isnan(slope).all()
+    else:
+        np.testing.assert_array_equal(found, np.linspace(-2.0, 3.0, 4))
+        assert not slope.any()
+
+
+def test_shifts_add_slot_by_slot_and_part_by_part() -> None:
+    one = Shift({(0, "length"): np.array([1.0]), (1, "offset"): np.array([2.0])},
+                pose=np.ones((1, 6)))
+    two = Shift({(0, "length"): np.array([3.0])}, pose=np.full((1, 6), 2.0),
+                stretch=np.ones((1, 3, 3)))
+    both = total([one, two, one.times(-1.0)])
+    assert {k: v.tolist() for k, v in both.slots.items()} == {(0, "length"): [3.0],
+                                                              (1, "offset"): [0.0]}
+    np.testing.assert_array_equal(both.pose, two.pose)
+    np.testing.assert_array_equal(both.stretch, two.stretch)
+    assert (both.frame, both.target) == (None, None)
+
+
+def test_scans_of_a_compliance_cover_what_they_say() -> None:
+    """Under the largest load 1/1.3 to about 1/13 as soft; 12 to 84 % at the ends of the stroke."""
+    data = ScanRange(0.4, 20, tuple(range(1, 21)), 50.0, 0.4, 0.2)
+    specs = {s.name: s for s in effect_kinds()["compliance"].parameters("spatial")}
+    assert specs["hardening"].scan is not None
+    assert specs["by_stroke"].scan is not None
+    soft = np.array(specs["hardening"].scan(data)) * data.load + 1.0
+    assert soft[[0, -1]] == pytest.approx([1.3, 1.0 + 0.3 * 1.4**11])
+    np.testing.assert_allclose((soft[1:] - 1.0) / (soft[:-1] - 1.0), 1.4)
+    assert specs["hardening"].scan(ScanRange(0.4, 20, (1,), 0.0, 0.4, 0.2)) == []
+    ends = np.array(specs["by_stroke"].scan(data)) * data.stroke / 2.0
+    np.testing.assert_allclose(ends, [s * 0.12 * i for s, i in [
+        *((-1, i) for i in range(7, 0, -1)), *((1, i) for i in range(1, 8))]])
