@@ -219,7 +219,8 @@ def age(case: Case) -> None:
                 text = f"old {name}\n".encode()
                 (folder / name).write_bytes(text)
                 entry["sha256"] = hashlib.sha256(text).hexdigest()
-            (folder / RECORD).write_text(json.dumps(record))
+            record["files"] = dict(sorted(record["files"].items()))
+            (folder / RECORD).write_text(json.dumps(record, indent=1) + "\n")
     if case.single:
         for path in case.work.iterdir():
             path.write_text(path.read_text() + "\nold\n")

@@ -94,9 +94,10 @@ class Staging:
         if not self.moving:
             with contextlib.suppress(OSError):
                 (self.place / LOCK).unlink()
-        _remove([*self.made, self.place])
         if fcntl is not None:
             os.close(self.lock)
+        # last: file systems far away keep what is taken away until it is closed
+        _remove([*self.made, self.place])
 
 
 _HELD: weakref.WeakSet[Staging] = weakref.WeakSet()
