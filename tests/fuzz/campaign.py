@@ -43,7 +43,8 @@ def fuzz(reader, seconds, seed, tally=None, lines=None, most=None, keep=()):
     tally, lines = tally or Tally(), lines or Lines()
     pool = [*reader.seeds, *keep]
     form = reader.form
-    stop, seeds = time.monotonic() + seconds, list(pool)
+    # kept inputs have been read before: only the good ones at the beginning are not new
+    stop, seeds = time.monotonic() + seconds, [] if tally.inputs else list(pool)
     most = None if most is None else tally.inputs + most
     while time.monotonic() < stop and (most is None or tally.inputs < most):
         data = seeds.pop() if seeds else mutated(rng.choice(pool), pool, rng, form)
