@@ -16,6 +16,8 @@ from fuzz.tracing import Lines
 CRASHES = Path(os.environ.get("PPMCAL_FUZZ_CRASHES", CORPUS.parent / "crashes"))
 LARGEST_KEPT = 20_000
 POOL = 400
+SMALL, FEW = 2000, 8
+"""Bytes of an input, and inputs of a reader, that the corpus takes."""
 
 
 @dataclass
@@ -80,6 +82,18 @@ def keep_crash(name, data):
     path = home / hashlib.sha256(data).hexdigest()[:12]
     path.write_bytes(data)
     return path
+
+
+def grow(reader, kept):
+    """Write the shortest inputs that reach lines beyond the reader's own into the corpus."""
+    lines, home = Lines(), CORPUS / reader.name
+    for data in [*reader.seeds, *sorted(kept, key=len)]:
+        with lines.watching(always=True):
+            judged(reader.read, data, reader.seconds)
+        if lines.new and data not in reader.seeds and len(data) <= SMALL:
+            home.mkdir(parents=True, exist_ok=True)
+            if len(list(home.iterdir())) < FEW:
+                (home / hashlib.sha256(data).hexdigest()[:12]).write_bytes(data)
 
 
 def crashes():
