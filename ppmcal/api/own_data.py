@@ -7,7 +7,7 @@ from pathlib import Path
 from ppmcal.api.inputs import MODELS
 from ppmcal.errors import NoResult
 from ppmcal.io.results.knowledge import read_noise
-from ppmcal.model.measured import Measured
+from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 
 MEND = ("Look with `ppmcal diagnose` for what the model lacks; if the stated noise is too small, "
@@ -41,7 +41,7 @@ def refuse_missed(mechanism: Mechanism, knowledge: Path | None = None, regardles
     return [f"{what}; taken all the same, with --force"]
 
 
-def _of_older(mechanism: Mechanism, knowledge: Path | None) -> Measured | None:
+def _of_older(mechanism: Mechanism, knowledge: Path | None) -> MeasurementBasis | None:
     """Return the noise check of the identification.json beside a file that has none itself."""
     source = Path(mechanism.source)
     path = knowledge or source.with_name("identification.json")

@@ -8,7 +8,7 @@ import numpy as np
 
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import WRENCH, ZERO_CELSIUS
-from ppmcal.model.measured import Measured
+from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.wording import counted
 
@@ -75,7 +75,7 @@ def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
 
 def measured_ranges(mechanism: Mechanism, volume: Ranges | None) -> Ranges:
     """Return what was measured: as the machine's file says, else the ``volume`` beside it."""
-    seen = mechanism.measured or Measured()
+    seen = mechanism.measured or MeasurementBasis()
     return {**(volume or {}), **seen.ranges}
 
 

@@ -9,13 +9,13 @@ from ppmcal.calibration.noise import Noise
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import WRENCH
-from ppmcal.model.measured import Measured
+from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import POSE_COORDINATES
 
 CONDITIONS = ("temperature", "payload", "time", *WRENCH)
 
 
-def measured_by(fit: Fit, noise: Noise) -> Measured:
+def measured_by(fit: Fit, noise: Noise) -> MeasurementBasis:
     """Return the noise check of a fit, and the ranges of the rows that it used, SI."""
     found: dict[str, list[Array]] = {}
     mechanism = fit.problem.mechanism
@@ -36,4 +36,4 @@ def measured_by(fit: Fit, noise: Noise) -> Measured:
         values = values[np.isfinite(values)]
         if values.size:
             ranges[name] = (float(values.min()), float(values.max()))
-    return Measured(noise.sigma_ratio, noise.chi2_p, ranges)
+    return MeasurementBasis(noise.sigma_ratio, noise.chi2_p, ranges)

@@ -24,7 +24,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting, shifted
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Ints
-from ppmcal.model.measured import Measured
+from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.units import LENGTHS
 
@@ -225,7 +225,7 @@ def known_commands(mechanism: Mechanism) -> Array:
     An effect is not known much beyond the joint values that were measured.
     """
     k = len(mechanism.actuators)
-    out, seen = np.tile([-np.inf, np.inf], (k, 1)), mechanism.measured or Measured()
+    out, seen = np.tile([-np.inf, np.inf], (k, 1)), mechanism.measured or MeasurementBasis()
     ones = np.ones((1, k))
     ratio = setting(Model(mechanism), at_rest(mechanism, 1), ones, np.full((1, 8), np.nan)).travel
     for effect in joint_effects(mechanism):

@@ -26,7 +26,7 @@ from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor, wanted_p
 from ppmcal.kinematics.region import Grid, largest_box, named, placed
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE, Environment, environment
-from ppmcal.model.measured import Measured
+from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import stage
@@ -100,7 +100,7 @@ def measured_part(mechanism: Mechanism, coordinate: int, low: float, high: float
 
     Also where it was measured at one value only: what is far from that is left out row by row.
     """
-    seen = mechanism.measured or Measured()
+    seen = mechanism.measured or MeasurementBasis()
     ends = seen.ranges.get(POSE_COORDINATES[coordinate], (low, high))
     inside = max(low, ends[0]), min(high, ends[1])
     return inside if inside[1] - inside[0] > STILL * (high - low) else (low, high)

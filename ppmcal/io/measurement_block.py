@@ -13,7 +13,7 @@ from ppmcal.io.pose_fields import COORDINATES, OF_FRAME, pose_from_map, pose_to_
 from ppmcal.io.yaml import to_file
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import WRENCH, ZERO_CELSIUS
-from ppmcal.model.measured import Measured
+from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.units import Units
@@ -43,7 +43,7 @@ def read_registrations(file: MechanismFile, units: Units, source: str) -> dict[s
 
 
 def read_measured(file: MeasurementFile | None, units: Units, actuators: Sequence[str],
-                  joints: Array, source: str) -> Measured | None:
+                  joints: Array, source: str) -> MeasurementBasis | None:
     """Return what the calibration saw, None where the file does not say.
 
     Args:
@@ -67,9 +67,9 @@ def read_measured(file: MeasurementFile | None, units: Units, actuators: Sequenc
         ranges[name] = (low * factor + zero, high * factor + zero)
     noise = file.noise
     if noise is None:
-        return Measured(ranges=ranges)
+        return MeasurementBasis(ranges=ranges)
     p = float("nan") if noise.chi2_p is None else noise.chi2_p
-    return Measured(noise.sigma_ratio, p, ranges)
+    return MeasurementBasis(noise.sigma_ratio, p, ranges)
 
 
 def measurement_tree(mechanism: Mechanism) -> dict[str, Any]:

@@ -12,7 +12,7 @@ CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasurementBasis:
     """Residuals and ranges of the measurements behind a calibrated machine.
 
     Attributes:

@@ -12,7 +12,7 @@ from ppmcal import algebra as cga
 from ppmcal.linalg import Array
 from ppmcal.model.effects import EffectKind
 from ppmcal.model.limbs import LimbKind
-from ppmcal.model.measured import Measured
+from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.parameters import Parameter, SlotMap, free_indices, with_values
 from ppmcal.model.registration import Registration
 from ppmcal.units import Units
@@ -97,7 +97,7 @@ class Mechanism:
     free_patterns: tuple[str, ...] | None = None
     optional: tuple[tuple[str, ...], ...] = ()
     registrations: Mapping[str, Registration] = field(default_factory=dict)
-    measured: Measured | None = None
+    measured: MeasurementBasis | None = None
     digits: Mapping[str, float] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
     source: str = ""

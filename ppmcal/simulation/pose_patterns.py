@@ -14,6 +14,8 @@ from ppmcal.wording.progress import stage
 
 MOST_TRIALS = 200
 HOPELESS_TRIALS = 10
+SAMPLE = 5000
+"""Poses that are tried before more are drawn."""
 
 
 @stage("choosing poses")
@@ -42,6 +44,7 @@ def commands(mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator
 
 def _random_commands(model: Model, shape: Random, scenario: Scenario, rng: np.random.Generator
                      ) -> Array:
+    _refuse_hopeless(model, shape, scenario)
     found: list[Array] = []
     count = 0
     for trial in range(1, MOST_TRIALS + 1):
@@ -57,6 +60,18 @@ def _random_commands(model: Model, shape: Random, scenario: Scenario, rng: np.ra
     raise BadInput(f"only {count} of {trial * shape.count} random poses can be measured "
                    f"(last: {next((r for r in table.reason if r), '')})",
                    f"{scenario.source}: poses.random", "Move the center or make half_range smaller")
+
+
+def _refuse_hopeless(model: Model, shape: Random, scenario: Scenario) -> None:
+    """Refuse a box of which a sample holds no pose at all, before millions are drawn of it."""
+    if shape.count <= SAMPLE:
+        return
+    draw = np.random.default_rng(0).uniform(-1.0, 1.0, (SAMPLE, 6))
+    table = inverse_table(model, shape.center + draw * shape.half_range)
+    if "ok" not in table.status:
+        raise BadInput(f"none of {SAMPLE} random poses can be measured (first: {table.reason[0]})",
+                       f"{scenario.source}: poses.random",
+                       "Move the center or make half_range smaller")
 
 
 def pose_list(shape: Circle | GridPattern | Helix | Listed) -> Array:

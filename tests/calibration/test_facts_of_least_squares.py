@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 import ppmcal
-from ppmcal.calibration.compensation import FAR_OUTSIDE, Knowledge, compensate, model_sigma
+from ppmcal.calibration.compensation import Knowledge, compensate, model_sigma
+from ppmcal.calibration.extrapolation import FAR_OUTSIDE
 from ppmcal.calibration.identifiability import CALIPER, Scale, analyse, observability, pivoted
 from ppmcal.calibration.intervals import BLOCKS, _in_order, _near
 from ppmcal.calibration.least_squares import (

@@ -22,7 +22,7 @@ from ppmcal.kinematics.region import largest_box, named, placed
 from ppmcal.kinematics.tables import SINGULAR, inverse_table
 from ppmcal.kinematics.ways import Ways, _between
 from ppmcal.model.effects import effect_kinds
-from ppmcal.model.measured import Measured
+from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.units import SI
@@ -227,7 +227,7 @@ def measured(mechanism: Mechanism, size: float, **more: Any) -> Mechanism:
     middle, half = (low + high) / 2.0, size * (high - low) / 2.0
     ranges = {"xyz"[c] if c < 3 else f"r{'xyz'[c - 3]}": (float(m - h), float(m + h))
               for c, m, h in zip(chosen, middle, half, strict=True)}
-    return replace(off(mechanism), measured=Measured(1.0, 0.5, ranges | more))
+    return replace(off(mechanism), measured=MeasurementBasis(1.0, 0.5, ranges | more))
 
 
 def test_what_was_measured_is_known_without_the_file_beside() -> None:
@@ -324,7 +324,7 @@ def test_a_condition_that_changes_commands_is_never_taken_as_zero(kind: str) -> 
 
 
 def test_a_load_that_the_measurements_had_is_not_taken_as_zero() -> None:
-    mechanism = replace(acting("compliance"), measured=Measured(1.0, 0.5, {
+    mechanism = replace(acting("compliance"), measured=MeasurementBasis(1.0, 0.5, {
         "payload": (0.0, 20.0), "fx": (-5.0, 5.0)}))
     poses = {"x": [500.0], "y": [290.0], "rz": [30.0], "fx": [3.0]}
     with pytest.raises(BadInput, match="payload"):
@@ -350,7 +350,7 @@ def test_what_is_assumed_must_be_a_condition_that_is_not_there() -> None:
     (float("nan"), float("nan"), False), (8.0, 0.0, True)])
 def test_a_model_that_misses_its_own_data_is_refused_as_a_whole(ratio: float, p: float, bad: bool
                                                                 ) -> None:
-    mechanism = replace(off(machine("3-RPR")), measured=Measured(ratio, p))
+    mechanism = replace(off(machine("3-RPR")), measured=MeasurementBasis(ratio, p))
     poses = {"x": [500.0], "y": [290.0], "rz": [30.0]}
     if not bad:
         assert ppmcal.compensate(mechanism, poses, frame="base").refused == []

@@ -15,7 +15,7 @@ from ppmcal.controllers.klipper_export import refuse_endstops
 from ppmcal.controllers.pose_grid import default_grid
 from ppmcal.errors import NoResult
 from ppmcal.io.effects import with_effects
-from ppmcal.model.measured import Measured
+from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import SI
 
@@ -36,7 +36,7 @@ def test_a_grid_ends_where_the_measurements_end() -> None:
     middle = np.array([level.mean() for level in whole.levels])
     ends = {name: (float(m - 0.02), float(m + 0.02)) for name, m in zip(
         ("x", "y"), middle, strict=False)}
-    seen = replace(mechanism, measured=Measured(1.0, 0.5, ends))
+    seen = replace(mechanism, measured=MeasurementBasis(1.0, 0.5, ends))
     grid = default_grid(seen)
     for name, level, old in zip(grid.names, grid.levels, whole.levels, strict=True):
         if name in ends:
@@ -49,7 +49,7 @@ def test_a_grid_ends_where_the_measurements_end() -> None:
 
 
 def test_a_listed_pose_far_outside_what_was_measured_has_no_command(tmp_path) -> None:
-    mechanism = replace(machine("3-RPR"), measured=Measured(1.0, 0.5, {
+    mechanism = replace(machine("3-RPR"), measured=MeasurementBasis(1.0, 0.5, {
         "x": (0.49, 0.51), "y": (0.28, 0.3)}))
     (tmp_path / "p.csv").write_text("x,y,rz\n500,290,30\n505,285,31\n560,290,30\n")
     found = ppmcal.export("grid", mechanism, poses=tmp_path / "p.csv")
@@ -64,7 +64,7 @@ def test_joint_tables_end_a_little_beyond_the_measured_joints() -> None:
                                                  {"p2": 1e-4, "p3": -2e-4, "p4": 3e-4}}],
                              SI, "test")
     low, high = mechanism.limits[1]
-    seen = replace(mechanism, measured=Measured(1.0, 0.5, {
+    seen = replace(mechanism, measured=MeasurementBasis(1.0, 0.5, {
         f"q_{a}": (float(low + 0.1), float(high - 0.1)) for a in mechanism.actuators}))
     width = high - low - 0.2
     np.testing.assert_allclose(known_commands(seen)[1], [

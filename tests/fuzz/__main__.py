@@ -7,7 +7,7 @@ import sys
 import time
 import warnings
 
-from fuzz.campaign import HEAD, Tally, clean, fuzz, keep_crash, minimised
+from fuzz.campaign import HEAD, Tally, clean, fuzz, grow, keep_crash, minimised
 from fuzz.judge import limit_memory
 from fuzz.readers import readers
 from fuzz.tracing import Lines
@@ -24,6 +24,7 @@ def main():
     words.add_argument("--only", action="append", default=[], metavar="READER")
     words.add_argument("--commands", action="store_true", help="commands end to end, not readers")
     words.add_argument("--json", dest="record", help="file for the figures")
+    words.add_argument("--grow", action="store_true", help="keep what reached far in the corpus")
     words.add_argument("--show", action="store_true", help="print the errors in full")
     given = words.parse_args()
     if given.commands:
@@ -71,6 +72,8 @@ def _run(chosen, given):
                 json.dump({n: {"inputs": t.inputs, "outcomes": len(t.outcomes), "lines": t.lines,
                                "slowest": t.slowest, "faults": list(t.faults)}
                            for n, t in tallies.items()}, stream, indent=1)
+    for name in chosen if given.grow else ():
+        grow(chosen[name], kept[name])
     return tallies
 
 

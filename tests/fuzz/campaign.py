@@ -16,6 +16,8 @@ from fuzz.tracing import Lines
 CRASHES = Path(os.environ.get("PPMCAL_FUZZ_CRASHES", CORPUS.parent / "crashes"))
 LARGEST_KEPT = 20_000
 POOL = 400
+SMALL, FEW = 2000, 8
+"""Bytes of an input, and inputs of a reader, that the corpus takes."""
 
 
 @dataclass
@@ -43,7 +45,8 @@ def fuzz(reader, seconds, seed, tally=None, lines=None, most=None, keep=()):
     tally, lines = tally or Tally(), lines or Lines()
     pool = [*reader.seeds, *keep]
     form = reader.form
-    stop, seeds = time.monotonic() + seconds, list(pool)
+    # kept inputs have been read before: only the good ones at the beginning are not new
+    stop, seeds = time.monotonic() + seconds, [] if tally.inputs else list(pool)
     most = None if most is None else tally.inputs + most
     while time.monotonic() < stop and (most is None or tally.inputs < most):
         data = seeds.pop() if seeds else mutated(rng.choice(pool), pool, rng, form)
@@ -79,6 +82,18 @@ def keep_crash(name, data):
     path = home / hashlib.sha256(data).hexdigest()[:12]
     path.write_bytes(data)
     return path
+
+
+def grow(reader, kept):
+    """Write the shortest inputs that reach lines beyond the reader's own into the corpus."""
+    lines, home = Lines(), CORPUS / reader.name
+    for data in [*reader.seeds, *sorted(kept, key=len)]:
+        with lines.watching(always=True):
+            judged(reader.read, data, reader.seconds)
+        if lines.new and data not in reader.seeds and len(data) <= SMALL:
+            home.mkdir(parents=True, exist_ok=True)
+            if len(list(home.iterdir())) < FEW:
+                (home / hashlib.sha256(data).hexdigest()[:12]).write_bytes(data)
 
 
 def crashes():

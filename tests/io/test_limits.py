@@ -1,6 +1,7 @@
 """What is too large is refused soon, with the limit and the way round it; what is no file, too."""
 
 import io
+import json
 import os
 import socket
 import time
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from helpers.broken import GOOD
 from helpers.commands import ppmcal
+from helpers.paths import ROOT
 
 from ppmcal.errors import BadInput
 from ppmcal.io import excel, input_files, limits
@@ -20,6 +22,7 @@ from ppmcal.io.grid import read_grid
 from ppmcal.io.input_files import read_bytes
 from ppmcal.io.json import read_object
 from ppmcal.io.mechanism_reader import read_mechanism
+from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.tables import read_table
 from ppmcal.io.yaml import read_yaml
 
@@ -153,11 +156,15 @@ def test_a_result_that_is_too_large(name, tmp_path):
         refused(lambda: read_object(path), "identification.json", *said)
 
 
+CIRCLE = ("circle: {center: {x: 500, y: 290, rz: 10}, radius: 80, count: 30, "
+          "swing: {rz: 5}}")
 SCENARIOS = {
     "count": ("count: 30", "count: 10000000", ["10,000,000 poses", "1,000,000"]),
     "repeats": ("repeats: 1", "repeats: 10000000", ["rows", "2,000,000"]),
     "payloads": ("payload: [0, 20]", f"payload: [{', '.join(['1'] * 50_000)}]", ["rows"]),
-    "grid": ("circle: {center: {x: 500, y: 290, rz: 10}, radius: 80, count: 30, swing: {rz: 5}}",
+    "random": (CIRCLE, "random: {center: {x: 5000, y: 290, rz: 10}, half_range: {x: 9, y: 9, "
+               "rz: 5}, count: 450000}", ["none of 5000 random poses", "half_range"]),
+    "grid": (CIRCLE,
              "grid: {center: {x: 500, y: 290, rz: 10}, half_range: {x: 9, y: 9, rz: 5}, "
              "counts: {x: 10000000, y: 10000000, rz: 10000000}}", ["over 10^21 poses"]),
 }
@@ -279,3 +286,42 @@ def test_messages_hold_nothing_that_steers_a_terminal(tmp_path):
 def test_every_limit_is_in_the_table():
     named = {v for v in vars(limits).values() if isinstance(v, limits.Limit)}
     assert named == {*limits.FILE_LIMITS, *limits.ASKED_LIMITS}
+
+
+def covariance(tmp_path, change):
+    """Read an identification whose covariance was changed."""
+    text = (ROOT / "tests" / "fuzz" / "corpus" / "results" / "identification.json").read_text()
+    tree = json.loads(text)
+    change(tree["covariance"]["matrix"])
+    path = tmp_path / "identification.json"
+    path.write_text(json.dumps(tree))
+    return lambda: read_knowledge(path, BENCH)
+
+
+def test_covariances_that_are_none(tmp_path):
+    def negative(matrix):
+        matrix[1][1] = -1e-9
+
+    def not_alike(matrix):
+        matrix[0][1] += 1e-3 * (matrix[0][0] * matrix[1][1]) ** 0.5
+
+    def beyond_one(matrix):
+        matrix[0][1] = matrix[1][0] = 1.1 * (matrix[0][0] * matrix[1][1]) ** 0.5
+
+    def together(matrix):    # each pair may be as it is, the three may not
+        for i in range(3):
+            matrix[i] = [0.0] * len(matrix)
+            for row in matrix:
+                row[i] = 0.0
+        for i in range(3):
+            for j in range(3):
+                matrix[i][j] = 1e-4 if i == j else -0.9e-4
+
+    def not_finite(matrix):
+        matrix[0][1] = matrix[1][0] = 1e400
+
+    covariance(tmp_path, lambda matrix: None)()
+    for change, said in ((negative, "no variance"), (not_alike, "no covariance"),
+                         (beyond_one, "no covariance"), (together, "together"),
+                         (not_finite, "finite")):
+        refused(covariance(tmp_path, change), "covariance.matrix", said)

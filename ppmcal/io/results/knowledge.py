@@ -25,7 +25,7 @@ from ppmcal.io.results.record import Part
 from ppmcal.io.results.session_parts import SessionInformation, SessionRows, rest_factors
 from ppmcal.io.results.units import Numbers, column_factor
 from ppmcal.linalg import Array, eigh
-from ppmcal.model.measured import Measured
+from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.units import Units
@@ -66,7 +66,7 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
                      tuple(_doubtful(d, mechanism, units, path) for d in record.doubtful))
 
 
-def read_noise(path: Path) -> Measured | None:
+def read_noise(path: Path) -> MeasurementBasis | None:
     """Return the noise check of an identification.json, None where it does not say.
 
     Raises:
@@ -75,7 +75,7 @@ def read_noise(path: Path) -> Measured | None:
     noise = _read(path, WITHOUT).noise
     if noise.sigma_ratio is None or noise.chi2_p is None:
         return None
-    return Measured(noise.sigma_ratio, noise.chi2_p)
+    return MeasurementBasis(noise.sigma_ratio, noise.chi2_p)
 
 
 def _doubtful(part: DoubtfulPart, mechanism: Mechanism, units: Units, path: Path
