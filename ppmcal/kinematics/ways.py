@@ -21,7 +21,7 @@ from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_vector
 from ppmcal.kinematics.region import named
 from ppmcal.kinematics.tables import SINGULAR, home_singular_value, limit_reason
-from ppmcal.linalg import Array, Bools, Ints, finite_rows
+from ppmcal.linalg import Array, Bools, Ints, finite_rows, singular_values
 from ppmcal.model.mechanism import Mechanism
 
 SHORT = 0.01
@@ -142,7 +142,7 @@ class Ways:
                 self.mechanism.length_scale)
             matrix[good] = own
             good[good] = np.isfinite(own).all(axis=(1, 2))
-            value[good] = np.linalg.svd(matrix[good], compute_uv=False)[:, -1]
+            value[good] = singular_values(matrix[good])[:, -1]
             sign[good] = np.sign(np.linalg.det(matrix[good]))
         return _Places(pose, q, matrix, value, sign)
 
