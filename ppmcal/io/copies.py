@@ -134,8 +134,10 @@ def _sigmas(data: Dataset) -> Array:
 
 def _scatter(data: Dataset, values: Array) -> Array:
     """Return the scatter of repeats that differ (m,), nan without any."""
-    place, whole = _numbered(_conditions(data)), _numbered(
-        np.column_stack([_conditions(data), values]))
+    place = _numbered(_conditions(data))
+    if np.array_equal(place, np.arange(len(data))):
+        return np.full(values.shape[1], np.nan)
+    whole = _numbered(np.column_stack([_conditions(data), values]))
     _, first = np.unique(whole, return_index=True)
     _, label, count = np.unique(place[first], return_inverse=True, return_counts=True)
     several = count[label] > 1
