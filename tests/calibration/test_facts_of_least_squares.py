@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import ppmcal
 from ppmcal.calibration.compensation import FAR_OUTSIDE, Knowledge, compensate, model_sigma
 from ppmcal.calibration.identifiability import CALIPER, Scale, analyse, observability, pivoted
-from ppmcal.calibration.intervals import BLOCKS, _in_order, _near
+from ppmcal.calibration.intervals import BLOCKS, LEAST_ROWS, _in_order, _near, by_blocks
 from ppmcal.calibration.least_squares import (
     NormalStep,
     SummedStep,
@@ -228,6 +228,12 @@ def test_blocks_share_the_rows_evenly(count: int) -> None:
     low = block % 2 == 0
     assert q[low, 1].max() <= q[~low, 1].min()
     assert _in_order(q[:0]).size == 0
+
+
+def test_too_few_rows_tell_no_blocks_apart() -> None:
+    few: Any = SimpleNamespace(keep=[np.ones(BLOCKS * LEAST_ROWS - 1, dtype=bool)],
+                               problem=SimpleNamespace(free=(0,), earlier=None))
+    assert by_blocks(few, 1.0) is None
 
 
 # --- commands -------------------------------------------------------------------------------------
