@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 BUILD = ROOT / "build" / "supply"
 OLDEST = (3, 11)
 """The Python whose wheels of the oldest versions there are."""
-TESTS = ("tests/algebra/test_algebra.py", "tests/io/test_dataset.py", "tests/io/test_mechanism.py",
+TESTS = ("tests/algebra/test_algebra.py", "tests/io/test_configs.py", "tests/io/test_mechanism.py",
          "tests/io/test_json_schema.py", "tests/io/test_excel.py", "tests/io/test_parquet.py",
          "tests/io/test_recorders.py", "tests/io/test_roundtrip.py", "tests/io/test_output.py",
          "tests/kinematics/test_kinematics.py", "tests/kinematics/test_compiled.py",

@@ -30,8 +30,7 @@ from mutation.core import ROOT, core_files
 from mutation.operators import Mutant, mutated
 
 HEAVY = ("numpy", "scipy.linalg", "scipy.optimize", "scipy.stats", "scipy.special", "numba",
-         "hypothesis", "hypothesis.extra.numpy", "pydantic", "yaml", "click", "rich.console",
-         "jinja2", "matplotlib.figure", "pytest")
+         "pydantic", "yaml", "click", "rich.console", "jinja2", "matplotlib.figure")
 MEMORY = 6 * 2**30
 NOT_PUT_IN = 77
 QUIET = ("-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist")

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 import ppmcal
 from ppmcal.calibration.compensation import Knowledge, compensate, model_sigma
-from ppmcal.calibration.extrapolation import FAR_OUTSIDE
+from ppmcal.calibration.extrapolation import FAR_OUTSIDE, STILL
 from ppmcal.calibration.identifiability import CALIPER, Scale, analyse, observability, pivoted
-from ppmcal.calibration.intervals import BLOCKS, _in_order, _near
+from ppmcal.calibration.intervals import BLOCKS, LEAST_ROWS, _in_order, _near, by_blocks
 from ppmcal.calibration.least_squares import (
     NormalStep,
     SummedStep,
@@ -231,6 +231,12 @@ def test_blocks_share_the_rows_evenly(count: int) -> None:
     assert _in_order(q[:0]).size == 0
 
 
+def test_too_few_rows_tell_no_blocks_apart() -> None:
+    few: Any = SimpleNamespace(keep=[np.ones(BLOCKS * LEAST_ROWS - 1, dtype=bool)],
+                               problem=SimpleNamespace(free=(0,), earlier=None))
+    assert by_blocks(few, 1.0) is None
+
+
 # --- commands -------------------------------------------------------------------------------------
 
 def machine() -> tuple[Mechanism, Array]:
@@ -305,11 +311,14 @@ def test_what_a_stretch_misses_is_added_there_only() -> None:
 
 @pytest.mark.parametrize(("beyond", "fine"), [(-0.01, True), (0.01, False)])
 def test_far_outside_what_was_measured_is_refused(beyond: float, fine: bool) -> None:
-    """By half of the measured width, on either side; nearer is foretold by the model."""
+    """By half of the measured width, on either side; nearer is foretold by the model.
+
+    And by a thousandth of the reach more: what was measured at one value holds around it.
+    """
     mechanism, wanted = machine()
     width = 0.04
     for side in (1.0, -1.0):
-        edge = wanted[0, 0] - side * (FAR_OUTSIDE + beyond) * width
+        edge = wanted[0, 0] - side * ((FAR_OUTSIDE + beyond) * width + STILL * mechanism.reach)
         ends = (edge - width, edge) if side > 0 else (edge, edge + width)
         known = knowledge(mechanism, 1e-5, volume={"x": ends})
         found = compensate(mechanism, wanted[:1], Registration(), known)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppmcal.diagnosis import adequacy
+from ppmcal.diagnosis import adequacy, whitening
 from ppmcal.diagnosis.adequacy import _against_noise, _kernel, kernel_test, low_rank, varies
 from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.whitening import (
@@ -21,6 +21,7 @@ from ppmcal.diagnosis.whitening import (
     _of_rest,
     _within_rows,
     heavy,
+    pure_error,
     simulated,
 )
 
@@ -336,3 +337,54 @@ def test_what_residuals_follow_is_found_and_noise_follows_nothing(
         else:
             assert p > 0.02
             assert min(by_input.values()) > 0.005
+
+
+def test_a_correlation_that_is_not_known_is_in_simulated_noise() -> None:
+    rng = np.random.default_rng(22)
+    system = rows(rng.normal(size=(3000, 1)))
+    for off in (0.0, 0.4):
+        noise = Whitening(np.eye(1)[None], 0.0, rho_error=off)
+        drawn = simulated(noise, system, np.zeros((3000, 0)), system.residual[:, 0], 30, rng)
+        found = np.mean(drawn[1:] * drawn[:-1], axis=0)
+        assert (np.abs(found).max() > 0.2) == (off > 0.0)
+
+
+def test_residuals_that_a_fit_made_smaller_are_drawn_at_their_own_size() -> None:
+    """Half of the rows lost three quarters of their variance to the fit; all had one size."""
+    rng = np.random.default_rng(23)
+    size = np.ones(200)
+    size[[10, 60, 120, 170]] = 15.0
+    basis = np.zeros((200, 100))
+    basis[np.arange(100), np.arange(100)] = np.sqrt(0.75)
+    left = size * rng.choice((-1.0, 1.0), 200) * np.sqrt(1.0 - np.sum(basis**2, axis=1))
+    drawn = simulated(white(1), rows(left[:, None]), basis, left, 50, rng)
+    small, large = np.unique(np.round(np.abs(drawn), 9))
+    assert large == pytest.approx(15.0 * small)
+    assert 15.0 * small == pytest.approx(15.0 / np.sqrt(np.mean(size**2)))
+
+
+def test_a_hundred_values_may_show_tails() -> None:
+    values = np.array([50.0] + 99 * [0.1])
+    assert heavy(values)
+    assert not heavy(values[:99])
+
+
+def test_pure_error_is_the_scatter_about_the_means_of_repeats(monkeypatch: pytest.MonkeyPatch
+                                                             ) -> None:
+    """Wherever the repeats lie; values that were not measured have no part in it."""
+    rng = np.random.default_rng(24)
+    label = np.array([0, 0, 0, 1, 1, 2, 3, 3])
+    system = rows(rng.normal(size=(8, 2)) + 7.0 * label[:, None])
+    system.observed[0, 1] = system.observed[6, 1] = False
+    system.residual[~system.observed] = 0.0
+    monkeypatch.setattr(whitening, "_environments", lambda system: label)
+    found = pure_error(system)
+    square, freedom = 0.0, 0
+    for a in range(4):
+        for c in range(2):
+            own = system.residual[(label == a) & system.observed[:, c], c]
+            square += float(np.sum((own - own.mean()) ** 2))
+            freedom += own.size - 1
+    assert found is not None
+    assert found.freedom == freedom == 6
+    assert found.ratio == pytest.approx(np.sqrt(square / freedom), rel=1e-12)
