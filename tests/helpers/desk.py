@@ -23,6 +23,7 @@ COPIES = {"hexapod.yaml": "mine.yaml", "scenario.yaml": "mine.scenario.yaml",
           "printer/printer.cfg": "printer.cfg"}
 LINES = ("ppmcal identify mine.yaml run1.csv --quiet",
          "ppmcal simulate mine.yaml mine.scenario.yaml --seed 5 --out may --quiet",
+         "ppmcal simulate mine.yaml mine.scenario.yaml --seed 6 --out june --quiet",
          "ppmcal identify mine.yaml may/measurements.csv --out identified-may --quiet",
          "ppmcal compare identified identified-may --quiet",
          "ppmcal kinematics inverse mine.yaml poses.csv --quiet",
@@ -59,10 +60,8 @@ def lay_desk(folder: Path) -> None:
             run(line)
     shutil.copy(folder / "kinematics" / "kinematics.csv", folder / "joints.csv")
     for day in ("may", "june"):
-        shutil.copy(folder / "may" / "measurements.csv", folder / f"{day}.csv")
-        text = (folder / "may" / "measurements.yaml").read_text(encoding="utf-8")
-        (folder / f"{day}.yaml").write_text(text.replace("name: may", f"name: {day}"),
-                                            encoding="utf-8")
+        shutil.copy(folder / day / "measurements.csv", folder / f"{day}.csv")
+        shutil.copy(folder / day / "measurements.yaml", folder / f"{day}.yaml")
     shutil.copy(SAMPLES / "poses.csv", folder / "tasks.csv")
     poses = (SAMPLES / "poses.csv").read_text(encoding="utf-8")
     (folder / "euler.csv").write_text(
