@@ -13,6 +13,7 @@ import numpy as np
 
 from ppmcal.controllers.klipper_config import (
     ANGLES,
+    LARGEST,
     SAVED,
     TOWERS,
     Config,
@@ -113,6 +114,9 @@ def _body(config: Config) -> tuple[_Body, list[str]]:
             continue
         place = section, found["key"].lower()
         value, quiet = float(found["value"]), bool(found["out"])
+        if not abs(value) <= LARGEST:
+            raise BadInput(f"{found['value'][:40]} is too large to be true",
+                           f"{config.source}: [{section}] {place[1]}", "Correct the number")
         if quiet and place in out and not out[place][1]:
             continue
         if quiet and place in out and out[place][0] != value:

@@ -14,6 +14,8 @@ from fuzz.mutations import WAYS, mutated, smaller
 from fuzz.readers import readers
 
 READERS = readers()
+WITHOUT = {"record-campaign", "record-stiffness", "record-tolerances", "report-stiffness"}
+"""Readers of results of which the corpus has no good one yet."""
 INPUTS, SECONDS = 40, 0.5
 NEAR = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 
@@ -32,9 +34,8 @@ def test_what_failed_once(name, path):
 
 @pytest.mark.parametrize("name", READERS)
 def test_good_inputs_are_read(name):
-    kept = READERS[name].seeds
-    if kept != (b"{}",):
-        assert any(well(name, data).key == "read" for data in kept)
+    read = [well(name, data).key == "read" for data in READERS[name].seeds]
+    assert any(read) or name in WITHOUT
 
 
 @pytest.mark.parametrize("name", READERS)
