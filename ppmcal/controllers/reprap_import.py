@@ -178,5 +178,5 @@ def _first(named: dict[str, str], path: Path, *names: str) -> float:
     for name in names:
         if name in named and _number(named[name]):
             return float(named[name])
-    raise BadInput(f"there is no number {names[0]}", f"{path}: line 3",
+    raise BadInput(f"there is no number {names[0]} up to {FARTHEST:g}", f"{path}: line 3",
                    "Take the file as the firmware wrote it")

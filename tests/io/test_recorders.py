@@ -214,8 +214,8 @@ def test_an_offset_that_is_not_told_is_refused(tmp_path: Path) -> None:
 
 
 def test_several_targets_make_a_file_each(tmp_path: Path) -> None:
-    lines = ["name,x,y,z"] + [f"P{i}_{t},{r['x']},{r['y']},{r['z']}"
-                              for i, r in enumerate(ROWS) for t in ("north", "south")]
+    lines = ["name,x,y,z"] + [f"P{i}_{t},{float(r['x']) + n},{r['y']},{r['z']}"
+                              for i, r in enumerate(ROWS) for n, t in enumerate(("north", "south"))]
     (tmp_path / "p.csv").write_text("\n".join(lines) + "\n")
     side = {"format": "ppmcal/dataset/1", "units": {"length": "mm", "angle": "deg"},
             "instrument": {"kind": "position", "sigma": {"position": 0.01}}, "frame": "unknown",
