@@ -33,10 +33,12 @@ from ppmcal.calibration.pose_difference import PoseDifference, pose_difference
 from ppmcal.calibration.posterior import Earlier, Posterior, of_data
 from ppmcal.calibration.session_knowledge import session_knowledge
 from ppmcal.errors import BadInput
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, eigh
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 POSES = 400
+DRAWS = 20
+"""Differences drawn by noise alone, for what they are at the platform."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,7 @@ class Comparison:
         changes: the likeliest that explain it; ``p_left``: of what they do not explain.
         noise: of the differences, over the stated ones.
         pose_difference: what it means at the platform, None where no pose was had.
+        covariance: of the differences, as ``sigma`` (F, F).
     """
 
     names: tuple[str, ...]
@@ -88,6 +91,7 @@ class Comparison:
     p_left: float
     noise: DifferenceNoise
     pose_difference: PoseDifference | None
+    covariance: Array
 
     @property
     def changed(self) -> bool:
@@ -124,9 +128,12 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
     # a machine of fewer actuators than coordinates does not reach poses drawn at random
     if mechanism.equations == len(mechanism.actuators):
         value = mechanism.values[list(old.places)]
-        value[[old.places.index(p) for p in common]] = found.new
+        here = [old.places.index(p) for p in common]
+        value[here] = found.new
+        noise = np.zeros((DRAWS, value.size))
+        noise[:, here] = _drawn(found.covariance, DRAWS, rng)
         found = replace(found, pose_difference=pose_difference(
-            mechanism, Earlier(old.places, old.matrix, old.right, old.value), value, poses))
+            mechanism, Earlier(old.places, old.matrix, old.right, old.value), value, poses, noise))
     return found, notes
 
 
@@ -151,6 +158,7 @@ def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list
     count = rows.misfit.size + (0.0 if new.session is None else new.session.degrees)
     found, left = best_of(candidates, [block(e) for e in candidates], rows.misfit, count, chance)
     here = [new.places.index(p) for p in common]
+    covariance = rows.covariance()[np.ix_(here, here)]
     value, explained = new.value[here], np.zeros(len(common))
     for f in found:
         for part, step in zip(f.explanation.columns, f.value.tolist(), strict=True):
@@ -160,12 +168,21 @@ def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list
     used = sum(f.value.size for f in found)
     return Comparison(
         tuple(names), old.value[[old.places.index(p) for p in common]], value,
-        rows.difference()[here], _alone(rows.columns[:, here], rows.misfit),
+        np.sqrt(np.maximum(np.diagonal(covariance), 0.0)),
+        _alone(rows.columns[:, here], rows.misfit),
         np.array([_step(mechanism, p, v, s) for p, v, s in zip(
             common, value.tolist(), explained.tolist(), strict=True)]),
         chi2, size, chance(chi2, size), tuple(
             _in_units(mechanism, f, place, scale, new) for f in found),
-        chance(float(left @ left), size - used), noise, None)
+        chance(float(left @ left), size - used), noise, None, covariance)
+
+
+def _drawn(covariance: Array, count: int, rng: np.random.Generator) -> Array:
+    """Draw vectors (count, F) of a covariance (F, F), which may be singular."""
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    size = np.where(sigma > 0.0, sigma, 1.0)
+    w, v = eigh(covariance / size / size[:, None])
+    return (rng.standard_normal((count, sigma.size)) * np.sqrt(np.maximum(w, 0.0))) @ v.T * sigma
 
 
 def _step(mechanism: Mechanism, place: int, now: float, step: float) -> float:
@@ -210,10 +227,7 @@ def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:
         return [f"parameters that the earlier calibration had found are fixed now: "
                 f"{', '.join(fixed[:4])}{' ...' if len(fixed) > 4 else ''}"]
     alone = identify(replace(fit.problem, earlier=None), options, fit.state, near=True)
-    alone = identify(replace(fit.problem, earlier=None), options, fit.state, near=True)
     new = posterior_of(with_noise(alone, noise_check(alone).inflation, options))
-    new = posterior_of(with_noise(alone, noise_check(alone).inflation, options))
-    found, _ = between(fit.problem.mechanism, before, new, {}, np.random.default_rng(0))
     found, _ = between(fit.problem.mechanism, before, new, {}, np.random.default_rng(0))
     if not found.changed:
         return []

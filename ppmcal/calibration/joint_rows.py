@@ -35,8 +35,8 @@ class JointRows:
     candidates: tuple[str, ...]
     information: tuple[Array, Array, Array]
 
-    def difference(self) -> Array:
-        """Return the standard deviation of new minus old values if nothing changed (F,), SI.
+    def covariance(self) -> Array:
+        """Return the covariance of new minus old values if nothing changed (F, F), SI.
 
         Of two posteriors C1, C2 with the same prior P: C1 + C2 - C1 P C2 - C2 P C1.
         """
@@ -44,8 +44,8 @@ class JointRows:
         first, second = (linalg.pinv(i + prior, rcond=1e-14, hermitian=True)
                          for i in (one, two))
         cross = first @ prior @ second
-        variance = np.diagonal(first + second - cross - cross.T)
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)) * self.scale[:len(prior)])
+        scale = self.scale[:len(prior)]
+        return np.asarray((first + second - cross - cross.T) * np.outer(scale, scale))
 
 
 def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: DifferenceNoise

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,20 +15,28 @@ from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, nearest_rotation
 from ppmcal.model.mechanism import Mechanism
 
+LEAST = 3
+"""Poses that two machines are laid on each other by."""
+
 
 @dataclass(frozen=True)
 class PoseDifference:
-    """How far poses at the same joints lie apart, frames laid on each other; m and rad."""
+    """How far poses at the same joints lie apart, frames laid on each other; m and rad.
+
+    ``position_chance``, ``rotation_chance``: rms that noise alone makes, nan where unknown.
+    """
 
     position_rms: float
     position_max: float
     rotation_rms: float
     rotation_max: float
     poses: int
+    position_chance: float = math.nan
+    rotation_chance: float = math.nan
 
 
 def pose_difference(
-    mechanism: Mechanism, old: Earlier, new: Array, volume: Array
+    mechanism: Mechanism, old: Earlier, new: Array, volume: Array, noise: Array
 ) -> PoseDifference | None:
     """Return how far the poses of two machines lie apart at the same joints.
 
@@ -36,27 +45,40 @@ def pose_difference(
         old: what the earlier calibration knew, and at which values.
         new: values of the same parameters in the newer one (F,), SI.
         volume: poses (N, 6) of the older in the base frame, whose joints are compared.
+        noise: steps from the older values (D, F) that noise alone makes, drawn.
     """
-    ends = []
-    g = mechanism.values.copy()
-    g[list(old.places)] = old.value
-    first = Model(mechanism, g)
+    places = list(old.places)
+
+    def machine(value: Array) -> Model:
+        g = mechanism.values.copy()
+        g[places] = value
+        return Model(mechanism, g)
+
+    first = machine(old.value)
     q = inverse_table(first, volume).q
     q = q[np.isfinite(q).all(axis=1)]
-    if len(q) < 3:
+    if len(q) < LEAST:
         return None
-    g = mechanism.values.copy()
-    g[list(old.places)] = new
-    for model in (first, Model(mechanism, g)):
-        ends.append(forward(model, q).pose)
-    good = np.isfinite(ends[0]).all(axis=1) & np.isfinite(ends[1]).all(axis=1)
-    if good.sum() < 3:
-        return None
-    return _apart(ends[0][good], ends[1][good], mechanism.length_scale)
+    start, size = forward(first, q).pose, mechanism.length_scale
+    found = _apart(start, forward(machine(new), q).pose, size)
+    drawn = [d for step in noise
+             if (d := _apart(start, forward(machine(old.value + step), q).pose, size))]
+    if found is None or not drawn:
+        return found
+    position, rotation = (np.sqrt(np.mean([value**2 for value in values])) for values in zip(
+        *((d.position_rms, d.rotation_rms) for d in drawn), strict=True))
+    return replace(found, position_chance=float(position), rotation_chance=float(rotation))
 
 
-def _apart(one: Array, two: Array, size: float) -> PoseDifference:
-    """Lay poses (N, 8) on others by one rigid motion; points at ``size`` stand for rotations."""
+def _apart(one: Array, two: Array, size: float) -> PoseDifference | None:
+    """Lay poses (N, 8) on others by one rigid motion; points at ``size`` stand for rotations.
+
+    Poses that only one has are left out; None for too few.
+    """
+    good = np.isfinite(one).all(axis=1) & np.isfinite(two).all(axis=1)
+    if good.sum() < LEAST:
+        return None
+    one, two = one[good], two[good]
     corners = np.concatenate([np.zeros((1, 3)), size * np.eye(3)])
     a, b = (cga.translation(p)[:, None, :] + corners @ np.swapaxes(
         cga.rotation_matrix(p), -1, -2) for p in (one, two))
@@ -68,4 +90,4 @@ def _apart(one: Array, two: Array, size: float) -> PoseDifference:
     sine = np.linalg.norm(both - np.swapaxes(both, -1, -2), axis=(-2, -1)) / np.sqrt(8.0)
     rotation = np.arcsin(np.minimum(sine, 1.0))
     return PoseDifference(float(np.sqrt(np.mean(position**2))), float(position.max()),
-                 float(np.sqrt(np.mean(rotation**2))), float(rotation.max()), len(one))
+                          float(np.sqrt(np.mean(rotation**2))), float(rotation.max()), len(one))

@@ -102,7 +102,9 @@ def campaigns(count: int, change: float, where: str = "leg2.offset"
         h[mechanism.names.index(where)] += change
         old, new = (known(fitted(mechanism, session(mechanism, "3-RPR", v, rng, 25, label)))
                     for v, label in ((g, "a"), (h, "b")))
-        found, notes = between(replace_values(mechanism, new), old, new, {}, rng)
+        volume = {c: (at - half, at + half) for c, at, half in zip(
+            ("x", "y", "rz"), (mechanism.home_pose[[0, 1, 5]]), (0.05, 0.05, 0.1), strict=True)}
+        found, notes = between(replace_values(mechanism, new), old, new, volume, rng)
         assert not notes
         out.append((found, change))
     return out
@@ -127,6 +129,16 @@ def test_nothing_changed_is_uniform() -> None:
     seen = found[0].sigma > 1e-9
     z = np.stack([(c.new - c.old)[seen] / c.sigma[seen] for c in found])
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.08)
+    apart = np.array([[m.position_rms / m.position_chance, m.rotation_rms / m.rotation_chance]
+                      for m in (c.pose_difference for c in found) if m])
+    assert len(apart) == len(found)
+    assert np.mean(apart**2, axis=0) == pytest.approx([1.0, 1.0], abs=0.3)
+
+
+def test_a_change_shows_at_the_platform_beside_what_noise_makes() -> None:
+    for found, _ in campaigns(2, 1e-3):
+        moved = found.pose_difference
+        assert moved and moved.position_rms > 4.0 * moved.position_chance > 0.0
 
 
 @pytest.mark.slow

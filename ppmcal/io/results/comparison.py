@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -111,6 +112,7 @@ class Extent(Part):
 
     rms: Finite | None = None
     max: Finite | None = None
+    by_chance: Finite | None = None
     unit: Text = ""
 
 
@@ -126,9 +128,15 @@ class PlatformDifference(Part):
         """Return a difference of poses in file units."""
         length, angle = units.factor("length"), units.factor("angle")
         return cls(position=Extent(rms=m.position_rms / length, max=m.position_max / length,
+                                   by_chance=_known(m.position_chance / length),
                                    unit=units.length),
                    rotation=Extent(rms=m.rotation_rms / angle, max=m.rotation_max / angle,
+                                   by_chance=_known(m.rotation_chance / angle),
                                    unit=units.angle), poses=m.poses)
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 class ComparisonRecord(Record):
@@ -251,8 +259,11 @@ def platform_sentence(r: ComparisonRecord) -> str:
     turn = f", {turned.rms:.4g} {turned.unit} rms" if turned.rms else ""
     over = (f", over {r.platform.poses} poses of the volume measured before"
             if r.platform.poses else "")
+    chance = ("" if at.by_chance is None else f" Noise alone would make {at.by_chance:.4g} "
+              f"{at.unit} rms of it" + (f" and {turned.by_chance:.4g} {turned.unit}."
+                                        if turn and turned.by_chance is not None else "."))
     return (f"At the same joints the platform is {at.rms:.4g} {at.unit} rms{most} from where it "
-            f"was{turn}{over}.")
+            f"was{turn}{over}.{chance}")
 
 
 def _parameters(found: Comparison, mechanism: Mechanism) -> list[ParameterDifference]:
