@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
-from scipy.stats import t as student
 
 from ppmcal.linalg import Array
 
@@ -55,8 +54,9 @@ def common_errors(errors: Sequence[Array]) -> list[CommonError | None]:
         mean, s = float(np.mean(e)), float(np.std(e, ddof=1))
         error = s / np.sqrt(n)
         # equal to round-off: no spread to judge by, so nothing is said
-        p = 1.0 if error <= 1e-12 * abs(mean) else float(2.0 * student.sf(abs(mean) / error, n - 1))
-        found.append(CommonError(n, mean, float(error * student.ppf(0.975, n - 1)), s, p))
+        p = (1.0 if error <= 1e-12 * abs(mean)
+             else float(2.0 * special.stdtr(n - 1, -abs(mean) / error)))
+        found.append(CommonError(n, mean, float(error * special.stdtrit(n - 1, 0.975)), s, p))
     known = sorted(((f.p_value, i, f) for i, f in enumerate(found) if f is not None),
                    key=lambda k: k[:2])
     worst = 0.0

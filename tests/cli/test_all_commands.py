@@ -12,6 +12,7 @@ import click
 import pytest
 import yaml
 from helpers.commands import columns, number, pick, ppmcal, ppmcal_process, rows, tree, write_csv
+from helpers.paths import ROOT
 
 from ppmcal.cli import COMMANDS, cli
 from ppmcal.io.folder import RECORD
@@ -118,6 +119,16 @@ def test_help_imports_no_heavy_library(args):
     assert done.returncode == 0
     loaded = {line.split("|")[-1].strip().split(".")[0] for line in done.stderr.splitlines()}
     assert not loaded & {"numpy", "scipy", "matplotlib"}
+
+
+def test_no_command_loads_the_statistics_of_scipy():
+    """They take as long to load as the rest; scipy.special has what is needed."""
+    modules = [f"ppmcal.api.{p.stem}" for p in (ROOT / "ppmcal" / "api").glob("*.py")]
+    code = (f"import importlib, sys\nfor name in {modules}: importlib.import_module(name)\n"
+            "print('scipy.stats' in sys.modules)")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
+                          check=False)
+    assert (done.returncode, done.stdout) == (0, "False\n"), done.stderr
 
 
 def test_installed_command_runs(tmp_path):
