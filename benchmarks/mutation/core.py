@@ -19,8 +19,10 @@ CORE = {
         "calibration/normal_equations.py", "calibration/response.py",
         "calibration/observation.py"),
     "identifiability": (
-        "calibration/identifiability.py", "calibration/posterior.py", "calibration/intervals.py"),
-    "compensation": ("calibration/compensation.py",),
+        "calibration/identifiability.py", "calibration/rank.py", "calibration/posterior.py",
+        "calibration/intervals.py"),
+    "compensation": ("calibration/compensation.py", "calibration/safe_commands.py",
+                     "calibration/extrapolation.py", "kinematics/ways.py"),
     "diagnosis": (
         "diagnosis/added_variable_test.py", "diagnosis/linear_system.py",
         "diagnosis/hypotheses.py", "diagnosis/selection.py", "diagnosis/adequacy.py",

@@ -11,20 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.identifiability import (
-    RANK_TOLERANCE,
-    Identifiability,
-    Unidentifiable,
-    predict_identifiability,
-    unidentifiable,
-    whole_rank,
-)
+from ppmcal.calibration.identifiability import Identifiability, predict_identifiability
 from ppmcal.calibration.least_squares import column_scale, qr_factor
 from ppmcal.calibration.misread import mend_of, misreading_sentence
 from ppmcal.calibration.misreading import MEND, misfit
 from ppmcal.calibration.other_machine import doubtful_machine
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.rank import RANK_TOLERANCE, Unidentifiable, unidentifiable, whole_rank
 from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.calibration.wrong_rows import wrong_parts
 from ppmcal.kinematics.closure import Closure, Model

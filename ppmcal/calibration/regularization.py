@@ -10,9 +10,9 @@ from scipy.special import chdtrc
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.identifiability import RANK_TOLERANCE
 from ppmcal.calibration.least_squares import column_scale, normal_step, qr_factor
 from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.rank import RANK_TOLERANCE
 from ppmcal.linalg import Array, Bools, range_basis, svd, unit_columns, without_range
 from ppmcal.model.dataset import Dataset
 from ppmcal.wording import counted

@@ -18,16 +18,7 @@ from ppmcal.calibration.campaign import WeakCampaign
 from ppmcal.calibration.disagreement import Disagreement
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
-from ppmcal.calibration.identifiability import (
-    RANK_TOLERANCE,
-    Identifiability,
-    Rank,
-    Unidentifiable,
-    identifiability,
-    observability,
-    unidentifiable,
-    whole_rank,
-)
+from ppmcal.calibration.identifiability import Identifiability, identifiability
 from ppmcal.calibration.intervals import honest, in_words
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
 from ppmcal.calibration.left_out_rows import (
@@ -41,6 +32,14 @@ from ppmcal.calibration.noise import LEAST, Noise, noise_check, with_noise
 from ppmcal.calibration.outliers import GrossErrors, find_gross_errors
 from ppmcal.calibration.posterior import BENT, Posterior
 from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.rank import (
+    RANK_TOLERANCE,
+    Rank,
+    Unidentifiable,
+    observability,
+    unidentifiable,
+    whole_rank,
+)
 from ppmcal.calibration.session_validation import sessions_left_out
 from ppmcal.calibration.validation import Residuals, held_out, on_other, residuals
 from ppmcal.errors import LinearAlgebraError

@@ -16,9 +16,9 @@ from helpers.paths import ROOT
 from numpy.typing import NDArray
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.identifiability import analyse
 from ppmcal.calibration.least_squares import column_scale, qr_factor
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.rank import analyse
 from ppmcal.calibration.summary import rank_of
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.model.dataset import Dataset, Unknown

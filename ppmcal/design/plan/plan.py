@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.identifiability import analyse, observability
+from ppmcal.calibration.rank import analyse, observability
 from ppmcal.design.plan import information as accuracy
 from ppmcal.design.plan.candidate_poses import Candidates, Region, draw, evenly, listed, region_of
 from ppmcal.design.plan.d_optimal import Design, Rules, exchange, greedy, log_det, pruned

@@ -8,13 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from ppmcal.calibration.flatness import Flat
-from ppmcal.calibration.identifiability import (
-    CALIPER,
-    CollinearParameters,
-    Identifiability,
-    Scale,
-    Unidentifiable,
-)
+from ppmcal.calibration.identifiability import CALIPER, CollinearParameters, Identifiability, Scale
+from ppmcal.calibration.rank import Unidentifiable
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
