@@ -102,7 +102,7 @@ def test_a_signal_at_any_moment(bench: Path, command: str, name: str, group: boo
     words, span = RUNS[command]
     drawn = random.Random(f"{command} {name} {group}")
     found = []
-    for _ in range(10):
+    for _ in range(3):
         delay = drawn.uniform(0.0, span)
         found.append((delay, stopped(words, bench, name, delay, group)))
     assert not [f for f in found if f[1]]
@@ -114,7 +114,7 @@ def test_a_batch_in_two_processes(tmp_path: Path, name: str) -> None:
     pytest.importorskip("pyarrow")
     manifest = write_fleet(tmp_path / "fleet", machines=4)
     drawn = random.Random(f"batch {name}")
-    for _ in range(8):
+    for _ in range(4):
         delay = drawn.uniform(0.5, 5.0)
         words = f"batch {manifest.name} --cores 2"
         assert not stopped(words, manifest.parent, name, delay, True), delay
