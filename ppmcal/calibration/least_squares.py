@@ -170,6 +170,8 @@ class SummedStep:
         """Condition of unit columns in the 1-norm, from the factor; inf where there is none."""
         if self._plain is None:
             return float("inf")
+        if not self.matrix.size:    # which NumPy 1 has no norm of
+            return 1.0
         size = np.sqrt(np.diagonal(self.matrix))
         back = self._plain * size
         return float(np.linalg.norm(back.T @ back, 1)
