@@ -337,7 +337,7 @@ def test_forward_and_inverse_through_files(hexapod, rotation):
     assert said["rotation"] == rotation
     assert said["tool"]["unit"] == "mm" and said["tool"]["point"] == pytest.approx([21, -34, -90])
     assert {n: said["units"].get(n) for n in names[:3]} == dict.fromkeys("xyz", "mm")
-    assert all(said["units"].get(n) == (None if rotation == "quat" else "deg") for n in turned)
+    assert all(said["units"].get(n) == ("" if rotation == "quat" else "deg") for n in turned)
 
 
 def test_gimbal_lock_is_a_note_not_a_warning(hexapod):
