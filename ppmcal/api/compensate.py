@@ -191,13 +191,14 @@ def _beyond(found: Compensation, machine: Mechanism, knowledge: Knowledge | None
 
 
 def _doubts(found: Compensation, machine: Mechanism, knowledge: Knowledge | None) -> list[str]:
-    """Return where commands lead through stretches that the model is known to miss."""
+    """Return where targets lead through stretches that the model is known to miss."""
     out = []
     units = machine.units
+    q = np.where(np.isfinite(found.q), found.q, found.q_nominal)    # refused rows too, for it
     for d in knowledge.doubtful if knowledge else ():
         joint = machine.actuators.index(d.actuator)
         factor, unit = machine.joint_units[joint]
-        rows = int(d.holds(found.q[:, joint]).sum())
+        rows = int(d.holds(q[:, joint]).sum())
         if rows:
             out.append(
                 f"{counted(rows, 'row')} with {d.actuator} between {d.low / factor:.6g} and "
