@@ -239,37 +239,36 @@ def _working_folder(folder: Path) -> str:
 
 def read_runs(folder: Path) -> dict[str, dict[str, Any]]:
     """Return command -> where its results in a folder come from, as far as that is recorded."""
-    try:
-        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        runs = content.get("runs") if content["format"] == FORM else None
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        return {}
-    return {str(k): v for k, v in runs.items() if isinstance(v, dict)} if isinstance(
-        runs, dict) else {}
+    runs = _content(folder).get("runs")
+    return ({str(k): v for k, v in runs.items() if isinstance(v, dict)}
+            if isinstance(runs, dict) else {})
 
 
 def read_record(folder: Path) -> dict[str, Written] | None:
     """Return what ppmcal wrote into a folder, None where there is no sound record."""
     try:
-        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        if content["format"] != FORM:
-            return None
         return {str(name): Written(str(entry["command"]), str(entry["sha256"]))
-                for name, entry in content["files"].items()}
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+                for name, entry in _content(folder)["files"].items()}
+    except (TypeError, KeyError, AttributeError):
         return None
 
 
 def owners_of(folder: Path) -> list[str]:
     """Return the commands that wrote into a folder, none where there is no sound record."""
-    files = read_record(folder)
+    files, named = read_record(folder), _content(folder).get("commands")
     if files is None:
         return []
+    return list(dict.fromkeys([*(map(str, named) if isinstance(named, list) else ()),
+                               *(w.command for w in files.values())]))
+
+
+def _content(folder: Path) -> dict[str, Any]:
+    """Return what the record of a folder holds, nothing where it is not there or none of ours."""
     try:
-        named = json.loads((folder / RECORD).read_text(encoding="utf-8")).get("commands", [])
-    except (OSError, ValueError):
-        named = []
-    return list(dict.fromkeys([*(str(n) for n in named), *(w.command for w in files.values())]))
+        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) and content.get("format") == FORM else {}
 
 
 def _own_input(path: str) -> BadInput:

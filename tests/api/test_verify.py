@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from helpers.commands import ppmcal, ppmcal_process, tree
+from torture.desk import make_desk
 
 import ppmcal as face
 from ppmcal.cli import COMMANDS
@@ -16,9 +17,8 @@ from ppmcal.errors import BadInput
 from ppmcal.io.folder import RECORD, read_runs
 from ppmcal.io.yaml import dump_yaml
 
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 WRITING = {
-    "may": "simulate mine.yaml scenario.yaml --seed 5",
+    "may": "simulate mine.yaml mine.scenario.yaml --seed 5",
     "identified": "identify stiff.yaml run1.csv",
     "identified-may": "identify mine.yaml may/measurements.csv",
     "compensated": "compensate identified targets.csv",
@@ -45,18 +45,8 @@ SILENT = {"init", "schema", "check", "read", "verify", "demo"}
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with what the quick commands read, and what they wrote."""
-    folder = tmp_path_factory.mktemp("desk")
-    for source, name in {
-            "hexapod.yaml": "mine.yaml", "scenario.yaml": "scenario.yaml",
-            "measurements.csv": "run1.csv", "measurements.yaml": "run1.yaml",
-            "hidden/measurements.csv": "run2.csv", "hidden/measurements.yaml": "run2.yaml",
-            "targets.csv": "targets.csv", "poses.csv": "poses.csv",
-            "printer/printer.cfg": "printer.cfg"}.items():
-        shutil.copy(SAMPLES / source, folder / name)
-    (folder / "stiff.yaml").write_text("extends: mine.yaml\nstiffness: {bar: 50, drive: 50}\n")
-    (folder / "fleet.yaml").write_text(
-        "format: ppmcal/batch/1\nmodel: mine.yaml\ncampaigns:\n"
-        "  - {machine: hexapod-07, date: 2026-03-14, data: run1.csv}\n")
+    folder = tmp_path_factory.mktemp("desk") / "files"
+    make_desk(folder)
     for name in QUICK:
         write(folder, name)
     return folder

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 from helpers.commands import ppmcal, tree
+from torture.desk import make_desk
 
 from ppmcal.cli import COMMANDS
-from ppmcal.io.folder import RECORD
+from ppmcal.io.folder import RECORD, owners_of, read_runs
 
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 FOLDERS = {
     "import": "klipper printer.cfg",
     "kinematics": "inverse mine.yaml poses.csv",
@@ -53,19 +53,8 @@ def slowly(names: object) -> list[object]:
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with everything that the commands read."""
-    folder = tmp_path_factory.mktemp("desk")
-    for source, name in {
-            "hexapod.yaml": "mine.yaml", "scenario.yaml": "mine.scenario.yaml",
-            "measurements.csv": "run1.csv", "measurements.yaml": "run1.yaml",
-            "hidden/measurements.csv": "run2.csv", "hidden/measurements.yaml": "run2.yaml",
-            "targets.csv": "targets.csv", "poses.csv": "poses.csv",
-            "printer/printer.cfg": "printer.cfg"}.items():
-        shutil.copy(SAMPLES / source, folder / name)
-    shutil.copy(folder / "run1.csv", folder / "log.csv")
-    (folder / "stiff.yaml").write_text("extends: mine.yaml\nstiffness: {bar: 50, drive: 50}\n")
-    (folder / "fleet.yaml").write_text(
-        "format: ppmcal/batch/1\nmodel: mine.yaml\ncampaigns:\n"
-        "  - {machine: hexapod-07, date: 2026-03-14, data: run1.csv}\n", encoding="utf-8")
+    folder = tmp_path_factory.mktemp("desk") / "files"
+    make_desk(folder)
     for line in ("identify mine.yaml run1.csv --out identified",
                  "simulate mine.yaml mine.scenario.yaml --seed 5 --out may",
                  "identify mine.yaml may/measurements.csv --out identified-may",
@@ -249,3 +238,12 @@ def test_read_leaves_no_half_of_its_two_files(here: Path, monkeypatch: pytest.Mo
                  "run.csv", cwd=here, expect=2)
     assert "No space left" in run.err
     assert tree(here) == before
+
+
+@pytest.mark.parametrize("text", [
+    '{"format": "ppmcal/folder/1", "commands": 5, "files": {}}', "[5]", "{",
+    '{"format": "ppmcal/folder/1", "commands": ["plan"]}'])
+def test_a_record_that_is_no_list_of_commands_names_none(text: str, tmp_path: Path) -> None:
+    (tmp_path / RECORD).write_text(text)
+    assert owners_of(tmp_path) == []
+    assert read_runs(tmp_path) == {}
