@@ -2,13 +2,17 @@
 
 Every refusal of the program is a :class:`PpmcalError`; the command line turns it into one
 message and an exit code. Code that looks something up by name uses :func:`unknown`, so
-that every message lists what would be allowed and the nearest match.
+that every message lists what would be allowed and the nearest match. What a signal must not
+interrupt, such as taking a lock and noting it, stands in :func:`uninterrupted`.
 """
 
 from __future__ import annotations
 
+import contextlib
 import difflib
-from collections.abc import Iterable
+import signal
+import threading
+from collections.abc import Iterable, Iterator
 
 LONGEST = 4000
 """Characters of each part of a message; of a longer one the middle is left out."""
@@ -79,3 +83,34 @@ def unknown(what: str, name: object, allowed: Iterable[object], where: str = "")
         near = [lower[m] for m in difflib.get_close_matches(str(name).lower(), lower, 1, 0.5)]
     hint = f" Did you mean '{near[0]}'?" if near else ""
     return BadInput(f"unknown {what} '{name}'", where, f"Allowed: {', '.join(names)}.{hint}")
+
+
+class _Uninterrupted(threading.local):
+    """Blocks that this thread is in, and the signal that waits for their end."""
+
+    depth = 0
+    waiting: int | None = None
+
+
+_blocks = _Uninterrupted()
+
+
+@contextlib.contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Keep signals that end the process until the block is over, where handlers ask first."""
+    _blocks.depth += 1
+    try:
+        yield
+    finally:
+        _blocks.depth -= 1
+        number = _blocks.waiting
+        if not _blocks.depth and number is not None:
+            _blocks.waiting = None
+            signal.raise_signal(signal.Signals(number))
+
+
+def has_to_wait(number: int) -> bool:
+    """Whether a signal came in an uninterrupted block; its handler is then called after it."""
+    if _blocks.depth:
+        _blocks.waiting = number
+    return _blocks.depth > 0

@@ -13,6 +13,8 @@ from time import monotonic
 from types import FrameType, TracebackType
 from typing import Any, TextIO, cast
 
+from ppmcal.errors import has_to_wait
+
 CLEAR = "\r\x1b[2K"
 """Takes what is on the terminal's line away."""
 line_shown = False
@@ -27,8 +29,6 @@ PATIENCE = 5.0
 WRITING, WRITERS = os.path.join("ppmcal", "io"), frozenset(
     ("output.py", "folder.py", "exchange.py", "stage.py", "journal.py"))
 """Where files of results are written and exchanged."""
-LOCKING = os.path.join("ppmcal", "io", "stage.py")
-"""Where folders are locked and given back, in a moment."""
 _first: float | None = None
 """When the signal came that ends this run."""
 
@@ -123,13 +123,12 @@ def stop(number: int, frame: FrameType | None) -> None:
         if monotonic() - _first > PATIENCE:
             os._exit(128 + number)
         return
+    if has_to_wait(number):
+        return
     files = []
     while frame is not None:
         files.append(frame.f_code.co_filename)
         frame = frame.f_back
-    if any(name.endswith(LOCKING) for name in files):
-        _again(number)    # a lock that is half taken would be given back by nobody
-        return
     if any(name.startswith("<frozen importlib") for name in files):
         if _at_stake(files):
             _again(number)

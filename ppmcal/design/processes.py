@@ -10,17 +10,18 @@ import importlib
 import os
 import signal
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import active_children, get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process, resource_tracker
 from multiprocessing.process import BaseProcess
 from time import monotonic
 from typing import Any, TypeVar
 
 from ppmcal import __version__
-from ppmcal.errors import BadInput, NoResult
+from ppmcal.errors import BadInput, NoResult, has_to_wait
 
 Shared = TypeVar("Shared")
 Item = TypeVar("Item")
@@ -85,11 +86,14 @@ def _processes(work: Callable[[Shared, Item], Answer], shared: Shared, items: Se
     pools += 1
     pool = None
     try:
-        pool = ProcessPoolExecutor(processes, context, _remember, (work, shared))
-        with _without_interrupts():
-            answers = pool.map(_do, shares(items, processes))
-        for found in answers:
-            yield from found
+        with _held():
+            _track()
+        with _held():
+            pool = ProcessPoolExecutor(processes, context, _remember, (work, shared))
+            # not pool.map: what it cancels, a pool whose processes have ended stumbles over
+            answers = deque(pool.submit(_do, share) for share in shares(items, processes))
+        while answers:
+            yield from answers.popleft().result()
     except BrokenProcessPool:
         raise NoResult("a process was ended from outside, or ran out of memory", "",
                        "Run it again with fewer --cores") from None
@@ -104,19 +108,25 @@ def _processes(work: Callable[[Shared, Item], Answer], shared: Shared, items: Se
 
 
 @contextmanager
-def _without_interrupts() -> Iterator[None]:
-    """Let processes that begin in the block never see Ctrl-C: it is the first process's.
+def _held() -> Iterator[None]:
+    """Let what begins in the block never see a signal that ends a process; here it waits.
 
-    A terminal sends it to all of them, also while they still load modules. Here it waits.
+    A terminal sends Ctrl-C to all, also while they load modules or read what to do.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    kept = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    kept = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *_endings()})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, kept)
+
+
+def _track() -> None:
+    """Begin Python's tracker of semaphores, which survives all but a closed terminal by itself."""
+    if os.name == "posix":
+        resource_tracker.ensure_running()
 
 
 def _end(children: Iterable[BaseProcess]) -> None:
@@ -131,21 +141,38 @@ def _end(children: Iterable[BaseProcess]) -> None:
 
 
 _MEMORY: dict[str, Any] = {}
+"""What all items of a pool's process need."""
+_state = "idle"
+"""Of a process of a pool: idle, at work, or leaving."""
 
 
 def _remember(work: object, shared: object) -> None:
     """Keep in a process what all of its items need; it ends cleanly, and with the first one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for name in ("SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), _leave)
+    for number in _endings():
+        signal.signal(number, _leave)
+    if hasattr(signal, "pthread_sigmask"):    # it was begun without them
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _endings())
     threading.Thread(target=_follow, daemon=True).start()
     _MEMORY.update(work=work, shared=shared)
 
 
+def _endings() -> list[int]:
+    """Return the signals that end a process of the pool: the pool's own, a closed terminal's."""
+    return [getattr(signal, n) for n in ("SIGTERM", "SIGHUP") if hasattr(signal, n)]
+
+
 def _leave(number: int, frame: object) -> None:
-    """End a process from where it is, so that no half-written file is left."""
-    raise SystemExit(128 + number)
+    """End a process from where it is, so that no half-written file is left.
+
+    A second signal would end the cleaning up: a closed terminal's is followed by the pool's own.
+    """
+    global _state
+    if _state == "idle":
+        os._exit(128 + number)
+    if _state == "at work" and not has_to_wait(number):
+        _state = "leaving"
+        raise SystemExit(128 + number)
 
 
 def _follow() -> None:
@@ -157,8 +184,12 @@ def _follow() -> None:
 
 
 def _do(items: Sequence[Any]) -> list[Any]:
+    global _state
     try:
-        return _all(_MEMORY["work"], _MEMORY["shared"], items)
+        _state = "at work"
+        answers = _all(_MEMORY["work"], _MEMORY["shared"], items)
+        _state = "idle"
+        return answers
     except SystemExit as stop:    # the pool would go on with the next items
         os._exit(stop.code if isinstance(stop.code, int) else 1)
 

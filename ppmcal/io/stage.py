@@ -23,7 +23,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ppmcal.errors import BadInput
+from ppmcal.errors import BadInput, uninterrupted
 from ppmcal.io.journal import JOURNAL, NEW, OLD, move_in
 
 try:
@@ -128,6 +128,21 @@ def staged(folder: Path, command: str, beside: str = "", inside: bool = False) -
         Busy: another run is writing there.
         BadInput: nothing can be written there.
     """
+    stage = None
+    try:
+        with uninterrupted():    # a lock that is half taken would be given back by nobody
+            stage = _prepared(folder, command, beside, inside)
+            _move_in_what_is_left(stage)
+        yield stage
+    finally:
+        if stage is not None:
+            with uninterrupted():
+                _HELD.discard(stage)
+                stage.release()
+
+
+def _prepared(folder: Path, command: str, beside: str, inside: bool) -> Staging:
+    """Return the locked stage of a folder."""
     target = Path(os.path.realpath(folder))
     try:
         place = target / (hidden(beside) if beside else INSIDE)
@@ -139,12 +154,7 @@ def staged(folder: Path, command: str, beside: str = "", inside: bool = False) -
     except (OSError, ValueError) as error:
         raise not_written(folder, error) from None
     _HELD.add(stage)
-    try:
-        _move_in_what_is_left(stage)
-        yield stage
-    finally:
-        _HELD.discard(stage)
-        stage.release()
+    return stage
 
 
 def settle(folder: Path) -> None:
@@ -163,7 +173,8 @@ def settle(folder: Path) -> None:
     end = time.monotonic() + PATIENCE
     while left:
         try:
-            _finish(left[-1], Path(os.path.realpath(folder)))
+            with uninterrupted():
+                _finish(left[-1], Path(os.path.realpath(folder)))
             left.pop()
         except Busy:
             if time.monotonic() > end:
