@@ -12,13 +12,21 @@ import json
 import os
 import re
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ppmcal.errors import BadInput
-from ppmcal.io.batch_schema import EXAMPLE, OPTIONS, CampaignFile, Date, Folder, ManifestFile
+from ppmcal.io.batch_schema import (
+    EXAMPLE,
+    ON_BY_DEFAULT,
+    OPTIONS,
+    CampaignFile,
+    Date,
+    Folder,
+    ManifestFile,
+)
 from ppmcal.io.schema import Strict, check
 from ppmcal.io.yaml import read_yaml
 
@@ -54,12 +62,21 @@ class CampaignJob:
         words = ["ppmcal", self.command, self.model, *self.data]
         for name, value in self.options:
             flag = "--" + name.replace("_", "-")
-            if isinstance(value, bool):
+            if name in ON_BY_DEFAULT:
+                words += [f"--no-{name}"] * (not value)
+            elif isinstance(value, bool):
                 words += [flag] * value
             else:
-                for one in value if isinstance(value, tuple) else (value,):
-                    words += [flag, str(one)]
+                for one in _each(value):
+                    words += [flag, one]
         return shlex.join([*words, "--out", out])
+
+
+def _each(value: object) -> list[str]:
+    """Return the words of an option that may be given several times."""
+    if isinstance(value, Mapping):
+        return [f"{name}={number!r}" for name, number in value.items()]
+    return [str(v) for v in (value if isinstance(value, tuple) else (value,))]
 
 
 def read_manifest(path: str | os.PathLike[str]) -> tuple[CampaignJob, ...]:

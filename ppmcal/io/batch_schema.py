@@ -123,6 +123,10 @@ class CompensateOptions(Strict):
     """identification.json of the model."""
     approach: Annotated[str, choice("approach", "columns", "sequence")] | None = None
     """Directions of approach: from dir_ columns, or from the order of the targets."""
+    path: Flag | None = None
+    """Targets are visited in their order: judge the ways between them too  [default: true]."""
+    assume: dict[str, Number] | None = None
+    """Conditions of all targets that have no column, such as {temperature: 22}."""
 
 
 class OptionsFile(Strict):
@@ -179,3 +183,5 @@ class ManifestFile(Strict):
 
 OPTIONS: Mapping[str, type[Strict]] = {
     "identify": IdentifyOptions, "diagnose": DiagnoseOptions, "compensate": CompensateOptions}
+ON_BY_DEFAULT = ("path",)
+"""Options that are a pair on the command line, ``--path/--no-path``, and on unless said."""

@@ -275,14 +275,16 @@ def test_a_diagnosis_and_a_compensation_are_run_too(tmp_path):
         {"data": "runs/{machine}/{date}/*.csv", "command": "diagnose",
          "options": {"draws": 200, "kind": ["backlash", "gain"]}},
         {"machine": "m00", "date": "2026-03-12", "command": "compensate", "data": "targets.csv",
-         "model": f"out/{second}/identified.yaml"}]
+         "model": f"out/{second}/identified.yaml", "options": {"path": False}}]
     manifest.write_text(dump_yaml(content))
     found = face.batch(manifest, tmp_path / "more", cores=1)
     assert [r.command for r in found.records] == ["diagnose", "diagnose", "compensate"]
     assert not found.failed
     q = found.records[-1].of_kind("error")
     assert [x.parameter for x in q] == ["before", "after"]
-    assert (tmp_path / "more/m00/2026-03-12/compensate/commands.csv").exists()
+    commands = (tmp_path / "more/m00/2026-03-12/compensate/commands.csv").read_bytes()
+    ppmcal(*found.records[-1].typed.split()[1:-1], "alone", cwd=tmp_path)
+    assert (tmp_path / "alone/commands.csv").read_bytes() == commands
     # the knowledge beside the model is an input, though nobody named it
     known = tmp_path / "out" / second / "identification.json"
     known.write_text(known.read_text() + "\n")

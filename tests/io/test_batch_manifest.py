@@ -53,6 +53,15 @@ def test_a_pattern_of_one_machine_finds_its_dates_alone(folder):
         "runs/h1/2026-01-02/a.csv --draws 500 --kind backlash --kind gain --out out")
 
 
+def test_a_compensation_may_assume_conditions_and_judge_targets_alone(folder):
+    entry = named(command="compensate", options={"path": False, "assume": {"temperature": 22.5}})
+    job, = read_manifest(written(folder, GOOD | {"campaigns": [entry]}))
+    assert job.typed("out").endswith("a.csv --no-path --assume temperature=22.5 --out out")
+    entry["options"] = {"path": True}
+    job, = read_manifest(written(folder, GOOD | {"campaigns": [entry]}))
+    assert job.typed("out").endswith("a.csv --out out")
+
+
 def named(**entry):
     return {"machine": "h1", "date": "2026-01-02", "data": "a.csv"} | entry
 
