@@ -31,11 +31,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.calibration.estimates import Z95, estimates
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import Z95, estimates, rank_of
+from ppmcal.calibration.summary import rank_of
 from ppmcal.calibration.validation import fresh_state
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.model.dataset import Dataset, Unknown

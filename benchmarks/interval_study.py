@@ -34,12 +34,13 @@ import numpy as np
 import yaml
 from campaigns import CONFIGS, Array, dataset, fresh, fresh_errors
 
+from ppmcal.calibration.estimates import Z95, estimates
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.intervals import honest
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import Z95, estimates, rank_of
+from ppmcal.calibration.summary import rank_of
 from ppmcal.calibration.validation import register_only
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.model.dataset import Dataset

@@ -21,11 +21,12 @@ import numpy as np
 import yaml
 
 from ppmcal.calibration import intervals
+from ppmcal.calibration.estimates import Estimate, estimates
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import Estimate, estimates, rank_of
+from ppmcal.calibration.summary import rank_of
 from ppmcal.calibration.validation import closure_lengths, register_only
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.io.effects import with_effects

@@ -16,7 +16,8 @@ from ppmcal import __version__
 from ppmcal.api.compare import ComparisonResult, compare
 from ppmcal.api.compensate import CompensationResult, compensate
 from ppmcal.api.diagnose import DiagnosisResult, diagnose, save_misread
-from ppmcal.api.identify import IdentificationResult, identify
+from ppmcal.api.identification_result import IdentificationResult
+from ppmcal.api.identify import identify
 from ppmcal.calibration.misread import Misread
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.batch_manifest import CampaignJob, options_key

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
+from ppmcal.api.identification_result import IdentificationResult
 from ppmcal.api.inputs import (
     Machine,
     Measurements,
@@ -22,122 +22,32 @@ from ppmcal.api.inputs import (
     source_of,
     started,
 )
-from ppmcal.api.result import Progress, Result
+from ppmcal.api.result import Progress
 from ppmcal.calibration.change_detection import carried_on
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.freedom_choice import (
-    FreedomChoice,
     choice_sentence,
     with_chosen_freedoms,
 )
-from ppmcal.calibration.identifiability import Identifiability, predict_identifiability
+from ppmcal.calibration.identifiability import predict_identifiability
 from ppmcal.calibration.identify import identify as fitted
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.misreading import refuse_misread, refuse_small_misreading
-from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.noise import noise_check, noise_sentences, with_estimated_noise
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.registration_freedoms import hint_sentences, registration_hints
 from ppmcal.calibration.summary import Identification, report
-from ppmcal.calibration.validation import Residuals
 from ppmcal.calibration.wrong_rows import refuse_wrong_part, refuse_wrong_rows
 from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io import unit_findings
-from ppmcal.io.csv_writer import Content
-from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import read_posterior, refuse_twice
-from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import begin, heard, silent
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class IdentificationResult(Result):
-    """A calibrated machine and how well it is known.
-
-    Attributes:
-        identification: everything, SI: the fit, its residuals, noise and findings.
-        method: ``prior``, ``flat``, ``gcv`` or ``damped``.
-        notes: sentences on noise and scale of each file, where they were estimated.
-        freedoms: which optional ones were kept, and why; None where there was no choice.
-    """
-
-    COMMAND: ClassVar[str] = "identify"
-    TABLE: ClassVar[str] = "parameters.csv"
-
-    identification: Identification
-    method: str
-    notes: tuple[str, ...] = ()
-    freedoms: FreedomChoice | None = None
-
-    @property
-    def mechanism(self) -> Mechanism:
-        """The machine with the identified values and, as tolerances, what is still unknown."""
-        return self.identification.mechanism
-
-    @property
-    def readings(self) -> Readings:
-        """Other readings of the measurements: none were sought."""
-        return Readings((), None)
-
-    @property
-    def converged(self) -> bool:
-        """Whether the fit is at its minimum."""
-        return self.identification.fit.converged
-
-    @property
-    def parameters(self) -> Any:
-        """One row per parameter, file units: nominal, value, error, sigma, tolerance, status."""
-        return self.to_frame()
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance (C, C) of the free parameters, frames and targets, SI (``columns``)."""
-        return self.identification.covariance
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """What the C rows of :attr:`covariance` are."""
-        return tuple(self.identification.columns)
-
-    @property
-    def residuals(self) -> Residuals:
-        """Measured minus predicted of every row after the fit, SI."""
-        return self.identification.after
-
-    @property
-    def identifiability(self) -> Identifiability:
-        """What the data leave open: scale, exactly correlated parameters."""
-        return self.identification.identifiability
-
-    def files(self) -> Mapping[str, Content]:
-        """Return identified.yaml, parameters.csv, residuals.csv and identification.json."""
-        return dict(self.record.files(self.identification))
-
-    @cached_property
-    def record(self) -> IdentificationRecord:
-        """The content of identification.json, file units."""
-        return IdentificationRecord.of(self.identification, self.provenance, self.method,
-                                       self.freedoms)
-
-    @property
-    def needs_a_look(self) -> bool:
-        """Whether there are findings, or drives that lost their zero."""
-        return bool(self.findings or self.identification.gross_errors.homing_shifts)
-
-    def headline(self) -> str:
-        """Return parameters, rank and the error before and after."""
-        found, stages = self.identification, self.record.residual
-        errors = "".join(
-            f"; {name} error {stages.before[name].rms:.4g} -> {after.rms:.4g} {after.unit} rms"
-            for name, after in list(stages.after.items())[:1])
-        return (f"{self.mechanism.name}: {len(found.fit.problem.free)} parameters, rank "
-                f"{found.rank} of {len(found.columns)}{errors}")
 
 
 @recorded

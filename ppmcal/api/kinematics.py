@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +16,9 @@ from ppmcal.api.inputs import (
     refuse_unrecorded,
     source_of,
 )
+from ppmcal.api.kinematics_result import KinematicsResult
 from ppmcal.api.kinematics_uncertainty import Solve, SolvedRows, carried, model_sigma
-from ppmcal.api.result import Progress, Result
+from ppmcal.api.result import Progress
 from ppmcal.calibration.kinematics_sigma import PoseRows
 from ppmcal.calibration.observation import stretched
 from ppmcal.design.every_mode import every_mode
@@ -29,14 +28,9 @@ from ppmcal.io import read_joints, read_poses, twists
 from ppmcal.io.grid import read_point
 from ppmcal.io.poses import Given
 from ppmcal.io.results.kinematics import (
-    KinematicsFiles,
     ModeColumns,
     PoseFormat,
-    kinematics_files,
-    modes_sentence,
-    solved_sentence,
 )
-from ppmcal.io.results.kinematics_uncertainty import ModelSigma
 from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
@@ -57,86 +51,6 @@ from ppmcal.wording.progress import heard, silent
 
 WHICH = ("inverse", "forward", "velocity")
 OWNER = "the machine's effects"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class KinematicsResult(Result):
-    """Kinematics of N rows.
-
-    Attributes:
-        mechanism: the machine; which: ``inverse``, ``forward`` or ``velocity``.
-        table: joint values, poses, rates, conditioning, status and reason of each row, SI.
-        form: tool point, measured poses and convention of rotations in the files.
-        given: header and columns of the table as it was given; with all assembly modes, repeated
-            for each of them.
-        modes: which assembly mode each row is, where all of them were asked for.
-        sure: how well the model itself is known: standard deviations, file units.
-        pictures: whether pictures are among the files.
-    """
-
-    COMMAND: ClassVar[str] = "kinematics"
-    TABLE: ClassVar[str] = "kinematics.csv"
-
-    mechanism: Mechanism
-    which: str
-    table: KinematicsTable
-    form: PoseFormat
-    given: tuple[tuple[str, ...], tuple[Any, ...]]
-    modes: ModeColumns | None = None
-    sure: ModelSigma = field(default_factory=ModelSigma)
-    pictures: bool = False
-
-    @property
-    def q(self) -> Array:
-        """Joint values (N, k), m and rad."""
-        return self.table.q
-
-    @property
-    def pose(self) -> Array:
-        """Poses (N, 6): x, y, z in m, rotation vector in rad; of the tool if there is one."""
-        return self.table.pose if self.form.pose is None else self.form.pose
-
-    @property
-    def failed(self) -> list[tuple[int, str, str]]:
-        """Rows (from 1) that are not ok, each with status and reason.
-
-        With all assembly modes, rows of joint values at which the machine's own one is not ok.
-        """
-        pairs = (zip(self.table.status, self.table.reason, strict=True) if self.modes is None
-                 else self.modes.status)
-        return [(n + 1, s, r) for n, (s, r) in enumerate(pairs) if s != "ok"]
-
-    @property
-    def asked(self) -> int:
-        """How many rows the table has."""
-        return len(self.table.status if self.modes is None else self.modes.status)
-
-    @cached_property
-    def _made(self) -> KinematicsFiles:
-        header, columns = self.given
-        return kinematics_files(self.mechanism, self.table, header, list(columns), self.which,
-                                self.provenance, self.form, self.modes, self.sure)
-
-    @property
-    def gimbal_lock(self) -> int:
-        """How many rows have only two of their three Euler angles determined."""
-        return self._made.locked
-
-    def files(self) -> Mapping[str, str | bytes]:
-        """Return kinematics.csv, kinematics.json and, where wanted, pictures."""
-        if not self.pictures:
-            return self._made.texts()
-        from ppmcal.report.figure_files import kinematics_pictures
-
-        return {**self._made.texts(), **kinematics_pictures(
-            self._made.record, self._made.columns, self.mechanism.name)}
-
-    def headline(self) -> str:
-        """Return how many rows are ok, and how sure they are."""
-        more = "" if self.modes is None else f" {modes_sentence(self.modes)}"
-        return (f"{self.mechanism.name}: {self.which} kinematics, "
-                f"{solved_sentence(self.asked - len(self.failed), self.asked)}.{more} "
-                f"{self.sure.entry.words()}")
 
 
 def inverse(mechanism: Machine, poses: Any, *, tool: str | Sequence[float] | None = None,

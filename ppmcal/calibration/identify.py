@@ -15,19 +15,19 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import OUTLIER, Fit, FitOptions, prediction_covariance
-from ppmcal.calibration.gauss_newton import Minimum, least_squares
+from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.fit_rows import fit_rows
+from ppmcal.calibration.gauss_newton import least_squares
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.least_squares import (
-    QRFactor,
     column_scale,
     parameter_scale,
     prior_weights,
-    qr_factor,
 )
 from ppmcal.calibration.normal_equations import normal_sums
 from ppmcal.calibration.observation import coordinates, shown
-from ppmcal.calibration.outliers import REJECT, distances, huber_weights, unchecked, worst
+from ppmcal.calibration.outlier_rejection import left_out_by_files, without_outliers
+from ppmcal.calibration.outliers import huber_weights
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.regularization import damped, gcv_scale
 from ppmcal.calibration.unsolved_rows import NO_POSE, with_unsolved
@@ -91,18 +91,18 @@ def identify(problem: Problem, options: FitOptions | None = None, start: State |
         with stage("coming near"):
             state = _near(problem, state, keep, prior, options, near)
     with stage("fitting all rows"):
-        fit = _fit(problem, state, keep, reasons, prior, options)
+        fit = fit_rows(problem, state, keep, reasons, prior, options)
     if options.robust:
         with stage("judging each row"):
-            fit = _left_out_by_files(fit, suspects, unused, options)
+            fit = left_out_by_files(fit, suspects, unused, options)
         log.info("%d rows left out as gross errors, the noise of the others %.3g times the stated "
                  "one", sum(int(o.sum()) for o in fit.outliers), fit.noise_factor)
     if options.method == "gcv":
         # gross errors would pass for a machine that is farther off than it is
         fit = _cross_validated(fit, options)
         if options.robust:
-            fit = _without_outliers(fit, fit.outliers, fit.state.poses, options)
-    return with_unsolved(fit, lambda at, rows, why: _fit(
+            fit = without_outliers(fit, fit.outliers, fit.state.poses, options)
+    return with_unsolved(fit, lambda at, rows, why: fit_rows(
         problem, at.state, rows, why, at.prior, options, at.prior_scale))
 
 
@@ -170,28 +170,6 @@ def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Arra
     return state
 
 
-def _fit(problem: Problem, state: State, keep: Sequence[Bools], reasons: Sequence[dict[int, str]],
-         prior: Array, options: FitOptions, scale: float = 1.0) -> Fit:
-    found = least_squares(problem, state, keep, prior, options.most, None)
-    reduced = found.reduced or qr_factor(problem, found.state, keep)
-    _remark(problem, found, reduced, keep)
-    return Fit(problem, found.state, reduced, prior, column_scale(problem), tuple(keep),
-               found.iterations, found.converged, prior_scale=scale, reasons=tuple(reasons),
-               summed=found.summed)
-
-
-def _remark(problem: Problem, found: Minimum, reduced: QRFactor, keep: Sequence[Bools]) -> None:
-    """Log how a fit went."""
-    if log.isEnabledFor(logging.INFO):
-        used = reduced.triangle * column_scale(problem)
-        condition = float(linalg.condition(used)) if used.size else 1.0
-        log.info("%d columns to %d rows: %s after %d iterations, %d of them from normal equations, "
-                 "the others by QR; chi-squared %.6g, condition of the data alone %.2g",
-                 len(problem.columns), sum(int(k.sum()) for k in keep),
-                 "converged" if found.converged else "not converged", found.iterations,
-                 found.summed, reduced.square, condition)
-
-
 def _usable(problem: Problem, state: State) -> tuple[list[Bools], list[dict[int, str]]]:
     """Return which rows can be used, and why the others cannot."""
     keep, reasons = [], []
@@ -250,110 +228,6 @@ def _flat_columns(problem: Problem, state: State, keep: Sequence[Bools], scale: 
     return np.asarray(norms < 1e-9 * max(float(norms.max(initial=0.0)), 1e-300), dtype=bool)
 
 
-def _without_outliers(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
-                      options: FitOptions) -> Fit:
-    """Leave out rows that do not belong, worst first, refitting after each round.
-
-    ``suspects`` (N,) by data set are out already and are judged with the others at the end;
-    ``poses``: where to look for theirs.
-    """
-    keep = [k.copy() for k in fit.keep]
-    reasons = [dict(r) for r in fit.reasons]
-    dropped = {(i, int(n)) for i, s in enumerate(suspects) for n in np.flatnonzero(s)}
-    total = sum(int(k.sum()) for k in keep) + len(dropped)
-    factor = 1.0
-    for _ in range(total):
-        found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
-        factor = found.factor(keep)
-        bad = worst(found, keep, factor)
-        if not bad or len(dropped) >= total // 3:
-            break
-        for i, n, _ in bad[:max(1, total // 50)]:
-            keep[i][n] = False
-            dropped.add((i, n))
-        fit = _fit(fit.problem, fit.state, keep, reasons, fit.prior, options,
-                   fit.prior_scale)
-    if any(s.any() for s in suspects):
-        fit = replace(fit, state=_found_again(fit, suspects, poses))
-    return _readmit(fit, keep, reasons, dropped, factor, options)
-
-
-def _left_out_by_files(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
-                       options: FitOptions) -> Fit:
-    """Leave out rows that do not belong; see :func:`_without_outliers`.
-
-    Of several files one may be off as a whole (calipers of a part that shrank) and pull at the
-    others' rows. A row that agrees with its own file, in a fit of that alone in which an error
-    would show, is not the one that is wrong: it stays.
-    """
-    found = _without_outliers(fit, suspects, poses, options)
-    if len(fit.problem.datasets) < 2 or not any(o.any() for o in found.outliers):
-        return found
-    pardoned = [_agreeing(found, i, poses[i], options) if o.any() else o
-                for i, o in enumerate(found.outliers)]
-    if not any(p.any() for p in pardoned):
-        return found
-    keep = [k | p for k, p in zip(found.keep, pardoned, strict=True)]
-    reasons = [{n: v for n, v in each.items() if not p[n]}
-               for each, p in zip(found.reasons, pardoned, strict=True)]
-    times = [{n: v for n, v in each.items() if not p[n]}
-             for each, p in zip(found.times, pardoned, strict=True)]
-    state = _found_again(found, pardoned, poses)
-    back = _fit(found.problem, state, keep, reasons, found.prior, options,
-                found.prior_scale)
-    return replace(back, noise_factor=found.noise_factor, times=tuple(times))
-
-
-def _agreeing(found: Fit, index: int, poses: Array, options: FitOptions) -> Bools:
-    """Return which rows (N,) that were left out of a data set agree with a fit of it alone."""
-    out = found.outliers[index]
-    data = found.problem.datasets[index]
-    if data.frame.same_as is not None or found.problem.earlier is not None:
-        return np.zeros_like(out)
-    alone = replace(found.problem, pivots=None, given=found.problem.environments[index:index + 1],
-                    datasets=(replace(data, homing="shared" if data.homing == "shared" or not index
-                                      else "alone"),))
-    pose = np.where(out[:, None], poses, found.state.poses[index])
-    state = alone.solve(State(found.state.g, (found.state.registrations[index],), (pose,)))
-    keep = [(found.keep[index] | out) & finite_rows(state.poses[0])]
-    own = _fit(alone, state, keep, [{}], prior_weights(alone, options.method), options)
-    own = _without_outliers(own, [np.zeros_like(out)], state.poses, options)
-    hidden = [row for _, rows in unchecked(own, prediction_covariance(own)) for row in rows]
-    return np.asarray(out & own.keep[0] & ~np.isin(data.rows, hidden))
-
-
-def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) -> State:
-    """Return the fit's state with the poses of the suspects, where they have one."""
-    there = replace(fit.state, poses=tuple(np.where(s[:, None], p, np.nan) for s, p in
-                                           zip(suspects, poses, strict=True)))
-    found = fit.problem.solve(there).poses
-    return replace(fit.state, poses=tuple(np.where(s[:, None], new, old) for s, new, old in
-                                          zip(suspects, found, fit.state.poses, strict=True)))
-
-
-def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
-             dropped: set[tuple[int, int]], factor: float, options: FitOptions) -> Fit:
-    """Take back rows that the final fit explains; write down why the others are out."""
-    times: list[dict[int, float]] = [{} for _ in keep]
-    if dropped:
-        found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
-        total = sum(int(k.sum()) for k in keep) + len(dropped)
-        p = found.p_values(factor)
-        solved = [finite_rows(pose) for pose in fit.state.poses]
-        back = [(i, n) for i, n in sorted(dropped) if solved[i][n] and p[i][n] * total >= REJECT]
-        for i, n in back:
-            keep[i][n] = True
-        for i, n in sorted(dropped - set(back)):
-            away = np.sqrt(found.square[i][n] / max(found.size[i][n], 1.0)) / factor
-            times[i][n] = float(away)
-            reasons[i][n] = (f"{OUTLIER}: {away:.1f} times the noise" if solved[i][n]
-                             else NO_POSE)
-        if back:
-            fit = _fit(fit.problem, fit.state, keep, reasons, fit.prior, options,
-                       fit.prior_scale)
-    return replace(fit, noise_factor=factor, reasons=tuple(reasons), times=tuple(times))
-
-
 def _cross_validated(fit: Fit, options: FitOptions) -> Fit:
     """Refit with the prior scale that generalised cross-validation chooses."""
     base = fit.prior
@@ -362,7 +236,7 @@ def _cross_validated(fit: Fit, options: FitOptions) -> Fit:
         new = gcv_scale(fit, base)
         done = abs(np.log(new / scale)) < 0.05
         scale = new
-        fit = _fit(fit.problem, fit.state, fit.keep, fit.reasons, base / scale, options,
+        fit = fit_rows(fit.problem, fit.state, fit.keep, fit.reasons, base / scale, options,
                    scale)
         if done:
             break

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -16,11 +15,17 @@ from ppmcal import linalg
 from ppmcal.calibration.before import before
 from ppmcal.calibration.campaign import WeakCampaign
 from ppmcal.calibration.disagreement import Disagreement
-from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
+from ppmcal.calibration.estimates import (
+    Estimate,
+    estimates,
+    far_from_nominal,
+    registered,
+    with_estimates,
+)
+from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import Identifiability, identifiability
 from ppmcal.calibration.intervals import honest, in_words
-from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
 from ppmcal.calibration.left_out_rows import (
     DoubtfulStretch,
     LeftOut,
@@ -31,7 +36,6 @@ from ppmcal.calibration.measured_ranges import measured_by
 from ppmcal.calibration.noise import LEAST, Noise, noise_check, with_noise
 from ppmcal.calibration.outliers import GrossErrors, find_gross_errors
 from ppmcal.calibration.posterior import BENT, Posterior
-from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.rank import (
     RANK_TOLERANCE,
     Rank,
@@ -44,63 +48,14 @@ from ppmcal.calibration.session_validation import sessions_left_out
 from ppmcal.calibration.validation import Residuals, held_out, on_other, residuals
 from ppmcal.errors import LinearAlgebraError
 from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.linalg import Array, svd
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.wording import counted
 
-Z95 = 1.959963984540054
 BEYOND = 1e3
 """Residuals so many times the stated noise: it is the noise that is wrong."""
-IMPLAUSIBLE = 8.0
-"""A finding: a parameter that ends so many tolerances from its nominal value."""
-
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One parameter after the fit, SI. ``status``: identified, fixed or redundant.
-
-    ``nominal`` is nan where there is none: what a fitted effect's stiffness, period or time
-    constant began at is only a start.
-
-    ``sigma``: by the noise of rows alone, prior included; ``half``: of the 95 % interval with what
-    sessions differ by, None where only noise is known of; ``by_session``: label, value and sigma of
-    each session's own fit; ``p_value`` of these being one value, and whether they ``disagree``.
-    """
-
-    name: str
-    quantity: str
-    per_unit: bool
-    nominal: float
-    value: float
-    sigma: float | None
-    sigma_data: float | None
-    tolerance: float | None
-    status: str
-    half: float | None = None
-    by_session: tuple[tuple[str, float, float], ...] = ()
-    p_value: float | None = None
-    disagree: bool = False
-
-    @property
-    def error(self) -> float:
-        """The identified error: value - nominal."""
-        return self.value - self.nominal
-
-    @property
-    def interval(self) -> tuple[float, float] | None:
-        """The 95 % interval of the value, prior and disagreement of sessions included."""
-        half = self.half
-        if half is None and self.sigma is not None:
-            half = Z95 * self.sigma
-        return None if half is None else (self.value - half, self.value + half)
-
-    @property
-    def carried(self) -> float | None:
-        """The standard deviation that the model file states: half the interval over 1.96."""
-        return self.sigma if self.half is None else self.half / Z95
 
 
 @dataclass(frozen=True)
@@ -185,81 +140,6 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
                    and norms[d] > RANK_TOLERANCE * norms.max()}
         redundant.append(Dependence(fit.problem.columns[d], depends))
     return rank, len(kept), tuple(redundant)
-
-
-def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None) -> tuple[Estimate, ...]:
-    """Return all parameters of the machine with their uncertainties.
-
-    ``wider``: what sessions or stretches of rows disagree about.
-    """
-    variance = np.diagonal(posterior(fit))
-    data_sigma = from_data_alone(fit, rank)
-    column = {p: c for c, p in enumerate(fit.problem.free)}
-    out = []
-    for p, parameter in enumerate(fit.problem.mechanism.parameters):
-        c = column.get(p)
-        sigma, from_data, status = parameter.sigma, None, "fixed"
-        if c is not None:
-            sigma = float(np.sqrt(variance[c])) if np.isfinite(variance[c]) else None
-            status = "identified" if c in data_sigma else "redundant"
-            from_data = data_sigma.get(c)
-        out.append(Estimate(parameter.name, parameter.quantity, parameter.per_unit,
-                            np.nan if c is not None and (parameter.reciprocal
-                                                         or parameter.nonlinear)
-                            else parameter.nominal, float(fit.state.g[p]), sigma, from_data,
-                            parameter.tolerance, status))
-        if c is not None and wider is not None and sigma is not None:
-            out[-1] = replace(out[-1], **_by_session(out[-1], wider, c))
-    return tuple(out)
-
-
-def _by_session(estimate: Estimate, wider: Disagreement, column: int) -> dict[str, Any]:
-    """Return the entries of an estimate that sessions give."""
-    parts: dict[str, Any] = {"half": float(wider.half[column])}
-    if wider.sessions:
-        values = (estimate.value + wider.own[:, column]).tolist()
-        parts |= {"by_session": tuple(zip(wider.labels, values, wider.own_sigma[:, column].tolist(),
-                                          strict=True)),
-                  "p_value": float(wider.p_value[column]),
-                  "disagree": bool(wider.disagree[column])}
-    return parts
-
-
-def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
-    """Return the standard deviation of each identified column without its own prior, SI.
-
-    Redundant parameters must be held somehow: by their tolerance, or, where they have none,
-    at their value.
-    """
-    held = [c for c in rank.dropped if fit.prior[c] == 0.0]
-    used = [c for c in range(fit.scale.size) if c not in held]
-    prior = np.zeros(fit.scale.size)
-    prior[list(rank.dropped)] = fit.prior[list(rank.dropped)]
-    matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(prior * fit.scale)])
-    _, s, vt = svd(matrix[:, used])
-    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
-    sigma = np.linalg.norm(vt[use].T / s[use], axis=1) * fit.scale[used]
-    found = dict(zip(used, sigma.tolist(), strict=True))
-    return {c: found[c] for c in rank.kept}
-
-
-def registered(problem: Problem, state: State) -> dict[str, Registration]:
-    """Return frame and target of every data set, SI."""
-    out = {}
-    for data, s in zip(problem.datasets, state.registrations, strict=True):
-        out[data.name] = Registration(s.frame, s.target, s.target_rotation, scale=s.scale)
-    return out
-
-
-def with_estimates(fit: Fit, found: Sequence[Estimate]) -> Mechanism:
-    """Return the machine with the fitted values, sigmas and registrations."""
-    mechanism = fit.problem.mechanism
-    parameters = tuple(replace(p, value=e.value, sigma=e.carried)
-                       for p, e in zip(mechanism.parameters, found, strict=True))
-    return replace(mechanism, parameters=parameters,
-                   home_q=np.full_like(mechanism.home_q, np.nan),
-                   registrations={**mechanism.registrations,
-                                  **registered(fit.problem, fit.state)})
 
 
 def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
@@ -370,15 +250,3 @@ def unchecked(fit: Fit, rank: int) -> list[str]:
     return [f"{counted(fit.reduced.count, 'measured value')} for {rank} that they determine: too "
             "few to check the noise by, so intervals rest on the stated sigma alone; measure more "
             "poses"]
-
-
-def far_from_nominal(found: Sequence[Estimate]) -> str:
-    """Return the parameters that end so far from nominal that something is wrong, in words."""
-    far = sorted((-abs(e.error) / e.tolerance, e.name) for e in found
-                 if e.status == "identified" and e.tolerance and np.isfinite(e.tolerance)
-                 and np.isfinite(e.error))
-    if not far or -far[0][0] <= IMPLAUSIBLE:
-        return ""
-    words = ", ".join(f"{name} by {-times:.0f}" for times, name in far[:3])
-    return (f"more than {IMPLAUSIBLE:.0f} tolerances from nominal: {words}; the nominal "
-            "values, the units or the data are wrong there")

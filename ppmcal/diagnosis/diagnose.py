@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ppmcal.calibration.estimates import far_from_nominal
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.frozen_models import Validated
@@ -19,7 +20,7 @@ from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import session_masks
-from ppmcal.calibration.summary import far_from_nominal, report
+from ppmcal.calibration.summary import report
 from ppmcal.calibration.wrong_rows import refuse_wrong_rows
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.added_variable_test import probability

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from ppmcal.calibration import disagreement as module
+from ppmcal.calibration.estimates import Z95
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.intervals import by_blocks
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.session_clusters import Clusters, Components
-from ppmcal.calibration.summary import Z95, Identification, report
+from ppmcal.calibration.summary import Identification, report
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.linalg import Array
 

@@ -19,11 +19,12 @@ from helpers.paths import ROOT
 from numpy.typing import NDArray
 
 from ppmcal.calibration.compensation import Knowledge, compensate
+from ppmcal.calibration.estimates import estimates
 from ppmcal.calibration.fit import Fit, FitOptions, posterior
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.calibration.summary import estimates, rank_of, report
+from ppmcal.calibration.summary import rank_of, report
 from ppmcal.calibration.validation import fresh_state
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.kinematics.closure import Model

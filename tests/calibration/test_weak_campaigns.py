@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import ppmcal
-from ppmcal.api.identify import IdentificationResult
+from ppmcal.api.identification_result import IdentificationResult
 from ppmcal.api.inputs import load, read_data, shipped
 from ppmcal.calibration.campaign import HALF, grouped
 from ppmcal.calibration.fit import posterior

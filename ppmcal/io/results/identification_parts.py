@@ -7,12 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
+from ppmcal.calibration.estimates import Estimate
 from ppmcal.calibration.freedom_choice import FreedomChoice
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.noise import Noise
 from ppmcal.calibration.posterior import of_data
 from ppmcal.calibration.session_knowledge import session_knowledge
-from ppmcal.calibration.summary import Dependence, Estimate, Identification
+from ppmcal.calibration.summary import Dependence, Identification
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.io.results.session_parts import SessionInformation
 from ppmcal.io.results.units import Numbers, column_factor, numbers
