@@ -22,6 +22,7 @@ from ppmcal.io.dataset_reader import LABELS, dataset_of
 from ppmcal.io.foreign import ForeignTable, foreign_tables, refuse_unused
 from ppmcal.io.header_units import with_units
 from ppmcal.io.join import rows_of
+from ppmcal.io.output import origin_comment
 from ppmcal.io.pose_fields import QUATERNION
 from ppmcal.io.read_block import MATRIX, ReadFile
 from ppmcal.io.reading import as_declared, declared_unit, unit_of
@@ -78,10 +79,11 @@ class ReadResult(Result):
         return self.runs[0].sidecar
 
     def files(self) -> Mapping[str, Content]:
-        """Return each CSV and its sidecar."""
+        """Return each CSV and its sidecar, which says at its head what it was made from."""
+        origin = origin_comment(self.provenance)
         return {f"{run.name}.{end}": content for run in self.runs
                 for end, content in (("csv", table_text(run.table)),
-                                     ("yaml", dump_yaml(dict(run.sidecar))))}
+                                     ("yaml", origin + dump_yaml(dict(run.sidecar))))}
 
     def headline(self) -> str:
         """Return how many rows of which columns there are."""

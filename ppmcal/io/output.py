@@ -196,3 +196,17 @@ def provenance(inputs: Sequence[str | os.PathLike[str]], command: str, seed: int
     return {"version": __version__, "inputs": sums, "command": command, "seed": seed,
             "function": function, "options": dict(options or {}), "environment": environment(),
             "numpy": np.__version__, "python": platform.python_version()}
+
+
+def origin_comment(source: Mapping[str, Any]) -> str:
+    """Return the provenance of a file that stands alone, as comments at the head of a YAML file."""
+    lines = [f"made by ppmcal {source['version']}: {source['command']}",
+             *(f"from {path}, sha256 {digest}" for path, digest in source["inputs"].items()),
+             f"with Python {source['python']}, NumPy {source['numpy']}"]
+    return "".join(f"# {_on_one_line(line)}\n" for line in lines)
+
+
+def _on_one_line(text: str) -> str:
+    """Return text without what would end a comment: a name may have a line break in it."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii")
+                   for c in text)

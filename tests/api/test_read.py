@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -188,6 +189,20 @@ def test_nothing_is_overwritten(tmp_path: Path, measured) -> None:
     run(*words, "--force", cwd=tmp_path, expect=1)
     summary = run(*words[:-1], "--json", "--out", "b.csv", cwd=tmp_path, expect=1).json
     assert summary["rows"] == COUNT and summary["written"] == ["b.csv", "b.yaml"]
+
+
+def test_the_sidecar_says_what_it_was_made_from(tmp_path: Path, measured) -> None:
+    """A line break in a name does not end the comment."""
+    name = "lo\ng: {.csv"
+    source = log(tmp_path, measured, name)
+    points = tmp_path / "points.txt"
+    points.write_text("\n".join(f"{r['pose']} {r['x']} {r['y']} {r['z']}" for r in measured))
+    found = ppmcal.read([source, points], MACHINE, units="mm", sidecar=None)
+    text = str(found.files()["run.yaml"])
+    assert f"sha256 {hashlib.sha256(source.read_bytes()).hexdigest()}" in text
+    assert f"sha256 {hashlib.sha256(MACHINE.read_bytes()).hexdigest()}" in text
+    assert ppmcal.__version__ in text.splitlines()[0]
+    assert yaml.safe_load(text) == dict(found.sidecar)
 
 
 def test_what_is_read_can_be_identified(tmp_path: Path, measured) -> None:
