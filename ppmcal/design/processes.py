@@ -150,7 +150,8 @@ def _remember(work: object, shared: object) -> None:
     """Keep in a process what all of its items need; it ends cleanly, and with the first one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in _endings():
-        signal.signal(number, _leave)
+        if signal.getsignal(number) is not signal.SIG_IGN:    # nohup is for all of them
+            signal.signal(number, _leave)
     if hasattr(signal, "pthread_sigmask"):    # it was begun without them
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _endings())
     threading.Thread(target=_follow, daemon=True).start()

@@ -46,6 +46,16 @@ def test_a_pool_is_stopped(tmp_path: Path, name: str, send: str) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_what_the_first_process_ignores_ends_none(tmp_path: Path) -> None:
+    """`nohup ppmcal batch ...` goes on in all of its processes when the terminal is closed."""
+    code = CODE.format(send="os.killpg", name="SIGHUP")
+    run = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], text=True, capture_output=True, timeout=120,
+        start_new_session=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
+    assert (run.returncode, run.stderr) == (0, "")
+
+
 def test_a_second_signal_lets_a_process_clean_up(tmp_path: Path) -> None:
     """The pool ends its processes when a terminal has told them already."""
     code = ("import os, signal, sys\nfrom helpers.staging import stay\n"
