@@ -243,3 +243,36 @@ def test_the_report_says_the_same(campaigns, tmp_path):
     assert other["headline"] == plain["headline"]
     assert [a["what"].partition(":")[0] for a in other["attention"]] == [
         a["what"].partition(":")[0] for a in plain["attention"]]
+
+
+# --- decisions of diagnose ----------------------------------------------------------------------
+
+
+HIDDEN = {
+    "none": {},
+    "backlash": {"approach": "both", "effects": [
+        {"kind": "backlash", "on": ["leg2"], "parameters": {"width": 0.04}}]},
+}
+
+
+def named(one, words):
+    """Return the verdict, and each effect with the joints that it is on, in the first words."""
+    w = written(one, words)
+    machine = w.machine()
+    found = face.diagnose(machine, w.data(machine), draws=500, holdout=0)
+    return found.verdict, frozenset(
+        (e.kind, frozenset(in_first_words(n, words) for n in e.on))
+        for e in found.record.effects)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", HIDDEN)
+def test_diagnose_says_the_same_of_a_machine_in_space(hidden):
+    """A 3-RPS with and without backlash; rows keep their order, which is the machine's way."""
+    one = campaign("3-RPS", 40, **HIDDEN[hidden])
+    plain = named(one, PLAIN)
+    assert plain[1] == (frozenset() if hidden == "none" else
+                        frozenset({("backlash", frozenset({"leg2"}))}))
+    rows = np.arange(len(one.table["x"]))
+    for seed in (0, 1):
+        assert named(one, replace(all_at_once("3-RPS", seed), rows=rows)) == plain
