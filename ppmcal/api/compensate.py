@@ -39,6 +39,7 @@ from ppmcal.io.poses import PoseTable
 from ppmcal.io.results.commands import CommandsRecord, accepted_sentence, command_files
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.results.other_models import read_other_models
+from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.linalg import finite_rows
 from ppmcal.model.dataset import WRENCH, environment
 from ppmcal.model.mechanism import Mechanism
@@ -139,12 +140,13 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
 
     Raises:
         BadInput: anything wrong in the files, or a frame that the model does not know.
-        NoResult: commands that are predicted to be worse than none, or a model whose residuals
-            are far beyond the noise of its own measurements.
+        NoResult: commands that are predicted to be worse than none, a model whose residuals
+            are far beyond the noise of its own measurements, or a singular home.
     """
     machine, known, files, notes = _known(model, knowledge)
     notes += refuse_missed(machine, None if knowledge is None else Path(knowledge), regardless)
     registration, name = _frame(machine, frame)
+    refuse_singular_home(machine)
     poses = read_poses(targets, machine, assume=assume or {})
     sequence = approach == "sequence"
     _refuse_short(machine, poses, place_of(targets, "poses"), sequence)

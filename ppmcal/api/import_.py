@@ -12,6 +12,7 @@ from typing import ClassVar
 from ppmcal.api.inputs import Path_, recorded, source_of
 from ppmcal.api.result import Result
 from ppmcal.controllers import klipper_import, reprap_import
+from ppmcal.controllers.klipper_config import SMALLEST
 from ppmcal.controllers.klipper_export import keys
 from ppmcal.controllers.klipper_refit import differences, refit, sentence
 from ppmcal.controllers.printer import Printer
@@ -124,7 +125,7 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
     if name not in FORMATS:
         raise unknown("format", form, tuple(FORMATS))
     length, chosen = _rods(rods)
-    if radius is not None and not 0.0 < radius < LONGEST:
+    if radius is not None and not SMALLEST <= radius < LONGEST:
         raise BadInput(f"{radius} is no radius, mm", "--radius",
                        "Give it from the joints at a tower to those at the effector, such as "
                        "--radius 140")

@@ -82,6 +82,9 @@ def plan(mechanism: Machine, *, count: int | None = None, instrument: Path_ | No
         BadInput: anything wrong in the files or options. NoResult: no pose can be reached.
     """
     machine = load(mechanism)
+    if count is not None and count < 1:
+        raise BadInput(f"{count} is not a number of measurements", "--count",
+                       "Write at least 2, or leave it out")
     names = tuple(dict.fromkeys(k.strip() for text in effects for k in text.split(",")
                                 if k.strip()))
     asked = PlanSettings(names, _ends(payload, "--payload", "0,20", 0.0),

@@ -15,6 +15,7 @@ from ppmcal.io import read_poses
 from ppmcal.io.grid import metric_length, read_grid, read_point
 from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.kinematics.region import Grid
+from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
 
@@ -70,9 +71,10 @@ def sensitivity(mechanism: Machine, *, poses: Any = None, grid: str | None = Non
         size: with ``together``: also what an error of this size does, file units.
 
     Raises:
-        BadInput: anything wrong in the files or options.
+        BadInput: anything wrong in the files or options. NoResult: home is singular.
     """
     machine = load(mechanism)
+    refuse_singular_home(machine)    # about which no grid would be found
     mesh = _grid(machine, grid, poses, home_only)
     point, rho = read_point(tool, machine), metric_length(metric, machine)
     if not 0.0 < sigmas < 1e6:

@@ -28,7 +28,7 @@ from ppmcal.io.sidecar import read_instrument
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
-from ppmcal.kinematics.tables import inverse_table
+from ppmcal.kinematics.tables import inverse_table, refuse_singular_home
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import heard, silent
@@ -37,6 +37,8 @@ OF_ACCURACY = 0.1
 """Noise of the default instrument, as a part of the accuracy demanded."""
 TASKS = 30
 """Task poses where the user gives none."""
+SMALLEST = 1e-9
+"""Part of the machine's reach, and of a radian: no accuracy below it is one of a machine."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,6 +128,7 @@ class TolerancesJob:
 def solve(mechanism: Mechanism, job: TolerancesJob) -> ToleranceResult:
     """Return tolerances, and the machines simulated with those of ``job.method``."""
     machine = geometry_only(mechanism).nominal()
+    refuse_singular_home(machine)
     found = sources(machine)
     if not found:
         raise BadInput("no parameter is free, so there is no tolerance to find",
@@ -166,11 +169,22 @@ def _demand(machine: Mechanism, job: TolerancesJob) -> Demand:
     for name, value in (("--accuracy", job.accuracy), ("--rotation", job.rotation)):
         if value is not None and not 0.0 < value < 1e12:
             raise BadInput(f"{value:g} is not the size of an error", name, "Write one above 0")
+    return Demand(_size(job.accuracy, "length", machine), _size(job.rotation, "angle", machine),
+                  job.share)
 
-    def si(value: float | None, quantity: str) -> float | None:
-        return None if value is None else value * machine.units.factor(quantity)
 
-    return Demand(si(job.accuracy, "length"), si(job.rotation, "angle"), job.share)
+def _size(value: float | None, quantity: str, machine: Mechanism) -> float | None:
+    """Return a demanded accuracy in SI; refuse one that no machine has, or every machine."""
+    if value is None:
+        return None
+    size = value * machine.units.factor(quantity)
+    largest = machine.reach if quantity == "length" else 1.0
+    if not SMALLEST * largest <= size <= largest:
+        unit, factor = machine.units.name(quantity), machine.units.factor(quantity)
+        raise BadInput(f"{value:g} {unit} cannot be meant", "--accuracy" if quantity == "length"
+                       else "--rotation", f"Write {SMALLEST * largest / factor:.2g} to "
+                       f"{largest / factor:.3g} {unit}")
+    return size
 
 
 def _tool(machine: Mechanism, job: TolerancesJob, instrument: Instrument | None) -> Array:
@@ -247,7 +261,8 @@ def _expected(setup: MeasurementSetup, tasks: Poses) -> float | None:
     if short or (tasks.tool != setup.instrument.target.value).any():
         return None
     expected = predicted(setup, tasks.q, pose_vector(tasks.motor))
-    return float(np.sqrt(np.mean(expected**2)))
+    known = expected[np.isfinite(expected)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else None
 
 
 def _measurement_setup(

@@ -18,6 +18,7 @@ from ppmcal.io.results.workspace import WorkspaceRecord
 from ppmcal.io.results.workspace_tables import ModeRow, pictures
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import begin, heard, silent
 
@@ -70,9 +71,10 @@ def workspace(mechanism: Machine, *, grid: str | None = None, joints: Any = None
         progress: called with a line of text now and then.
 
     Raises:
-        BadInput: anything wrong in the files or options.
+        BadInput: anything wrong in the files or options. NoResult: home is singular.
     """
     machine = load(mechanism)
+    refuse_singular_home(machine)    # about which no grid would be found
     found = mapped(machine, read_grid(grid, machine, LEVELS))
     begin("assembly modes")
     rows = _modes(found, joints, seed)

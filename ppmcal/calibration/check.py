@@ -25,7 +25,7 @@ from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, to_joint
 from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.kinematics.partial_pose import named_only
-from ppmcal.kinematics.tables import home_singular_value, inverse_table
+from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value, inverse_table
 from ppmcal.kinematics.transmission import transmissions_at
 from ppmcal.linalg import Array, finite_rows, ways
 from ppmcal.model.dataset import Dataset
@@ -33,8 +33,6 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
 from ppmcal.wording.progress import stage
 
-SINGULAR_HOME = 0.02
-"""A finding: smallest singular value of A at home below this."""
 DEAD_POINT = 0.02
 """A finding: a limb's transmission at home below this."""
 GOOD_TRANSMISSION = 0.5

@@ -18,6 +18,8 @@ from ppmcal.linalg import Array, range_basis, svd, unit_columns, without_range
 
 RANK_TOLERANCE = 1e-9
 """A column counts as dependent below this part of the largest column."""
+ROUND_OFF = 1e-13
+"""What open frames and targets leave of a column, below this part of the largest, is round-off."""
 TIE = 1e-6
 """Pivots closer than this (relative) are a tie: the first by name wins."""
 TAKES_PART = 1e-6
@@ -57,13 +59,14 @@ def analyse(triangle: Array, geometry: int, scale: Array, tolerance: float = RAN
         names: of the columns (F,): they, not the order of the limbs in a file, decide ties.
     """
     block = triangle[:, :geometry] * scale
+    least = ROUND_OFF * float(np.linalg.norm(block, axis=0).max(initial=0.0))
     nuisance = triangle[:, geometry:]
     if nuisance.shape[1]:
         block = without_range(block, range_basis(unit_columns(nuisance), tolerance))
     singular = np.zeros(0)
     if geometry:
         singular = svd(block)[1]
-    kept, dropped, r = pivoted(block, tolerance, names)
+    kept, dropped, r = pivoted(block, tolerance, names, least)
     size = len(kept)
     combination = np.zeros((0, len(dropped)))
     if size:
@@ -90,9 +93,11 @@ def whole_rank(triangle: Array, geometry: int, scale: Array, tolerance: float = 
     return rank, kept, dropped
 
 
-def pivoted(block: Array, tolerance: float, names: Sequence[str] = ()
+def pivoted(block: Array, tolerance: float, names: Sequence[str] = (), least: float = 0.0
             ) -> tuple[list[int], list[int], Array]:
     """Pivoted QR by Householder steps, ties broken by :func:`by_name`, without names by order.
+
+    Columns below ``tolerance`` of the largest, or below ``least``, are dependent.
 
     Returns:
         kept columns, dropped columns, and R (rows, F) with columns in that order.
@@ -106,7 +111,7 @@ def pivoted(block: Array, tolerance: float, names: Sequence[str] = ()
     while size < min(rows, count):
         norms = np.linalg.norm(work[size:, size:], axis=0)
         best = float(norms.max())
-        if best <= tolerance * largest or best == 0.0:
+        if best <= max(tolerance * largest, least) or best == 0.0:
             break
         ties = [j for j in range(norms.size) if norms[j] >= best * (1.0 - TIE)]
         pick = size + min(ties, key=lambda j: turn[order[size + j]])

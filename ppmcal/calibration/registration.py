@@ -20,6 +20,7 @@ from ppmcal.errors import BadInput
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import predict
+from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -174,7 +175,12 @@ def _misses(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64]
 
 
 def no_pose(mechanism: Mechanism, data: Dataset) -> BadInput:
-    """Return the refusal of a data set of which no row fits the machine."""
+    """Return the refusal of a data set of which no row fits the machine.
+
+    Raises:
+        NoResult: home is singular, so that no way leads from it.
+    """
+    refuse_singular_home(mechanism)
     at_home = home_state(mechanism).q
     rows = data.q[finite_rows(data.q)]
     if not rows.size:

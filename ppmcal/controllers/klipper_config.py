@@ -21,6 +21,8 @@ from ppmcal.io.limits import CONFIG_BYTES
 TOWERS = ("a", "b", "c")
 LARGEST = 1e9
 """mm, degrees, microsteps: no number of a printer is as large."""
+SMALLEST = 1e-6
+"""None that has to be above 0 is as small."""
 ANGLES = (210.0, 330.0, 90.0)
 DIGITS = 6
 """Decimals of what is written, as many as the firmware saves itself."""
@@ -93,6 +95,9 @@ class Config:
         value = self.numbers(section, key, 1)[0]
         if positive and value <= 0.0:
             raise BadInput(f"{value:g} is not above 0", self.at(section, key),
+                           "Write the value that the printer has")
+        if positive and value < SMALLEST:
+            raise BadInput(f"{value:g} is too small to be true", self.at(section, key),
                            "Write the value that the printer has")
         return value
 

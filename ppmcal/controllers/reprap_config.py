@@ -18,6 +18,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from ppmcal.controllers.klipper_config import SMALLEST
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.input_files import read_bytes
 from ppmcal.io.limits import CONFIG_BYTES
@@ -114,6 +115,9 @@ class Lines:
                            "Write one; only L takes one for each tower")
         if positive and value.numbers[0] <= 0.0:
             raise BadInput(f"{value.numbers[0]:g} is not above 0", self.at(name),
+                           "Write the value that the printer has")
+        if positive and value.numbers[0] < SMALLEST:
+            raise BadInput(f"{value.numbers[0]:g} is too small to be true", self.at(name),
                            "Write the value that the printer has")
         return value.numbers[0]
 

@@ -31,7 +31,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
-from ppmcal.kinematics.tables import KinematicsTable, inverse_table
+from ppmcal.kinematics.tables import KinematicsTable, inverse_table, refuse_singular_home
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
@@ -116,6 +116,7 @@ def analyse(
         raise BadInput("no parameter is free, so there is no error to look at",
                        f"{mechanism.source}: free", "Give slots a tolerance, change `free`, or "
                        "ask for all components")
+    refuse_singular_home(machine)
     free, sigma = [s.parameter for s in found], tolerances(machine, found)
     model, moved = Model(machine), _moved(machine, found, asked.together)
     home = Poses(home_state(machine).q[None], machine.home[None], asked.tool)

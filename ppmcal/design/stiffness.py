@@ -31,7 +31,7 @@ from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import named, placed
-from ppmcal.kinematics.tables import KinematicsTable, home_singular_value, inverse_table
+from ppmcal.kinematics.tables import KinematicsTable, inverse_table, refuse_singular_home
 from ppmcal.linalg import Array, finite_rows, solve_blocks
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
@@ -39,8 +39,6 @@ from ppmcal.wording.progress import stage
 RIGID = 1e-11
 """A direction is rigid where the springs' largest motion is below this part of the largest of all
 directions (as roots of compliance, rotation times the length scale)."""
-SINGULAR_HOME = 1e-9
-"""No stiffness is given where the smallest singular value of A at home is below this."""
 CHUNK = 4096
 
 
@@ -273,9 +271,7 @@ def stiffness_at_home(mechanism: Mechanism, tool: Array | None = None) -> Home:
     bare = replace(mechanism, effects=())
     springs_of(bare)
     place = f"{mechanism.source}: home"
-    if not home_singular_value(bare)[0] > SINGULAR_HOME:
-        raise NoResult("the machine is singular at home: it has no stiffness there", place,
-                       "Choose another home pose")
+    refuse_singular_home(bare)
     axes = named(bare)
     wanted = placed(bare, axes, bare.home_pose[None, list(axes)])
     table = inverse_table(Model(bare), wanted)

@@ -19,16 +19,15 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ppmcal.design.dexterity import CHUNK, Quality, measured
-from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_vector
 from ppmcal.kinematics.region import Grid
 from ppmcal.kinematics.tables import (
     KinematicsTable,
-    home_singular_value,
     inverse_table,
     limit_reason,
+    refuse_singular_home,
 )
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import Mechanism
@@ -127,9 +126,7 @@ def workspace(mechanism: Mechanism, grid: Grid) -> Workspace:
     """
     mechanism = replace(mechanism, effects=())
     model = Model(mechanism)
-    if not home_singular_value(mechanism)[0] > 1e-9:
-        raise NoResult("the machine is singular at home", f"{mechanism.source}: home",
-                       "Choose another home pose")
+    refuse_singular_home(mechanism)
     table = _table(model, grid.poses(mechanism))
     reached = np.array([s == "ok" for s in table.status])
     quality = measured(model, table.q, table.pose)

@@ -12,6 +12,7 @@ import numpy as np
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.effects import with_effects
 from ppmcal.io.limits import POSES, SIMULATED_ROWS
+from ppmcal.io.noise_limits import refuse_sigma
 from ppmcal.io.pose_fields import COORDINATES, pose_from_map
 from ppmcal.io.poses import read_poses
 from ppmcal.io.scenario_schema import PosesFile, ScenarioFile
@@ -51,6 +52,12 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
     errors, scale = _errors(file.errors, mechanism, units, source)
     sigma = file.instrument.sigma
     own = {"plane": sigma.height, "distance": sigma.distance}.get(file.instrument.kind)
+    for value, quantity in ((sigma.position, "length"), (own, "length"), (sigma.rotation, "angle")):
+        # next to none is none; more than the machine could not be read again
+        size = (value or 0.0) * units.factor(quantity)
+        if size > (mechanism.reach if quantity == "length" else 1.0):
+            refuse_sigma(np.array([size]), quantity, mechanism, units,
+                         f"{source}: instrument.sigma")
     frame = _given(frame_of(file.frame, mechanism.motion, units, source), f"{source}: frame")
     target = _given(point_of(file.target, mechanism.motion, units, source), f"{source}: target")
     turn = _given(rotation_of(file.target_rotation, units, source), f"{source}: target_rotation")
@@ -136,9 +143,13 @@ def _error(value: object, parameter: Parameter, units: Units, place: str) -> flo
     return float(value) * units.factor(parameter.quantity)
 
 
+LARGEST_SCALE = 1e6
+
+
 def _scale(value: object, place: str) -> float:
     scale = value.get("scale", 1.0) if isinstance(value, dict) else None
-    good = isinstance(scale, int | float) and not isinstance(scale, bool) and scale >= 0
+    good = isinstance(scale, int | float) and not isinstance(scale, bool) and (
+        0 <= scale <= LARGEST_SCALE)
     if not good or not isinstance(value, dict) or set(value) - {"scale"}:
         raise BadInput(f"{show(value)} cannot be used here", f"{place}.random",
                        "Write {random: {scale: 1.0}}")

@@ -147,9 +147,10 @@ def _polynomial_roots(f: Array, h: float, linear: bool) -> tuple[Array, Array]:
     disc = c1 * c1 - 4.0 * c2 * c0
     # exactly at the end of reach round-off may turn the discriminant negative
     disc = np.where((disc < 0.0) & (disc > -1e-14 * (c1 * c1 + np.abs(4 * c2 * c0))), 0.0, disc)
-    with np.errstate(invalid="ignore"):
+    # so far away that its distance swallows the step, the parabola has no curvature: no root
+    with np.errstate(invalid="ignore", divide="ignore"):
         half = np.sqrt(disc) / (2.0 * np.abs(c2))
-    middle = -c1 / (2.0 * c2)
+        middle = np.where(c2 == 0.0, np.nan, -c1 / (2.0 * c2))
     return np.stack([middle - half, middle + half], axis=-1), middle
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
+from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import beyond
 from ppmcal.kinematics.equilibrium import reached_poses
@@ -33,6 +34,10 @@ from ppmcal.wording.progress import stage
 
 SINGULAR = 0.02
 """A pose counts as singular below this part of the singular value at home."""
+SINGULAR_HOME = 0.02
+"""A home below this singular value needs a look; sound ones have 0.1 to 1."""
+LOST_HOME = SINGULAR * SINGULAR_HOME
+"""A home below this is no measure of other poses: it would count as singular itself."""
 
 
 @dataclass(frozen=True)
@@ -195,8 +200,11 @@ def _judged(
         for n, v, s in zip(rows, value, sign, strict=True):
             if status[n] != "ok":
                 continue
-            if v < SINGULAR * home_value:
-                status[n], reason[n] = "singular", f"condition {v:.2g}, {home_value:.2g} at home"
+            if not home_value > LOST_HOME:
+                status[n], reason[n] = "singular", f"{_lost(home_value)}: choose another home pose"
+            elif v < SINGULAR * home_value:
+                status[n] = "singular"
+                reason[n] = f"near a singularity: condition {v:.2g}, {home_value:.2g} at home"
             elif s != home_sign:
                 status[n] = "crossed"
                 reason[n] = "on the other side of a singularity than home"
@@ -220,6 +228,22 @@ def limit_reason(mechanism: Mechanism, q: Array) -> str:
             return (f"{name} = {value / factor:.6g} {unit} is outside "
                     f"[{low / factor:.6g}, {high / factor:.6g}]").replace("  ", " ")
     return ""
+
+
+def refuse_singular_home(mechanism: Mechanism) -> None:
+    """Refuse a machine whose home tells nothing of the distance from singularities.
+
+    Raises:
+        NoResult: home is singular.
+    """
+    value, _ = home_singular_value(mechanism)
+    if not value > LOST_HOME:
+        raise NoResult(_lost(value), f"{mechanism.source}: home", "Choose another home pose")
+
+
+def _lost(value: float) -> str:
+    return (f"the machine is singular at home (condition {value:.2g}), against which the distance "
+            "from singularities is measured")
 
 
 def home_singular_value(mechanism: Mechanism) -> tuple[float, float]:

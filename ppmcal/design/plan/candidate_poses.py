@@ -21,7 +21,12 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import extent, named, placed
-from ppmcal.kinematics.tables import home_singular_value, inverse_table, limit_reason
+from ppmcal.kinematics.tables import (
+    home_singular_value,
+    inverse_table,
+    limit_reason,
+    refuse_singular_home,
+)
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.mechanism import Mechanism
 
@@ -253,11 +258,8 @@ def _judge(nominal: Mechanism, poses: Array, mode: bool = True) -> _Judged:
         NoResult: home is singular.
     """
     model = Model(nominal)
+    refuse_singular_home(nominal)
     home = home_singular_value(nominal)[0]
-    if not home > 0.0:
-        raise NoResult("the machine is singular at home, against which the distance from "
-                       "singularities is measured", f"{nominal.source}: home",
-                       "Choose another home pose")
     table = inverse_table(model, poses)
     why = ["" if s == "ok" else s for s in table.status]
     good = np.flatnonzero([not w for w in why])

@@ -19,7 +19,7 @@ from ppmcal.design.plan.result import Plan
 from ppmcal.design.plan.settings import PlanSettings, offered, refuse, with_kinds
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.kinematics.tables import home_singular_value
+from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import begin
@@ -34,8 +34,6 @@ MOST = 150
 MOST_REFINED = 120
 """Larger plans keep the poses as they were drawn: among so many, little is left to gain."""
 SPARE = 2
-SINGULAR_HOME = 0.02
-"""No plan where the smallest singular value of A at home is below this."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.calibration.check import SINGULAR_HOME
 from ppmcal.design.stiffness import Home, Principal, Stiffnesses
 from ppmcal.io.results.stiffness_tables import Load, StiffnessStudy
-from ppmcal.kinematics.tables import home_singular_value
+from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 

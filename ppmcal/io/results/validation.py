@@ -9,6 +9,7 @@ from ppmcal.calibration.day_noise import REPEATS, STATED, DayNoise
 from ppmcal.calibration.frozen_models import ModelError, Validated
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, UnitNames, Whole
+from ppmcal.model.measured import MISSED
 from ppmcal.units import Units
 from ppmcal.wording import number
 
@@ -225,9 +226,13 @@ def effects_sentence(data: ValidatedDataset) -> str:
 
 
 def misled(datasets: Sequence[ValidatedDataset]) -> list[str]:
-    """Return what a person must look at: effects that make it worse, machines that do better."""
+    """Return what a person must look at: a miss, effects that make it worse, better machines."""
     out = []
     for data in datasets:
+        times = data.errors[0].noise if data.errors else None
+        if times is not None and times > MISSED:
+            out.append(f"{data.name}: {number(times, 2)} times the noise: measurements of another "
+                       "machine, or of one that has changed")
         for e in data.errors:
             if e.verdict == "better" and e.closer is not None:
                 ends = "" if e.low is None or e.high is None else (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ppmcal.calibration.check import SINGULAR_HOME
 from ppmcal.design.workspace import Workspace
 from ppmcal.io.results.workspace_tables import (
     ModeRow,
@@ -13,6 +12,7 @@ from ppmcal.io.results.workspace_tables import (
     size_unit,
     size_word,
 )
+from ppmcal.kinematics.tables import SINGULAR_HOME
 
 LISTED = 10
 """Rows without assembly modes that are findings of their own."""
