@@ -83,8 +83,8 @@ def effects(plan: Plan) -> list[str]:
 def measurements(plan: Plan) -> str:
     """Return how many measurements to take, and where they stand."""
     rows, poses = len(plan.rows), len(np.unique(plan.offer.pose[plan.rows]))
-    what = f"{rows} poses" if rows == poses else f"{poses} poses, {rows} times in all,"
-    return f"Measure {what} as poses.csv lists them, in that order."
+    what = counted(poses, "pose") + f", {rows} times in all," * (rows != poses)
+    return f"Measure {what} as poses.csv lists {'it' if rows == 1 else 'them, in that order'}."
 
 
 def accuracy(plan: Plan) -> str:
