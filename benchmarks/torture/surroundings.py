@@ -33,7 +33,7 @@ def small_disks(case: Case) -> Tally:
     said = case.work.parent / "said"
     if not may_mount():
         return tally
-    for start in list(starts(case)):
+    for start in starts(case):
         size, code = 16, 2
         while code not in DONE and size < 200_000:
             with _mounted(case, start, size) as fits:
