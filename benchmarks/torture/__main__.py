@@ -79,7 +79,7 @@ def _all(asked: argparse.Namespace, place: Path) -> int:
         gc.freeze()
         total += _told(case.work.name, [
             KINDS[k](case, asked.every) for k in kinds
-            if k in KINDS and (k in ("kills", "disks") or not case.brief)])
+            if k in KINDS])
     for kind in kinds:
         if kind in WORLDS and not asked.names:
             total += _told(kind, [WORLDS[kind](place)])

@@ -37,7 +37,7 @@ COMMANDS = {
     "export": "grid {desk}/identified --poses {desk}/poses.csv",
     "report": "{desk}/identified {desk}/compensated",
     "batch": "{desk}/fleet.yaml --cores 1",
-    "demo": "",
+    "demo": "-q",
 }
 """Commands that write into a folder, and their words before --out."""
 NOTHING = {"verify": "{desk}/identified {desk}/compensated"}
@@ -49,8 +49,6 @@ FILES = {
     "check": "{desk}/mine.yaml --draw machine.html",
 }
 """Those that write single files among others."""
-FULLY = ("identify", "simulate", "import", "report")
-"""Those that everything is done to in the working folder too, where files are moved one by one."""
 REMEMBERED = {
     "ppmcal.api.import_": "import_config", "ppmcal.api.kinematics": "kinematics",
     "ppmcal.api.simulate": "simulate", "ppmcal.api.identify": "identify",
@@ -135,7 +133,6 @@ class Case:
         work: the folder that it is run in; only the command's folders are in it.
         out: of its results, from ``work``; "." for results among others in the working folder.
         single: whether it has no --out.
-        brief: whether kills and full disks will do.
     """
 
     name: str
@@ -143,7 +140,6 @@ class Case:
     work: Path
     out: str
     single: bool = False
-    brief: bool = False
     kept: dict[str, Path] = field(default_factory=dict)
 
     @property
@@ -194,7 +190,7 @@ def cases(desk: Path, place: Path, names: list[str]) -> list[Case]:
         return tuple(shlex.split(text.format(desk=desk)))
 
     found = [Case(n, words(t), place / n, "o") for n, t in COMMANDS.items() if n in names]
-    found += [Case(n, words(t), place / f"{n}-here", ".", brief=n not in FULLY)
+    found += [Case(n, words(t), place / f"{n}-here", ".")
               for n, t in COMMANDS.items() if n in names and n not in ("demo", "batch")]
     return found + [Case(n, words(t), place / n, ".", True)
                     for n, t in (FILES | NOTHING).items() if n in names]
@@ -221,7 +217,7 @@ def states(work: Path) -> dict[str, State]:
 def leftovers(work: Path) -> list[str]:
     """Return stages that are there below a folder, and beside it; and temporary files."""
     own = [os.path.relpath(Path(p) / f, work) for p, folders, files in os.walk(work)
-           for f in (*folders, *files) if f.startswith(".ppmcal.") and f.endswith(".part")]
+           for f in (*folders, *files) if f.endswith(".part")]
     beside = [n for n in os.listdir(work.parent) if n == f".ppmcal.{work.name}.part"]
     temporary = work.with_name(f"{work.name}.tmp")
     return own + beside + (os.listdir(temporary) if temporary.is_dir() else [])

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ppmcal.io.folder import RECORD
+from ppmcal.io.folder import RECORD, read_record
 from ppmcal.io.stage import settle
 from torture.desk import NOTHING, Case, State, age, leftovers, states
 from torture.trace import TAKING, End, Runner, forked
@@ -177,7 +177,8 @@ def _notes(case: Case) -> list[int]:
 def _judge(case: Case, start: Start, where: str, tally: Tally) -> None:
     """Tell whether each folder is the old or the new one; finish what can be, as a reader does."""
     now = states(case.work)
-    mixed = _other(now, start)
+    mixed = [f for f in _other(now, start) if case.name != "batch" or not _whole(
+        case.work / f, now.get(f, {}), start.after.get(f, {}))]
     if mixed:
         tally.seen["finished when read"] += 1
         forked(lambda: [settle(case.work / f) for f in mixed] and 0)
@@ -198,6 +199,13 @@ def _other(now: dict[str, State], start: Start) -> list[str]:
         return claimed or held in (old, start.after.get(folder, {}))
 
     return [f for f in {*now, *start.before, *start.after} if not sound(f)]
+
+
+def _whole(folder: Path, held: State, after: State) -> bool:
+    """Whether a folder is as its own record has it: that of a batch may say which have failed."""
+    record = read_record(folder) or {}
+    return {*held} == {*after} and all(
+        held.get(name) == written.digest for name, written in record.items())
 
 
 def _again(case: Case, start: Start, where: str, tally: Tally, number: int = 0) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ppmcal.errors import BadInput, uninterrupted
+from ppmcal.errors import BadInput, cleaned_up, uninterrupted
 
 RESULTS = "results.of.verify"
 """Folder within the sandbox's root for what a run writes, where nothing says more of it."""
@@ -76,11 +76,12 @@ class Sandbox:
 def sandbox(base: str) -> Iterator[Sandbox]:
     """Make one that stands for the file system as seen from the folder ``base``."""
     root = None
-    try:
-        with uninterrupted():    # what is there is known, and taken away whole
-            root = Path(os.path.realpath(tempfile.mkdtemp(prefix="ppmcal-verify-")))
-        yield Sandbox(root, base)
-    finally:
-        if root is not None:
-            with uninterrupted():
-                shutil.rmtree(root, ignore_errors=True)
+    with cleaned_up():
+        try:
+            with uninterrupted():    # what is there is known, and taken away whole
+                root = Path(os.path.realpath(tempfile.mkdtemp(prefix="ppmcal-verify-")))
+            yield Sandbox(root, base)
+        finally:
+            if root is not None:
+                with uninterrupted():
+                    shutil.rmtree(root, ignore_errors=True)

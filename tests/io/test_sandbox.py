@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -41,3 +43,19 @@ def test_a_signal_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
             (box.root / place).mkdir()
             (box.root / place / "file").touch()
     assert not list(tmp_path.iterdir())
+
+
+def test_a_signal_while_a_module_loads_waits_for_it(tmp_path: Path,
+                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+    """Elsewhere the process would be left at once."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    left = list[int]()
+    monkeypatch.setattr(os, "_exit", left.append)
+    (tmp_path / "stops_while_it_loads.py").write_text(
+        "import signal\nsignal.raise_signal(signal.SIGTERM)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with interruptible(), pytest.raises(Stopped), sandbox(str(tmp_path)) as box:
+        importlib.import_module("stops_while_it_loads")
+        assert box.root.is_dir() and not left
+        time.sleep(10.0)
+    assert not list(tmp_path.glob("ppmcal-*")) and not left
