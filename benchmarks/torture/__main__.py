@@ -100,7 +100,7 @@ def _told(name: str, tallies: list[Tally]) -> Tally:
     """Print a line of the table, and the first of what was wrong."""
     own = sum(tallies, Tally())
     _line(name, own)
-    for wrong in own.wrong[:60]:
+    for wrong in own.wrong[:20]:
         print(f"    {wrong}")
     sys.stdout.flush()
     return own

@@ -6,7 +6,7 @@ import errno
 import os
 import signal
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -178,7 +178,7 @@ def _judge(case: Case, start: Start, where: str, tally: Tally) -> None:
     """Tell whether each folder is the old or the new one; finish what can be, as a reader does."""
     now = states(case.work)
     mixed = [f for f in _other(now, start) if case.name != "batch" or not _whole(
-        case.work / f, now.get(f, {}), start.after.get(f, {}))]
+        case.work / f, now.get(f, {}), (start.before.get(f, {}), start.after.get(f, {})))]
     if mixed:
         tally.seen["finished when read"] += 1
         forked(lambda: [settle(case.work / f) for f in mixed] and 0)
@@ -201,10 +201,10 @@ def _other(now: dict[str, State], start: Start) -> list[str]:
     return [f for f in {*now, *start.before, *start.after} if not sound(f)]
 
 
-def _whole(folder: Path, held: State, after: State) -> bool:
+def _whole(folder: Path, held: State, known: Sequence[State]) -> bool:
     """Whether a folder is as its own record has it: that of a batch may say which have failed."""
     record = read_record(folder) or {}
-    return {*held} == {*after} and all(
+    return {*held} in map(set, known) and all(
         held.get(name) == written.digest for name, written in record.items())
 
 
