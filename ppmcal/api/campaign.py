@@ -74,7 +74,7 @@ def finished(at: BatchPlace, campaign: CampaignJob) -> CampaignRecord | None:
         return None
     place = Path(at.place(campaign))
     sweep(place)
-    same = (not record.failed and record.key == _key(at, campaign)
+    same = (not record.failed and record.key == _key(at, campaign) and bool(record.outputs)
             and all(digest_of(Path(p)) == d for p, d in record.inputs.items())
             and all(digest_of(place / name) == d for name, d in record.outputs.items()))
     # machines may have been put into another design since
