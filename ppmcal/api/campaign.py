@@ -74,6 +74,7 @@ def finished(at: BatchPlace, campaign: CampaignJob) -> CampaignRecord | None:
         return None
     place = Path(at.place(campaign))
     sweep(place)
+    _remove(path.with_suffix(".part"))
     same = (not record.failed and record.key == _key(at, campaign) and bool(record.outputs)
             and all(digest_of(Path(p)) == d for p, d in record.inputs.items())
             and all(digest_of(place / name) == d for name, d in record.outputs.items()))
@@ -135,8 +136,13 @@ def _keep(path: Path, record: CampaignRecord) -> None:
         raise BadInput(f"cannot be written ({error.strerror or error})", str(path),
                        "Check permissions and space, and start the batch again") from None
     finally:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
+        _remove(part)
+
+
+def _remove(part: Path) -> None:
+    """Take away a record that was not written to its end."""
+    with contextlib.suppress(OSError):
+        part.unlink(missing_ok=True)
 
 
 def _result(campaign: CampaignJob, place: str) -> dict[str, Any]:

@@ -268,8 +268,10 @@ def test_what_a_run_could_not_take_away_is_swept(tmp_path):
     left = (out / first).with_name(".ppmcal.identify.part")
     left.mkdir()
     (left / "lock").touch()
+    part = (out / KEPT / first).with_suffix(".part")
+    part.touch()
     assert first in known and finished_before(manifest, out) == known
-    assert not left.exists()
+    assert not left.exists() and not part.exists()
 
 
 @pytest.mark.slow
