@@ -131,7 +131,7 @@ def signals(case: Case, every: int = 1) -> Tally:
                 where = (f"{case.work.name} {start.name}, {kind.name} at call {number} "
                          f"{start.calls[number - 1]}")
                 tally.seen["signals"] += 1
-                if end.code not in (*DONE, 2, 130, 143, -kind):
+                if end.code != 128 + kind:
                     tally.wrong.append(f"{where}: exit code {end.code}")
                 _silent(start.first.text(), where, tally)
                 _judge(case, start, where, tally)

@@ -165,6 +165,9 @@ class Runner:
 
     def _serve(self) -> None:
         _speak_to(self.said)
+        # a shell has its jobs in the background ignore Ctrl-C
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
         _ptrace(TRACEME, 0)
         os.kill(os.getpid(), signal.SIGSTOP)
         _be_filtered()
