@@ -3,7 +3,8 @@
 Every refusal of the program is a :class:`PpmcalError`; the command line turns it into one
 message and an exit code. Code that looks something up by name uses :func:`unknown`, so
 that every message lists what would be allowed and the nearest match. What a signal must not
-interrupt, such as taking a lock and noting it, stands in :func:`uninterrupted`.
+interrupt, such as taking a lock and noting it, stands in :func:`uninterrupted`; what it may
+interrupt, but not leave behind, in :func:`cleaned_up`.
 """
 
 from __future__ import annotations
@@ -114,3 +115,22 @@ def has_to_wait(number: int) -> bool:
     if _blocks.depth:
         _blocks.waiting = number
     return _blocks.depth > 0
+
+
+_to_clean_up = 0
+
+
+@contextlib.contextmanager
+def cleaned_up() -> Iterator[None]:
+    """Say that the end of the block cleans up: until then, handlers must not end the process."""
+    global _to_clean_up
+    _to_clean_up += 1
+    try:
+        yield
+    finally:
+        _to_clean_up -= 1
+
+
+def has_to_clean_up() -> bool:
+    """Whether leaving at once would leave something behind: half a folder, a lock, processes."""
+    return _to_clean_up > 0

@@ -13,7 +13,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 from torture import faults, surroundings
-from torture.desk import COMMANDS, FILES, Case, cases, make_desk, remember, run
+from torture.desk import COMMANDS, FILES, NOTHING, Case, cases, make_desk, remember, run
 from torture.faults import Tally
 from torture.trace import AVAILABLE, forked
 
@@ -34,7 +34,7 @@ def prepared(place: Path, names: list[str]) -> Path:
     """Return a folder with everything that the commands read."""
     desk = place / "desk"
     make_desk(desk)
-    if {*names} <= {"import", "simulate", "kinematics", *FILES}:
+    if {*names} <= {"import", "simulate", "kinematics", "demo", *FILES}:
         return desk
     for line in map(str.split, (
                  "identify mine.yaml run1.csv --out identified",
@@ -67,19 +67,19 @@ def main() -> int:
 
 def _all(asked: argparse.Namespace, place: Path) -> int:
     kinds = asked.kinds.split(",")
-    names = (asked.names or [*COMMANDS, *FILES]) if {*kinds} & {*KINDS} else []
+    names = (asked.names or [*COMMANDS, *FILES, *NOTHING]) if {*kinds} & {*KINDS} else []
     desk = prepared(place, names)
     inputs = tree(desk)
     remember()
-    gc.freeze()
     total, began = Tally(), time.monotonic()
     print(f"{'':20}" + "".join(f"{heading:>9}" for heading in COLUMNS) + "  wrong")
     for case in cases(desk, place, names):
         case.restore("")
         _computed(case)
+        gc.freeze()
         total += _told(case.work.name, [
             KINDS[k](case, asked.every) for k in kinds
-            if k in KINDS and (k == "kills" or not case.brief)])
+            if k in KINDS])
     for kind in kinds:
         if kind in WORLDS and not asked.names:
             total += _told(kind, [WORLDS[kind](place)])
@@ -100,7 +100,7 @@ def _told(name: str, tallies: list[Tally]) -> Tally:
     """Print a line of the table, and the first of what was wrong."""
     own = sum(tallies, Tally())
     _line(name, own)
-    for wrong in own.wrong[:5]:
+    for wrong in own.wrong[:20]:
         print(f"    {wrong}")
     sys.stdout.flush()
     return own

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib
 import json
@@ -9,13 +10,14 @@ import os
 import shlex
 import shutil
 import sys
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from ppmcal.io.folder import RECORD
+from ppmcal.io.folder import RECORD, current
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 COMMANDS = {
@@ -35,9 +37,11 @@ COMMANDS = {
     "export": "grid {desk}/identified --poses {desk}/poses.csv",
     "report": "{desk}/identified {desk}/compensated",
     "batch": "{desk}/fleet.yaml --cores 1",
-    "demo": "",
+    "demo": "-q",
 }
 """Commands that write into a folder, and their words before --out."""
+NOTHING = {"verify": "{desk}/identified {desk}/compensated"}
+"""Those that write into a temporary folder only."""
 FILES = {
     "init": "3-RPR --out mine.yaml --force",
     "read": "{desk}/log.csv --mechanism {desk}/mine.yaml --sidecar {desk}/run1.yaml "
@@ -45,8 +49,6 @@ FILES = {
     "check": "{desk}/mine.yaml --draw machine.html",
 }
 """Those that write single files among others."""
-FULLY = ("identify", "simulate", "import", "report")
-"""Those that everything is done to in the working folder too, where files are moved one by one."""
 REMEMBERED = {
     "ppmcal.api.import_": "import_config", "ppmcal.api.kinematics": "kinematics",
     "ppmcal.api.simulate": "simulate", "ppmcal.api.identify": "identify",
@@ -71,8 +73,9 @@ def remember() -> None:
 
 
 def _once(function: Callable[..., Any]) -> Callable[..., Any]:
-    known: dict[str, Any] = {}
+    known: dict[str, tuple[Any, dict[str, Any]]] = {}
 
+    @functools.wraps(function)
     def called(*args: Any, **options: Any) -> Any:
         key = repr((args, sorted(options.items())))
         if key not in known:
@@ -80,8 +83,10 @@ def _once(function: Callable[..., Any]) -> Callable[..., Any]:
             if hasattr(result, "save"):
                 files = dict(result.files())
                 object.__setattr__(result, "files", lambda: files)
-            known[key] = result
-        return known[key]
+            known[key] = result, dict(current().source)
+        result, source = known[key]
+        current().source.update(source)
+        return result
 
     return called
 
@@ -127,8 +132,7 @@ class Case:
         words: its arguments, without --out.
         work: the folder that it is run in; only the command's folders are in it.
         out: of its results, from ``work``; "." for results among others in the working folder.
-        single: whether it writes single files.
-        brief: whether kills will do.
+        single: whether it has no --out.
     """
 
     name: str
@@ -136,7 +140,6 @@ class Case:
     work: Path
     out: str
     single: bool = False
-    brief: bool = False
     kept: dict[str, Path] = field(default_factory=dict)
 
     @property
@@ -144,11 +147,17 @@ class Case:
         return self.work / self.out
 
     @property
+    def temporary(self) -> Path:
+        """The folder for temporary files."""
+        return self.work.with_name(f"{self.work.name}.tmp")
+
+    @property
     def argv(self) -> list[str]:
         return [self.name, *self.words, *(() if self.single else ("--out", self.out))]
 
     def child(self) -> int:
         """Run the command, in a child: it changes the process."""
+        tempfile.tempdir = str(self.temporary)
         return run(self.argv, self.work)
 
     def keep(self, name: str) -> None:
@@ -158,15 +167,21 @@ class Case:
         shutil.copytree(self.work, self.kept[name], symlinks=True)
 
     def restore(self, name: str) -> None:
-        """Have the folder as it was kept, or empty."""
-        self.work.mkdir(parents=True, exist_ok=True)
-        for entry in os.scandir(self.work):
+        """Have the folder as it was kept, or empty, and no temporary files."""
+        self.clean(self.temporary)
+        self.clean(self.work)
+        if name in self.kept:
+            shutil.copytree(self.kept[name], self.work, symlinks=True, dirs_exist_ok=True)
+
+    @staticmethod
+    def clean(folder: Path) -> None:
+        """Have a folder that is empty."""
+        folder.mkdir(parents=True, exist_ok=True)
+        for entry in os.scandir(folder):
             if entry.is_dir(follow_symlinks=False):
                 shutil.rmtree(entry.path)
             else:
                 os.unlink(entry.path)
-        if name in self.kept:
-            shutil.copytree(self.kept[name], self.work, symlinks=True, dirs_exist_ok=True)
 
 
 def cases(desk: Path, place: Path, names: list[str]) -> list[Case]:
@@ -175,10 +190,10 @@ def cases(desk: Path, place: Path, names: list[str]) -> list[Case]:
         return tuple(shlex.split(text.format(desk=desk)))
 
     found = [Case(n, words(t), place / n, "o") for n, t in COMMANDS.items() if n in names]
-    found += [Case(n, words(t), place / f"{n}-here", ".", brief=n not in FULLY)
+    found += [Case(n, words(t), place / f"{n}-here", ".")
               for n, t in COMMANDS.items() if n in names and n not in ("demo", "batch")]
-    return found + [Case(n, words(t), place / n, ".", True) for n, t in FILES.items()
-                    if n in names]
+    return found + [Case(n, words(t), place / n, ".", True)
+                    for n, t in (FILES | NOTHING).items() if n in names]
 
 
 def state(folder: Path) -> State:
@@ -200,11 +215,12 @@ def states(work: Path) -> dict[str, State]:
 
 
 def leftovers(work: Path) -> list[str]:
-    """Return stages that are there below a folder, and beside it."""
+    """Return stages that are there below a folder, and beside it; and temporary files."""
     own = [os.path.relpath(Path(p) / f, work) for p, folders, files in os.walk(work)
-           for f in (*folders, *files) if f.startswith(".ppmcal.") and f.endswith(".part")]
+           for f in (*folders, *files) if f.endswith(".part")]
     beside = [n for n in os.listdir(work.parent) if n == f".ppmcal.{work.name}.part"]
-    return own + beside
+    temporary = work.with_name(f"{work.name}.tmp")
+    return own + beside + (os.listdir(temporary) if temporary.is_dir() else [])
 
 
 def age(case: Case) -> None:

@@ -6,14 +6,14 @@ import errno
 import os
 import signal
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ppmcal.io.folder import RECORD
+from ppmcal.io.folder import RECORD, read_record
 from ppmcal.io.stage import settle
-from torture.desk import Case, State, age, leftovers, states
-from torture.trace import TAKING, End, forked, traced
+from torture.desk import NOTHING, Case, State, age, leftovers, states
+from torture.trace import TAKING, End, Runner, forked
 
 DONE = (0, 1)
 SOME = 5
@@ -40,6 +40,8 @@ class Start:
         after: states of the folders after.
         calls: system calls that change files, in their order.
         code: exit code.
+        first: runs the command.
+        second: runs it meanwhile, or afterwards.
     """
 
     name: str
@@ -47,6 +49,8 @@ class Start:
     after: dict[str, State]
     calls: tuple[str, ...]
     code: int
+    first: Runner
+    second: Runner
 
 
 def starts(case: Case) -> Iterator[Start]:
@@ -57,14 +61,21 @@ def starts(case: Case) -> Iterator[Start]:
         said = case.work.parent / "said"
         forked(case.child, said)
         raise RuntimeError(f"{' '.join(case.argv)}: exit code {code}\n{said.read_text()}")
-    for name in ("", "old"):
+    first, second = (Runner(case.child, case.work.parent / said) for said in ("said", "again"))
+    found = []
+    for name in ("", "old") if any(case.work.iterdir()) else ("",):
         if name:
             age(case)
             case.keep(name)
         case.restore(name)
         before = states(case.work)
-        end = traced(case.child, lambda *_: None)
-        yield Start(name, before, states(case.work), end.calls, end.code)
+        end = first.run()
+        found.append(Start(name, before, states(case.work), end.calls, end.code, first, second))
+    try:
+        yield from found
+    finally:
+        first.close()
+        second.close()
 
 
 def kills(case: Case, every: int = 1) -> Tally:
@@ -74,12 +85,13 @@ def kills(case: Case, every: int = 1) -> Tally:
         for number in range(1, len(start.calls) + 1, every):
             case.restore(start.name)
             notes = _notes(case)
-            end = traced(case.child, lambda n, _, child, at=number: _kill(child) if n == at
-                         else None)
+            end = start.first.run(lambda n, _, child, at=number: _kill(child) if n == at
+                                  else None)
             where = f"{case.work.name} {start.name}, call {number} {start.calls[number - 1]}"
             if not end.killed:
                 tally.wrong.append(f"{where}: not killed, exit code {end.code}")
             tally.seen["kills"] += 1
+            case.clean(case.temporary)    # nobody but the system sweeps that
             _judge(case, start, where, tally)
             _again(case, start, where, tally)
             if _notes(case) != notes:
@@ -90,18 +102,19 @@ def kills(case: Case, every: int = 1) -> Tally:
 def full_disks(case: Case, every: int = 1, code: int = errno.ENOSPC) -> Tally:
     """Refuse a command each of its calls, alone and with all that need space after it."""
     tally = Tally()
-    said = case.work.parent / "said"
     for start in starts(case):
         for number in range(1, len(start.calls) + 1, every):
             for lasting in (False, True):
                 case.restore(start.name)
-                end = traced(case.child, lambda n, name, _, at=number, on=lasting:
-                             code if n == at or (on and n > at and name in TAKING) else None, said)
+                end = start.first.run(lambda n, name, _, at=number, on=lasting: code if n == at or
+                                      (on and n > at and name in TAKING) else None)
                 where = (f"{case.work.name} {start.name}, {errno.errorcode[code]} at call "
                          f"{number} {start.calls[number - 1]}{' and after' if lasting else ''}")
                 tally.seen["disks"] += 1
-                _refused(case, start, end, where, said.read_text(errors="replace"), tally)
+                _refused(case, start, end, where, start.first.text(), tally)
                 _judge(case, start, where, tally)
+                if start.calls[number - 1] not in TAKING:
+                    case.clean(case.temporary)    # what could not be taken away stays
                 _again(case, start, where, tally, number)
     return tally
 
@@ -109,19 +122,18 @@ def full_disks(case: Case, every: int = 1, code: int = errno.ENOSPC) -> Tally:
 def signals(case: Case, every: int = 1) -> Tally:
     """Send Ctrl-C and SIGTERM before each call."""
     tally = Tally()
-    said = case.work.parent / "said"
     for start in starts(case):
         for number in range(1, len(start.calls) + 1, every):
             for kind in (signal.SIGINT, signal.SIGTERM):
                 case.restore(start.name)
-                end = traced(case.child, lambda n, _, child, at=number, k=kind:
-                             os.kill(child, k) if n == at else None, said)
+                end = start.first.run(lambda n, _, child, at=number, k=kind:
+                                      os.kill(child, k) if n == at else None)
                 where = (f"{case.work.name} {start.name}, {kind.name} at call {number} "
                          f"{start.calls[number - 1]}")
                 tally.seen["signals"] += 1
-                if end.code not in (*DONE, 2, 130, 143, -kind):
+                if end.code != 128 + kind:
                     tally.wrong.append(f"{where}: exit code {end.code}")
-                _silent(said.read_text(errors="replace"), where, tally)
+                _silent(start.first.text(), where, tally)
                 _judge(case, start, where, tally)
                 _again(case, start, where, tally, number)
     return tally
@@ -130,20 +142,14 @@ def signals(case: Case, every: int = 1) -> Tally:
 def crowds(case: Case, every: int = 1) -> Tally:
     """Run a command while another of its kind is held before each of its calls."""
     tally = Tally()
-    said = case.work.parent / "said"
     for start in starts(case):
         for number in range(1, len(start.calls) + 1, every):
             case.restore(start.name)
             found = list[int]()
-
-            def meet(n: int, name: str, child: int, at: int = number,
-                     found: list[int] = found) -> None:
-                if n == at:
-                    found.append(forked(case.child, said))
-
-            end = traced(case.child, meet)
+            end = start.first.run(lambda n, *_, at=number, start=start, found=found:
+                                  found.append(start.second.run().code) if n == at else None)
             where = f"{case.work.name} {start.name}, second run at call {number}"
-            text = " ".join(said.read_text(errors="replace").split())
+            text = " ".join(start.second.text().split())
             busy = found == [2] and "another run is writing there" in text
             tally.seen["two at once"] += 1
             tally.seen["second refused"] += busy
@@ -171,14 +177,15 @@ def _notes(case: Case) -> list[int]:
 def _judge(case: Case, start: Start, where: str, tally: Tally) -> None:
     """Tell whether each folder is the old or the new one; finish what can be, as a reader does."""
     now = states(case.work)
-    mixed = _other(now, start)
+    mixed = [f for f in _other(now, start) if case.name != "batch" or not _whole(
+        case.work / f, now.get(f, {}), (start.before.get(f, {}), start.after.get(f, {})))]
     if mixed:
         tally.seen["finished when read"] += 1
         forked(lambda: [settle(case.work / f) for f in mixed] and 0)
         now = states(case.work)
         if any(now.get(f, {}) != start.after.get(f, {}) for f in mixed):
             tally.wrong.append(f"{where}: mixed: {mixed}")
-    elif now == start.after:
+    elif now == start.after != start.before:
         tally.seen["new"] += 1
     else:
         tally.seen["old" if start.name else "nothing"] += 1
@@ -194,6 +201,13 @@ def _other(now: dict[str, State], start: Start) -> list[str]:
     return [f for f in {*now, *start.before, *start.after} if not sound(f)]
 
 
+def _whole(folder: Path, held: State, known: Sequence[State]) -> bool:
+    """Whether a folder is as its own record has it: that of a batch may say which have failed."""
+    record = read_record(folder) or {}
+    return {*held} in map(set, known) and all(
+        held.get(name) == written.digest for name, written in record.items())
+
+
 def _again(case: Case, start: Start, where: str, tally: Tally, number: int = 0) -> None:
     """Run the command once more: it must succeed and leave nothing but its results.
 
@@ -201,7 +215,7 @@ def _again(case: Case, start: Start, where: str, tally: Tally, number: int = 0) 
     """
     if number % SOME and not leftovers(case.work):
         return
-    code = forked(case.child)
+    code = start.second.run().code
     now = states(case.work)
     if code != start.code or now != start.after or leftovers(case.work):
         tally.wrong.append(f"{where}: run again: exit code {code}, {_other(now, start)}, "
@@ -212,10 +226,12 @@ def _refused(case: Case, start: Start, end: End, where: str, said: str, tally: T
     """Check exit code and words of a command that was refused a call."""
     _silent(said, where, tally)
     now = states(case.work)
-    many = case.name in ("batch", "demo")
-    if end.code not in (*DONE, 2) or (end.code in DONE and now != start.after and not many):
-        tally.wrong.append(f"{where}: exit code {end.code}, {_other(now, start)}")
-    if end.code == 2 and now != start.before and not many:
+    done = (start.code,) if case.name in NOTHING else DONE
+    refused = (2, 3) if case.name in NOTHING else (2,)
+    if end.code not in (*done, *refused) or (
+            end.code in done and now != start.after and case.name != "batch"):
+        tally.wrong.append(f"{where}: exit code {end.code}, {_other(now, start)}: {said[-200:]}")
+    if end.code in refused and now != start.before and case.name not in ("batch", "demo"):
         tally.wrong.append(f"{where}: refused, yet changed {_other(now, start)}: {said[-200:]}")
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from torture.desk import Case, leftovers, run, states
+from torture.desk import NOTHING, Case, leftovers, run, states
 from torture.faults import DONE, Start, Tally, _again, _judge, _refused, _silent, starts
 from torture.trace import End, forked
 
@@ -33,7 +33,7 @@ def small_disks(case: Case) -> Tally:
     said = case.work.parent / "said"
     if not may_mount():
         return tally
-    for start in list(starts(case)):
+    for start in starts(case):
         size, code = 16, 2
         while code not in DONE and size < 200_000:
             with _mounted(case, start, size) as fits:
@@ -68,8 +68,8 @@ def _after(case: Case, start: Start, code: int, what: str, tally: Tally) -> None
 @contextmanager
 def _mounted(case: Case, start: Start, size: int) -> Iterator[bool]:
     """Have a file system of ``size`` kB where the command works; yield whether its start fits."""
-    shutil.rmtree(case.work, ignore_errors=True)
-    case.work.mkdir()
+    shutil.rmtree(_disk(case), ignore_errors=True)
+    _disk(case).mkdir(parents=True)
     _mount(case, f"size={size}k")
     try:
         try:
@@ -79,11 +79,16 @@ def _mounted(case: Case, start: Start, size: int) -> Iterator[bool]:
             fits = False
         yield fits
     finally:
-        subprocess.run(["umount", case.work], check=True)
+        subprocess.run(["umount", _disk(case)], check=True)
 
 
 def _mount(case: Case, options: str) -> None:
-    subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", case.work], check=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", _disk(case)], check=True)
+
+
+def _disk(case: Case) -> Path:
+    """Return where a command writes."""
+    return case.temporary if case.name in NOTHING else case.work
 
 
 def odd_names(place: Path) -> Tally:

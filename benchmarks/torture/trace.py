@@ -1,22 +1,34 @@
-"""Children stopped at each system call that changes files, by ptrace: killed there, or refused."""
+"""Children stopped at each system call that changes files, by ptrace: killed there, or refused.
+
+A filter of the kernel's (seccomp) picks these calls out, so that all others run at full speed.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
 import io
+import mmap
 import os
 import platform
 import signal
+import struct
 import sys
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
 AVAILABLE = sys.platform == "linux" and platform.machine() == "x86_64"
-TRACEME, CONT, SETOPTIONS, SYSCALL, INFO, POKE = 0, 7, 0x4200, 24, 0x420E, 6
-EXITKILL, SYSGOOD = 0x100000, 1
+TRACEME, CONT, SETOPTIONS, INFO, POKE = 0, 7, 0x4200, 0x420E, 6
+EXITKILL, FILTERED = 0x100000, 0x80
 ORIG_RAX, RAX = 15 * 8, 10 * 8
-STOP = signal.SIGTRAP | 0x80
+STOP = signal.SIGTRAP | 7 << 8
+NO_NEW_PRIVILEGES, SECCOMP, FILTER = 38, 22, 2
+LOAD, EQUAL, GREATER, ANY_BIT, RETURN = 0x20, 0x15, 0x25, 0x45, 0x06
+"""Instructions of a filter."""
+TRACE, ALLOW = 0x7FF00000, 0x7FFF0000
+ARGUMENTS = 16
+"""Where the arguments of a call are, for a filter, eight bytes each."""
 CALLS = {
     1: "write", 2: "open", 18: "pwrite64", 20: "writev", 26: "msync", 40: "sendfile", 74: "fsync",
     75: "fdatasync", 76: "truncate", 77: "ftruncate", 82: "rename", 83: "mkdir", 84: "rmdir",
@@ -30,7 +42,17 @@ TAKING = {"write", "open", "pwrite64", "writev", "sendfile", "mkdir", "creat", "
           "openat", "mkdirat", "linkat", "symlinkat", "fallocate", "copy_file_range", "fsync"}
 """Those that a full disk refuses."""
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
-STREAMS = (0, 1, 2)
+STREAMS = 2
+"""Descriptors up to it are those of the process itself."""
+
+
+class _Step(ctypes.Structure):
+    _fields_ = (("code", ctypes.c_uint16), ("yes", ctypes.c_uint8), ("no", ctypes.c_uint8),
+                ("value", ctypes.c_uint32))
+
+
+class _Filter(ctypes.Structure):
+    _fields_ = (("length", ctypes.c_uint16), ("steps", ctypes.POINTER(_Step)))
 
 
 class _Info(ctypes.Structure):
@@ -42,6 +64,8 @@ class _Info(ctypes.Structure):
 _libc = ctypes.CDLL(None, use_errno=True)
 _libc.ptrace.argtypes = [ctypes.c_long, ctypes.c_long, ctypes.c_void_p, ctypes.c_void_p]
 _libc.ptrace.restype = ctypes.c_long
+_libc.prctl.argtypes = [ctypes.c_int, ctypes.c_ulong, ctypes.c_void_p, ctypes.c_ulong,
+                        ctypes.c_ulong]
 
 
 def _ptrace(request: int, process: int, address: int = 0, data: object = 0) -> int:
@@ -69,6 +93,9 @@ At = Callable[[int, str, int], int | None]
 
 def forked(work: Callable[[], int], said: str | os.PathLike[str] = os.devnull) -> int:
     """Run ``work`` in a child; return its exit code, or minus the signal that ended it."""
+    if said != os.devnull:
+        with open(said, "w"):
+            pass
     child = os.fork()
     if not child:
         _speak_to(said)
@@ -76,57 +103,130 @@ def forked(work: Callable[[], int], said: str | os.PathLike[str] = os.devnull) -
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def traced(work: Callable[[], int], at: At, said: str | os.PathLike[str] = os.devnull) -> End:
-    """Run ``work`` in a child and call ``at`` before each of its calls that changes files."""
-    child = os.fork()
-    if not child:
-        _speak_to(said)
+class Runner:
+    """A child that does the same work again and again, stopped at its calls that change files.
+
+    It is forked anew where it was killed or has ended. So an attempt costs the work alone: to
+    fork a process of this size takes longer than to write what was computed before.
+    """
+
+    def __init__(self, work: Callable[[], int], said: str | os.PathLike[str]) -> None:
+        """Remember the work, and the file for what it prints."""
+        self.work, self.said, self.child = work, said, 0
+        self._left = mmap.mmap(-1, mmap.PAGESIZE)
+
+    def run(self, at: At = lambda *_: None) -> End:
+        """Do the work once; call ``at`` before each call that changes files."""
+        with open(self.said, "w"):
+            pass
+        self.child = self.child or self._started()
+        calls, deliver = list[str](), 0
+        while True:
+            with contextlib.suppress(ProcessLookupError):
+                _ptrace(CONT, self.child, 0, deliver)
+            status = os.waitpid(self.child, 0)[1]
+            if not os.WIFSTOPPED(status):
+                self.child = 0
+                return End(os.waitstatus_to_exitcode(status), tuple(calls))
+            deliver = 0
+            if status >> 8 == signal.SIGSTOP:
+                return End(struct.unpack_from("i", self._left)[0], tuple(calls))
+            if status >> 8 != STOP:
+                deliver = os.WSTOPSIG(status)
+                continue
+            calls.append(_call(self.child))
+            refused = at(len(calls), calls[-1], self.child)
+            if refused:
+                _ptrace(POKE, self.child, ORIG_RAX, ctypes.c_void_p(0xFFFFFFFFFFFFFFFF))
+                _ptrace(POKE, self.child, RAX, ctypes.c_void_p(-refused & 0xFFFFFFFFFFFFFFFF))
+
+    def text(self) -> str:
+        """Return what the last run printed."""
+        with open(self.said, encoding="utf-8", errors="replace") as stream:
+            return stream.read()
+
+    def close(self) -> None:
+        """End the child."""
+        if self.child:
+            os.kill(self.child, signal.SIGKILL)
+            os.waitpid(self.child, 0)
+            self.child = 0
+
+    def _started(self) -> int:
+        child = os.fork()
+        if not child:
+            try:
+                self._serve()
+            finally:
+                os._exit(98)
+        os.waitpid(child, 0)
+        _ptrace(SETOPTIONS, child, 0, EXITKILL | FILTERED)
+        return child
+
+    def _serve(self) -> None:
+        _speak_to(self.said)
+        # a shell has its jobs in the background ignore Ctrl-C
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
         _ptrace(TRACEME, 0)
         os.kill(os.getpid(), signal.SIGSTOP)
-        os._exit(_code(work))
-    os.waitpid(child, 0)
-    _ptrace(SETOPTIONS, child, 0, EXITKILL | SYSGOOD)
-    calls, refused, entered, deliver = list[str](), 0, False, 0
-    while True:
-        with contextlib.suppress(ProcessLookupError):
-            _ptrace(SYSCALL, child, 0, deliver)
-        status = os.waitpid(child, 0)[1]
-        if not os.WIFSTOPPED(status):
-            return End(os.waitstatus_to_exitcode(status), tuple(calls))
-        deliver = 0
-        if os.WSTOPSIG(status) != STOP:
-            deliver = os.WSTOPSIG(status)
-            continue
-        entered = not entered
-        if not entered:
-            if refused:
-                _ptrace(POKE, child, RAX, ctypes.c_void_p(-refused & 0xFFFFFFFFFFFFFFFF))
-                refused = 0
-            continue
-        name = _changing(child)
-        if name:
-            calls.append(name)
-            refused = at(len(calls), name, child) or 0
-            if refused:
-                _ptrace(POKE, child, ORIG_RAX, ctypes.c_void_p(0xFFFFFFFFFFFFFFFF))
+        _be_filtered()
+        while True:
+            code = _code(self.work)
+            _let_signals_pass()
+            os.chdir("/")
+            struct.pack_into("i", self._left, 0, code)
+            os.kill(os.getpid(), signal.SIGSTOP)
 
 
-def _changing(child: int) -> str:
-    """Return the call that a child is about to make if it changes files, else nothing."""
+def _let_signals_pass() -> None:
+    """Wait for signals that are to be sent again, so that the next work does not get them."""
+    kept = {number: signal.signal(number, signal.SIG_IGN)
+            for number in (signal.SIGINT, signal.SIGTERM)}
+    for thread in threading.enumerate():
+        if thread is not threading.current_thread():
+            thread.join()
+    for number, handler in kept.items():
+        signal.signal(number, handler)
+
+
+def _call(child: int) -> str:
+    """Return the call that a child is about to make."""
     info = _Info()
     _ptrace(INFO, child, ctypes.sizeof(info), ctypes.byref(info))
-    name = CALLS.get(info.nr, "")
-    if info.op != 1 or not name:
-        return ""
-    if name in ("write", "writev", "pwrite64") and info.args[0] in STREAMS:
-        return ""
-    flags = {"open": info.args[1], "openat": info.args[2]}.get(name, WRITES)
-    return name if flags & WRITES else ""
+    return CALLS[info.nr]
+
+
+def _be_filtered() -> None:
+    """Have the kernel stop this process at calls that change files."""
+    steps = (_Step * len(_STEPS))(*_STEPS)
+    program = _Filter(len(steps), steps)
+    if _libc.prctl(NO_NEW_PRIVILEGES, 1, None, 0, 0) or _libc.prctl(
+            SECCOMP, FILTER, ctypes.byref(program), 0, 0):
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+
+
+def _filter() -> list[tuple[int, int, int, int]]:
+    """Return a filter's steps: which calls, and of some those with certain arguments only."""
+    tests = {"open": (1, ANY_BIT, WRITES), "openat": (2, ANY_BIT, WRITES)} | dict.fromkeys(
+        ("write", "writev", "pwrite64"), (0, GREATER, STREAMS))
+    steps = [(LOAD, 0, 0, 0)]
+    for number, name in CALLS.items():
+        body = [(RETURN, 0, 0, TRACE)]
+        if name in tests:
+            argument, test, value = tests[name]
+            body = [(LOAD, 0, 0, ARGUMENTS + 8 * argument), (test, 0, 1, value), *body,
+                    (RETURN, 0, 0, ALLOW)]
+        steps += [(EQUAL, 0, len(body), number), *body]
+    return [*steps, (RETURN, 0, 0, ALLOW)]
+
+
+_STEPS = _filter()
 
 
 def _speak_to(said: str | os.PathLike[str]) -> None:
     """Lead standard output and error into a file."""
-    place = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    place = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     os.dup2(place, 1)
     os.dup2(place, 2)
     for name, number in (("stdout", 1), ("stderr", 2)):

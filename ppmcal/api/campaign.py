@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from ppmcal.io.results.batch import (
     fit_quantities,
 )
 from ppmcal.io.sidecar import sidecar_path
-from ppmcal.io.stage import HIDDEN
+from ppmcal.io.stage import HIDDEN, sweep
 
 KEPT = f"{HIDDEN}batch"
 """Folder of what is remembered of each campaign, within that of the results."""
@@ -73,7 +73,9 @@ def finished(at: BatchPlace, campaign: CampaignJob) -> CampaignRecord | None:
     except BadInput:
         return None
     place = Path(at.place(campaign))
-    same = (not record.writing and not record.failed and record.key == _key(at, campaign)
+    sweep(place)
+    _remove(path.with_suffix(".part"))
+    same = (not record.failed and record.key == _key(at, campaign) and bool(record.outputs)
             and all(digest_of(Path(p)) == d for p, d in record.inputs.items())
             and all(digest_of(place / name) == d for name, d in record.outputs.items()))
     # machines may have been put into another design since
@@ -95,16 +97,11 @@ def run_campaign(at: BatchPlace, campaign: CampaignJob) -> int:
             format=CampaignRecord.FORMAT, campaign=campaign.name, machine=campaign.machine,
             date=campaign.date, design=campaign.design, command=campaign.command, typed=typed,
             key=_key(at, campaign))
-        stopped = _stopped_while_writing(kept)
         seen: set[str] = set()
-
-        def writing() -> None:
-            _keep(kept, own.model_copy(update={"writing": True}))
-
         try:
-            with running(campaign.command, Path(place), at.force or stopped, typed) as run:
+            with running(campaign.command, Path(place), at.force, typed) as run:
                 try:
-                    record = own.model_copy(update=_result(campaign, place, writing))
+                    record = own.model_copy(update=_result(campaign, place))
                 finally:
                     seen.update(run.read.values())
         except Exception as error:
@@ -128,14 +125,6 @@ def _named(campaign: CampaignJob) -> set[str]:
     return {f for f in files if not Path(f).is_dir()}
 
 
-def _stopped_while_writing(kept: Path) -> bool:
-    """Whether the run before was killed while it replaced results: what is there is a mixture."""
-    try:
-        return kept.is_file() and CampaignRecord.read(kept).writing
-    except BadInput:
-        return False
-
-
 def _keep(path: Path, record: CampaignRecord) -> None:
     """Write a record, whole or not at all."""
     part = path.with_suffix(".part")
@@ -146,19 +135,25 @@ def _keep(path: Path, record: CampaignRecord) -> None:
     except OSError as error:
         raise BadInput(f"cannot be written ({error.strerror or error})", str(path),
                        "Check permissions and space, and start the batch again") from None
+    finally:
+        _remove(part)
 
 
-def _result(campaign: CampaignJob, place: str, writing: Callable[[], None]) -> dict[str, Any]:
+def _remove(part: Path) -> None:
+    """Take away a record that was not written to its end."""
+    with contextlib.suppress(OSError):
+        part.unlink(missing_ok=True)
+
+
+def _result(campaign: CampaignJob, place: str) -> dict[str, Any]:
     """Run a campaign's command, save its files and return what came out."""
     try:
         result = _call(campaign)
     except Misread as refused:
         if campaign.command == "diagnose":
-            writing()
             save_misread(refused, campaign.model, campaign.data, place,
                          dict(campaign.options).get("seed", 0))
         raise
-    writing()
     result.save(place)
     return {"exit_code": int(result.needs_a_look), "message": result.headline(),
             "findings": result.findings, "quantities": tuple(_quantities(result)),

@@ -13,7 +13,7 @@ from time import monotonic
 from types import FrameType, TracebackType
 from typing import Any, TextIO, cast
 
-from ppmcal.errors import has_to_wait
+from ppmcal.errors import has_to_clean_up, has_to_wait
 
 CLEAR = "\r\x1b[2K"
 """Takes what is on the terminal's line away."""
@@ -26,9 +26,6 @@ MOMENT = 0.02
 """Seconds after which a signal that has to wait is tried again."""
 PATIENCE = 5.0
 """Seconds that cleaning up may take before the next signal ends it."""
-WRITING, WRITERS = os.path.join("ppmcal", "io"), frozenset(
-    ("output.py", "folder.py", "exchange.py", "stage.py", "journal.py"))
-"""Where files of results are written and exchanged."""
 _first: float | None = None
 """When the signal came that ends this run."""
 
@@ -116,7 +113,7 @@ def stop(number: int, frame: FrameType | None) -> None:
     """Handle a signal: raise :class:`Stopped`, or, while a module loads, leave at once.
 
     Compiled modules print an interrupted import as a failure of their own, or turn it into
-    another error. Where files are being written or processes work, it waits for the module.
+    another error. Where something is to be cleaned up, it waits for the module.
     """
     global _first
     if _first is not None:    # cleaning up already
@@ -125,12 +122,8 @@ def stop(number: int, frame: FrameType | None) -> None:
         return
     if has_to_wait(number):
         return
-    files = []
-    while frame is not None:
-        files.append(frame.f_code.co_filename)
-        frame = frame.f_back
-    if any(name.startswith("<frozen importlib") for name in files):
-        if _at_stake(files):
+    if _imports(frame):
+        if has_to_clean_up():
             _again(number)
             return
         with contextlib.suppress(OSError):
@@ -140,14 +133,13 @@ def stop(number: int, frame: FrameType | None) -> None:
     raise Stopped(number)
 
 
-def _at_stake(files: list[str]) -> bool:
-    """Whether leaving at once would leave something behind: half a folder, or processes."""
-    processes = sys.modules.get("ppmcal.design.processes")
-    current = getattr(sys.modules.get("ppmcal.io.folder"), "current", None)
-    prepared = current is not None and getattr(current(), "stage", None) is not None
-    return prepared or bool(getattr(processes, "pools", 0)) or any(
-        name.endswith(".py") and os.path.dirname(name).endswith(WRITING)
-        and os.path.basename(name) in WRITERS for name in files)
+def _imports(frame: FrameType | None) -> bool:
+    """Whether a module is being loaded."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _again(number: int) -> None:

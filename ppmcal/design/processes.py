@@ -21,7 +21,7 @@ from time import monotonic
 from typing import Any, TypeVar
 
 from ppmcal import __version__
-from ppmcal.errors import BadInput, NoResult, has_to_wait
+from ppmcal.errors import BadInput, NoResult, cleaned_up, has_to_wait
 
 Shared = TypeVar("Shared")
 Item = TypeVar("Item")
@@ -34,8 +34,6 @@ PIECES = 16
 WAIT = "10s"
 PATIENCE = 2.0
 """Seconds that processes have to clean up when they are ended."""
-pools = 0
-"""How many pools of processes are at work here."""
 
 
 def cores() -> int:
@@ -79,32 +77,30 @@ def shares(items: Sequence[Item], workers: int) -> list[Sequence[Item]]:
 
 def _processes(work: Callable[[Shared, Item], Answer], shared: Shared, items: Sequence[Item],
                processes: int) -> Iterator[Answer]:
-    global pools
     # spawn: a fork of a process that has threads may hang
     context = get_context("spawn")
     before = set(active_children())
-    pools += 1
     pool = None
-    try:
-        with _held():
-            _track()
-        with _held():
-            pool = ProcessPoolExecutor(processes, context, _remember, (work, shared))
-            # not pool.map: what it cancels, a pool whose processes have ended stumbles over
-            answers = deque(pool.submit(_do, share) for share in shares(items, processes))
-        while answers:
-            yield from answers.popleft().result()
-    except BrokenProcessPool:
-        raise NoResult("a process was ended from outside, or ran out of memory", "",
-                       "Run it again with fewer --cores") from None
-    except BaseException:
-        # nobody waits for answers any more
-        _end(set(active_children()) - before)
-        raise
-    finally:
-        if pool is not None:
-            pool.shutdown(cancel_futures=True)
-        pools -= 1
+    with cleaned_up():
+        try:
+            with _held():
+                _track()
+            with _held():
+                pool = ProcessPoolExecutor(processes, context, _remember, (work, shared))
+                # not pool.map: what it cancels, a pool whose processes have ended stumbles over
+                answers = deque(pool.submit(_do, share) for share in shares(items, processes))
+            while answers:
+                yield from answers.popleft().result()
+        except BrokenProcessPool:
+            raise NoResult("a process was ended from outside, or ran out of memory", "",
+                           "Run it again with fewer --cores") from None
+        except BaseException:
+            # nobody waits for answers any more
+            _end(set(active_children()) - before)
+            raise
+        finally:
+            if pool is not None:
+                pool.shutdown(cancel_futures=True)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ppmcal.errors import BadInput
+from ppmcal.errors import BadInput, cleaned_up, uninterrupted
 
 RESULTS = "results.of.verify"
 """Folder within the sandbox's root for what a run writes, where nothing says more of it."""
@@ -75,8 +75,13 @@ class Sandbox:
 @contextlib.contextmanager
 def sandbox(base: str) -> Iterator[Sandbox]:
     """Make one that stands for the file system as seen from the folder ``base``."""
-    root = Path(os.path.realpath(tempfile.mkdtemp(prefix="ppmcal-verify-")))
-    try:
-        yield Sandbox(root, base)
-    finally:
-        shutil.rmtree(root, ignore_errors=True)
+    root = None
+    with cleaned_up():
+        try:
+            with uninterrupted():    # what is there is known, and taken away whole
+                root = Path(os.path.realpath(tempfile.mkdtemp(prefix="ppmcal-verify-")))
+            yield Sandbox(root, base)
+        finally:
+            if root is not None:
+                with uninterrupted():
+                    shutil.rmtree(root, ignore_errors=True)

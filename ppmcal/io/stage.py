@@ -23,7 +23,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ppmcal.errors import BadInput, uninterrupted
+from ppmcal.errors import BadInput, cleaned_up, uninterrupted
 from ppmcal.io.journal import JOURNAL, NEW, OLD, move_in
 
 try:
@@ -129,16 +129,17 @@ def staged(folder: Path, command: str, beside: str = "", inside: bool = False) -
         BadInput: nothing can be written there.
     """
     stage = None
-    try:
-        with uninterrupted():    # a lock that is half taken would be given back by nobody
-            stage = _prepared(folder, command, beside, inside)
-            _move_in_what_is_left(stage)
-        yield stage
-    finally:
-        if stage is not None:
-            with uninterrupted():
-                _HELD.discard(stage)
-                stage.release()
+    with cleaned_up():
+        try:
+            with uninterrupted():    # a lock that is half taken would be given back by nobody
+                stage = _prepared(folder, command, beside, inside)
+                _move_in_what_is_left(stage)
+            yield stage
+        finally:
+            if stage is not None:
+                with uninterrupted():
+                    _HELD.discard(stage)
+                    stage.release()
 
 
 def _prepared(folder: Path, command: str, beside: str, inside: bool) -> Staging:
@@ -185,6 +186,14 @@ def settle(folder: Path) -> None:
                            f"replaced it, and it cannot be finished ({error.strerror or error})",
                            str(folder), "Run ppmcal on it with permission to write there"
                            ) from None
+
+
+def sweep(folder: Path) -> None:
+    """Finish or throw away what a killed run left for a folder, where nothing runs for it again."""
+    target = Path(os.path.realpath(folder))
+    for place in (target.parent / hidden(target.name), target / INSIDE):
+        with contextlib.suppress(OSError, ValueError, BadInput), uninterrupted():
+            _finish(place, target)
 
 
 def hidden(name: str) -> str:

@@ -17,7 +17,10 @@ from helpers.fleets import DESIGN, write_fleet
 import ppmcal as face
 from ppmcal.api import campaign as campaign_module
 from ppmcal.api.campaign import KEPT
+from ppmcal.io.folder import RECORD, digest_of
+from ppmcal.io.journal import NEW, write_journal
 from ppmcal.io.results.batch import CampaignRecord
+from ppmcal.io.stage import INSIDE
 from ppmcal.io.yaml import dump_yaml, read_yaml
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("pyarrow") is None,
@@ -168,7 +171,7 @@ def test_a_killed_batch_goes_on_where_it_was(fleet, alone, tmp_path):
     run.wait()
     assert not (out / "campaigns.parquet").exists()
     sound = [CampaignRecord.read(p) for p in kept.rglob("*.json")]
-    done = {r.campaign for r in sound if not r.writing and not r.failed}
+    done = {r.campaign for r in sound if not r.failed}
     assert 0 < len(done) < 9
     again = ppmcal("batch", manifest, "--out", out, "--cores", 1, "--json", expect=1).json
     assert set(again["finished_before"]) == done
@@ -213,6 +216,10 @@ def test_what_is_new_is_run_again(tmp_path):
     (out / first / "residuals.csv").unlink()
     assert finished_before(manifest, out) == {second}
     assert (out / first / "residuals.csv").exists()
+    # a result that is not known, as of a run that an older version was killed in
+    kept = (out / KEPT / second).with_suffix(".json")
+    kept.write_text(CampaignRecord.read(kept).model_copy(update={"outputs": {}}).text())
+    assert finished_before(manifest, out) == {first}
 
 
 @pytest.mark.slow
@@ -233,17 +240,38 @@ def test_results_that_were_edited_are_not_replaced(tmp_path):
 
 @pytest.mark.slow
 def test_a_mixture_that_a_killed_run_left_is_replaced(tmp_path):
-    """Files are replaced one by one; stopped in between, some are old and some are new."""
+    """Where files are moved one by one, some are new and some are old after a kill in between."""
     manifest, (first, second) = small(tmp_path)
     out = tmp_path / "out"
     finished_before(manifest, out)
     good = results(out)
-    kept = (out / KEPT / first).with_suffix(".json")
-    record = CampaignRecord.read(kept)
-    kept.write_text(record.model_copy(update={"writing": True}).text())
-    (out / first / "parameters.csv").write_text("half")
+    place, stage = out / first, out / first / INSIDE
+    record = json.loads((place / RECORD).read_text())
+    (stage / NEW).mkdir(parents=True)
+    for name in ("parameters.csv", "residuals.csv"):
+        (stage / NEW / name).write_text("of the killed run")
+        record["files"][name]["sha256"] = digest_of(stage / NEW / name)
+    (stage / NEW / RECORD).write_text(json.dumps(record))
+    write_journal(stage, ["parameters.csv", "residuals.csv", RECORD], [])
+    (stage / NEW / "parameters.csv").replace(place / "parameters.csv")
     assert finished_before(manifest, out) == {second}
     assert results(out) == good
+    assert not stage.exists()
+
+
+@pytest.mark.slow
+def test_what_a_run_could_not_take_away_is_swept(tmp_path):
+    """The campaign is finished: its command is not run again."""
+    manifest, (first, _) = small(tmp_path)
+    out = tmp_path / "out"
+    known = finished_before(manifest, out) | finished_before(manifest, out)
+    left = (out / first).with_name(".ppmcal.identify.part")
+    left.mkdir()
+    (left / "lock").touch()
+    part = (out / KEPT / first).with_suffix(".part")
+    part.touch()
+    assert first in known and finished_before(manifest, out) == known
+    assert not left.exists() and not part.exists()
 
 
 @pytest.mark.slow

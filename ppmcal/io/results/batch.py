@@ -12,7 +12,7 @@ from ppmcal.io.parquet import parquet_bytes
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate, summaries
-from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
+from ppmcal.io.results.record import Part, Record, Shown, Text, Whole
 from ppmcal.wording import MOST, counted, some
 
 TABLE = "campaigns.parquet"
@@ -49,8 +49,8 @@ class CampaignRecord(Record):
     """What a batch remembers of a campaign: by which inputs it is finished, and what came out.
 
     ``key``: what was asked of it and by which version; ``inputs`` and ``outputs``: SHA-256 by
-    path and by file name; ``writing``: it was stopped while it wrote. ``exit_code`` is that of
-    its command alone; ``message`` the error, or the result in a line.
+    path and by file name. ``exit_code`` is that of its command alone; ``message`` the error, or
+    the result in a line.
     """
 
     FILE: ClassVar[str] = "campaign.json"
@@ -67,7 +67,6 @@ class CampaignRecord(Record):
     message: Text = ""
     findings: tuple[Text, ...] = ()
     quantities: tuple[CampaignQuantity, ...] = ()
-    writing: Flag = False
     key: Text = ""
     inputs: Mapping[Text, Text] = Field(default_factory=dict)
     outputs: Mapping[Text, Text] = Field(default_factory=dict)
