@@ -149,10 +149,10 @@ def in_order(tests: set[str], name: str, killers: Counter[str], budget: float) -
         -min(killers[t], 1), name not in t, (seconds[t] + 0.05) * (1 + siblings[t])))
     out, spent = [], 0.0
     for test in order:
-        if not out or spent + seconds[test] <= budget:
+        if spent + seconds[test] <= budget:
             out.append(test)
             spent += seconds[test]
-    return out
+    return out or order[:1]
 
 
 def try_all(todo: Sequence[Mutant], trial: Trial, options: argparse.Namespace) -> None:
