@@ -132,6 +132,15 @@ def test_out_of_iterations_near_the_end_or_not(monkeypatch: pytest.MonkeyPatch, 
     assert found.converged is near
 
 
+def test_a_step_too_small_to_be_judged_is_taken_unjudged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It only polishes."""
+    search = Search(monkeypatch, lambda x: 1e-6 * (x - 1.0), lambda x: 1e-6 * np.eye(1))
+    found = search.run(0.0)
+    at: Any = found.state
+    np.testing.assert_allclose(at.x, [1.0])
+    assert (found.converged, found.iterations, found.summed, search.costs) == (True, 1, 0, 0)
+
+
 def test_a_last_step_that_loses_a_pose_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     search = Search(monkeypatch, lambda x: 1e-6 * (x - 1.0), lambda x: 1e-6 * np.eye(1))
 

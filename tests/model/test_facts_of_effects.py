@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from ppmcal.model.effects import LimbSetting, ScanRange, Setting, effect_kinds
+from ppmcal.model.effects.kind import STROKE
 from ppmcal.model.effects.learned import LearnedCurve
 from ppmcal.model.effects.setting import COORDINATES, PLACE, Shift, total
+from ppmcal.model.effects.wave import wave
 from ppmcal.model.limbs import kinds as limb_kinds
 
 Array = NDArray[np.float64]
@@ -121,3 +124,76 @@ def test_scans_of_a_compliance_cover_what_they_say() -> None:
     ends = np.array(specs["by_stroke"].scan(data)) * data.stroke / 2.0
     np.testing.assert_allclose(ends, [s * 0.12 * i for s, i in [
         *((-1, i) for i in range(7, 0, -1)), *((1, i) for i in range(1, 8))]])
+
+
+def test_usual_ranges_are_possible_and_as_wide_to_either_side() -> None:
+    """What has a sign is as often above 0 as below; all else is never below.
+
+    Parts of a stroke are all the same part.
+    """
+    parts = set()
+    for kind in effect_kinds().values():
+        for spec in (s for motion in kind.motions for s in kind.parameters(motion)
+                     if np.isfinite(s.usual).all()):
+            low, high = spec.usual
+            assert low < high, spec.name
+            assert spec.low <= low, spec.name
+            assert high <= spec.high, spec.name
+            assert low >= 0.0 or low == -high, (kind.name, spec.name)
+            if spec.of_stroke and spec.why == STROKE:
+                parts.add(high)
+    assert len(parts) == 1
+
+
+def test_play_is_looked_for_at_widths_that_some_moves_do_not_cross() -> None:
+    """Within a twentieth and a ten thousandth of the stroke, none near the one before."""
+    scan = effect_kinds()["play"].parameters("spatial")[0].scan
+    assert scan is not None
+    stroke = 0.4
+
+    def widths(*moves: float) -> Array:
+        return np.array(scan(ScanRange(stroke, 20, moves=tuple(moves)))) / stroke
+
+    without = widths()
+    np.testing.assert_allclose(without[[0, 2]], [1e-4, 0.05])
+    assert without[1] / without[0] == pytest.approx(without[2] / without[1])
+    np.testing.assert_allclose(widths(*[0.01 * stroke] * 9), [0.01])
+    np.testing.assert_allclose(widths(*[1e-6] * 9), [1e-4])
+    np.testing.assert_allclose(widths(*[stroke] * 9), [0.05])
+    several = widths(*(stroke * np.linspace(0.001, 0.041, 11)))
+    np.testing.assert_allclose(several, [0.001, 0.009, 0.017])
+    near = widths(*(stroke * np.linspace(0.01, 0.02, 11)))
+    np.testing.assert_allclose(near, [0.01])
+
+
+def test_of_hysteresis_as_much_is_unsettled_as_of_its_plays() -> None:
+    """Each by its share, whatever the sign; of joints without the effect nothing."""
+    kind = effect_kinds()["hysteresis"]
+    assert kind.unsettled is not None
+    at: Any = SimpleNamespace(stroke=np.array([[0.0, 1.0], [2.0, 5.0]]),
+                              unsettled=lambda width: np.tile(np.asarray(width) / 2.0, (4, 1)))
+    values = {"w1": 0.0, "w2": -0.5, "w3": 0.1, "low": np.nan, "high": np.nan}
+    found = kind.unsettled(at, np.array([True, True]), values)
+    np.testing.assert_allclose(found, [[0.0175, 0.0525]] * 4)
+    own = kind.unsettled(at, np.array([True, False]), values | {"low": 1.0, "high": 3.0})
+    np.testing.assert_allclose(own, [[0.035, 0.0]] * 4)
+
+
+@pytest.mark.parametrize("kind", limb_kinds())
+def test_what_a_file_may_leave_out_is_no_offset_and_no_gear(kind: str) -> None:
+    for slot in limb_kinds()[kind].slots:
+        if slot.default is not None:
+            assert slot.default == (1.0 if slot.name == "ratio" else 0.0), slot.name
+
+
+@pytest.mark.parametrize("turns", [0.3, -2.0, 40.0])
+def test_a_waves_phase_is_where_it_is_at_mid_stroke(turns: float) -> None:
+    """cos(w) c + sin(w) s = amplitude cos(phase + w - w0), whatever w; phases are in a turn."""
+    amplitude, phase = wave("c", "s", lambda values, q: turns * q)
+    values = {"c": 0.6, "s": -0.8}
+    a, p = (part.value(values, 0.7) for part in (amplitude, phase))
+    assert a == pytest.approx(1.0)
+    assert abs(p) <= np.pi
+    for q in (0.0, 0.7, 1.3):
+        w, w0 = turns * q, turns * 0.7
+        assert 0.6 * np.cos(w) - 0.8 * np.sin(w) == pytest.approx(np.cos(p + w - w0))
