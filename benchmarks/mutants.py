@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             made_map(options.tests)
         found = results()
         todo = [m for m in sample if m.name not in found or (
-            options.again and found[m.name]["status"] == "survived")]
+            options.again and found[m.name]["status"] == "survived" and not _equal(m))]
         # a survivor is tried from the import on: what was computed there had no fault before
         afresh = [m for m in todo if m.at_import or "/compil" in m.file or m.name in found]
         warm = [m for m in todo if m not in afresh]
@@ -224,14 +224,12 @@ def results() -> dict[str, dict[str, Any]]:
 
 def told(sample: Sequence[Mutant]) -> int:
     """Print the survivors and a table; return 1 where fewer than nine of ten were noticed."""
-    equal = {_spaced(name) for group in yaml.safe_load(EQUIVALENT.read_text(encoding="utf-8"))
-             for name in group["mutants"]}
     found = results()
     table: dict[str, Counter[str]] = {}
     for m in sorted((m for m in sample if m.name in found), key=lambda m: (m.file, m.line)):
         line = found[m.name]
         status = line["status"]
-        if status == "survived" and _spaced(m.name) in equal:
+        if status == "survived" and _equal(m):
             status = "equivalent"
         table.setdefault(line["part"], Counter())[status] += 1
         if status == "survived":
@@ -241,6 +239,17 @@ def told(sample: Sequence[Mutant]) -> int:
     for name, row in [*table.items(), ("all", every)]:
         print(f"{name:18}" + "".join(f"{row[s]:12d}" for s in STATUSES) + f"{_part(row):12.1%}")
     return int(_part(every) < 0.9)
+
+
+def _equal(mutant: Mutant) -> bool:
+    """Whether a mutant was judged to be no fault."""
+    return _spaced(mutant.name) in _equivalents()
+
+
+@cache
+def _equivalents() -> set[str]:
+    return {_spaced(name) for group in yaml.safe_load(EQUIVALENT.read_text(encoding="utf-8"))
+            for name in group["mutants"]}
 
 
 def _spaced(name: str) -> str:
