@@ -177,3 +177,12 @@ def test_nothing_is_linearised_where_no_row_has_a_pose(monkeypatch: pytest.Monke
     found: Any = least_squares(problem, start, [np.ones(2, dtype=bool)], np.zeros(1), 3).state
     assert 0.4 < found.x[0] <= 0.95
     assert max(asked) <= 0.95
+
+
+@pytest.mark.parametrize(("poses", "keep", "whole"), [
+    ([[1.0, 2.0], [3.0]], [[1, 1], [1]], True), ([[1.0, np.nan], [3.0]], [[1, 1], [1]], False),
+    ([[1.0, np.nan], [3.0]], [[1, 0], [1]], True), ([[1.0, 2.0], [np.nan]], [[1, 1], [1]], False)])
+def test_solved_is_every_row_in_use_of_every_file(poses: list[list[float]], keep: list[list[int]],
+                                                  whole: bool) -> None:
+    state: Any = SimpleNamespace(poses=tuple(np.array(p)[:, None] for p in poses))
+    assert gauss_newton.solved(state, [np.array(k, dtype=bool) for k in keep]) is whole

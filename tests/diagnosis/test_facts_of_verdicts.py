@@ -85,10 +85,10 @@ def test_the_verdict_of_each_case(monkeypatch: pytest.MonkeyPatch) -> None:
     assert decided(much, far) == "unnamed"
 
 
-@pytest.mark.parametrize(("left", "words"), [(np.sqrt(9.9), "partial"), (np.sqrt(12.1), "unnamed")])
+@pytest.mark.parametrize(("left", "words"), [(np.sqrt(9.9), "partial"), (np.sqrt(11.2), "unnamed")])
 def test_less_than_half_explained_is_no_name(monkeypatch: pytest.MonkeyPatch, left: float,
                                              words: str) -> None:
-    """Of what exceeds the noise, in squares: of 21 units 20 do; 10 more than half, 12 less."""
+    """Of what exceeds the noise, in squares: of 21 units 20 do; 11 more than half, 9.8 less."""
     monkeypatch.setattr(verdict, "few_poses", lambda fit: [])
     start = remainder(np.sqrt(21.0), 50.0, 1e-9)
     assert decided(remainder(left, 50.0, 1e-9), start) == words
@@ -231,6 +231,21 @@ def test_values_that_were_not_measured_are_no_residuals() -> None:
         system: Any = SimpleNamespace(observed=observed, dataset=np.zeros(2, dtype=int))
         made = Whitening(np.eye(2)[None], 0.0).apply(values, system)
         np.testing.assert_array_equal(made[:, 0], want)
+
+
+def test_repeats_are_of_one_pose_and_one_environment() -> None:
+    """Within a fiftieth of the largest speed or load, and a twentieth of a kelvin."""
+    system = system_of(velocity=np.outer([1.0, 1.0, 0.9, 1.0, 1.0, 1.0], [1.0, -1.0]),
+                       temperature=20.0 + np.array([0.0, 0.0, 0.0, 0.3, 0.0, 0.0]),
+                       wrench=np.outer([50.0] * 4 + [55.0, 50.0], [0, 0, -1.0, 0, 0, 0]))
+    system.group, system.dataset = np.zeros(6, dtype=int), np.zeros(6, dtype=int)
+    label = whitening._environments(system)
+    assert label is not None
+    same = label[:, None] == label
+    assert same[0].tolist() == [True, True, False, False, False, True]
+    assert (same.sum(axis=1) == [3, 3, 1, 1, 1, 3]).all()
+    system.group = np.arange(6)
+    assert whitening._environments(system) is None
 
 
 @pytest.mark.parametrize(("rho", "asked"), [(0.0, 0), (-0.3, 0), (0.3, 1)])

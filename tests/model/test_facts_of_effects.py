@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ppmcal.model.effects import LimbSetting, ScanRange, Setting, effect_kinds
+from ppmcal.model.effects.inputs import BY_NEED
 from ppmcal.model.effects.learned import LearnedCurve
 from ppmcal.model.effects.setting import COORDINATES, PLACE, Shift, total
 from ppmcal.model.effects.wave import wave
@@ -134,6 +135,8 @@ def test_usual_ranges_are_possible_and_as_wide_to_either_side() -> None:
             assert low < high, spec.name
             assert high <= spec.high, spec.name
             assert low >= 0.0 or low == -high, (kind.name, spec.name)
+            if np.isfinite([spec.low, spec.high]).all() and spec.low < 0.0:
+                assert spec.low == -spec.high, (kind.name, spec.name)
 
 
 def test_play_is_looked_for_at_widths_that_some_moves_do_not_cross() -> None:
@@ -188,3 +191,11 @@ def test_a_waves_phase_is_where_it_is_at_mid_stroke(turns: float) -> None:
     for q in (0.0, 0.7, 1.3):
         w, w0 = turns * q, turns * 0.7
         assert 0.6 * np.cos(w) - 0.8 * np.sin(w) == pytest.approx(np.cos(p + w - w0))
+
+
+def test_traits_that_go_together() -> None:
+    """What gives way under a constant weight follows the load; a vector is no joint's."""
+    for kind in effect_kinds().values():
+        assert kind.uses_load or not kind.under_weight, kind.name
+    for known in (*BY_NEED.values(), *(k.follows for k in effect_kinds().values() if k.follows)):
+        assert known.of_machine or not known.components, known.name
