@@ -128,9 +128,10 @@ def covering(mutant: Mutant) -> set[str]:
     within = [lines for lines in _functions(mutant.file) if lines[0] <= mutant.line <= lines[-1]]
     lines = within[-1] if within else range(10**6)
     found = {t for line, tests in seen.items() if line in lines for t in tests}
-    # a declaration that is only read: what mirrors its package
+    # a declaration is read where no line of its file is run: what mirrors its package
     folder = mutant.file.split("/")[1]
-    return found or {t for t in made.seconds if t.startswith(f"tests/{folder}/")}
+    mirror = {t for t in made.seconds if t.startswith(f"tests/{folder}/")}
+    return found if found and within else found | mirror
 
 
 @cache
