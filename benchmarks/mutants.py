@@ -200,6 +200,7 @@ def _tried(faulty: Ask, faultless: Ask, mutant: Mutant, killers: Counter[str], b
     """Return what became of a mutant and how many tests were asked.
 
     A test that fails without any fault notices nothing: it is left out, and the mutant tried again.
+    Nor does time that runs out without any fault.
     """
     seconds = read_map().seconds
     name = Path(mutant.file).stem
@@ -210,6 +211,8 @@ def _tried(faulty: Ask, faultless: Ask, mutant: Mutant, killers: Counter[str], b
         blamed = outcome.test if outcome.test in seconds else tests[0]
         if outcome.status == "killed" and blamed not in sound:
             sound[blamed] = faultless([blamed], allowed).status == "survived"
+        if outcome.status == "timed out" and faultless(tests, allowed).status == "timed out":
+            return Outcome("not tried", "", outcome.seconds), len(tests)
         if outcome.status != "killed" or sound[blamed]:
             return outcome, len(tests)
     return Outcome("survived", "", 0.0), 0
