@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ppmcal.calibration import least_squares
 from ppmcal.calibration.extrapolation import extrapolated, measured_ranges, refuse_far
 from ppmcal.calibration.least_squares import qr_factor
+from ppmcal.calibration.observation import pivot
 from ppmcal.model.measured import MeasurementBasis
 
 Array = NDArray[np.float64]
@@ -43,6 +44,13 @@ def test_one_triangle_is_all_rows_and_the_earlier_ones(monkeypatch: pytest.Monke
     assert found.count == b.size
     problem.earlier = None
     assert qr_factor(problem, state, [np.ones(n, dtype=bool) for n in sizes]).count == b.size - 7
+
+
+def test_a_frame_turns_about_the_middle_of_what_was_measured() -> None:
+    """Coordinate by coordinate; where nothing was measured about 0."""
+    data: Any = SimpleNamespace(position=np.array(
+        [[1.0, np.nan, np.nan], [3.0, 5.0, np.nan], [8.0, 7.0, np.nan]]))
+    np.testing.assert_array_equal(pivot(data), [4.0, 6.0, 0.0])
 
 
 def machine(motion: str = "spatial", effects: tuple[Any, ...] = ()) -> Any:

@@ -143,3 +143,14 @@ def test_whatever_ways_fail_rows_are_followed_as_one_by_one() -> None:
             else:
                 last = n
         assert _followed(np.arange(12), judge) == want
+
+
+def test_behind_a_wall_twice_as_many_are_tried_each_time() -> None:
+    asked: list[int] = []
+
+    def judge(a: Any, b: Any) -> dict[int, str]:
+        asked.append(len(a))
+        return {int(n): "wall" for n in np.flatnonzero((a < 5) & (b >= 5))}
+
+    assert list(_followed(np.arange(40), judge)) == list(range(5, 40))
+    assert asked == [39, 2, 4, 8, 16, 5]
