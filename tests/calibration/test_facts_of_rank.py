@@ -111,6 +111,16 @@ def test_a_part_in_a_million_is_no_part(share: float, there: bool) -> None:
     assert found.combinations == 1
 
 
+@pytest.mark.parametrize(("share", "there"), [(5.0, True), (0.2, False)])
+def test_a_part_is_that_of_the_whole_column(share: float, there: bool) -> None:
+    """Also where most of that column is along another: 100 of it, and 1 of its own."""
+    a = np.linalg.qr(np.random.default_rng(5).normal(size=(20, 2)))[0]
+    first, second = 1000.0 * a[:, 0], 100.0 * a[:, 0] + a[:, 1]
+    block = np.column_stack([first, second, 1e-3 * first + share * TAKES_PART * second / 100.0])
+    found, = sets_of(block, ["leg1.offset", "leg2.offset", "leg3.offset"])
+    assert ("leg2.offset" in found.slots) is there
+
+
 def test_legs_are_counted_and_words_come_behind() -> None:
     names = ["leg10.a", "legs.z", "leg2.b", "leg2.a", "base.x"]
     assert [names[i] for i in np.argsort(by_name(names))] == ["base.x", "leg2.b", "leg2.a",

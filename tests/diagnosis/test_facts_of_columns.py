@@ -114,7 +114,7 @@ def test_of_each_kind_the_freest_and_of_a_grid_the_best(monkeypatch: pytest.Monk
              form("lag", (5,), **grid), form("lag", (6, 7), shared=False, **grid),
              form(GEOMETRY, (8,)), form(GEOMETRY, (9,)), form("tilt", (10,)),
              form("fixed", (11,), constants={"tau": 0.0})]
-    gains = {4: 1.0, 5: 2.0, 6: 99.0, 1: 30.0, 10: 5.0, 8: 3.0, 11: 1.0}
+    gains = {0: 0.5, 4: 1.0, 5: 2.0, 6: 99.0, 1: 30.0, 10: 5.0, 8: 3.0, 11: 1.0}
     found = projected(monkeypatch, every, 1000, gains)
     assert found == [1, 2, 3, 10, 8, 9, 11, 5]
     assert projected(monkeypatch, every, 1000, gains, (7, 2))[:2] == [7, 2]

@@ -205,6 +205,7 @@ def test_residuals_are_held_against_what_varies() -> None:
 
 @pytest.mark.parametrize(("time", "seen"), [
     ([0.0, 5.0, 6.0, 7.0, 8.0, 60.0], [0.0, 5.0, 6.0, 7.0, 8.0, 60.0]),
+    ([0.0, 0.1, 0.2, 0.3, 0.4, 0.6], [0.0, 0.1, 0.2, 0.3, 0.4, 0.6]),
     ([3.0] * 6, list(range(6))), ([0.0, np.nan, 2.0, 3.0, 4.0, 5.0], list(range(6)))])
 def test_time_is_the_order_of_rows_where_it_is_not_known(time: list[float], seen: list[float]
                                                          ) -> None:
