@@ -116,7 +116,7 @@ def test_a_part_is_that_of_the_whole_column(share: float, there: bool) -> None:
     """Also where most of that column is along another: 100 of it, and 1 of its own."""
     a = np.linalg.qr(np.random.default_rng(5).normal(size=(20, 2)))[0]
     first, second = 1000.0 * a[:, 0], 100.0 * a[:, 0] + a[:, 1]
-    block = np.column_stack([first, second, 1e-3 * first + share * TAKES_PART * second / 100.0])
+    block = np.column_stack([first, second, 0.1 * first + share * TAKES_PART * second])
     found, = sets_of(block, ["leg1.offset", "leg2.offset", "leg3.offset"])
     assert ("leg2.offset" in found.slots) is there
 
