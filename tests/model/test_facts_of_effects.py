@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ppmcal.model.effects import LimbSetting, ScanRange, Setting, effect_kinds
 from ppmcal.model.effects.inputs import BY_NEED
 from ppmcal.model.effects.learned import LearnedCurve
+from ppmcal.model.effects.plate_compliance import _pushed
 from ppmcal.model.effects.setting import COORDINATES, PLACE, Shift, total
 from ppmcal.model.effects.wave import wave
 from ppmcal.model.limbs import kinds as limb_kinds
@@ -199,3 +200,20 @@ def test_traits_that_go_together() -> None:
         assert kind.uses_load or not kind.under_weight, kind.name
     for known in (*BY_NEED.values(), *(k.follows for k in effect_kinds().values() if k.follows)):
         assert known.of_machine or not known.components, known.name
+
+
+@pytest.mark.parametrize("away", [0.0, 1.0])
+def test_a_plate_bends_along_its_normal_wherever_its_origin_is(away: float) -> None:
+    """Of the base as it is pushed, of the platform by what pushes back, in its own axes."""
+    rng = np.random.default_rng(7)
+    normal, along = np.array([1.0, 2.0, 2.0]) / 3.0, np.array([[2.0, 1.0, -2.0], [2.0, -2.0, 1.0]])
+    points = (rng.normal(size=(6, 2)) @ along + away * np.array([3.0, -1.0, 2.0]))[None]
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    at: Any = SimpleNamespace(forces=rng.normal(size=(4, 6, 3)), motion="spatial",
+                              turn=np.repeat(turn[None], 4, axis=0))
+    base = _pushed(at, "base", points)
+    np.testing.assert_allclose(base, (at.forces @ normal)[..., None] * normal, atol=1e-12)
+    own = _pushed(at, "platform", points)
+    np.testing.assert_allclose(own, -(at.forces @ turn @ normal)[..., None] * normal, atol=1e-12)
+    at.motion = "planar"
+    np.testing.assert_array_equal(_pushed(at, "base", points), at.forces)
