@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             made_map(options.tests)
         found = results()
         todo = [m for m in sample if m.name not in found or (
-            options.again and found[m.name]["status"] == "survived")]
+            options.again and found[m.name]["status"] == "survived" and not _equal(m))]
         # a survivor is tried from the import on: what was computed there had no fault before
         afresh = [m for m in todo if m.at_import or "/compil" in m.file or m.name in found]
         warm = [m for m in todo if m not in afresh]
@@ -128,9 +128,10 @@ def covering(mutant: Mutant) -> set[str]:
     within = [lines for lines in _functions(mutant.file) if lines[0] <= mutant.line <= lines[-1]]
     lines = within[-1] if within else range(10**6)
     found = {t for line, tests in seen.items() if line in lines for t in tests}
-    # a declaration that is only read: what mirrors its package
+    # a declaration is read where no line of its file is run: what mirrors its package
     folder = mutant.file.split("/")[1]
-    return found or {t for t in made.seconds if t.startswith(f"tests/{folder}/")}
+    mirror = {t for t in made.seconds if t.startswith(f"tests/{folder}/")}
+    return found if found and within else found | mirror
 
 
 @cache
@@ -149,10 +150,10 @@ def in_order(tests: set[str], name: str, killers: Counter[str], budget: float) -
         -min(killers[t], 1), name not in t, (seconds[t] + 0.05) * (1 + siblings[t])))
     out, spent = [], 0.0
     for test in order:
-        if not out or spent + seconds[test] <= budget:
+        if spent + seconds[test] <= budget:
             out.append(test)
             spent += seconds[test]
-    return out
+    return out or order[:1]
 
 
 def try_all(todo: Sequence[Mutant], trial: Trial, options: argparse.Namespace) -> None:
@@ -199,6 +200,7 @@ def _tried(faulty: Ask, faultless: Ask, mutant: Mutant, killers: Counter[str], b
     """Return what became of a mutant and how many tests were asked.
 
     A test that fails without any fault notices nothing: it is left out, and the mutant tried again.
+    Nor does time that runs out without any fault.
     """
     seconds = read_map().seconds
     name = Path(mutant.file).stem
@@ -209,6 +211,8 @@ def _tried(faulty: Ask, faultless: Ask, mutant: Mutant, killers: Counter[str], b
         blamed = outcome.test if outcome.test in seconds else tests[0]
         if outcome.status == "killed" and blamed not in sound:
             sound[blamed] = faultless([blamed], allowed).status == "survived"
+        if outcome.status == "timed out" and faultless(tests, allowed).status == "timed out":
+            return Outcome("not tried", "", outcome.seconds), len(tests)
         if outcome.status != "killed" or sound[blamed]:
             return outcome, len(tests)
     return Outcome("survived", "", 0.0), 0
@@ -224,14 +228,12 @@ def results() -> dict[str, dict[str, Any]]:
 
 def told(sample: Sequence[Mutant]) -> int:
     """Print the survivors and a table; return 1 where fewer than nine of ten were noticed."""
-    equal = {_spaced(name) for group in yaml.safe_load(EQUIVALENT.read_text(encoding="utf-8"))
-             for name in group["mutants"]}
     found = results()
     table: dict[str, Counter[str]] = {}
     for m in sorted((m for m in sample if m.name in found), key=lambda m: (m.file, m.line)):
         line = found[m.name]
         status = line["status"]
-        if status == "survived" and _spaced(m.name) in equal:
+        if status == "survived" and _equal(m):
             status = "equivalent"
         table.setdefault(line["part"], Counter())[status] += 1
         if status == "survived":
@@ -241,6 +243,17 @@ def told(sample: Sequence[Mutant]) -> int:
     for name, row in [*table.items(), ("all", every)]:
         print(f"{name:18}" + "".join(f"{row[s]:12d}" for s in STATUSES) + f"{_part(row):12.1%}")
     return int(_part(every) < 0.9)
+
+
+def _equal(mutant: Mutant) -> bool:
+    """Whether a mutant was judged to be no fault."""
+    return _spaced(mutant.name) in _equivalents()
+
+
+@cache
+def _equivalents() -> set[str]:
+    return {_spaced(name) for group in yaml.safe_load(EQUIVALENT.read_text(encoding="utf-8"))
+            for name in group["mutants"]}
 
 
 def _spaced(name: str) -> str:

@@ -33,7 +33,9 @@ HEAVY = ("numpy", "scipy.linalg", "scipy.optimize", "scipy.stats", "scipy.specia
          "pydantic", "yaml", "click", "rich.console", "jinja2", "matplotlib.figure")
 MEMORY = 6 * 2**30
 NOT_PUT_IN = 77
-QUIET = ("-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist")
+QUIET = ("-x", "-q", "--no-header", "--tb=no", "--assert=plain", "-p", "no:cacheprovider",
+         "-p", "no:xdist")
+"""Plain: pytest rewrites, and so reads itself, every module with a name like x_test.py."""
 
 
 Key = tuple[str, tuple[int | None, ...] | None]

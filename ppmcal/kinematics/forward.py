@@ -129,7 +129,6 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS
         return pose, converged, _contraction(two)
     pose = np.array(pose)
     sizes: list[Array] = []
-    converged = np.zeros(pose.shape[0], dtype=bool)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         for _ in range(iterations):
             c, lines = closure.misclosure_and_lines(pose)

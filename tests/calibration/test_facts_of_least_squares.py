@@ -141,6 +141,8 @@ def test_observability_indices() -> None:
     assert found == pytest.approx({"O1": 2.0 / 5.0, "O2": 0.25, "O3": 1.0, "O4": 0.25,
                                    "O5": 4.0 / 7.0})
     assert set(observability(np.zeros(0), 0, 25).values()) == {0.0}
+    for poses in (0, 1):
+        assert observability(np.array([4.0, 1.0]), 2, poses)["O1"] == pytest.approx(2.0)
 
 
 def test_a_distance_by_caliper_halves_what_is_uncertain() -> None:

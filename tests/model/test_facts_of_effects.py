@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from ppmcal.model.effects import LimbSetting, ScanRange, Setting, effect_kinds
+from ppmcal.model.effects.inputs import BY_NEED
 from ppmcal.model.effects.learned import LearnedCurve
+from ppmcal.model.effects.plate_compliance import _pushed
 from ppmcal.model.effects.setting import COORDINATES, PLACE, Shift, total
+from ppmcal.model.effects.wave import wave
 from ppmcal.model.limbs import kinds as limb_kinds
 
 Array = NDArray[np.float64]
@@ -121,3 +125,95 @@ def test_scans_of_a_compliance_cover_what_they_say() -> None:
     ends = np.array(specs["by_stroke"].scan(data)) * data.stroke / 2.0
     np.testing.assert_allclose(ends, [s * 0.12 * i for s, i in [
         *((-1, i) for i in range(7, 0, -1)), *((1, i) for i in range(1, 8))]])
+
+
+def test_usual_ranges_are_possible_and_as_wide_to_either_side() -> None:
+    """What has a sign is as often above 0 as below; all else is never below."""
+    for kind in effect_kinds().values():
+        for spec in (s for motion in kind.motions for s in kind.parameters(motion)
+                     if np.isfinite(s.usual).all()):
+            low, high = spec.usual
+            assert low < high, spec.name
+            assert high <= spec.high, spec.name
+            assert low >= 0.0 or low == -high, (kind.name, spec.name)
+            if np.isfinite([spec.low, spec.high]).all() and spec.low < 0.0:
+                assert spec.low == -spec.high, (kind.name, spec.name)
+
+
+def test_play_is_looked_for_at_widths_that_some_moves_do_not_cross() -> None:
+    """Within a twentieth and a ten thousandth of the stroke, none near the one before."""
+    scan = effect_kinds()["play"].parameters("spatial")[0].scan
+    assert scan is not None
+    stroke = 0.4
+
+    def widths(*moves: float) -> Array:
+        return np.array(scan(ScanRange(stroke, 20, moves=tuple(moves)))) / stroke
+
+    without = widths()
+    np.testing.assert_allclose(without[[0, 2]], [1e-4, 0.05])
+    assert without[1] / without[0] == pytest.approx(without[2] / without[1])
+    np.testing.assert_allclose(widths(*[0.01 * stroke] * 9), [0.01])
+    np.testing.assert_allclose(widths(*[1e-6] * 9), [1e-4])
+    np.testing.assert_allclose(widths(*[stroke] * 9), [0.05])
+    several = widths(*(stroke * np.linspace(0.001, 0.041, 11)))
+    np.testing.assert_allclose(several, [0.001, 0.009, 0.017])
+    near = widths(*(stroke * np.linspace(0.01, 0.02, 11)))
+    np.testing.assert_allclose(near, [0.01])
+
+
+def test_of_hysteresis_as_much_is_unsettled_as_of_its_plays() -> None:
+    """Each by its share, whatever the sign; of joints without the effect nothing."""
+    kind = effect_kinds()["hysteresis"]
+    assert kind.unsettled is not None
+    at: Any = SimpleNamespace(stroke=np.array([[0.0, 1.0], [2.0, 5.0]]),
+                              unsettled=lambda width: np.tile(np.asarray(width) / 2.0, (4, 1)))
+    values = {"w1": 0.0, "w2": -0.5, "w3": 0.1, "low": np.nan, "high": np.nan}
+    found = kind.unsettled(at, np.array([True, True]), values)
+    np.testing.assert_allclose(found, [[0.0175, 0.0525]] * 4)
+    own = kind.unsettled(at, np.array([True, False]), values | {"low": 1.0, "high": 3.0})
+    np.testing.assert_allclose(own, [[0.035, 0.0]] * 4)
+
+
+@pytest.mark.parametrize("kind", limb_kinds())
+def test_what_a_file_may_leave_out_is_no_offset_and_no_gear(kind: str) -> None:
+    for slot in limb_kinds()[kind].slots:
+        if slot.default is not None:
+            assert slot.default == (1.0 if slot.name == "ratio" else 0.0), slot.name
+
+
+@pytest.mark.parametrize("turns", [0.3, -2.0, 40.0])
+def test_a_waves_phase_is_where_it_is_at_mid_stroke(turns: float) -> None:
+    """cos(w) c + sin(w) s = amplitude cos(phase + w - w0), whatever w; phases are in a turn."""
+    amplitude, phase = wave("c", "s", lambda values, q: turns * q)
+    values = {"c": 0.6, "s": -0.8}
+    a, p = (part.value(values, 0.7) for part in (amplitude, phase))
+    assert a == pytest.approx(1.0)
+    assert abs(p) <= np.pi
+    for q in (0.0, 0.7, 1.3):
+        w, w0 = turns * q, turns * 0.7
+        assert 0.6 * np.cos(w) - 0.8 * np.sin(w) == pytest.approx(np.cos(p + w - w0))
+
+
+def test_traits_that_go_together() -> None:
+    """What gives way under a constant weight follows the load; a vector is no joint's."""
+    for kind in effect_kinds().values():
+        assert kind.uses_load or not kind.under_weight, kind.name
+    for known in (*BY_NEED.values(), *(k.follows for k in effect_kinds().values() if k.follows)):
+        assert known.of_machine or not known.components, known.name
+
+
+@pytest.mark.parametrize("away", [0.0, 1.0])
+def test_a_plate_bends_along_its_normal_wherever_its_origin_is(away: float) -> None:
+    """Of the base as it is pushed, of the platform by what pushes back, in its own axes."""
+    rng = np.random.default_rng(7)
+    normal, along = np.array([1.0, 2.0, 2.0]) / 3.0, np.array([[2.0, 1.0, -2.0], [2.0, -2.0, 1.0]])
+    points = (rng.normal(size=(6, 2)) @ along + away * np.array([3.0, -1.0, 2.0]))[None]
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    at: Any = SimpleNamespace(forces=rng.normal(size=(4, 6, 3)), motion="spatial",
+                              turn=np.repeat(turn[None], 4, axis=0))
+    base = _pushed(at, "base", points)
+    np.testing.assert_allclose(base, (at.forces @ normal)[..., None] * normal, atol=1e-12)
+    own = _pushed(at, "platform", points)
+    np.testing.assert_allclose(own, -(at.forces @ turn @ normal)[..., None] * normal, atol=1e-12)
+    at.motion = "planar"
+    np.testing.assert_array_equal(_pushed(at, "base", points), at.forces)

@@ -1,0 +1,127 @@
+"""What rows come to: one triangle, ranges that were measured, poses beyond them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ppmcal.calibration import least_squares
+from ppmcal.calibration.extrapolation import extrapolated, measured_ranges, refuse_far
+from ppmcal.calibration.least_squares import qr_factor
+from ppmcal.calibration.observation import pivot
+from ppmcal.model.measured import MeasurementBasis
+
+Array = NDArray[np.float64]
+
+
+@pytest.mark.parametrize("sizes", [(4000,), (10, 3000), (2, 1), ()])
+def test_one_triangle_is_all_rows_and_the_earlier_ones(monkeypatch: pytest.MonkeyPatch,
+                                                       sizes: tuple[int, ...]) -> None:
+    """R^T R = A^T A and R^T y = A^T b; nothing of chi-squared is lost, no value is forgotten."""
+    rng = np.random.default_rng(1)
+    pieces = [rng.normal(size=(n, 2, 4)) for n in sizes]
+    before = rng.normal(size=(7, 3))
+
+    def blocks(problem: Any, state: Any, i: int, keep: Any, weights: Any) -> Any:
+        yield SimpleNamespace(rows=pieces[i], values=np.full(len(pieces[i]), 2))
+
+    monkeypatch.setattr(least_squares, "white_blocks", blocks)
+    problem: Any = SimpleNamespace(
+        columns=range(3), datasets=sizes, free=(0, 1), mechanism=None,
+        earlier=SimpleNamespace(rows=lambda *known: (before[:, 2], before[:, :2])))
+    state: Any = SimpleNamespace(g=None)
+    found = qr_factor(problem, state, [np.ones(n, dtype=bool) for n in sizes])
+    a = np.concatenate([*(p.reshape(-1, 4)[:, :3] for p in pieces),
+                        np.column_stack([before[:, :2], np.zeros(7)])])
+    b = np.concatenate([*(p.reshape(-1, 4)[:, 3] for p in pieces), before[:, 2]])
+    np.testing.assert_allclose(found.triangle.T @ found.triangle, a.T @ a, atol=1e-9)
+    np.testing.assert_allclose(found.triangle.T @ found.right, a.T @ b, atol=1e-9)
+    assert found.square == pytest.approx(float(b @ b))
+    assert found.count == b.size
+    problem.earlier = None
+    assert qr_factor(problem, state, [np.ones(n, dtype=bool) for n in sizes]).count == b.size - 7
+
+
+def test_a_frame_turns_about_the_middle_of_what_was_measured() -> None:
+    """Coordinate by coordinate; where nothing was measured about 0."""
+    data: Any = SimpleNamespace(position=np.array(
+        [[1.0, np.nan, np.nan], [3.0, 5.0, np.nan], [8.0, 7.0, np.nan]]))
+    np.testing.assert_array_equal(pivot(data), [4.0, 6.0, 0.0])
+
+
+def machine(motion: str = "spatial", effects: tuple[Any, ...] = ()) -> Any:
+    """Return as much of a machine as is asked for; lengths are shown in mm, its reach is 1 km."""
+    dof = {"spatial": (0, 1, 2, 3, 4, 5), "planar": (0, 1, 5)}[motion]
+    return SimpleNamespace(
+        dof=dof, coordinates=tuple(("x", "y", "z", "rx", "ry", "rz")[c] for c in dof), reach=1000.0,
+        effects=effects, measured=None, units=SimpleNamespace(
+            factor=lambda quantity: np.pi / 180.0 if quantity == "angle" else 1e-3,
+            name=lambda quantity: "deg" if quantity == "angle" else "mm"))
+
+
+@pytest.mark.parametrize(("coordinate", "still"), [("x", 1.0), ("y", 1.0), ("rz", 0.9999e-3)])
+def test_half_the_width_beyond_is_the_end(coordinate: str, still: float) -> None:
+    """Of 2 to 6: 8 and 0, and a thousandth of the reach or of a radian more. There, but no more."""
+    for motion in ("spatial", "planar"):
+        place = ("x", "y", "z", "rx", "ry", "rz").index(coordinate)
+        full = np.zeros((6, 6))
+        low, high = 2.0, 6.0
+        full[:, place] = (4.0, high + 2.0 + still, low - 2.0 - still, high + 2.0 + 1.001 * still,
+                          low - 2.0 - 1.001 * still, np.nan)
+        status, reason = ["ok"] * 6, [""] * 6
+        refuse_far(machine(motion), full, {coordinate: (low, high)}, status, reason)
+        assert status == ["ok"] * 3 + ["refused"] * 2 + ["ok"]
+        assert f"far outside the measured volume: {coordinate} = " in reason[3]
+        assert reason[:3] == [""] * 3
+
+
+def test_a_row_that_is_refused_already_keeps_its_reason() -> None:
+    full = np.full((2, 6), 99.0)
+    status, reason = ["ok", "unreachable"], ["", "why"]
+    refuse_far(machine(), full, {"x": (0.0, 1.0), "y": (0.0, 1.0)}, status, reason)
+    assert status == ["refused", "unreachable"]
+    assert reason[1] == "why"
+    assert "x = 99000 mm, measured 0 to 1000" in reason[0]
+    refuse_far(machine(), full, {}, status, reason)
+    assert status == ["refused", "unreachable"]
+
+
+def test_a_tenth_of_the_width_beyond_is_told() -> None:
+    """Rows without a command do not count; conditions count where there are effects."""
+    full = np.zeros((4, 6))
+    full[:, 0] = 0.0, 11.9, 12.2, -2.3
+    ranges = {"x": (0.0, 10.0), "temperature": (293.15, 303.15)}
+    good = np.array([True, True, True, False])
+    columns = {"temperature": np.array([293.15, 305.1, 280.0, 100.0])}
+    told, = extrapolated(machine(), full, good, ranges, columns)
+    assert told.startswith("1 row outside of what was measured: x up to 2200 mm beyond 0 to 10000;")
+    both = list(extrapolated(machine(effects=(1,)), full, good, ranges, columns))
+    assert len(both) == 2
+    assert both[1].startswith(
+        "1 row outside of what was measured: temperature up to 13.15 C beyond 20 to 30;")
+    low = list(extrapolated(machine(), -full, np.ones(4, dtype=bool), ranges, {}))
+    assert low[0].startswith("2 rows outside of what was measured: x up to 1.22e+04 mm")
+    assert list(extrapolated(machine(), full, np.zeros(4, dtype=bool), ranges, columns)) == []
+    assert list(extrapolated(machine(), full, good, {"y": (0.0, 1.0)}, columns)) == []
+
+
+@pytest.mark.parametrize(("name", "unit"), [("payload", "kg"), ("fx", "N"), ("fz", "N"),
+                                            ("mx", "N.m"), ("mz", "N.m"), ("time", "s")])
+def test_conditions_are_told_in_their_units(name: str, unit: str) -> None:
+    columns = {name: np.array([0.0, 5.0, -4.0])}
+    told, = extrapolated(machine(effects=(1,)), np.zeros((3, 6)), np.ones(3, dtype=bool),
+                         {name: (0.0, 1.0)}, columns)
+    assert f"2 rows outside of what was measured: {name} up to 4 {unit} beyond 0 to 1;" in told
+
+
+def test_the_file_of_the_machine_is_asked_before_the_file_beside() -> None:
+    own = machine()
+    assert measured_ranges(own, None) == {}
+    assert measured_ranges(own, {"x": (0.0, 1.0)}) == {"x": (0.0, 1.0)}
+    own.measured = MeasurementBasis(1.0, 0.5, {"x": (2.0, 3.0), "y": (4.0, 5.0)})
+    assert measured_ranges(own, {"x": (0.0, 1.0), "z": (6.0, 7.0)}) == {
+        "x": (2.0, 3.0), "y": (4.0, 5.0), "z": (6.0, 7.0)}

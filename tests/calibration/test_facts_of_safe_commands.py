@@ -1,0 +1,156 @@
+"""Steps, jumps and refusals, by hand."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ppmcal.calibration.compensation import Compensation
+from ppmcal.calibration.safe_commands import (
+    JUMP,
+    NOTHING,
+    _followed,
+    _jumps,
+    own_steps,
+    refused,
+    worse_rows,
+)
+
+Array = NDArray[np.float64]
+REACH = 2.0
+
+
+def machine(ratio: float = 1.0) -> Any:
+    """Return as much of a machine as is asked for: two slides and a motor of some gear ratio."""
+    def limb(j: int) -> Any:
+        ratios = {"ratio": ratio} if j == 2 else {}
+        return SimpleNamespace(actuator=j, slots=SimpleNamespace(values=lambda g: ratios))
+
+    return SimpleNamespace(
+        actuators=("leg1", "leg2", "arm"), actuator_quantity=("length", "length", "angle"),
+        joint_units=((1e-3, "mm"), (1e-3, "mm"), (np.pi / 180.0, "deg")), reach=REACH, values=None,
+        limbs=[limb(j) for j in range(3)], length_scale=0.5,
+        units=SimpleNamespace(factor=lambda quantity: 1e-3, length="mm"))
+
+
+def commands(q: Array, nominal: Array, **more: Any) -> Compensation:
+    none = np.zeros(len(q))
+    parts: dict[str, Any] = dict.fromkeys(
+        ("position_before", "position_after", "rotation_before", "rotation_after",
+         "sigma_position", "sigma_rotation"), none) | more
+    pose = np.zeros((len(q), 6))
+    return Compensation(q, nominal, pose, pose, pose, status=("ok",) * len(q),
+                        reason=("",) * len(q), **parts)
+
+
+STEPS = np.array([0, 1]), np.array([1, 2])
+
+
+@pytest.mark.parametrize("ratio", [1.0, -4.0])
+def test_a_correction_may_change_by_a_quarter_of_the_targets_step(ratio: float) -> None:
+    """Of the longest step of joints alike: slides and motors are not compared. By ratio."""
+    nominal = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.4]])
+    fine = nominal + np.array([[0.0, 0.0, 0.0], [0.0, 0.0249, 0.0], [0.0, 0.0, 0.0999]])
+    assert own_steps(machine(ratio), commands(fine, nominal)).beyond.tolist() == [0.0, 0.0]
+    assert _jumps(machine(ratio), fine, nominal, *STEPS) == {}
+    far = nominal + np.array([[0.0, 0.0, 0.0], [0.0, 0.0251, 0.0], [0.0, 0.0251, 0.1001]])
+    found = own_steps(machine(ratio), commands(far, nominal))
+    np.testing.assert_allclose(found.beyond, [0.0251, 0.1001 * abs(ratio)])
+    assert (found.joint.tolist(), found.rows.tolist()) == ([1, 2], [1, 2])
+    said = _jumps(machine(ratio), far, nominal, *STEPS)
+    assert said[0].startswith("leg2 would jump by 25.1 mm from row 1")
+    assert said[1].startswith("arm would jump by 28.6536 deg from row 2")
+    assert JUMP == 0.25
+
+
+def test_round_off_is_no_step() -> None:
+    nominal = np.zeros((3, 3))
+    q = nominal + [[0, 0, 0], [0.9 * NOTHING * REACH, 0, 0], [0, 0, 0.9 * NOTHING]]
+    assert not own_steps(machine(), commands(q, nominal)).beyond.any()
+    assert own_steps(machine(), commands(3.0 * q, nominal)).beyond.all()
+
+
+def test_rows_without_a_command_are_stepped_over() -> None:
+    nominal = np.zeros((3, 3))
+    q = np.array([[0.0, 0.0, 0.0], [np.nan] * 3, [0.3, 0.0, 0.0]])
+    found = own_steps(machine(), commands(q, nominal))
+    assert (found.rows.tolist(), found.beyond.tolist()) == ([2], [0.3])
+
+
+@pytest.mark.parametrize(("turn", "ratio", "long"), [
+    (179.0, 1.0, False), (-181.0, 1.0, True), (61.0, -3.0, True), (59.0, 3.0, False)])
+def test_more_than_half_a_turn_is_the_long_way_round(turn: float, ratio: float, long: bool) -> None:
+    """Of the joint, not of the motor before its gear; a slide goes as far as it likes."""
+    q = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, np.radians(turn)]])
+    said = _jumps(machine(ratio), q, q, np.array([0]), np.array([1]))
+    assert (said == {}) != long
+    assert not long or said[0].startswith(
+        f"arm would turn by {abs(turn * ratio):.4g} deg from row 1")
+
+
+def test_worse_is_worse_by_place_or_by_place_and_turn() -> None:
+    """Turns are arcs at half a metre. What is left and what is not known add as squares."""
+    before = commands(np.zeros((6, 3)), np.zeros((6, 3)), position_before=np.full(6, 5e-3),
+                      rotation_before=np.full(6, 8e-3),
+                      position_after=np.array([3e-3, 3e-3, 0.0, 0.0, np.nan, 5e-3]),
+                      sigma_position=np.array([4.1e-3, 3.9e-3, 5.1e-3, 0.0, 1e-4, np.nan]),
+                      rotation_after=np.array([0.0, 0.0, 0.0, 7e-3, np.nan, 8e-3]),
+                      sigma_rotation=np.array([0.0, 0.0, 0.0, 1.2e-2, 1e-4, np.nan]))
+    found = worse_rows(machine(), before)
+    assert list(found) == [0, 2, 3]
+    assert "5.08 mm with it" in found[0]
+    assert "5 mm without" in found[0]
+    assert f"{0.5e3 * np.hypot(7e-3, 1.2e-2):.3g} mm with it" in found[3]
+    assert f"{np.hypot(5.0, 4.0):.3g} mm without, turns counted" in found[3]
+
+
+def test_arithmetic_is_not_worse_than_none() -> None:
+    size = NOTHING * REACH * np.array([0.9, 1.1])
+    found = commands(np.zeros((2, 3)), np.zeros((2, 3)), position_after=size)
+    assert list(worse_rows(machine(), found)) == [1]
+    turned = commands(np.zeros((2, 3)), np.zeros((2, 3)), rotation_after=size / 0.5)
+    assert list(worse_rows(machine(), turned)) == [1]
+
+
+def test_a_refused_row_has_no_command_and_says_why() -> None:
+    found = commands(np.ones((3, 3)), np.ones((3, 3)))
+    assert refused(found, {}) is found
+    one = refused(found, {1: "why"})
+    assert (one.status, one.reason) == (("ok", "refused", "ok"), ("", "why", ""))
+    assert np.isnan(one.q).all(axis=1).tolist() == [False, True, False]
+    assert np.isnan(one.command).all(axis=1).tolist() == [False, True, False]
+    assert np.isfinite(one.pose).all()
+    assert refused(one, {0: "too"}).status == ("refused", "refused", "ok")
+
+
+def test_whatever_ways_fail_rows_are_followed_as_one_by_one() -> None:
+    """Each is judged from the last one that is not refused, even if that was refused a while."""
+    rng = np.random.default_rng(6)
+    for _ in range(300):
+        wrong = rng.random((12, 12)) < 0.6
+
+        def judge(a: Any, b: Any, wrong: Any = wrong) -> dict[int, str]:
+            return {int(n): f"{a[n]}" for n in np.flatnonzero(wrong[a, b])}
+
+        want, last = {}, 0
+        for n in range(1, 12):
+            if wrong[last, n]:
+                want[n] = f"{last}"
+            else:
+                last = n
+        assert _followed(np.arange(12), judge) == want
+
+
+def test_behind_a_wall_twice_as_many_are_tried_each_time() -> None:
+    asked: list[int] = []
+
+    def judge(a: Any, b: Any) -> dict[int, str]:
+        asked.append(len(a))
+        return {int(n): "wall" for n in np.flatnonzero((a < 5) & (b >= 5))}
+
+    assert list(_followed(np.arange(40), judge)) == list(range(5, 40))
+    assert asked == [39, 2, 4, 8, 16, 5]
