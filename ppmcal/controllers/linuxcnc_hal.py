@@ -40,7 +40,7 @@ SCALARS = ("screw-lead", "spindle-offset", "tool-offset")
 ITERATION = ("convergence-criterion", "limit-iterations", "max-error")
 _PINS = tuple([f"{group}.{n}.{c}" for group in GROUPS for n in range(STRUTS) for c in "xyz"]
               + [*SCALARS, *ITERATION])
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _HEAD = "genhexkins."
 _LINKS = ("net", "linkps", "linksp", "linkpp")
 

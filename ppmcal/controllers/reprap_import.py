@@ -36,8 +36,8 @@ OVERRIDE = "config-override.g"
 LARGEST = 1000
 FARTHEST = 1e6
 """No grid has more points along an axis."""
-_PROBE = re.compile(r"^\s*G31\b([^;\n]*)", re.ASCII | re.IGNORECASE | re.MULTILINE)
-_LETTER = re.compile(r"([XYZ])\s*([-+]?(?:\d+\.?\d*|\.\d+))", re.ASCII | re.IGNORECASE)
+_PROBE = re.compile(r"^[^\S\n]*G31\b([^;\n]*)", re.ASCII | re.IGNORECASE | re.MULTILINE)
+_LETTER = re.compile(r"([XYZ])\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+))", re.ASCII | re.IGNORECASE)
 
 
 def read_printer(path: str | os.PathLike[str], rods: float | None = None,

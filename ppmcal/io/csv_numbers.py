@@ -13,8 +13,7 @@ from ppmcal.io.csv_dialect import Dialect
 from ppmcal.linalg import Array
 
 _NUMERIC = b"0123456789+-.,eE\nnaN "
-_AROUND = re.compile(rb" *([,\n]) *")
-PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|nan|NaN|NAN|[-+]?(inf|Inf|INF)",
+PLAIN = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?|nan|NaN|NAN|[-+]?(inf|Inf|INF)",
                    re.ASCII)
 """What counts as a number in a cell."""
 
@@ -47,12 +46,21 @@ def parse(chunk: bytes, width: int) -> Array | None:
     if chunk.translate(None, _NUMERIC):
         return None
     if b" " in chunk:    # a cell of spaces is empty; NumPy takes it for -1
-        chunk = _AROUND.sub(rb"\1", chunk).strip(b" ")
+        chunk = _unspaced(chunk)
     if not _rectangular(chunk, width):
         return None
     chunk = _filled(chunk)
     block = _numbers(chunk.replace(b"nan", b"NaN").replace(b"\n", b","))
     return None if block is None or block.size % width else block.reshape(-1, width)
+
+
+def _unspaced(chunk: bytes) -> bytes:
+    """Take out spaces around cells; a run of them within a cell shrinks to one."""
+    while b"  " in chunk:    # half as many each time; a pattern would begin at every space
+        chunk = chunk.replace(b"  ", b" ")
+    for mark in (b",", b"\n"):
+        chunk = chunk.replace(b" " + mark, mark).replace(mark + b" ", mark)
+    return chunk.strip(b" ")
 
 
 def _numbers(flat: bytes, size: int | None = None) -> Array | None:

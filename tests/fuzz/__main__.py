@@ -13,7 +13,7 @@ from fuzz.readers import readers
 from fuzz.tracing import Lines
 
 TURN, INPUTS = 2.0, 1000
-"""Seconds and inputs that one reader has at a time."""
+"""Seconds of processor time and inputs that one reader has at a time."""
 
 
 def main():
