@@ -49,7 +49,7 @@ def fuzz(reader, seconds, seed, tally=None, lines=None, most=None, keep=()):
     rng = random.Random(seed)
     tally, lines = tally or Tally(), lines or Lines()
     pool = [*reader.seeds, *keep]
-    form = reader.form
+    form, largest = reader.form, max(LARGEST_KEPT, *map(len, reader.seeds), 0)
     stop, seeds = time.process_time() + seconds, list(reader.seeds)
     most = None if most is None else tally.inputs + most
     while time.process_time() < stop and (most is None or tally.inputs < most):
@@ -67,7 +67,7 @@ def fuzz(reader, seconds, seed, tally=None, lines=None, most=None, keep=()):
         tally.lines += lines.new
         if outcome.fault and outcome.fault not in tally.faults:
             tally.faults[outcome.fault] = (data, outcome.detail)
-        if (fresh or lines.new) and len(data) <= LARGEST_KEPT:
+        if (fresh or lines.new) and len(data) <= largest:
             pool.append(data)
             if len(pool) > POOL:
                 pool.pop(rng.randrange(len(reader.seeds) or 1, len(pool)))

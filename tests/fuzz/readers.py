@@ -22,6 +22,7 @@ from ppmcal.controllers import (
 from ppmcal.io.batch_manifest import read_manifest
 from ppmcal.io.csv import csv_table
 from ppmcal.io.dataset_reader import LABELS, read_dataset
+from ppmcal.io.folder import RECORD, owners_of, read_record, read_runs
 from ppmcal.io.foreign import foreign_tables
 from ppmcal.io.mechanism_reader import read_mechanism
 from ppmcal.io.poses import read_joints, read_poses
@@ -85,11 +86,17 @@ def folder():
 def from_file(name, read):
     """Return a reader of bytes out of one of a path."""
     def call(data):
-        path = folder() / name
-        path.write_bytes(data)
+        path = _place(name)
+        with open(path, "wb") as stream:
+            stream.write(data)
         return read(path)
 
     return call
+
+
+@functools.cache
+def _place(name):
+    return folder() / name
 
 
 @functools.cache
@@ -169,6 +176,12 @@ def _knowledge(path):
     assert np.isfinite(matrix[np.isfinite(matrix)]).all()
     sigma = np.diagonal(matrix)
     assert not np.any(sigma < 0.0), "a negative variance was accepted"
+
+
+def _written(path):
+    """What a folder's record says: anything that is none of ours says nothing."""
+    found = read_record(path.parent), read_runs(path.parent), owners_of(path.parent)
+    return "none" if found[0] is None else "read"
 
 
 def _collected(name):
@@ -252,6 +265,7 @@ def readers():
         Reader("knowledge", from_file("identification.json", _knowledge), ()),
         Reader("posterior", from_file("identification.json",
                                       lambda p: knowledge.read_posterior(p, bench())), ()),
+        Reader("record-of-folder", from_file(RECORD, _written), ()),
         *(Reader(f"record-{kind.FILE.partition('.')[0]}", _record(kind), ()) for kind in RECORDS),
         *(Reader(f"report-{n.partition('.')[0]}", _collected(n), ()) for n in (
             "identification.json", "diagnosis.json", "validation.json", "comparison.json",

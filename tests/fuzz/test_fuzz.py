@@ -14,8 +14,6 @@ from fuzz.mutations import WAYS, mutated, smaller
 from fuzz.readers import readers
 
 READERS = readers()
-WITHOUT = {"record-campaign", "record-stiffness", "record-tolerances", "report-stiffness"}
-"""Readers of results of which the corpus has no good one yet."""
 INPUTS, SECONDS = 40, 0.5
 NEAR = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 
@@ -35,7 +33,7 @@ def test_what_failed_once(name, path):
 @pytest.mark.parametrize("name", READERS)
 def test_good_inputs_are_read(name):
     read = [well(name, data).key == "read" for data in READERS[name].seeds]
-    assert any(read) or name in WITHOUT
+    assert any(read)
 
 
 @pytest.mark.parametrize("name", READERS)
