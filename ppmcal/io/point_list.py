@@ -20,7 +20,8 @@ _CLUTTER = re.compile(r"\s*(//|[#!%](?!\s*\d))")
 """Begins a remark."""
 _HALF = re.compile(r"(\d:\d\d(?::\d\d(?:[.,:]\d+)?)?) +([AaPp][Mm])\b")
 _MOMENT = re.compile(r"(\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{4}) +(\d\d?:\d\d)")
-_UNIT = re.compile(r"[\[(]?\s*(?:(?:m|mm|um|µm|in|inch|rad|deg|°|s|ms|min|h|C|°C|F|K|-|1)\s*)?[\])]?")
+_UNIT = re.compile(r"[\[(]?\s*"
+                   r"(?:(?:m|mm|um|µm|in|inch|rad|deg|°|s|ms|min|h|C|°C|F|K|-|1)\s*)?[\])]?")
 FORM = "Write in each row a name, x, y, z and perhaps a time in s, or a header above them"
 ABOVE = 200
 """Rows begin in one of the first so many lines, or the first one is the header."""

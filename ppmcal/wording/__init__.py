@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-
 _QUOTED_OR_WORD = re.compile(r"'[^']*'|[^\s,;:()']+")
 
 
