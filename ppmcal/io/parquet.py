@@ -44,41 +44,40 @@ def parquet_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) 
                                    read_dictionary=words)
         held = file.read()
         UNPACKED_BYTES.refuse(sum(map(_unpacked, held.columns)), source)
-    except (pyarrow.ArrowException, OSError) as error:
+        names = [str(n).strip() for n in held.column_names]
+        cells = list(map(_values, held.columns))
+    # names and words that are no UTF-8 are met where they are taken out
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise BadInput(f"cannot be read as Parquet ({_first_line(error)})", source,
                        "Write the file again, or save the table as CSV") from None
-    names = [str(n).strip() for n in held.column_names]
     double = next((n for i, n in enumerate(names) if n in names[:i]), None)
     if double is not None:
         raise BadInput(f"two columns are called '{double}'", source, "Rename one of them")
-    columns = {n: _values(c) for n, c in zip(names, held.columns, strict=True)}
+    columns = dict(zip(names, cells, strict=True))
     return as_table(columns, (), source, may_be_text)
 
 
 def _refuse_large(about: Any, source: str) -> list[str]:
     """Refuse what is too large when it is unpacked, told by what the file says of itself.
 
-    Returns the columns of words that have dictionaries.
+    Returns the columns of words. Of damaged columns pyarrow ends the process where their own
+    entries are asked for, so that only those of the schema and of whole groups are.
     """
     refuse_shape(about.num_rows, about.num_columns, source)
-    size, words = 0, dict[str, None]()
-    for group in map(about.row_group, range(about.num_row_groups)):
-        size += group.total_byte_size
-        for i in range(about.num_columns):
-            chunk, count = group.column(i), group.num_rows
-            place = f"{source}: column {chunk.path_in_schema}"
-            kind = about.schema.column(i)
-            if chunk.num_values != count or kind.path != kind.name:
-                raise BadInput("holds several values in a row", place,
-                               "Give each of them a column, or leave the column out")
-            if chunk.physical_type == "BYTE_ARRAY":
-                if chunk.total_uncompressed_size > CELL_SIZE.most * (count + 1):
-                    raise CELL_SIZE.error(place)
-                words |= {chunk.path_in_schema: None} if chunk.has_dictionary_page else {}
-            elif chunk.physical_type == "FIXED_LEN_BYTE_ARRAY":
-                size += kind.length * count
+    groups = map(about.row_group, range(about.num_row_groups))
+    size, words = sum(g.total_byte_size for g in groups), []
+    for column in map(about.schema.column, range(about.num_columns)):
+        if column.max_repetition_level or column.path != column.name:
+            raise BadInput("holds several values in a row", f"{source}: column {column.path}",
+                           "Give each of them a column, or leave the column out")
+        if column.physical_type == "FIXED_LEN_BYTE_ARRAY":
+            size += column.length * about.num_rows
+        elif column.physical_type == "BYTE_ARRAY" and column.logical_type.type != "DECIMAL":
+            words.append(column.path)
     UNPACKED_BYTES.refuse(size, source)
-    return list(words)
+    if size > CELL_SIZE.most * (about.num_rows + 1) * about.num_columns:
+        raise CELL_SIZE.error(source)
+    return words
 
 
 def _unpacked(column: Any) -> int:

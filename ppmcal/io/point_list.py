@@ -206,9 +206,12 @@ def _as_csv(names: list[str], rows: list[str], split: Split) -> bytes:
 def _without_tail(row: str, mark: str, width: int) -> str:
     """Return a row without separators at its end that no column belongs to."""
     row = row.strip(" " if mark == "\t" else " \t")
-    while row.endswith(mark) and row.count(mark) >= width and '"' not in row:
-        row = row[:-1].rstrip(" ")
-    return row
+    kept = row.rstrip(mark + " ")
+    tail = row[len(kept):].split(mark)
+    spare = min(row.count(mark) - width, len(tail) - 2) + 1
+    if spare < 1 or '"' in row:
+        return row
+    return (kept + mark.join(tail[:len(tail) - spare])).rstrip(" ")
 
 
 def _names(rows: list[str], split: Split, source: str) -> list[str]:

@@ -14,6 +14,7 @@ RUNS = {
     "spaces within a cell": ("csv", HEAD + b"1,2", b" ", b"3,4,5,6,7,8\n"),
     "a number in a list of points": ("foreign", b"P1 1.0 2.0 ", b"9", b"x\nP2 2 3 4\n"),
     "a unit": ("foreign", b"a;x;y;z\na;(", b" ", b"x;mm;mm\nP;1;2;3\n"),
+    "marks at the end of a row": ("foreign", b"name;x [mm];y [mm];z [mm]\nA;1;2;3", b";", b"\n"),
     "a time": ("foreign", b"time,x,y,z\n2026-01-01T10:10:10", b" ", b"x,1,2,3\n"),
     "a name in a log": ("foreign", b"stepper: ", b"stepper_", b"\n"),
     "blank lines of a log": ("foreign", b"Recv: x\n", b"\n", b"stepper: a:x"),

@@ -100,3 +100,10 @@ def test_words_of_a_dictionary_are_read_as_they_stand(tmp_path: Path) -> None:
     path = written(tmp_path, x=np.arange(1500.0), note=pyarrow.array(words).dictionary_encode())
     found = read_table(path, text=("note",)).text["note"]
     assert found == tuple(w or "" for w in words)
+
+
+def test_names_that_are_no_utf8_are_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, x=[1.0, 2.0], note=["a", "b"])
+    path.write_bytes(path.read_bytes().replace(b"note", b"n\xe1te"))
+    with pytest.raises(BadInput, match="cannot be read as Parquet"):
+        read_table(path, text=("note",))
