@@ -31,7 +31,7 @@ LONGEST = 250
 """Characters of a line; LinuxCNC cuts longer ones in two (LINELEN)."""
 DIGITS = 9
 """Decimals of what is written."""
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 Numbers = tuple[float, ...]
 
 

@@ -27,7 +27,7 @@ ANGLES = (210.0, 330.0, 90.0)
 DIGITS = 6
 """Decimals of what is written, as many as the firmware saves itself."""
 SAVED = "#*#"
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _MINE = re.compile(r"printer|stepper_.*|delta_calibrate")
 Triple = tuple[float, float, float]
 
@@ -175,13 +175,13 @@ def _bare(line: str) -> str:
 
 def _pair(line: str, section: str, where: str) -> tuple[str, str]:
     """Return key and value; an empty key where other sections hold something else."""
-    found = re.match(r"\s*([^:=]+?)\s*[:=]\s*(.*)$", line)
-    if found is None:
+    parts = re.split("[:=]", line, maxsplit=1)
+    if len(parts) < 2 or not parts[0].strip():
         if _MINE.fullmatch(section):
             raise BadInput(f"'{line.strip()[:40]}' is not a line of the form `key: value`",
                            f"{where}: [{section}]", "Mend the line, or take it out")
         return "", ""
-    return found[1].lower(), found[2].strip()
+    return parts[0].strip().lower(), parts[1].strip()
 
 
 def read_geometry(config: Config) -> DeltaGeometry:

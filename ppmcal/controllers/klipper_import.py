@@ -31,8 +31,8 @@ PROBES = ("probe", "bltouch", "smart_effector")
 """Sections that hold a probe's offsets."""
 FLAT_ROW = 0.05
 """Touches whose x differ by less, mm, do not tell a direction of travel."""
-_NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
-_VALUE = r"([-+]?\d+\.?\d*)"
+_NUMBERS = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+_VALUE = r"([-+]?\d+(?:\.\d*)?)"
 _TOUCH = re.compile(rf"probe at {_VALUE}\s*,\s*{_VALUE} is z={_VALUE}", re.ASCII)
 
 

@@ -36,7 +36,8 @@ from ppmcal.errors import BadInput
 SKEW = 5.0
 """So was an angle, degrees."""
 _LINE = re.compile(r"(?P<out>[#;]*)\s*(?P<key>[A-Za-z_]+)\s*[:=]\s*"
-                   r"(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:[#;].*)?$", re.ASCII)
+                   r"(?P<value>[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)"
+                   r"\s*(?:[#;].*)?$", re.ASCII)
 _HEADER = re.compile(r"\[([^]]*)\]")
 _COMMENT, _BODY, _SAVED = "a comment", "the file", "the saved calibration"
 

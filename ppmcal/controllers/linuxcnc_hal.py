@@ -40,7 +40,7 @@ SCALARS = ("screw-lead", "spindle-offset", "tool-offset")
 ITERATION = ("convergence-criterion", "limit-iterations", "max-error")
 _PINS = tuple([f"{group}.{n}.{c}" for group in GROUPS for n in range(STRUTS) for c in "xyz"]
               + [*SCALARS, *ITERATION])
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _HEAD = "genhexkins."
 _LINKS = ("net", "linkps", "linksp", "linkpp")
 
@@ -259,11 +259,15 @@ def parse_joints(text: str, source: str) -> tuple[Joint, ...]:
     """Return the joints of notes that :func:`format_joints` wrote, in the order of their number.
 
     Raises:
-        BadInput: a section without a home, or with what is not a number.
+        BadInput: a section without a home, out of turn, or with what is not a number.
     """
     out = []
-    for n, part in enumerate(re.split(r"^\[JOINT_\d\]$", text, flags=re.MULTILINE)[1:]):
-        where = f"{source}: [JOINT_{n}]"
+    parts = re.split(r"^\[JOINT_([^]\n]*)\]$", text, flags=re.MULTILINE)
+    for n, (number, part) in enumerate(zip(parts[1::2], parts[2::2], strict=True)):
+        where = f"{source}: [JOINT_{number[:20]}]"
+        if number != str(n):
+            raise BadInput(f"joint {n} is to stand here", where,
+                           "Write one section for each joint, from 0 on")
         home = re.search(r"^# HOME = (\S+)$", part, re.MULTILINE)
         change = re.search(r"^# HOME_OFFSET = present(?: \* (\S+))? ([+-]) (\S+)$", part,
                            re.MULTILINE)

@@ -35,7 +35,7 @@ MOST = 1e6
 """Larger numbers, mm, degrees or percent, are none of a printer's."""
 TEXT = 117
 """The command whose text is not quoted."""
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _PARAMETER = re.compile(rf"\s*([A-Za-z])\s*({_NUMBER}(?::{_NUMBER})*)(?![\d.:])", re.ASCII)
 _COMMAND = re.compile(r"[GM](\d{1,9})(\.\d)?", re.ASCII | re.IGNORECASE)
 _GCODE = re.compile(r"\s*(N\d+\s*)?[GMT]", re.ASCII | re.IGNORECASE)

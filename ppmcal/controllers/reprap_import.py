@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 import re
 from collections.abc import Sequence
@@ -36,8 +34,8 @@ OVERRIDE = "config-override.g"
 LARGEST = 1000
 FARTHEST = 1e6
 """No grid has more points along an axis."""
-_PROBE = re.compile(r"^\s*G31\b([^;\n]*)", re.ASCII | re.IGNORECASE | re.MULTILINE)
-_LETTER = re.compile(r"([XYZ])\s*([-+]?(?:\d+\.?\d*|\.\d+))", re.ASCII | re.IGNORECASE)
+_PROBE = re.compile(r"^[^\S\n]*G31\b([^;\n]*)", re.ASCII | re.IGNORECASE | re.MULTILINE)
+_LETTER = re.compile(r"([XYZ])\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+))", re.ASCII | re.IGNORECASE)
 
 
 def read_printer(path: str | os.PathLike[str], rods: float | None = None,
@@ -139,8 +137,8 @@ def read_map(path: Path) -> tuple[Array, Array]:
     if len(lines) < 4 or "height map" not in lines[0]:
         raise BadInput("is not a height map of RepRapFirmware", f"{path}: line 1",
                        "Give the heightmap.csv that G29 wrote")
-    header, values = next(csv.reader([lines[1]])), next(csv.reader([lines[2]]))
-    named = {k.strip(): v.strip() for k, v in zip(header, values, strict=False)}
+    header, values, *cells = ([c.strip() for c in line.split(",")] for line in lines[1:])
+    named = dict(zip(header, values, strict=False))
     axes = []
     for axis, number in (("x", "0"), ("y", "1")):
         low, high = (_first(named, path, f"{axis}{end}", f"{end}{number}")
@@ -151,7 +149,6 @@ def read_map(path: Path) -> tuple[Array, Array]:
             raise BadInput(f"{count:g} points from {low:g} to {high:g} mm along {axis} are no "
                            "grid", f"{path}: line 3", "Take the file as the firmware wrote it")
         axes.append(low + space * np.arange(int(count)))
-    cells = [[c.strip() for c in row] for row in csv.reader(io.StringIO("\n".join(lines[3:])))]
     wanted = (len(axes[1]), len(axes[0]))
     for n, row in enumerate(cells, 4):
         if len(row) != wanted[1] or not all(_number(c) for c in row):

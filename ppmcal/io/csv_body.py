@@ -18,7 +18,14 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_dialect import Dialect, decimal_of, marks_of_cells, one_mark
-from ppmcal.io.csv_numbers import is_number, parse, plain_column, without_columns
+from ppmcal.io.csv_numbers import (
+    cell_edges,
+    is_number,
+    parse,
+    plain_column,
+    without_columns,
+    words_of,
+)
 from ppmcal.linalg import Array
 
 CHUNK = 1 << 20
@@ -122,13 +129,14 @@ class _Reader:
         """Return lines whose words stand in the columns of words only, None where they do not."""
         chunk, width = self.data[start:stop], len(self.header)
         among = [i for i, h in enumerate(self.header) if h in self.loose]
-        bare = without_columns(chunk, width, among, self.dialect.separator)
-        block = None if bare is None else parse(
-            bare if ours is None else bare.translate(ours), width)
+        edges = cell_edges(chunk, width, self.dialect.separator) if among else None
+        if edges is None:
+            return None
+        bare = without_columns(chunk, edges, among)
+        block = parse(bare if ours is None else bare.translate(ours), width)
         if block is None:
             return None
-        rows = [line.split(self.dialect.separator) for line in chunk.decode("utf-8").split("\n")]
-        words = {self.header[i]: tuple([row[i].strip() for row in rows]) for i in among}
+        words = {self.header[i]: words_of(chunk, edges, i) for i in among}
         return _Part(len(block), block, (start, stop), words, self._wordy(words))
 
     def _wordy(self, words: Mapping[str, tuple[str, ...]]) -> frozenset[str]:

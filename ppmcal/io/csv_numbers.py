@@ -7,14 +7,14 @@ import warnings
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic_core import from_json
 
 from ppmcal.io.csv_dialect import Dialect
 from ppmcal.linalg import Array
 
 _NUMERIC = b"0123456789+-.,eE\nnaN "
-_AROUND = re.compile(rb" *([,\n]) *")
-PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|nan|NaN|NAN|[-+]?(inf|Inf|INF)",
+PLAIN = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?|nan|NaN|NAN|[-+]?(inf|Inf|INF)",
                    re.ASCII)
 """What counts as a number in a cell."""
 
@@ -47,12 +47,21 @@ def parse(chunk: bytes, width: int) -> Array | None:
     if chunk.translate(None, _NUMERIC):
         return None
     if b" " in chunk:    # a cell of spaces is empty; NumPy takes it for -1
-        chunk = _AROUND.sub(rb"\1", chunk).strip(b" ")
+        chunk = _unspaced(chunk)
     if not _rectangular(chunk, width):
         return None
     chunk = _filled(chunk)
     block = _numbers(chunk.replace(b"nan", b"NaN").replace(b"\n", b","))
     return None if block is None or block.size % width else block.reshape(-1, width)
+
+
+def _unspaced(chunk: bytes) -> bytes:
+    """Take out spaces around cells; a run of them within a cell shrinks to one."""
+    while b"  " in chunk:    # half as many each time; a pattern would begin at every space
+        chunk = chunk.replace(b"  ", b" ")
+    for mark in (b",", b"\n"):
+        chunk = chunk.replace(b" " + mark, mark).replace(mark + b" ", mark)
+    return chunk.strip(b" ")
 
 
 def _numbers(flat: bytes, size: int | None = None) -> Array | None:
@@ -82,18 +91,30 @@ def _as_numbers(flat: bytes) -> Array | None:
             return None
 
 
-def without_columns(chunk: bytes, width: int, among: Sequence[int], separator: str
-                    ) -> bytes | None:
-    """Return whole lines with zeros in every cell of some columns, None where they are ragged."""
+def cell_edges(chunk: bytes, width: int, separator: str) -> NDArray[np.int64] | None:
+    """Return where the marks around the cells of whole lines stand (n, width + 1).
+
+    None where the lines are ragged.
+    """
     raw = np.frombuffer(chunk, dtype=np.uint8)
     ends = np.append(np.flatnonzero(raw == 10), raw.size)
     marks = np.flatnonzero(raw == ord(separator))
-    if not among or marks.size != ends.size * (width - 1):
+    if marks.size != ends.size * (width - 1):
         return None
     edges = np.column_stack([np.concatenate([[-1], ends[:-1]]), marks.reshape(ends.size, width - 1),
                              ends])
-    if np.any(np.diff(edges, axis=1) < 1):
-        return None
+    return None if np.any(np.diff(edges, axis=1) < 1) else edges
+
+
+def words_of(chunk: bytes, edges: NDArray[np.int64], column: int) -> tuple[str, ...]:
+    """Return one column's cells, stripped; ``edges``: of :func:`cell_edges`."""
+    starts, stops = (edges[:, column] + 1).tolist(), edges[:, column + 1].tolist()
+    return tuple([chunk[a:b].decode("utf-8").strip() for a, b in zip(starts, stops, strict=True)])
+
+
+def without_columns(chunk: bytes, edges: NDArray[np.int64], among: Sequence[int]) -> bytes:
+    """Return whole lines with zeros in every cell of some columns."""
+    raw = np.frombuffer(chunk, dtype=np.uint8)
     inside = np.zeros(raw.size + 1, dtype=np.int8)
     out = raw.copy()
     for i in among:

@@ -15,6 +15,7 @@ from ppmcal.io.limits import UNPACKED_BYTES, refuse_shape
 
 MAGIC = b"PK\x03\x04"
 """What every such file begins with, as every zip does."""
+LAST_ROW = 1_048_576
 
 
 def excel_table(data: bytes, source: str, may_be_text: Callable[[str], bool],
@@ -61,7 +62,10 @@ def excel_table(data: bytes, source: str, may_be_text: Callable[[str], bool],
 def _rows(sheet: Any, source: str) -> list[list[Any]]:
     """Return the rows of a sheet that are not blank."""
     out: list[list[Any]] = []
-    for row in sheet.iter_rows(values_only=True):
+    for number, row in enumerate(sheet.iter_rows(values_only=True), 1):
+        if number > LAST_ROW:    # rows that are not there are yielded, too
+            raise BadInput(f"has a row after {LAST_ROW}, the last that a sheet can have", source,
+                           "Save it again, or save the sheet as CSV")
         cells = list(row)
         while cells and cells[-1] in (None, ""):
             cells.pop()

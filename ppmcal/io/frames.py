@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table, refuse_absurd
-from ppmcal.io.limits import refuse_shape
+from ppmcal.io.limits import CELL_SIZE, refuse_shape
 
 Tabular = str | os.PathLike[str] | Mapping[str, Any] | Any
 """A path of a CSV, a data frame (pandas, polars), a mapping of columns, or an array (N, c)."""
@@ -54,9 +54,10 @@ def as_table(source: Any, names: Sequence[str] = (), what: str = NAME,
         if as_numbers is None:
             if not loose(name):
                 row = next(i for i, v in enumerate(values) if _numbers([v]) is None)
-                raise BadInput(f"'{values[row]}' is not a number",
+                raise BadInput(f"'{str(values[row])[:40]}' is not a number",
                                f"{what}: row {row + 1}, column {name}", "Write a number")
             text[name] = tuple("" if v is None or v != v else str(v) for v in values)
+            CELL_SIZE.refuse(max(map(len, text[name])), f"{what}: column {name}")
         else:
             numbers[name] = as_numbers
     refuse_absurd(numbers, what)

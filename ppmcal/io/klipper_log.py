@@ -15,7 +15,8 @@ from ppmcal.io.csv import Table, cleaned
 from ppmcal.io.ros_tables import Recording
 from ppmcal.model.mechanism import Mechanism
 
-_ROW = re.compile(r"^\W*(?:Recv: )?\W*stepper:((?:\s+\w+:[-+]?\d+(?:\.\d*)?)+)\s*$", re.MULTILINE)
+_ROW = re.compile(r"^(?:[^\w\n]*Recv: )?[^\w\n]*stepper:"
+                  r"((?:[^\S\n]+\w+:[-+]?\d+(?:\.\d*)?)+)[^\S\n]*$", re.MULTILINE | re.ASCII)
 _VALUE = re.compile(r"(?:stepper_)?(\w+):([-+]?\d+(?:\.\d*)?)", re.ASCII)
 _PROBE = re.compile(r"probe at [-+.\d]+\s*,\s*[-+.\d]+ is z=", re.ASCII)
 

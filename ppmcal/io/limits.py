@@ -60,6 +60,8 @@ TABLE_CELLS = Limit(50_000_000, "cells", _SPLIT, "any table: rows times columns"
 LINE_BYTES = Limit(200_000, "bytes in one line", "Check line ends and quotes; a table has "
                    f"{grouped(TABLE_COLUMNS.most)} columns at most",
                    "CSV, list of points, log, configuration")
+CELL_SIZE = Limit(200_000, "letters in one cell", "Leave the column out",
+                  "spreadsheet, Parquet, data frame")
 UNPACKED_BYTES = Limit(1_000_000_000, "bytes when unpacked", _SPLIT, "spreadsheet, Parquet")
 BAG_BYTES = Limit(2_000_000_000, "bytes", "Record only the topics of joints and poses",
                   "bag of ROS")
@@ -81,9 +83,9 @@ SIMULATED_ROWS = Limit(2_000_000, "rows", _LESS, "scenario: poses times `repeats
                        "and directions")
 GRID_POSES = Limit(2_000_000, "poses", "Ask for fewer levels", "`--grid` of any command")
 
-FILE_LIMITS = (TABLE_BYTES, TABLE_ROWS, TABLE_COLUMNS, TABLE_CELLS, LINE_BYTES, UNPACKED_BYTES,
-               BAG_BYTES, CONFIG_BYTES, YAML_BYTES, YAML_NODES, YAML_DEPTH, JSON_BYTES, JSON_NODES,
-               JSON_DEPTH)
+FILE_LIMITS = (TABLE_BYTES, TABLE_ROWS, TABLE_COLUMNS, TABLE_CELLS, LINE_BYTES, CELL_SIZE,
+               UNPACKED_BYTES, BAG_BYTES, CONFIG_BYTES, YAML_BYTES, YAML_NODES, YAML_DEPTH,
+               JSON_BYTES, JSON_NODES, JSON_DEPTH)
 """Limits of what a file holds."""
 ASKED_LIMITS = (POSES, SIMULATED_ROWS, GRID_POSES)
 """Limits of what is asked for."""

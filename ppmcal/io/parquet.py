@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.frames import as_table
-from ppmcal.io.limits import UNPACKED_BYTES, refuse_shape
+from ppmcal.io.limits import CELL_SIZE, UNPACKED_BYTES, refuse_shape
 
 MAGIC = b"PAR1"
 """What every such file begins with."""
@@ -36,26 +37,58 @@ def parquet_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) 
         raise BadInput("is a Parquet file, which only pyarrow can read", source,
                        "Install it (pip install pyarrow), or save the table as CSV") from None
     try:
-        file = parquet.ParquetFile(pyarrow.BufferReader(data))
-        _refuse_large(file, source)
+        about = parquet.read_metadata(pyarrow.BufferReader(data))
+        words = _refuse_large(about, source)
+        # words stay as the file has them: a dictionary, and a number in each row
+        file = parquet.ParquetFile(pyarrow.BufferReader(data), metadata=about,
+                                   read_dictionary=words)
         held = file.read()
-    except (pyarrow.ArrowException, OSError) as error:
+        UNPACKED_BYTES.refuse(sum(map(_unpacked, held.columns)), source)
+        names = [str(n).strip() for n in held.column_names]
+        cells = list(map(_values, held.columns))
+    # names and words that are no UTF-8 are met where they are taken out
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise BadInput(f"cannot be read as Parquet ({_first_line(error)})", source,
                        "Write the file again, or save the table as CSV") from None
-    names = [str(n).strip() for n in held.column_names]
     double = next((n for i, n in enumerate(names) if n in names[:i]), None)
     if double is not None:
         raise BadInput(f"two columns are called '{double}'", source, "Rename one of them")
-    columns = {n: _values(c) for n, c in zip(names, held.columns, strict=True)}
+    columns = dict(zip(names, cells, strict=True))
     return as_table(columns, (), source, may_be_text)
 
 
-def _refuse_large(file: Any, source: str) -> None:
-    """Refuse what is too large when it is unpacked, told by what the file says of itself."""
-    about = file.metadata
+def _refuse_large(about: Any, source: str) -> list[str]:
+    """Refuse what is too large when it is unpacked, told by what the file says of itself.
+
+    Returns the columns of words. Of damaged columns pyarrow ends the process where their own
+    entries are asked for, so that only those of the schema and of whole groups are.
+    """
     refuse_shape(about.num_rows, about.num_columns, source)
-    groups = (about.row_group(i) for i in range(about.num_row_groups))
-    UNPACKED_BYTES.refuse(sum(g.total_byte_size for g in groups), source)
+    groups = map(about.row_group, range(about.num_row_groups))
+    size, words = sum(g.total_byte_size for g in groups), []
+    for column in map(about.schema.column, range(about.num_columns)):
+        if column.max_repetition_level or column.path != column.name:
+            raise BadInput("holds several values in a row", f"{source}: column {column.path}",
+                           "Give each of them a column, or leave the column out")
+        if column.physical_type == "FIXED_LEN_BYTE_ARRAY":
+            size += column.length * about.num_rows
+        elif column.physical_type == "BYTE_ARRAY" and column.logical_type.type != "DECIMAL":
+            words.append(column.path)
+    UNPACKED_BYTES.refuse(size, source)
+    if size > CELL_SIZE.most * (about.num_rows + 1) * about.num_columns:
+        raise CELL_SIZE.error(source)
+    return words
+
+
+def _unpacked(column: Any) -> int:
+    """Return the bytes of a column's cells, each counted, also where a dictionary has them once."""
+    import pyarrow
+    from pyarrow import compute
+
+    if not pyarrow.types.is_dictionary(column.type):
+        return int(column.nbytes)
+    return sum(compute.sum(compute.take(compute.binary_length(c.dictionary), c.indices)).as_py()
+               or 0 for c in column.chunks)
 
 
 def refuse_without_pyarrow(source: str) -> None:
@@ -91,11 +124,21 @@ def _values(column: Any) -> Any:
 
     Moments are words such as 2026-03-04T10:00:00.25Z, Z where the column has a zone.
     """
+    import pyarrow
+
+    if pyarrow.types.is_dictionary(column.type):
+        return list(chain.from_iterable(map(_words, column.chunks)))
     cells = column.to_numpy()
     if np.issubdtype(cells.dtype, np.datetime64):
         zone = "Z" if getattr(column.type, "tz", None) else ""
         return [None if np.isnat(c) else f"{np.datetime_as_string(c)}{zone}" for c in cells]
     return cells.astype(float) if np.issubdtype(cells.dtype, np.number) else cells
+
+
+def _words(chunk: Any) -> Any:
+    """Return the cells of a part of a column (n,); equal ones are one object."""
+    known = np.array([*chunk.dictionary.to_pylist(), None], dtype=object)
+    return known[chunk.indices.fill_null(len(known) - 1).to_numpy()]
 
 
 def _first_line(error: BaseException) -> str:

@@ -15,12 +15,13 @@ from ppmcal.errors import BadInput
 from ppmcal.io.clock import is_time
 from ppmcal.io.csv import cleaned
 
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _CLUTTER = re.compile(r"\s*(//|[#!%](?!\s*\d))")
 """Begins a remark."""
 _HALF = re.compile(r"(\d:\d\d(?::\d\d(?:[.,:]\d+)?)?) +([AaPp][Mm])\b")
 _MOMENT = re.compile(r"(\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{4}) +(\d\d?:\d\d)")
-_UNIT = re.compile(r"[\[(]?\s*(m|mm|um|µm|in|inch|rad|deg|°|s|ms|min|h|C|°C|F|K|-|1|)\s*[\])]?")
+_UNIT = re.compile(r"[\[(]?\s*"
+                   r"(?:(?:m|mm|um|µm|in|inch|rad|deg|°|s|ms|min|h|C|°C|F|K|-|1)\s*)?[\])]?")
 FORM = "Write in each row a name, x, y, z and perhaps a time in s, or a header above them"
 ABOVE = 200
 """Rows begin in one of the first so many lines, or the first one is the header."""
@@ -205,9 +206,12 @@ def _as_csv(names: list[str], rows: list[str], split: Split) -> bytes:
 def _without_tail(row: str, mark: str, width: int) -> str:
     """Return a row without separators at its end that no column belongs to."""
     row = row.strip(" " if mark == "\t" else " \t")
-    while row.endswith(mark) and row.count(mark) >= width and '"' not in row:
-        row = row[:-1].rstrip(" ")
-    return row
+    kept = row.rstrip(mark + " ")
+    tail = row[len(kept):].split(mark)
+    spare = min(row.count(mark) - width, len(tail) - 2) + 1
+    if spare < 1 or '"' in row:
+        return row
+    return (kept + mark.join(tail[:len(tail) - spare])).rstrip(" ")
 
 
 def _names(rows: list[str], split: Split, source: str) -> list[str]:

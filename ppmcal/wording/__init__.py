@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+_QUOTED_OR_WORD = re.compile(r"'[^']*'|[^\s,;:()']+")
+
 
 def counted(count: int, what: str) -> str:
     """Return ``1 row``, ``2 rows``."""
@@ -30,6 +32,11 @@ def some(names: Sequence[str], where: str = "", most: int = MOST, joint: str = "
     return f"{joint.join(names[:most])} and {len(names) - most} more{rest}"
 
 
+def _kind(found: re.Match[str]) -> str:
+    word = found[0]
+    return "#" if word[0] == "'" or any(c.isdigit() for c in word) else word
+
+
 def gathered(lines: Sequence[str], where: str) -> list[str]:
     """Return sentences, of more than three of one kind one: a count, the first three, and where.
 
@@ -37,7 +44,7 @@ def gathered(lines: Sequence[str], where: str) -> list[str]:
     """
     kinds: dict[str, list[str]] = {}
     for line in lines:
-        kinds.setdefault(re.sub(r"'[^']*'|[^\s,;:()]*\d[^\s,;:()]*", "#", line), []).append(line)
+        kinds.setdefault(_QUOTED_OR_WORD.sub(_kind, line), []).append(line)
     out = []
     for alike in kinds.values():
         few = [line.rstrip(".") for line in alike[:MOST]]

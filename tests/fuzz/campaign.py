@@ -14,7 +14,7 @@ from fuzz.readers import CORPUS, folder
 from fuzz.tracing import Lines
 
 CRASHES = Path(os.environ.get("PPMCAL_FUZZ_CRASHES", CORPUS.parent / "crashes"))
-LARGEST_KEPT = 20_000
+LARGEST_KEPT = 6_000
 POOL = 400
 SMALL, FEW = 2000, 8
 """Bytes of an input, and inputs of a reader, that the corpus takes."""
@@ -29,6 +29,8 @@ class Tally:
     lines: int = 0
     slowest: float = 0.0
     faults: dict = field(default_factory=dict)
+    fed: set = field(default_factory=set, repr=False)
+    """Hashes of the inputs: none is fed twice."""
 
     def row(self, name):
         """Return one line of the table."""
@@ -40,16 +42,21 @@ HEAD = f"{'reader':22s}{'inputs':>10s}{'outcomes':>9s}{'lines':>8s}{'s most':>8s
 
 
 def fuzz(reader, seconds, seed, tally=None, lines=None, most=None, keep=()):
-    """Feed a reader changed inputs for some seconds; return the tally and the inputs of use."""
+    """Feed a reader changed inputs, none twice; return the tally and the inputs of use.
+
+    ``seconds``: of processor time; ``most``: inputs at most.
+    """
     rng = random.Random(seed)
     tally, lines = tally or Tally(), lines or Lines()
     pool = [*reader.seeds, *keep]
-    form = reader.form
-    # kept inputs have been read before: only the good ones at the beginning are not new
-    stop, seeds = time.monotonic() + seconds, [] if tally.inputs else list(pool)
+    form, largest = reader.form, max(LARGEST_KEPT, *map(len, reader.seeds), 0)
+    stop, seeds = time.process_time() + seconds, list(reader.seeds)
     most = None if most is None else tally.inputs + most
-    while time.monotonic() < stop and (most is None or tally.inputs < most):
+    while time.process_time() < stop and (most is None or tally.inputs < most):
         data = seeds.pop() if seeds else mutated(rng.choice(pool), pool, rng, form)
+        if hash(data) in tally.fed:
+            continue
+        tally.fed.add(hash(data))
         begun = time.process_time()
         with lines.watching(always=bool(seeds)):
             outcome = judged(reader.read, data, reader.seconds)
@@ -60,7 +67,7 @@ def fuzz(reader, seconds, seed, tally=None, lines=None, most=None, keep=()):
         tally.lines += lines.new
         if outcome.fault and outcome.fault not in tally.faults:
             tally.faults[outcome.fault] = (data, outcome.detail)
-        if (fresh or lines.new) and len(data) <= LARGEST_KEPT:
+        if (fresh or lines.new) and len(data) <= largest:
             pool.append(data)
             if len(pool) > POOL:
                 pool.pop(rng.randrange(len(reader.seeds) or 1, len(pool)))
@@ -72,7 +79,8 @@ def minimised(reader, fault, data):
     def fails(shorter):
         return judged(reader.read, shorter, reader.seconds).fault == fault
 
-    return smaller(data, fails)
+    # each try of a slow one costs seconds
+    return smaller(data, fails, tries=15 if fault.startswith("slow") else 300)
 
 
 def keep_crash(name, data):

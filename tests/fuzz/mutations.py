@@ -19,6 +19,10 @@ WORDS = ["", " ", "\t", "\n", "\r", "\r\n", "\x00", "\x1b[2J", "\ufeff", "\u2028
          "---\n", "...\n", ",", ";", ",,", "=", "..", "../../x", "/dev/zero", "a/b", ".", "*",
          "x" * 300, "unknown", "known", "quat_w", "rz", "leg1", "setp", "[JOINT_0]", "#*#", "M665",
          "G31"]
+LONG = 0.02
+"""Part of the inputs that get a long run of one piece."""
+PIECES = [bytes([c]) for c in b" \t\n0195aex_.,;:-+#\"'[]{}()&*!|>=@%"] + [
+    b"11:", b"1.", b"1,", b", ", b"a ", b"- ", b"a:", b"::", b"[[", b"{a: ", b"\r\n", b"\n "]
 TREES = [None, True, False, 0, -1, 1, 2, 0.5, -0.0, 1e16, -1e16, 1e154, 1e300, 1e-300, float("nan"),
          float("inf"), -float("inf"), 10 ** 20, 10 ** 350, 10 ** 4500, "", " ", "x", "nan", "1.5",
          "unknown", "known", "leg1", "*", "\x00", "\x1b[2J", "\ud800", "é" * 50, [], {}, [[]], [{}],
@@ -33,7 +37,17 @@ def mutated(data, others, rng, form="text"):
     """
     for _ in range(rng.choice((1, 1, 1, 2, 3, 4))):
         data = rng.choice(WAYS[form])(data, others, rng)
+    if rng.random() < LONG:
+        data = _run(data, rng)
     return data[:200_000]
+
+
+def _run(data, rng):
+    """Repeat a short piece so often that what is not linear in it takes long."""
+    at = rng.randrange(len(data) + 1)
+    piece = rng.choice((data[at:at + rng.choice((1, 1, 2, 4, 12))], rng.choice(PIECES))) or b" "
+    count = rng.choice((200, 2000, 20_000, 190_000)) // len(piece) + 1
+    return data[:at] + piece * count + rng.choice((b"", b"!", data[at:]))
 
 
 def _bytes(data, others, rng):

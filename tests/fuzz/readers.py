@@ -2,8 +2,10 @@
 
 import dataclasses
 import functools
+import io
 import json
 import tempfile
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +24,7 @@ from ppmcal.controllers import (
 from ppmcal.io.batch_manifest import read_manifest
 from ppmcal.io.csv import csv_table
 from ppmcal.io.dataset_reader import LABELS, read_dataset
+from ppmcal.io.folder import RECORD, owners_of, read_record, read_runs
 from ppmcal.io.foreign import foreign_tables
 from ppmcal.io.mechanism_reader import read_mechanism
 from ppmcal.io.poses import read_joints, read_poses
@@ -49,6 +52,7 @@ from ppmcal.report.sources import read_columns
 
 GOOD = ROOT / "tests" / "broken"
 WORDS = ("note", "session")
+SHEET = "xl/worksheets/sheet1.xml"
 CORPUS = ROOT / "tests" / "fuzz" / "corpus"
 
 
@@ -85,11 +89,17 @@ def folder():
 def from_file(name, read):
     """Return a reader of bytes out of one of a path."""
     def call(data):
-        path = folder() / name
-        path.write_bytes(data)
+        path = _place(name)
+        with open(path, "wb") as stream:
+            stream.write(data)
         return read(path)
 
     return call
+
+
+@functools.cache
+def _place(name):
+    return folder() / name
 
 
 @functools.cache
@@ -149,6 +159,46 @@ def _foreign(data):
     return foreign_tables(path, hexapod(), ReadFile(), "f.yaml")
 
 
+@functools.cache
+def _columnar():
+    """Tables in Parquet, none without pyarrow."""
+    try:
+        from pyarrow import BufferOutputStream, parquet, table
+    except ImportError:
+        return ()
+    out = []
+    for settings in ({"compression": "none", "use_dictionary": False}, {"compression": "snappy"}):
+        sink = BufferOutputStream()
+        parquet.write_table(table({"pose": [1, 2, 3], "x": [1.5, None, 2.5],
+                                   "note": ["a", "b", None]}), sink, **settings)
+        out.append(bytes(sink.getvalue()))
+    return tuple(out)
+
+
+@functools.cache
+def _spreadsheet():
+    """The parts of a small spreadsheet, none without openpyxl."""
+    try:
+        from openpyxl import Workbook
+    except ImportError:
+        return {}
+    book, raw = Workbook(), io.BytesIO()
+    for row in (["pose", "x", "note"], [1, 1.5, "a"], [2, 2.5, "b"]):
+        book.active.append(row)
+    book.save(raw)
+    with zipfile.ZipFile(raw) as parts:
+        return {name: parts.read(name) for name in parts.namelist()}
+
+
+def _sheet(data):
+    """A sheet of a sound spreadsheet, whose check sums would hide it from changes."""
+    path = folder() / "t.xlsx"
+    with zipfile.ZipFile(path, "w") as parts:
+        for name, content in _spreadsheet().items():
+            parts.writestr(name, data if name == SHEET else content)
+    return read_table(path, loose=WORDS.__contains__)
+
+
 def _no_constant(word):
     raise AssertionError(f"{word} was written")
 
@@ -169,6 +219,12 @@ def _knowledge(path):
     assert np.isfinite(matrix[np.isfinite(matrix)]).all()
     sigma = np.diagonal(matrix)
     assert not np.any(sigma < 0.0), "a negative variance was accepted"
+
+
+def _written(path):
+    """What a folder's record says: anything that is none of ours says nothing."""
+    found = read_record(path.parent), read_runs(path.parent), owners_of(path.parent)
+    return "none" if found[0] is None else "read"
 
 
 def _collected(name):
@@ -209,6 +265,9 @@ def readers():
         Reader("csv", _csv, run[:1]),
         Reader("table", from_file("t.csv", lambda p: read_table(p, loose=WORDS.__contains__)),
                run[:1]),
+        *(Reader("parquet", from_file("t.parquet", lambda p: read_table(
+            p, loose=WORDS.__contains__)), s) for s in [_columnar()] if s),
+        *(Reader("sheet", _sheet, (s,)) for s in [_spreadsheet().get(SHEET)] if s),
         Reader("poses", from_file("p.csv", lambda p: read_poses(p, bench())),
                texts("sample_data/targets.csv") + (b"x,y,rz,note\n500,280,20,a\n510,270,22,b\n",)),
         Reader("joints", from_file("j.csv", lambda p: read_joints(p, bench())),
@@ -252,6 +311,7 @@ def readers():
         Reader("knowledge", from_file("identification.json", _knowledge), ()),
         Reader("posterior", from_file("identification.json",
                                       lambda p: knowledge.read_posterior(p, bench())), ()),
+        Reader("record-of-folder", from_file(RECORD, _written), ()),
         *(Reader(f"record-{kind.FILE.partition('.')[0]}", _record(kind), ()) for kind in RECORDS),
         *(Reader(f"report-{n.partition('.')[0]}", _collected(n), ()) for n in (
             "identification.json", "diagnosis.json", "validation.json", "comparison.json",

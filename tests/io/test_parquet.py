@@ -64,3 +64,46 @@ def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:40])
     with pytest.raises(BadInput, match="cannot be read as Parquet"):
         read_table(path)
+
+
+def test_one_long_word_in_the_dictionary_of_many_rows_is_refused_before_it_is_unpacked(
+        tmp_path: Path) -> None:
+    held = pyarrow.DictionaryArray.from_arrays(np.zeros(10_000, dtype=np.int32), ["x" * 150_000])
+    path = written(tmp_path, x=np.zeros(10_000), note=held)
+    assert path.stat().st_size < 20_000
+    before = pyarrow.total_allocated_bytes()
+    with pytest.raises(BadInput, match="when unpacked"):
+        read_table(path, text=("note",))
+    assert pyarrow.total_allocated_bytes() - before < 10_000_000
+
+
+@pytest.mark.parametrize(("column", "what"), [
+    (["x" * 300_000] * 2, "letters in one cell"),
+    (["x" * 250_000, *["y"] * 9], "letters in one cell"),
+    ([[1.0, 2.0], [3.0]], "several values in a row"),
+    ([{"a": 1.0}, {"a": 2.0}], "several values in a row")])
+def test_cells_that_no_table_has_are_refused(tmp_path: Path, column: list[object],
+                                             what: str) -> None:
+    path = written(tmp_path, x=[1.0] * len(column), note=column)
+    with pytest.raises(BadInput, match=what):
+        read_table(path, text=("note",))
+
+
+def test_a_long_word_for_a_number_is_told_in_part(tmp_path: Path) -> None:
+    with pytest.raises(BadInput) as refused:
+        read_table(written(tmp_path, x=["y" * 150_000, "z"]))
+    assert len(str(refused.value)) < 1000
+
+
+def test_words_of_a_dictionary_are_read_as_they_stand(tmp_path: Path) -> None:
+    words = ["b", None, "a", "b", " c"] * 300
+    path = written(tmp_path, x=np.arange(1500.0), note=pyarrow.array(words).dictionary_encode())
+    found = read_table(path, text=("note",)).text["note"]
+    assert found == tuple(w or "" for w in words)
+
+
+def test_names_that_are_no_utf8_are_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, x=[1.0, 2.0], note=["a", "b"])
+    path.write_bytes(path.read_bytes().replace(b"note", b"n\xe1te"))
+    with pytest.raises(BadInput, match="cannot be read as Parquet"):
+        read_table(path, text=("note",))
