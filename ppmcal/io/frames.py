@@ -57,7 +57,7 @@ def as_table(source: Any, names: Sequence[str] = (), what: str = NAME,
                 raise BadInput(f"'{str(values[row])[:40]}' is not a number",
                                f"{what}: row {row + 1}, column {name}", "Write a number")
             text[name] = tuple("" if v is None or v != v else str(v) for v in values)
-            CELL_SIZE.refuse(max(map(len, text[name])), f"{what}: column {name}")
+            CELL_SIZE.refuse(max(map(len, text[name]), default=0), f"{what}: column {name}")
         else:
             numbers[name] = as_numbers
     refuse_absurd(numbers, what)
