@@ -27,6 +27,7 @@ import pytest  # noqa: E402
 from wild.catalogue import write  # noqa: E402
 
 from ppmcal.api.diagnose import diagnose  # noqa: E402
+from ppmcal.kinematics.compiled_limbs import MANY  # noqa: E402
 
 MACHINE, SEED = "hexapod", 7
 CASES = {"none": "none", "backlash-and-heat": "named"}
@@ -79,8 +80,8 @@ def main() -> None:
     """Diagnose one campaign, or all of them and print the table."""
     if len(sys.argv) > 1:
         case, rows = sys.argv[1], int(sys.argv[2])
-        # compiled kernels are for many rows only
-        diagnosed("none", 600 if rows > SIZES[0] else 60)
+        # compiled kernels are for many rows only; what is kept of them may be of another processor
+        diagnosed("none", 2 * MANY if rows >= MANY else 60)
         verdict, seconds = diagnosed(case, rows)
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
         print(json.dumps(asdict(Spent(rows, verdict, seconds, memory))))
