@@ -13,8 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.calibration.compensation import Compensation
-from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.ways import Ways
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
@@ -132,13 +130,10 @@ def unsafe_ways(mechanism: Mechanism, found: Compensation) -> dict[int, str]:
     motor = np.full((len(found.q), 8), np.nan)
     motor[rows] = pose_motor(found.pose[rows])
     ways = Ways(mechanism, motor, found.q)
-    geometry = found.q
-    if mechanism.effects:    # a reversal, a warmer or a heavier row may step: that is its effect
-        geometry = np.full_like(found.q, np.nan)
-        geometry[rows] = inverse(Model(mechanism), motor[rows]).q
 
     def judge(before: Ints, after: Ints) -> dict[int, str]:
-        return {**_jumps(mechanism, geometry, found.q_nominal, before, after),
+        # of the geometry: a reversal, a warmer or a heavier row may step, that is its effect
+        return {**_jumps(mechanism, ways.q, found.q_nominal, before, after),
                 **ways.judged(before, after)}
 
     return _followed(rows, judge)

@@ -55,7 +55,10 @@ class _Places:
 
 
 class Ways:
-    """Straight ways between the rows of a table."""
+    """Straight ways between the rows of a table.
+
+    ``q`` (N, k): joint values of the geometry at the rows' poses; ``added``: what effects add.
+    """
 
     def __init__(self, mechanism: Mechanism, pose: Array, q: Array) -> None:
         """Take the rows.

@@ -163,6 +163,24 @@ def test_a_joint_that_jumps_between_neighbours_is_refused(name: str) -> None:
     assert "jump" in refused[20]
 
 
+def test_a_jump_is_seen_where_effects_take_the_pose_off_the_geometry() -> None:
+    """A 3-RPS that drifts stands beside its own surface, where the geometry alone has no joints."""
+    mechanism = off(machine("3-RPS"))
+    specs = effect_kinds()["drift"].parameters("spatial")
+    mechanism = with_effects(mechanism, [{"kind": "drift", "parameters": {
+        s.name: 10.0 * s.size for s in specs}}], SI, "test")
+    path = path_of(mechanism, 30)
+    path = path.mean(axis=0) + 0.3 * (path - path.mean(axis=0))
+    found = compensate(mechanism, path, Registration(), columns={"time": np.full(30, 60.0)})
+    assert set(found.status) == {"ok"}
+    assert unsafe_ways(mechanism, found) == {}
+    pose = found.pose.copy()
+    pose[10:20, 2] += np.ptp(pose[:, 2])
+    refused = unsafe_ways(mechanism, replace(found, pose=pose))
+    assert set(refused) == set(range(10, 20))
+    assert "jump" in refused[10]
+
+
 def test_a_turn_the_long_way_round_is_refused() -> None:
     mechanism = off(machine("delta-rotary"))
     free = replace(mechanism, limits=np.tile([-np.inf, np.inf], (3, 1)))
