@@ -15,6 +15,8 @@ SURE = 0.95
 FEWEST = 3
 """Poses below which no interval is told."""
 DRAWS = 2000
+LONGEST = 10.0
+"""Of the logarithm: an interval that reaches farther tells nothing, and is none."""
 
 
 def rms_interval(squares: Array, groups: Ints, kept: float = 1.0) -> tuple[float, float]:
@@ -38,8 +40,10 @@ def rms_interval(squares: Array, groups: Ints, kept: float = 1.0) -> tuple[float
     away = (sums - mean * counts) / (mean * counts.mean())
     error = float(np.sqrt(np.sum(away**2) / (poses * (poses - 1.0))))
     kept = min(kept, 1.0)
-    reach = np.exp(0.5 * error * stdtrit(kept * (poses - 1.0), 0.5 + 0.5 * SURE))
-    middle = np.sqrt(mean / kept)
+    reach = 0.5 * error * stdtrit(kept * (poses - 1.0), 0.5 + 0.5 * SURE)
+    if reach > LONGEST:
+        return np.nan, np.nan
+    reach, middle = np.exp(reach), np.sqrt(mean / kept)
     return float(middle / reach), float(middle * reach)
 
 
@@ -53,13 +57,13 @@ def quantile_interval(values: Array, groups: Ints, share: float) -> tuple[float,
     tail = 0.5 * (1.0 - SURE)
     # the binomial distribution, of which scipy.stats has the inverse but takes a second to load
     chance = bdtr(np.arange(poses + 1.0), poses, share)
-    low, high = (np.searchsorted(chance, [tail, 1.0 - tail]) / poses).tolist()
-    high += 1.0 / poses
+    low, high = np.searchsorted(chance, [tail, 1.0 - tail]).tolist()
     ordered = np.sort(values)
-    below = int(np.floor(low * ordered.size)) - 1
-    above = int(np.ceil(high * ordered.size)) - 1
+    # in whole numbers: as parts of one, ranks would miss by one now and then
+    below = low * ordered.size // poses - 1
+    above = -(-(high + 1) * ordered.size // poses) - 1
     return (float(ordered[below]) if below >= 0 else np.nan,
-            float(ordered[above]) if high <= 1.0 else np.nan)
+            float(ordered[above]) if above < ordered.size else np.nan)
 
 
 class RmsDraws:

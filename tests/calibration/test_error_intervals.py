@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from ppmcal.calibration.error_intervals import RmsDraws, quantile_interval, rms_interval
 
@@ -83,3 +84,17 @@ def test_nothing_is_told_of_two_poses():
 
 def test_no_error_at_all_is_sure():
     assert rms_interval(np.zeros(5), np.arange(5)) == (0.0, 0.0)
+
+
+def test_an_interval_over_all_orders_of_magnitude_is_none():
+    """A registration left hardly a degree of freedom: Student's t has no end any more."""
+    assert np.isnan(rms_interval(np.array([0.3, 0.1, 0.6]), np.arange(3), kept=0.05)).all()
+
+
+def test_the_ends_of_a_quantile_are_the_ranks_of_the_binomial_distribution():
+    """Rank by rank, for any number of poses: 123 as parts of one make 124."""
+    for poses in (*range(3, 300), 986, 2999):
+        ranks = binom.ppf([0.025, 0.975], poses, 0.95).astype(int) + [0, 1]
+        found = quantile_interval(np.arange(1.0, poses + 1.0), np.arange(poses), 0.95)
+        want = [r if 1 <= r <= poses else np.nan for r in ranks]
+        np.testing.assert_array_equal(found, want, f"{poses} poses")
