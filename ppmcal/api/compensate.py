@@ -235,13 +235,18 @@ def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
 
 
 def _refuse_worse(result: CompensationResult, source: str) -> None:
-    """Refuse corrections that are predicted to be worse than none.
+    """Refuse corrections that are predicted to be worse than none, together and in most rows.
+
+    A few rows, in a stretch that the model misses, say, do not make the others worse.
 
     Raises:
         NoResult: with both predictions.
     """
     before, after = result.errors()
     if before is None or after is None or after <= before:
+        return
+    found = result.compensation
+    if 2 * len(worse_rows(result.mechanism, found)) < int(sent(found).sum()):
         return
     units = result.mechanism.units
     factor, unit = units.factor("length"), units.length

@@ -12,6 +12,7 @@ from helpers.paths import ROOT
 from numpy.typing import NDArray
 
 import ppmcal
+from ppmcal.api.compensate import _refuse_worse
 from ppmcal.calibration.compensation import Compensation, compensate
 from ppmcal.calibration.safe_commands import _followed, unsafe_ways, worse_rows
 from ppmcal.errors import BadInput, NoResult
@@ -216,6 +217,23 @@ def test_rows_that_are_better_left_alone_are_refused() -> None:
     sigma = 0.5 * found.position_before
     assert list(worse_rows(mechanism, replace(
         found, position_after=after, sigma_position=sigma))) == [5]
+
+
+def test_a_few_rows_that_are_worse_do_not_refuse_the_others() -> None:
+    """One row far beyond what the model knows has the rms of all of them for itself."""
+    mechanism = machine("6-UPS")
+    poses = wide(mechanism, 8, 0.5) / [*[1e-3] * 3, *[np.radians(1.0)] * 3]
+    result = ppmcal.compensate(off(mechanism), poses, frame="base")
+    before = result.compensation.position_before
+
+    def judged(*rows: int) -> None:
+        sigma = np.where(np.isin(np.arange(8), rows), 10.0, 0.1) * before
+        _refuse_worse(replace(result, compensation=replace(
+            result.compensation, sigma_position=sigma)), "model")
+
+    judged(3)
+    with pytest.raises(NoResult, match="worse than none"):
+        judged(0, 1, 2, 3, 4)
 
 
 def test_turns_count_where_they_move_the_platforms_joints_more() -> None:
