@@ -285,14 +285,17 @@ def files_of(*sources: Any) -> list[Path_]:
 
 
 def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[str]]:
-    """Return the machine with the free values of an earlier calibration, and what was odd."""
+    """Return the machine with the free values of an earlier calibration, and what was odd.
+
+    What that one had measured goes with them.
+    """
     other = read_mechanism(start)
     notes = same_machine(mechanism, other, start)
     found = dict(zip(other.names, other.values.tolist(), strict=True))
     g = mechanism.values.copy()
     for p in mechanism.free:
         g[p] = found.get(mechanism.names[p], g[p])
-    return mechanism.with_values(g), notes
+    return replace(mechanism.with_values(g), measured=other.measured), notes
 
 
 def same_machine(mechanism: Mechanism, other: Mechanism, source: Path) -> list[str]:

@@ -16,9 +16,14 @@ CONDITIONS = ("temperature", "payload", "time", *WRENCH)
 
 
 def measured_by(fit: Fit, noise: Noise) -> MeasurementBasis:
-    """Return the noise check of a fit, and the ranges of the rows that it used, SI."""
+    """Return the noise check of a fit, and the ranges of the rows that it used, SI.
+
+    Carried on from an earlier calibration, with what that one had measured, as its machine says.
+    """
     found: dict[str, list[Array]] = {}
     mechanism = fit.problem.mechanism
+    if fit.problem.earlier is not None and mechanism.measured is not None:
+        found = {name: [np.array(ends)] for name, ends in mechanism.measured.ranges.items()}
     for data, state, kept in zip(fit.problem.datasets, fit.state.poses, fit.keep, strict=True):
         # a distance has two platform positions
         full = pose_vector(state[kept].reshape(-1, 8))

@@ -225,6 +225,21 @@ def test_keep_carries_on(sessions: Path, tmp_path: Path) -> None:
     assert "in that calibration already" in run.err and not (tmp_path / "no").exists()
 
 
+def test_keep_keeps_what_was_measured_before(sessions: Path, tmp_path: Path) -> None:
+    """Targets that only the earlier measurements had around them stay sound."""
+    tree = yaml.safe_load((sessions / "idA" / "identified.yaml").read_text())
+    tree["measurement"]["ranges"] |= {"x": [-2000.0, 510.0], "temperature": [15.0, 25.0]}
+    (tmp_path / "identified.yaml").write_text(yaml.safe_dump(tree))
+    (tmp_path / "identification.json").write_bytes(
+        (sessions / "idA" / "identification.json").read_bytes())
+    ppmcal("identify", "3-RPR.yaml", "B/measurements.csv", "--start", tmp_path / "identified.yaml",
+           "--keep", "--quiet", "--holdout", "0", "--out", tmp_path / "o", cwd=sessions, expect=0)
+    new, seen = (yaml.safe_load((f / "identified.yaml").read_text())["measurement"]["ranges"]
+                 for f in (sessions / "idB", tmp_path / "o"))
+    assert seen["x"] == pytest.approx([-2000.0, new["x"][1]], rel=1e-3)
+    assert seen["temperature"] == [15.0, 25.0]
+
+
 def test_keep_says_when_the_machine_has_changed(sessions: Path, tmp_path: Path) -> None:
     run = ppmcal("identify", "3-RPR.yaml", "C/measurements.csv", "--start", "idA/identified.yaml",
                  "--keep", "--out", tmp_path / "o", cwd=sessions, expect=1)
