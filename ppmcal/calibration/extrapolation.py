@@ -17,7 +17,8 @@ FAR_OUTSIDE = 0.5
 OUTSIDE = 0.1
 """Told: farther outside than this part of it."""
 STILL = 1e-3
-"""Of the reach, and of a radian: what was measured at one value holds this far around it."""
+"""Of the reach, and of a radian: what was measured at one value holds this far around it; of
+temperature and time a kelvin and a second, of loads :data:`OUTSIDE` of the load."""
 Ranges = Mapping[str, tuple[float, float]]
 CONDITIONS = {"temperature": (1.0, "C", ZERO_CELSIUS), "payload": (1.0, "kg", 0.0),
               "time": (1.0, "s", 0.0), **dict.fromkeys(WRENCH[:3], (1.0, "N", 0.0)),
@@ -32,7 +33,7 @@ def refuse_far(mechanism: Mechanism, full: Array, ranges: Ranges, status: list[s
         if name not in ranges:
             continue
         low, high = ranges[name]
-        margin = FAR_OUTSIDE * (high - low) + _still(mechanism, name)
+        margin = FAR_OUTSIDE * (high - low) + _still(mechanism, name, low, high)
         factor, unit = _shown(mechanism, name)
         with np.errstate(invalid="ignore"):
             far = (full[:, c] < low - margin) | (full[:, c] > high + margin)
@@ -63,7 +64,7 @@ def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
         low, high = ranges[name]
         beyond = np.where(good, np.fmax(low - values, values - high), np.nan)
         with np.errstate(invalid="ignore"):
-            rows = int(np.sum(beyond > OUTSIDE * (high - low) + _still(mechanism, name)))
+            rows = int(np.sum(beyond > OUTSIDE * (high - low) + _still(mechanism, name, low, high)))
         if rows:
             factor, unit = _shown(mechanism, name)
             zero = CONDITIONS[name][2] if name in CONDITIONS else 0.0
@@ -79,7 +80,10 @@ def measured_ranges(mechanism: Mechanism, volume: Ranges | None) -> Ranges:
     return {**(volume or {}), **seen.ranges}
 
 
-def _still(mechanism: Mechanism, name: str) -> float:
+def _still(mechanism: Mechanism, name: str, low: float, high: float) -> float:
+    """Return how far what was measured at one value holds around it, SI."""
+    if name in ("payload", *WRENCH):    # of a small stage grams are much, of a press tons little
+        return OUTSIDE * max(low, -high, 0.0)
     if name in CONDITIONS:
         return 1.0
     return STILL * (1.0 if name.startswith("r") else mechanism.reach)

@@ -109,6 +109,18 @@ def test_a_tenth_of_the_width_beyond_is_told() -> None:
     assert list(extrapolated(machine(), full, good, {"y": (0.0, 1.0)}, columns)) == []
 
 
+@pytest.mark.parametrize(("ends", "inside", "beyond"), [
+    ((0.02, 0.02), 0.0219, 0.03), ((-9e3, -8e3), -9.8e3, -9.95e3), ((0.0, 0.0), 0.0, 0.001),
+    ((0.0, 50.0), 54.0, 56.0)])
+def test_loads_are_held_against_the_measured_ones(ends: tuple[float, float], inside: float,
+                                                  beyond: float) -> None:
+    """A micrometre stage carries grams, a press tons."""
+    full, good = np.zeros((2, 6)), np.ones(2, dtype=bool)
+    columns = {"fz": np.array([inside, beyond])}
+    told, = extrapolated(machine(effects=(1,)), full, good, {"fz": ends}, columns)
+    assert told.startswith("1 row outside of what was measured: fz")
+
+
 @pytest.mark.parametrize(("name", "unit"), [("payload", "kg"), ("fx", "N"), ("fz", "N"),
                                             ("mx", "N.m"), ("mz", "N.m"), ("time", "s")])
 def test_conditions_are_told_in_their_units(name: str, unit: str) -> None:
