@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from ppmcal.kinematics.rotations import vector_like
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import WRENCH, ZERO_CELSIUS
 from ppmcal.model.measured import MeasurementBasis
@@ -26,9 +27,15 @@ CONDITIONS = {"temperature": (1.0, "C", ZERO_CELSIUS), "payload": (1.0, "kg", 0.
 """SI value of the unit in which it is shown, the unit, and what is 0 there."""
 
 
+def from_home(mechanism: Mechanism, full: Array) -> Array:
+    """Return platform poses (N, 6) with rotation vectors near home's, that do not flip about it."""
+    return np.concatenate([full[:, :3], vector_like(full[:, 3:], mechanism.home_pose[3:])], axis=1)
+
+
 def refuse_far(mechanism: Mechanism, full: Array, ranges: Ranges, status: list[str],
                reason: list[str]) -> None:
     """Refuse platform poses (N, 6) far outside the measured ``ranges``, m and rad."""
+    full = from_home(mechanism, full)
     for c, name in zip(mechanism.dof, mechanism.coordinates, strict=True):
         if name not in ranges:
             continue
@@ -55,7 +62,8 @@ def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
         ranges: what was measured, by column, SI.
         columns: conditions of the rows, SI; they count where the machine has effects.
     """
-    asked = {POSE_COORDINATES[c]: full[:, c] for c in mechanism.dof}
+    own = from_home(mechanism, full)
+    asked = {POSE_COORDINATES[c]: own[:, c] for c in mechanism.dof}
     if mechanism.effects:
         asked |= {name: columns[name] for name in CONDITIONS if name in columns}
     for name, values in asked.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ppmcal.calibration.extrapolation import from_home
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.noise import Noise
 from ppmcal.kinematics.partial_pose import pose_vector
@@ -26,7 +27,7 @@ def measured_by(fit: Fit, noise: Noise) -> MeasurementBasis:
         found = {name: [np.array(ends)] for name, ends in mechanism.measured.ranges.items()}
     for data, state, kept in zip(fit.problem.datasets, fit.state.poses, fit.keep, strict=True):
         # a distance has two platform positions
-        full = pose_vector(state[kept].reshape(-1, 8))
+        full = from_home(mechanism, pose_vector(state[kept].reshape(-1, 8)))
         for c in mechanism.dof:
             found.setdefault(POSE_COORDINATES[c], []).append(full[:, c])
         joints = [data.q[kept], *([] if data.to_q is None else [data.to_q[kept]])]

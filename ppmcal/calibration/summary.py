@@ -22,6 +22,7 @@ from ppmcal.calibration.estimates import (
     registered,
     with_estimates,
 )
+from ppmcal.calibration.extrapolation import from_home
 from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import Identifiability, identifiability
@@ -110,7 +111,7 @@ class Identification:
         """Range of the platform poses that were measured, by coordinate, base frame, SI."""
         poses = np.concatenate([p[k].reshape(-1, 8)    # a distance has two platform positions
                                 for p, k in zip(self.fit.state.poses, self.fit.keep, strict=True)])
-        full = pose_vector(poses)
+        full = from_home(self.mechanism, pose_vector(poses))
         return {POSE_COORDINATES[c]: (float(full[:, c].min()), float(full[:, c].max()))
                 for c in self.mechanism.dof}
 

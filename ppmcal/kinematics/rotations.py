@@ -87,6 +87,21 @@ def euler_like(vector: Array, named: Array, convention: str) -> tuple[Array, Boo
     return best, locked & np.isnan(first) & np.isnan(third)
 
 
+def vector_like(vector: Array, near: Array) -> Array:
+    """Return the rotation vectors (N, 3) of the same turns nearest to another one (3,), rad.
+
+    About half a turn they flip from one end to the other; beyond it each has a second one.
+
+    >>> vector_like(np.array([[-3.0, 0.0, 0.0]]), np.array([3.1, 0.0, 0.0]))[:, 0].round(3).tolist()
+    [3.283]
+    """
+    angle = np.linalg.norm(vector, axis=1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        other = vector * np.where(angle > 0.0, 1.0 - 2.0 * np.pi / angle, 1.0)
+        nearer = np.sum((other - near) ** 2 - (vector - near) ** 2, axis=1, keepdims=True) < 0.0
+    return np.where(nearer, other, vector)
+
+
 def _within_half_a_turn(angles: Array) -> Array:
     return np.asarray(angles - 2.0 * np.pi * np.round(angles / (2.0 * np.pi)), dtype=float)
 

@@ -58,7 +58,7 @@ def machine(motion: str = "spatial", effects: tuple[Any, ...] = ()) -> Any:
     dof = {"spatial": (0, 1, 2, 3, 4, 5), "planar": (0, 1, 5)}[motion]
     return SimpleNamespace(
         dof=dof, coordinates=tuple(("x", "y", "z", "rx", "ry", "rz")[c] for c in dof), reach=1000.0,
-        effects=effects, measured=None, units=SimpleNamespace(
+        home_pose=np.zeros(6), effects=effects, measured=None, units=SimpleNamespace(
             factor=lambda quantity: np.pi / 180.0 if quantity == "angle" else 1e-3,
             name=lambda quantity: "deg" if quantity == "angle" else "mm"))
 
@@ -69,14 +69,30 @@ def test_half_the_width_beyond_is_the_end(coordinate: str, still: float) -> None
     for motion in ("spatial", "planar"):
         place = ("x", "y", "z", "rx", "ry", "rz").index(coordinate)
         full = np.zeros((6, 6))
-        low, high = 2.0, 6.0
-        full[:, place] = (4.0, high + 2.0 + still, low - 2.0 - still, high + 2.0 + 1.001 * still,
-                          low - 2.0 - 1.001 * still, np.nan)
+        low, high = (0.2, 0.6) if coordinate == "rz" else (2.0, 6.0)
+        half = 0.5 * (high - low)
+        full[:, place] = (low + half, high + half + still, low - half - still,
+                          high + half + 1.001 * still, low - half - 1.001 * still, np.nan)
         status, reason = ["ok"] * 6, [""] * 6
         refuse_far(machine(motion), full, {coordinate: (low, high)}, status, reason)
         assert status == ["ok"] * 3 + ["refused"] * 2 + ["ok"]
         assert f"far outside the measured volume: {coordinate} = " in reason[3]
         assert reason[:3] == [""] * 3
+
+
+def test_turns_about_half_a_turn_are_held_against_those_beside_home() -> None:
+    """A platform that hangs upside down: its rotation vectors flip from one end to the other."""
+    hung = machine()
+    hung.home_pose = np.array([0.0, 0.0, 2.0, np.pi, 0.0, 0.0])
+    full = np.zeros((4, 6))
+    full[:, 3] = np.radians([176.0, -179.0, -176.0, -150.0])
+    ranges = {"rx": (np.radians(170.0), np.radians(180.0))}
+    status, reason = ["ok"] * 4, [""] * 4
+    refuse_far(hung, full, ranges, status, reason)
+    assert status == ["ok", "ok", "ok", "refused"]
+    assert "rx = 210 deg, measured 170 to 180" in reason[3]
+    told, = extrapolated(hung, full, np.array([True, True, True, False]), ranges, {})
+    assert told.startswith("1 row outside of what was measured: rx up to 4 deg beyond 170 to 180")
 
 
 def test_a_row_that_is_refused_already_keeps_its_reason() -> None:
