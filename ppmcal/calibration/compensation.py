@@ -23,6 +23,7 @@ from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.kinematics.partial_pose import (
+    PoseConvention,
     named_only,
     pose_motor,
     pose_vector,
@@ -131,15 +132,20 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     ordered = sequence or "time" in columns
     rough = inverse_table(nominal, full).q if ordered else np.full((len(full), k), np.nan)
     rows = environment(columns, mechanism.actuators, mechanism.gravity, rough, sequence)
-    asked = _asked(mechanism, registration, wanted, full)
-    table = inverse_table(model, asked, rows)
+    # effects move the surface of a machine with fewer actuators than coordinates: what was left
+    # open stays open, or the pose would be off it
+    open_ = (np.isnan(wanted) & np.isin(np.arange(6), mechanism.dof)).any(axis=1)
+    asked, seen_by = full, PoseConvention()
+    if mechanism.effects and open_.any():
+        asked, seen_by = wanted, PoseConvention(seen=registration)
+    table = inverse_table(model, asked, rows, seen_by)
     if rows.history is not None and remembers(mechanism):
         # what remembers the way follows the joints that are sent, not the nominal ones
         sent = np.where(finite_rows(table.q)[:, None], table.q, rough)
         rows = environment(columns, mechanism.actuators, mechanism.gravity, sent, sequence)
-        table = inverse_table(model, asked, rows)
-    solved = np.isnan(asked).any(axis=1) & finite_rows(table.pose)
-    full = np.where(solved[:, None], table.pose, full)
+        table = inverse_table(model, asked, rows, seen_by)
+    if asked is wanted:
+        full = np.where((open_ & finite_rows(table.pose))[:, None], table.pose, full)
     status = ["refused" if s != "ok" else "ok" for s in table.status]
     reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
     volume = None if knowledge is None else knowledge.volume
@@ -155,19 +161,6 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     seen = measured_pose(registration, pose_motor(full))
     return Compensation(q, q_nominal, result[0], seen, full, before[0], result[1], before[1],
                         result[2], sigma[0], sigma[1], tuple(status), tuple(reason))
-
-
-def _asked(mechanism: Mechanism, registration: Registration, wanted: Array, full: Array) -> Array:
-    """Return the poses (N, 6) to ask the machine with its effects for.
-
-    Effects move the surface of a machine with fewer actuators than coordinates: in the base
-    frame what was left open stays open, or the pose would be off it.
-    """
-    still = (np.array_equal(registration.frame, cga.identity_motor())
-             and not registration.target.any() and not registration.target_rotation.any())
-    if not (mechanism.effects and still):
-        return full
-    return np.where(np.isnan(wanted), np.nan, full)
 
 
 @stage("predicting errors without correction")

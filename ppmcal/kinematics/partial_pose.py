@@ -42,16 +42,18 @@ def pose_motor(vector: Array) -> Array:
 
 @dataclass(frozen=True)
 class PoseConvention:
-    """What wanted poses of a machine's own frame name.
+    """What wanted poses name.
 
     Attributes:
         tool: the point whose position they are, platform axes (3,), m; axes are the platform's.
         rotation: their convention, of :mod:`rotations`; Euler angles stand in the places of
             the rotation vector, so that each of them can be left open.
+        seen: by what frame and target they are seen, in place of the base frame and the tool.
     """
 
     tool: Array = field(default_factory=lambda: np.zeros(3))
     rotation: str = "rotvec"
+    seen: Registration | None = None
 
     @property
     def euler(self) -> str:
@@ -60,8 +62,8 @@ class PoseConvention:
 
     @property
     def registration(self) -> Registration:
-        """What sees the tool's frame in base axes."""
-        return Registration(target=np.asarray(self.tool, dtype=float))
+        """What sees the poses; by default the tool's frame in base axes."""
+        return self.seen or Registration(target=np.asarray(self.tool, dtype=float))
 
 
 def inverse_partial(model: Model, coordinates: Array, rows: Environment | None = None,

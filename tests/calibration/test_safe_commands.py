@@ -20,6 +20,7 @@ from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import largest_box, named, placed
+from ppmcal.kinematics.registration import measured_pose
 from ppmcal.kinematics.tables import SINGULAR, inverse_table
 from ppmcal.kinematics.ways import Ways, _between
 from ppmcal.model.effects import effect_kinds
@@ -367,6 +368,25 @@ def test_a_load_that_the_measurements_had_is_not_taken_as_zero() -> None:
         ppmcal.compensate(mechanism, poses, frame="base")
     found = ppmcal.compensate(mechanism, poses, frame="base", assume={"payload": 5.0})
     assert found.refused == []
+
+
+@pytest.mark.parametrize("kind", ["drift", "base_compliance"])
+def test_open_coordinates_stay_open_in_the_frame_of_an_instrument(kind: str) -> None:
+    """A 3-RPS names three of six; where an effect moves its surface, in whatever frame it is."""
+    mechanism = off(machine("3-RPS"))
+    specs = effect_kinds()[kind].parameters("spatial")
+    mechanism = with_effects(mechanism, [{"kind": kind, "parameters": {
+        s.name: 10.0 * s.size for s in specs}}], SI, "test")
+    path, given = path_of(mechanism, 5), {"time": np.full(5, 60.0), "payload": np.full(5, 5.0)}
+    base = compensate(mechanism, path, Registration(), columns=given)
+    stands = Registration(pose_motor(np.array([[0.3, 0.2, 0.1, 0.02, -0.03, 1.0]]))[0],
+                          np.array([0.01, 0.02, 0.03]), np.array([0.01, 0.0, 0.02]))
+    wanted = np.where(np.isnan(path), np.nan, measured_pose(stands, pose_motor(base.pose)))
+    found = compensate(mechanism, wanted, stands, columns=given)
+    assert found.status == base.status == ("ok",) * 5
+    np.testing.assert_allclose(found.q, base.q, rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(found.pose, base.pose, rtol=0.0, atol=1e-13)
+    assert found.position_after.max() < 1e-13
 
 
 def test_what_is_assumed_must_be_a_condition_that_is_not_there() -> None:
