@@ -223,7 +223,10 @@ class Designed:
 
 @dataclass(frozen=True)
 class TruthRow:
-    """One parameter: error put in, error found, in ``unit``; z = (found - true)/sigma."""
+    """One parameter: error put in, error found, in ``unit``; z = (found - true)/sigma.
+
+    Of what has no nominal value, the values.
+    """
 
     name: str
     unit: str

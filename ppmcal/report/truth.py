@@ -69,7 +69,9 @@ def compared(folder: str, one: Identified, truth: TruthRecord) -> ComparedMachin
     rows, other, lacking = list[TruthRow](), list[str](), dict[str, list[str]]()
     for p in one.record.parameters:
         known = _known(p.name, truth)
-        if p.error is None or (known is None and p.status == "fixed"):
+        # what has no nominal value, an effect's stiffness, is compared itself
+        found = p.value if p.error is None and p.nominal is None else p.error
+        if found is None or (known is None and p.status == "fixed"):
             continue
         factor = None if known is None else _factor(_same_quantity(p.unit, truth.units), p.unit)
         if known is None or factor is None:
@@ -79,7 +81,7 @@ def compared(folder: str, one: Identified, truth: TruthRecord) -> ComparedMachin
         if differs:
             other.append(p.name)
         if p.status != "fixed" or true != 0.0:
-            rows.append(TruthRow(p.name, p.unit, true, p.error, p.sigma, p.status))
+            rows.append(TruthRow(p.name, p.unit, true, found, p.sigma, p.status))
     note = [f"{what[0].upper()}{what[1:]}: {some(names)}." for what, names in lacking.items()]
     return ComparedMachines(folder, one.folder, tuple(rows), " ".join(note), tuple(other))
 
@@ -112,7 +114,7 @@ def _of_effect(name: str, truth: TruthRecord) -> Iterator[float]:
 def _true_error(p: ParameterEstimate, known: TrueParameter, factor: float) -> tuple[float, bool]:
     """Return the true error against the model's own nominal value, and whether that is another."""
     nominal = 0.0 if p.nominal is None else p.nominal
-    if known.error is None:
+    if known.error is None or (p.error is None and known.value is not None):
         return (known.value or 0.0) * factor - nominal, False
     away = 0.0 if known.nominal is None or p.nominal is None else known.nominal * factor - nominal
     if p.unit in ANGLES:    # 348 degrees is -12

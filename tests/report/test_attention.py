@@ -35,7 +35,7 @@ from ppmcal.report.records import (
     Simulated,
     TruthRow,
 )
-from ppmcal.report.truth import compare
+from ppmcal.report.truth import compare, compared
 
 CALM = "Nothing needs a closer look"
 
@@ -45,6 +45,19 @@ def fit(**changes: Any) -> Identified:
     clean = identification()
     clean |= {"findings": [], "excluded": [], "parameters": clean["parameters"][:1]}
     return Identified("fit", IdentificationRecord.model_validate(clean | changes))
+
+
+@pytest.mark.parametrize("truth", [
+    {"effects": [{"kind": "compliance", "parameters": {"stiffness": 4500.0}}]},
+    {"parameters": {"compliance.stiffness": 4500.0}, "errors": {"compliance.stiffness": 20.0}}])
+def test_an_effect_without_a_nominal_value_is_compared_itself(truth: dict[str, Any]) -> None:
+    """A start is no nominal: identification.json has neither that nor an error of a stiffness."""
+    one = fit(parameters=[{"name": "compliance.stiffness", "value": 4478.0, "sigma": 11.0,
+                           "unit": "N/mm", "status": "identified"}])
+    parameters = {"leg1.offset": 0.1, **truth.pop("parameters", {})}
+    record = TruthRecord.model_validate({"parameters": parameters, **truth})
+    row, = compared("s", one, record).rows
+    assert (row.true, row.found, row.z) == (4500.0, 4478.0, -2.0)
 
 
 def diagnosis(**keys: Any) -> Diagnosed:
