@@ -113,7 +113,11 @@ def left_joint_sigma(model: Model, at: PoseRows, knowledge: Knowledge) -> Array:
 
 
 def _joints_of_poses(model: Model, pose: Array, q: Array) -> Array:
-    """Return d(joint values)/d(pose) (N, k, m) on the closure, nan where singular."""
+    """Return d(joint values)/d(pose) (N, k, m) on the closure, nan where singular.
+
+    Of a machine with fewer actuators than coordinates to the nearest pose that it takes, turns
+    counted as arcs at the platform's joints.
+    """
     closure, motor = model.closure(q), pose_motor(pose)
     a, jq = closure.pose_matrix(motor), closure.joint_matrix(motor)
     if jq.shape[1] == jq.shape[2]:
@@ -121,7 +125,8 @@ def _joints_of_poses(model: Model, pose: Array, q: Array) -> Array:
     poses = -solve_blocks(a, jq)
     out = np.full((len(q), jq.shape[2], a.shape[2]), np.nan)
     good = np.isfinite(poses).all(axis=(1, 2))
-    out[good] = pinv(poses[good])
+    size = np.array([1.0 if c < 3 else model.mechanism.length_scale for c in model.mechanism.dof])
+    out[good] = pinv(poses[good] * size[:, None]) * size
     return out
 
 

@@ -13,13 +13,15 @@ from helpers.commands import rows
 from helpers.paths import ROOT
 
 import ppmcal
+from ppmcal.calibration.kinematics_sigma import PoseRows, independent, joint_sigma
 from ppmcal.io.results.kinematics_uncertainty import COVARIANCE, NONE, SIGMAS, TOLERANCES
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.kinematics.tables import velocity_table
+from ppmcal.kinematics.tables import inverse_table, velocity_table
+from ppmcal.model.dataset import unknown_environment
 from ppmcal.model.registration import Registration
 
 DRAWS = 400
@@ -106,6 +108,23 @@ def test_a_machine_that_decides_some_coordinates_itself_scatters_as_it_says():
     asked[:, 2:5] = found.pose[:, 2:5]
     q = inverse_partial(drawn(machine, 2), again(asked)).q
     agree(joint_sigmas(found), q, [f for f, _ in machine.joint_units])
+
+
+@pytest.mark.parametrize("unit", ["um", "m"])
+def test_the_nearest_pose_is_the_same_of_a_small_and_of_a_large_machine(tmp_path, unit):
+    """A full pose of a tripod: metres and radians are weighed by the machine's own size."""
+    text = (ROOT / "configs" / "3-RPS.yaml").read_text()
+    (tmp_path / "other.yaml").write_text(text.replace("length: mm", f"length: {unit}"))
+    told = []
+    for machine in (loaded("3-RPS"), ppmcal.load(tmp_path / "other.yaml")):
+        length = machine.units.factor("length")
+        asked = np.full((2, 6), np.nan)
+        asked[:, 2:5] = [[100.0 * length, 0.1, -0.02], [105.0 * length, 0.0, -0.02]]
+        table = inverse_table(Model(machine), asked)
+        at = PoseRows(table.pose, table.q, unknown_environment(*table.q.shape))
+        sigma = {f"leg{n}.platform.point.radius": 0.05 * length for n in (1, 2, 3)}
+        told.append(joint_sigma(Model(machine), at, independent(machine, sigma)) / length)
+    np.testing.assert_allclose(told[1], told[0], rtol=1e-9)
 
 
 def test_rates_scatter_as_they_say():
