@@ -53,7 +53,8 @@ def worse_rows(mechanism: Mechanism, found: Compensation) -> dict[int, str]:
     """Return the rows whose correction is predicted to be worse than none: index -> reason.
 
     What is left and the model's standard deviation together are more than the error without
-    correction: of the position, or of the pose, rotations as arcs at the platform's joints.
+    correction: of the position, or of the pose, rotations as arcs at the platform's joints. A
+    row of which it cannot be predicted what is left is among them.
     """
     arc = mechanism.length_scale
     before = found.position_before
@@ -65,7 +66,9 @@ def worse_rows(mechanism: Mechanism, found: Compensation) -> dict[int, str]:
         by_place = (after > before) & (after > least)
         bad = sent(found) & (by_place | ((whole[1] > whole[0]) & (whole[1] > least)))
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
-    out = {}
+    unknown = np.flatnonzero(sent(found) & np.isnan(found.position_after))
+    out = dict.fromkeys(unknown.tolist(), "what the correction leaves cannot be predicted: led "
+                        "evenly from home, the joints meet a singularity or leave their reach")
     for n in np.flatnonzero(bad):
         old, new, what = ((before, after, "") if by_place[n] else
                           (*whole, ", turns counted at the platform's joints"))

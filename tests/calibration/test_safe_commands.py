@@ -220,6 +220,16 @@ def test_rows_that_are_better_left_alone_are_refused() -> None:
         found, position_after=after, sigma_position=sigma))) == [5]
 
 
+def test_a_row_of_which_nobody_knows_what_is_left_is_refused() -> None:
+    mechanism = machine("3-RPR")
+    found = compensate(off(mechanism), wide(mechanism, 300, 2.5), Registration(), None)
+    unknown = np.isnan(found.position_after) & [s == "ok" for s in found.status]
+    assert unknown.any()
+    refused = worse_rows(mechanism, found)
+    assert {n for n, why in refused.items() if "cannot be predicted" in why} == set(
+        np.flatnonzero(unknown).tolist())
+
+
 def test_a_few_rows_that_are_worse_do_not_refuse_the_others() -> None:
     """One row far beyond what the model knows has the rms of all of them for itself."""
     mechanism = machine("6-UPS")
