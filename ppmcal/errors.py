@@ -46,12 +46,17 @@ class PpmcalError(Exception):
 
 
 def _shown(text: str) -> str:
-    """Return a part of a message as it can be shown: names out of files may hold anything.
+    """Return a part of a message as it can be shown, without the middle of a long one."""
+    if len(text) > LONGEST:
+        text = f"{text[:LONGEST // 2]} ... {text[-LONGEST // 2:]}"
+    return printable(text)
+
+
+def printable(text: str) -> str:
+    """Return text that no terminal obeys: names out of files may hold anything.
 
     Control characters would steer the terminal, halves of a surrogate pair cannot be written.
     """
-    if len(text) > LONGEST:
-        text = f"{text[:LONGEST // 2]} ... {text[-LONGEST // 2:]}"
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in "\n\xa0" else

@@ -44,6 +44,7 @@ class Run:
         command: its name.
         force: whether it may replace what it did not write.
         read: device and inode -> path of every file read so far.
+        sums: path -> SHA-256 of what was read of it.
         doomed: device and inode -> path of the files that it wrote into ``--out`` before, and
             will write again.
         typed: the command line that does the same  [default: that of the process].
@@ -55,6 +56,7 @@ class Run:
     force: bool = False
     typed: str = ""
     read: dict[Identity, str] = field(default_factory=dict)
+    sums: dict[str, str] = field(default_factory=dict)
     doomed: dict[Identity, str] = field(default_factory=dict)
     stage: Staging | None = None
     source: dict[str, Any] = field(default_factory=dict)
@@ -103,6 +105,16 @@ def reading() -> Iterator[Run]:
         _RUN.reset(token)
 
 
+@contextmanager
+def unnoted() -> Iterator[None]:
+    """Read in the block what is no input of the run that is under way, such as its own notes."""
+    token = _RUN.set(None)
+    try:
+        yield
+    finally:
+        _RUN.reset(token)
+
+
 def current() -> Run:
     """Return the run that is under way, or one without a name outside of any."""
     return _RUN.get() or Run()
@@ -123,6 +135,28 @@ def note_read(path: str | os.PathLike[str]) -> None:
     run.read[identity] = str(path)
     if identity in run.doomed:
         raise _own_input(run.doomed[identity])
+
+
+def note_content(path: str | os.PathLike[str], data: bytes) -> None:
+    """Remember what an input of the run that is under way held when it was read.
+
+    Results name that, whatever becomes of the file while they are made.
+
+    Raises:
+        BadInput: it was read before in this run, and held something else.
+    """
+    run = _RUN.get()
+    if run is None:
+        return
+    digest = hashlib.sha256(data).hexdigest()
+    if run.sums.setdefault(str(path), digest) != digest:
+        raise BadInput("changed while ppmcal was at work on it", str(path),
+                       "Wait until it is written, and run it again")
+
+
+def content_of(path: str | os.PathLike[str], run: Run) -> str:
+    """Return the SHA-256 of what a run has read of a file, else of what it holds now."""
+    return run.sums.get(str(Path(path))) or digest_of(Path(path))
 
 
 def check_folder(folder: Path, run: Run) -> None:
@@ -226,7 +260,7 @@ def record_text(folder: Path, digests: Mapping[str, str], run: Run, gone: Iterab
 def _all_inputs(run: Run) -> dict[str, str]:
     """Return path -> SHA-256 of a run's inputs, with what it read while it made its files."""
     known = dict(run.source.get("inputs", {}))
-    return known | {p: digest_of(Path(p)) for p in sorted({*run.read.values()} - {*known})}
+    return known | {p: content_of(p, run) for p in sorted({*run.read.values()} - {*known})}
 
 
 def _working_folder(folder: Path) -> str:
@@ -245,10 +279,14 @@ def read_runs(folder: Path) -> dict[str, dict[str, Any]]:
 
 
 def read_record(folder: Path) -> dict[str, Written] | None:
-    """Return what ppmcal wrote into a folder, None where there is no sound record."""
+    """Return what ppmcal wrote into a folder, None where there is no sound record.
+
+    A record may come from anywhere: what it says of other places than the folder is left out.
+    """
     try:
-        return {str(name): Written(str(entry["command"]), str(entry["sha256"]))
-                for name, entry in _content(folder)["files"].items()}
+        return {name: Written(str(entry["command"]), str(entry["sha256"]))
+                for name, entry in _content(folder)["files"].items()
+                if name not in ("", ".", "..") and Path(name).name == name}
     except (TypeError, KeyError, AttributeError):
         return None
 
@@ -295,9 +333,11 @@ def _identity(path: Path) -> Identity | None:
 
 
 def digest_of(path: Path) -> str:
-    """Return the SHA-256 of a file, empty where there is none."""
+    """Return the SHA-256 of a plain file, empty where there is none: a pipe would never end."""
     try:
+        if not path.is_file():
+            return ""
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError:
+    except (OSError, ValueError):
         return ""

@@ -223,6 +223,30 @@ def test_what_is_new_is_run_again(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_measurement_that_comes_while_its_campaign_runs_is_new(tmp_path, monkeypatch):
+    manifest, (first, second) = small(tmp_path)
+    out, data = tmp_path / "out", tmp_path / "runs/m00/2026-03-12/measurements.csv"
+    was = digest_of(data)
+
+    def slow(model, files, **options):
+        found = face.identify(model, files, **options)
+        if "2026-03-12" in files[0] and digest_of(data) == was:
+            data.write_text("".join(data.read_text().splitlines(keepends=True)[:-1]))
+        return found
+
+    monkeypatch.setattr(campaign_module, "identify", slow)
+    found = face.batch(manifest, out, cores=1)
+    name = str(data.relative_to(tmp_path))
+    kept = (out / KEPT / second).with_suffix(".json")
+    assert CampaignRecord.read(kept).inputs[name] == was
+    assert found.provenance["inputs"][str(tmp_path / name)] == was
+    assert not any(KEPT in p for p in found.provenance["inputs"])     # its own notes
+    again = face.batch(manifest, out, cores=1)
+    assert again.done_before == (first,)
+    assert again.provenance["inputs"][str(tmp_path / name)] == digest_of(data) != was
+
+
+@pytest.mark.slow
 def test_results_that_were_edited_are_not_replaced(tmp_path):
     manifest, (first, _) = small(tmp_path)
     out = tmp_path / "out"
