@@ -91,7 +91,7 @@ def test_units_that_cannot_be_are_refused(tmp_path: Path, header: str, says: str
 def test_words_in_memory_are_the_numbers_that_they_are_in_a_csv() -> None:
     """To Python 1_10 and 11_0 are the same number, and two poses would be one."""
     words = ["1_10", "11_0", "\u0663", "infinity"]
-    table = as_table({"pose": words, "x": [" 1.5 ", "+2", "nan", 3]}, (), "t", {"pose"}.__contains__)
+    table = as_table({"pose": words, "x": [" 1.5 ", "+2", "nan", 3]}, loose={"pose"}.__contains__)
     assert table.text == {"pose": tuple(words)}
     np.testing.assert_array_equal(table.numbers["x"], [1.5, 2.0, np.nan, 3.0])
     with pytest.raises(BadInput, match="row 1, column x"):
