@@ -56,8 +56,9 @@ class BatchPlace:
 
     def kept(self, campaign: CampaignJob) -> Path:
         """Return where a campaign is remembered."""
-        out = Path(self.folder, self.out, KEPT)
-        return out.joinpath(*campaign.name.split("/")).with_suffix(".json")
+        *above, name = campaign.name.split("/")
+        # names may have points in them
+        return Path(self.folder, self.out, KEPT, *above, f"{name}.json")
 
 
 def finished(at: BatchPlace, campaign: CampaignJob) -> CampaignRecord | None:

@@ -17,6 +17,7 @@ from helpers.fleets import DESIGN, write_fleet
 import ppmcal as face
 from ppmcal.api import campaign as campaign_module
 from ppmcal.api.campaign import KEPT
+from ppmcal.io.batch_manifest import CampaignJob
 from ppmcal.io.folder import RECORD, digest_of
 from ppmcal.io.journal import NEW, write_journal
 from ppmcal.io.results.batch import CampaignRecord
@@ -189,6 +190,15 @@ def small(folder):
 def finished_before(manifest, out):
     return set(ppmcal("batch", manifest, "--out", out, "--cores", 1, "--json").json[
         "finished_before"])
+
+
+def test_campaigns_with_points_in_their_names_have_notes_of_their_own(tmp_path):
+    at = campaign_module.BatchPlace(str(tmp_path), "out", False)
+    names = ("m/2026-01-10/fit.1", "m/2026-01-10/fit.2", "m/2026-01-10/fit")
+    jobs = [CampaignJob(n, "m", "2026-01-10", "", "identify", "m.yaml", ()) for n in names]
+    notes = [at.kept(j) for j in jobs]
+    assert len({n.with_suffix(".part") for n in notes}) == len(set(notes)) == 3
+    assert {n.suffix for n in notes} == {".json"}
 
 
 @pytest.mark.slow
