@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+import sys
 
 import pytest
 from rich.console import Console as Rich
@@ -44,6 +46,21 @@ def test_names_steer_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     assert "bench\\x1b[2J\\u202e: 3 limbs\nand more" in out
     assert "\\x1b]0;x\\x07" in out
     assert out.replace("\n", "").isprintable()
+
+
+@pytest.mark.parametrize(("errors", "shown"), [
+    ("strict", b"m\\udcff \\ud800.csv"), ("surrogateescape", b"m\xff \\ud800.csv")])
+def test_names_that_are_no_utf8_can_be_said(errors: str, shown: bytes,
+                                            monkeypatch: pytest.MonkeyPatch) -> None:
+    name, held = "m\udcff \ud800.csv", io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(held, "utf-8", errors=errors))
+    Console(False, False).say(f"Written: {name}")
+    Console(False, False).table(plain_table(["file"], [[name]]))
+    Console(False, True).summary({"written": name})
+    sys.stdout.flush()
+    said, _, summary = held.getvalue().partition(b"{")
+    assert said.startswith(b"Written: " + shown) and said.count(shown) == 2
+    assert json.loads(b"{" + summary) == {"written": name}
 
 
 def test_a_table_without_rows() -> None:
