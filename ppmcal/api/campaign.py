@@ -21,7 +21,8 @@ from ppmcal.api.identify import identify
 from ppmcal.calibration.misread import Misread
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.batch_manifest import CampaignJob, options_key
-from ppmcal.io.folder import Run, content_of, digest_of, read_record, running, unnoted
+from ppmcal.io.folder import Run, content_of, running, unnoted
+from ppmcal.io.folder_record import digest_of, read_record
 from ppmcal.io.results.batch import (
     CampaignQuantity,
     CampaignRecord,

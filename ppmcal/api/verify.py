@@ -17,7 +17,8 @@ from ppmcal.api.inputs import IN_MEMORY, UNRECORDED, Path_
 from ppmcal.api.result import Progress, Result
 from ppmcal.calibration.misread import Misread
 from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.io.folder import RECORD, digest_of, read_record, running
+from ppmcal.io.folder import running
+from ppmcal.io.folder_record import RECORD, digest_of, read_record
 from ppmcal.io.results.differences import BOUNDS, compared
 from ppmcal.io.results.recorded_runs import (
     FoundInputs,

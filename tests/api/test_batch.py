@@ -18,7 +18,7 @@ import ppmcal as face
 from ppmcal.api import campaign as campaign_module
 from ppmcal.api.campaign import KEPT
 from ppmcal.io.batch_manifest import CampaignJob
-from ppmcal.io.folder import RECORD, digest_of
+from ppmcal.io.folder_record import RECORD, digest_of
 from ppmcal.io.journal import NEW, write_journal
 from ppmcal.io.results.batch import CampaignRecord
 from ppmcal.io.stage import INSIDE

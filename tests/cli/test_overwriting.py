@@ -17,7 +17,8 @@ from torture.desk import make_desk
 from ppmcal.cli import COMMANDS
 from ppmcal.errors import BadInput
 from ppmcal.io import Output
-from ppmcal.io.folder import RECORD, digest_of, owners_of, read_runs, running
+from ppmcal.io.folder import running
+from ppmcal.io.folder_record import RECORD, digest_of, owners_of, read_record, read_runs
 
 FOLDERS = {
     "import": "klipper printer.cfg",
@@ -276,3 +277,6 @@ def test_a_pipe_in_a_result_s_place_was_edited(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "poses.csv")
     with pytest.raises(BadInput, match="was edited since"), running("plan", tmp_path):
         pass
+    (tmp_path / RECORD).unlink()
+    os.mkfifo(tmp_path / RECORD)
+    assert read_record(tmp_path) is None

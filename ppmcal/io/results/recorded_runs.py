@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import RECORD, digest_of, read_record, read_runs
+from ppmcal.io.folder_record import RECORD, digest_of, read_record, read_runs
 from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.verification import InputCheck
 from ppmcal.io.stage import settle
