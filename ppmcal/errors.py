@@ -46,16 +46,22 @@ class PpmcalError(Exception):
 
 
 def _shown(text: str) -> str:
-    """Return a part of a message as it can be shown: names out of files may hold anything.
-
-    Control characters would steer the terminal, halves of a surrogate pair cannot be written.
-    """
+    """Return a part of a message as it can be shown, without the middle of a long one."""
     if len(text) > LONGEST:
         text = f"{text[:LONGEST // 2]} ... {text[-LONGEST // 2:]}"
+    return printable(text)
+
+
+def printable(text: str, raw: bool = False) -> str:
+    """Return text that no terminal obeys: names out of files may hold anything.
+
+    Control characters would steer the terminal, halves of a surrogate pair cannot be written.
+    With ``raw`` those stay that stand for bytes of a file's name, for a stream that writes them.
+    """
     if text.isprintable():
         return text
-    return "".join(c if c.isprintable() or c in "\n\xa0" else
-                   c.encode("unicode_escape").decode("ascii") for c in text)
+    return "".join(c if c.isprintable() or c in "\n\xa0" or (raw and "\udc80" <= c <= "\udcff")
+                   else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 class BadInput(PpmcalError):

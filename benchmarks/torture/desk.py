@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from ppmcal.io.folder import RECORD, current
+from ppmcal.io.folder import current
+from ppmcal.io.folder_record import RECORD
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 COMMANDS = {

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
-from ppmcal.api.campaign import COMPARE, BatchPlace, finished, run_campaign
+from ppmcal.api.campaign import COMPARE, BatchPlace, finished, recalled, run_campaign
 from ppmcal.api.inputs import Path_, recorded, source_of
 from ppmcal.api.result import Progress, Result
 from ppmcal.design.processes import cores as all_cores
@@ -134,17 +134,17 @@ def batch(manifest: Path_, out: Path_, *, cores: int | None = None, scheduler: s
                       + f", {failed} failed" * (failed > 0))
     named = [*campaigns, *(c for line in lines for c in line if c.command == COMPARE)]
     records = tuple(found[c.name] for c in named if c.name in found)
-    inputs = [str(manifest), *_inputs(Path(manifest).parent, records, at)]
-    return BatchResult(source_of("batch", inputs, None), tuple(_findings(records)), records, before)
+    inputs = _inputs(Path(manifest).parent, records, at)
+    current().sums.update(inputs)
+    source = source_of("batch", [str(manifest), *inputs], None)
+    return BatchResult(source, tuple(_findings(records)), records, before)
 
 
-def _inputs(folder: Path, records: Sequence[CampaignRecord], at: BatchPlace) -> Iterator[str]:
-    """Yield the files that the campaigns have read, but for those that a batch writes itself."""
-    for record in records:
-        for name in record.inputs:
-            path = folder / name
-            if path.is_file() and not os.path.normpath(name).startswith(at.out + os.sep):
-                yield str(path)
+def _inputs(folder: Path, records: Sequence[CampaignRecord], at: BatchPlace) -> dict[str, str]:
+    """Return path -> SHA-256 of what campaigns have read, but for what a batch writes itself."""
+    return {str(folder / name): digest for record in records
+            for name, digest in record.inputs.items()
+            if digest and not os.path.normpath(name).startswith(at.out + os.sep)}
 
 
 def lines_of(campaigns: Sequence[CampaignJob], at: BatchPlace) -> list[tuple[CampaignJob, ...]]:
@@ -194,7 +194,7 @@ def _read(at: BatchPlace, todo: Sequence[Sequence[CampaignJob]], names: Collecti
     """Return what was written of campaigns that a process has run."""
     paths = {c.name: at.kept(c) for line in todo for c in line if c.name in names}
     try:
-        return {name: CampaignRecord.read(path) for name, path in paths.items()}
+        return {name: recalled(path) for name, path in paths.items()}
     except BadInput as error:
         raise NoResult("is not there, though a worker has written it", error.where,
                        "Give a folder that the workers see under the same path") from None

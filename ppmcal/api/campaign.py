@@ -21,7 +21,8 @@ from ppmcal.api.identify import identify
 from ppmcal.calibration.misread import Misread
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.batch_manifest import CampaignJob, options_key
-from ppmcal.io.folder import digest_of, read_record, running
+from ppmcal.io.folder import Run, content_of, running, unnoted
+from ppmcal.io.folder_record import digest_of, read_record
 from ppmcal.io.results.batch import (
     CampaignQuantity,
     CampaignRecord,
@@ -56,8 +57,9 @@ class BatchPlace:
 
     def kept(self, campaign: CampaignJob) -> Path:
         """Return where a campaign is remembered."""
-        out = Path(self.folder, self.out, KEPT)
-        return out.joinpath(*campaign.name.split("/")).with_suffix(".json")
+        *above, name = campaign.name.split("/")
+        # names may have points in them
+        return Path(self.folder, self.out, KEPT, *above, f"{name}.json")
 
 
 def finished(at: BatchPlace, campaign: CampaignJob) -> CampaignRecord | None:
@@ -69,7 +71,7 @@ def finished(at: BatchPlace, campaign: CampaignJob) -> CampaignRecord | None:
     if not path.is_file():
         return None
     try:
-        record = CampaignRecord.read(path)
+        record = recalled(path)
     except BadInput:
         return None
     place = Path(at.place(campaign))
@@ -80,6 +82,16 @@ def finished(at: BatchPlace, campaign: CampaignJob) -> CampaignRecord | None:
             and all(digest_of(place / name) == d for name, d in record.outputs.items()))
     # machines may have been put into another design since
     return record.model_copy(update={"design": campaign.design or record.design}) if same else None
+
+
+def recalled(path: Path) -> CampaignRecord:
+    """Return what is remembered of a campaign: a note of the batch's own, and no input of it.
+
+    Raises:
+        BadInput: it is not there, or damaged.
+    """
+    with unnoted():
+        return CampaignRecord.read(path)
 
 
 def _key(at: BatchPlace, campaign: CampaignJob) -> str:
@@ -97,18 +109,16 @@ def run_campaign(at: BatchPlace, campaign: CampaignJob) -> int:
             format=CampaignRecord.FORMAT, campaign=campaign.name, machine=campaign.machine,
             date=campaign.date, design=campaign.design, command=campaign.command, typed=typed,
             key=_key(at, campaign))
-        seen: set[str] = set()
+        run = Run()
         try:
             with running(campaign.command, Path(place), at.force, typed) as run:
-                try:
-                    record = own.model_copy(update=_result(campaign, place))
-                finally:
-                    seen.update(run.read.values())
+                record = own.model_copy(update=_result(campaign, place))
         except Exception as error:
             record = own.model_copy(update=_failure(error))
+        seen = {*run.read.values(), *_named(campaign)}
         written = read_record(Path(place)) or {}
         record = record.model_copy(update={
-            "inputs": {p: digest_of(Path(p)) for p in sorted({*seen, *_named(campaign)})},
+            "inputs": {p: content_of(p, run) for p in sorted(seen)},
             "outputs": {} if record.failed else {
                 n: w.digest for n, w in written.items() if w.command == campaign.command}})
         _keep(kept, record)

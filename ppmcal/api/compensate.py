@@ -226,7 +226,8 @@ def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
     notes = list(machine.findings)
     path = Path(knowledge) if knowledge is not None else Path(machine.source).with_name(
         "identification.json")
-    if knowledge is not None or path.exists():
+    # nothing lies beside a machine that is in memory
+    if knowledge is not None or (machine.source in machine.inputs and path.exists()):
         return machine, read_knowledge(path, machine), [str(path)], notes
     ranges = machine.measured is not None and machine.measured.ranges
     notes.append(f"{path} is not there: uncertainties are unknown" + ("" if ranges else (

@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from ppmcal.api.diagnose import save_misread
-from ppmcal.api.inputs import IN_MEMORY, Path_
+from ppmcal.api.inputs import IN_MEMORY, UNRECORDED, Path_
 from ppmcal.api.result import Progress, Result
 from ppmcal.calibration.misread import Misread
 from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.io.folder import RECORD, read_record, running
+from ppmcal.io.folder import running
+from ppmcal.io.folder_record import RECORD, digest_of, read_record
 from ppmcal.io.results.differences import BOUNDS, compared
 from ppmcal.io.results.recorded_runs import (
     FoundInputs,
     RecordedRun,
     folders_within,
-    plain_digest,
     recorded_runs,
     runs_of,
 )
@@ -180,7 +180,7 @@ def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sa
         exact: whether bytes must be the same.
         box: whose own paths are taken out.
     """
-    now, then = plain_digest(again), plain_digest(there)
+    now, then = digest_of(again), digest_of(there)
     if not (now and then):
         gone = "is not there" if now else "is not written any more"
         return FileCheck(file=name, status=DIFFERS, count=1, worst=ValueDifference(place=gone))
@@ -212,7 +212,7 @@ def _arguments(function: Callable[..., Any], options: dict[str, Any]
         BadInput: the function has no such argument.
     """
     known = inspect.signature(function).parameters
-    if strange := [k for k in options if k not in known]:
+    if strange := [k for k in options if k not in known or k in UNRECORDED]:
         raise BadInput(f"the option '{strange[0]}' is of another version of ppmcal", "",
                        "Run it again with the version that is recorded")
     many = [k for k, p in known.items() if p.kind is p.VAR_POSITIONAL]

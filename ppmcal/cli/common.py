@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from ppmcal.cli.display import aside, remarks, shortened, shown, wrapped
+from ppmcal.errors import printable
 from ppmcal.wording import MOST, gathered
 
 if TYPE_CHECKING:
@@ -189,7 +190,7 @@ class Console:
         """Print one paragraph, wrapped at 80 columns; no name of a file is broken."""
         if self.speaks:
             with aside():
-                click.echo(wrapped(text, sys.argv))
+                click.echo(wrapped(_told(text), map(_told, sys.argv)))
 
     def say_command(self, head: str, words: Sequence[object]) -> None:
         """Print a command to be copied: longer than a line, it goes on behind a backslash."""
@@ -226,7 +227,8 @@ class Console:
         if self._rich is None:
             from rich.console import Console as Rich
 
-            self._rich = Rich(width=WIDTH, soft_wrap=False)
+            # names may have brackets and colons, which are no mark-up
+            self._rich = Rich(width=WIDTH, soft_wrap=False, markup=False, emoji=False)
         return self._rich
 
     def summary(self, content: Mapping[str, Any]) -> None:
@@ -235,7 +237,9 @@ class Console:
             from ppmcal.io import json_text
 
             with aside():
-                click.echo(json_text(content), nl=False)
+                # what UTF-8 cannot hold, as JSON has it
+                text = json_text(content).encode("utf-8", "backslashreplace").decode()
+                click.echo(text, nl=False)
 
     @contextmanager
     def misread(self) -> Iterator[None]:
@@ -251,6 +255,11 @@ class Console:
             raise
 
 
+def _told(text: str) -> str:
+    """Return text as standard output can have it; bytes of a file's name stay where they can."""
+    return printable(text, raw=getattr(sys.stdout, "errors", "") == "surrogateescape")
+
+
 def plain_table(headings: Sequence[str], rows: Sequence[Sequence[str]],
                 right: Sequence[int] = ()) -> Table:
     """Return a plain table of 80 columns; the columns ``right`` are numbers, right-aligned.
@@ -258,6 +267,7 @@ def plain_table(headings: Sequence[str], rows: Sequence[Sequence[str]],
     Names, in the first column, are cut in the middle where they are too long, and words wrap;
     numbers stay whole.
     """
+    rows = [[_told(cell) for cell in row] for row in rows]
     from rich import box
     from rich.table import Table
 

@@ -19,6 +19,7 @@ from time import perf_counter
 from ppmcal import __version__
 from ppmcal.cli import streams
 from ppmcal.cli.shares import INNER
+from ppmcal.errors import printable
 from ppmcal.wording.progress import Watch, course, watched, watching
 
 WIDTH = 80
@@ -73,7 +74,7 @@ class ProgressLine:
         left = self.watch.left()
         gone = perf_counter() - self._begun
         end = f"  {duration(gone)} so far" if left is None else f"  about {duration(left)} left"
-        return shortened(what, terminal_width() - 1 - len(end)) + end
+        return shortened(printable(what), terminal_width() - 1 - len(end)) + end
 
     def _run(self) -> None:
         while not self._stop.wait(EVERY):
@@ -182,7 +183,7 @@ class Remarks(logging.Handler):
 
         part = record.name.removeprefix("ppmcal").lstrip(".")
         head = f"{perf_counter() - self._begun:7.2f} s "
-        text = (f"{part}: " if part else "") + record.getMessage()
+        text = (f"{part}: " if part else "") + printable(record.getMessage())
         lines = textwrap.wrap(text, WIDTH - INDENT, break_on_hyphens=False) or [""]
         with aside():
             _write(head + ("\n" + " " * INDENT).join(lines) + "\n")

@@ -53,7 +53,7 @@ def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> 
         BadInput: the identification.json beside the model cannot be used.
     """
     path = model.with_name(KNOWLEDGE)
-    if poses is None or not path.exists():
+    if poses is None or mechanism.source not in mechanism.inputs or not path.exists():
         return UNKNOWN
     knowledge = read_knowledge(path, mechanism)
     names = list(mechanism.registrations)

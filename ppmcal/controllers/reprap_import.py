@@ -32,8 +32,9 @@ from ppmcal.linalg import Array
 OVERRIDE = "config-override.g"
 """What M500 writes and M501 runs."""
 LARGEST = 1000
-FARTHEST = 1e6
 """No grid has more points along an axis."""
+FARTHEST = 1e6
+"""No number of a height map is larger."""
 _PROBE = re.compile(r"^[^\S\n]*G31\b([^;\n]*)", re.ASCII | re.IGNORECASE | re.MULTILINE)
 _LETTER = re.compile(r"([XYZ])\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+))", re.ASCII | re.IGNORECASE)
 

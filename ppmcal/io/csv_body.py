@@ -202,7 +202,7 @@ class _Reader:
         """Return some rows as columns; ``count``: rows before them."""
         words, numbers = dict[str, tuple[str, ...]](), dict[str, Array]()
         for name, given in zip(self.header, zip(*rows, strict=True), strict=True):
-            spaced = len("-".join(given).split()) > 1 or not "".join(given[-1:]).isprintable()
+            spaced = len(f"-{'-'.join(given)}-".split()) > 1    # at either end of a cell
             cells = tuple([c.strip() for c in given]) if spaced else given
             if name in self.loose:
                 words[name] = cells

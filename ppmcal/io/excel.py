@@ -6,12 +6,13 @@ import io
 import warnings
 import zipfile
 from collections.abc import Callable
+from itertools import takewhile
 from typing import Any
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table
 from ppmcal.io.frames import as_table
-from ppmcal.io.limits import UNPACKED_BYTES, refuse_shape
+from ppmcal.io.limits import TABLE_CELLS, UNPACKED_BYTES, refuse_shape
 
 MAGIC = b"PK\x03\x04"
 """What every such file begins with, as every zip does."""
@@ -61,14 +62,17 @@ def excel_table(data: bytes, source: str, may_be_text: Callable[[str], bool],
 
 def _rows(sheet: Any, source: str) -> list[list[Any]]:
     """Return the rows of a sheet that are not blank."""
+    sheet.reset_dimensions()    # or every row is filled up to what the sheet says of its width
     out: list[list[Any]] = []
+    count = 0
     for number, row in enumerate(sheet.iter_rows(values_only=True), 1):
         if number > LAST_ROW:    # rows that are not there are yielded, too
             raise BadInput(f"has a row after {LAST_ROW}, the last that a sheet can have", source,
                            "Save it again, or save the sheet as CSV")
-        cells = list(row)
-        while cells and cells[-1] in (None, ""):
-            cells.pop()
+        count += len(row)
+        TABLE_CELLS.refuse(count, source)    # with those that are empty
+        blank = len([*takewhile((None, "").__contains__, reversed(row))])
+        cells = list(row[:len(row) - blank])
         if cells:
             out.append(cells)
             refuse_shape(len(out), len(cells), source)

@@ -12,7 +12,7 @@ import contextlib
 import ctypes
 import os
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -71,8 +71,8 @@ def _as_a_whole(stage: Staging, fill: Fill, replaced: set[str]) -> bool:
         with contextlib.suppress(OSError):
             sync(target.parent)
         return True
-    kept = _carried_over(target, new, replaced)
-    if kept is None:
+    held = _carried_over(target, new, replaced)
+    if held is None:
         return False
     fill(new)
     sync(new)
@@ -81,31 +81,41 @@ def _as_a_whole(stage: Staging, fill: Fill, replaced: set[str]) -> bool:
     # it is done: what fails from here on changes nothing
     with contextlib.suppress(OSError):
         sync(target.parent)
-        for name in {*os.listdir(new)} - kept - replaced:    # came in the last moment
-            if not os.path.lexists(target / name):
-                (new / name).rename(target / name)
+        _bring_over(new, target, {*os.listdir(new)} - replaced, held)
     return True
 
 
-def _carried_over(target: Path, new: Path, replaced: Iterable[str]) -> set[str] | None:
-    """Link what stays in a folder into the new one; return its names, None where it cannot be."""
+def _bring_over(old: Path, target: Path, names: Iterable[str], held: Mapping[str, bool]) -> None:
+    """Move over what came into the old folder, or was saved anew in it, since it was looked at."""
+    for name in names:
+        stays = held.get(name)
+        with contextlib.suppress(OSError):
+            if (not os.path.lexists(target / name) if stays is None else
+                    stays and not _same(os.fspath(old / name), target / name)):
+                (old / name).replace(target / name)
+
+
+def _carried_over(target: Path, new: Path, replaced: Iterable[str]) -> dict[str, bool] | None:
+    """Link what stays in a folder into the new one; return of each name whether it stays.
+
+    None where it cannot be.
+    """
     away = {name.casefold() for name in replaced}
-    kept = set[str]()
+    found = dict[str, bool]()
     try:
         _like(target, new)
         held = _entries(target)
         if len(held) > MOST or any(e.is_dir(follow_symlinks=False) for e in held):
             return None
         for entry in held:
-            kept.add(entry.name)
-            if entry.name.casefold() in away and any(
-                    _same(entry.path, target / name) for name in replaced
-                    if name.casefold() == entry.name.casefold()):
-                continue
-            os.link(entry.path, new / entry.name, follow_symlinks=False)
+            found[entry.name] = not (entry.name.casefold() in away and any(
+                _same(entry.path, target / name) for name in replaced
+                if name.casefold() == entry.name.casefold()))
+            if found[entry.name]:
+                os.link(entry.path, new / entry.name, follow_symlinks=False)
     except (OSError, NotImplementedError):
         return None
-    return kept
+    return found
 
 
 def _entries(folder: Path) -> list[os.DirEntry[str]]:

@@ -1,9 +1,9 @@
 """Which files a run may replace: never its own inputs, nothing that it did not write itself.
 
 A hidden file in every folder that a command wrote holds the names, the command and the SHA-256
-of what was written. A folder without it, or a file that is not as it says, is somebody else's, and
-so is a folder of another command, where old and new results would pass for one. What the command
-itself wrote there before and does not write again is stale, and goes.
+of what was written (:mod:`ppmcal.io.folder_record`). A folder without it, or a file that is not as
+it says, is somebody else's, and so is a folder of another command, where old and new results would
+pass for one. What the command itself wrote there before and does not write again is stale: it goes.
 """
 
 from __future__ import annotations
@@ -19,21 +19,19 @@ from pathlib import Path
 from typing import Any
 
 from ppmcal.errors import BadInput
+from ppmcal.io.folder_record import (
+    FORM,
+    Written,
+    digest_of,
+    owners_of,
+    read_record,
+    read_runs,
+)
 from ppmcal.io.stage import Staging, settle, staged
 
-RECORD = ".ppmcal.json"
-FORM = "ppmcal/folder/1"
 MEND = "Name another folder in --out, or replace with --force"
 SHOWN = 3
 Identity = tuple[int, int]
-
-
-@dataclass(frozen=True)
-class Written:
-    """What the record says of one file: the command that wrote it, and the SHA-256."""
-
-    command: str
-    digest: str
 
 
 @dataclass(frozen=True)
@@ -44,6 +42,7 @@ class Run:
         command: its name.
         force: whether it may replace what it did not write.
         read: device and inode -> path of every file read so far.
+        sums: path -> SHA-256 of what was read of it.
         doomed: device and inode -> path of the files that it wrote into ``--out`` before, and
             will write again.
         typed: the command line that does the same  [default: that of the process].
@@ -55,6 +54,7 @@ class Run:
     force: bool = False
     typed: str = ""
     read: dict[Identity, str] = field(default_factory=dict)
+    sums: dict[str, str] = field(default_factory=dict)
     doomed: dict[Identity, str] = field(default_factory=dict)
     stage: Staging | None = None
     source: dict[str, Any] = field(default_factory=dict)
@@ -103,6 +103,16 @@ def reading() -> Iterator[Run]:
         _RUN.reset(token)
 
 
+@contextmanager
+def unnoted() -> Iterator[None]:
+    """Read in the block what is no input of the run that is under way, such as its own notes."""
+    token = _RUN.set(None)
+    try:
+        yield
+    finally:
+        _RUN.reset(token)
+
+
 def current() -> Run:
     """Return the run that is under way, or one without a name outside of any."""
     return _RUN.get() or Run()
@@ -123,6 +133,28 @@ def note_read(path: str | os.PathLike[str]) -> None:
     run.read[identity] = str(path)
     if identity in run.doomed:
         raise _own_input(run.doomed[identity])
+
+
+def note_content(path: str | os.PathLike[str], data: bytes) -> None:
+    """Remember what an input of the run that is under way held when it was read.
+
+    Results name that, whatever becomes of the file while they are made.
+
+    Raises:
+        BadInput: it was read before in this run, and held something else.
+    """
+    run = _RUN.get()
+    if run is None:
+        return
+    digest = hashlib.sha256(data).hexdigest()
+    if run.sums.setdefault(str(path), digest) != digest:
+        raise BadInput("changed while ppmcal was at work on it", str(path),
+                       "Wait until it is written, and run it again")
+
+
+def content_of(path: str | os.PathLike[str], run: Run) -> str:
+    """Return the SHA-256 of what a run has read of a file, else of what it holds now."""
+    return run.sums.get(str(Path(path))) or digest_of(Path(path))
 
 
 def check_folder(folder: Path, run: Run) -> None:
@@ -226,7 +258,7 @@ def record_text(folder: Path, digests: Mapping[str, str], run: Run, gone: Iterab
 def _all_inputs(run: Run) -> dict[str, str]:
     """Return path -> SHA-256 of a run's inputs, with what it read while it made its files."""
     known = dict(run.source.get("inputs", {}))
-    return known | {p: digest_of(Path(p)) for p in sorted({*run.read.values()} - {*known})}
+    return known | {p: content_of(p, run) for p in sorted({*run.read.values()} - {*known})}
 
 
 def _working_folder(folder: Path) -> str:
@@ -235,40 +267,6 @@ def _working_folder(folder: Path) -> str:
         return os.path.relpath(os.getcwd(), folder)
     except (OSError, ValueError):    # gone, or on another drive
         return ""
-
-
-def read_runs(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return command -> where its results in a folder come from, as far as that is recorded."""
-    runs = _content(folder).get("runs")
-    return ({str(k): v for k, v in runs.items() if isinstance(v, dict)}
-            if isinstance(runs, dict) else {})
-
-
-def read_record(folder: Path) -> dict[str, Written] | None:
-    """Return what ppmcal wrote into a folder, None where there is no sound record."""
-    try:
-        return {str(name): Written(str(entry["command"]), str(entry["sha256"]))
-                for name, entry in _content(folder)["files"].items()}
-    except (TypeError, KeyError, AttributeError):
-        return None
-
-
-def owners_of(folder: Path) -> list[str]:
-    """Return the commands that wrote into a folder, none where there is no sound record."""
-    files, named = read_record(folder), _content(folder).get("commands")
-    if files is None:
-        return []
-    return list(dict.fromkeys([*(map(str, named) if isinstance(named, list) else ()),
-                               *(w.command for w in files.values())]))
-
-
-def _content(folder: Path) -> dict[str, Any]:
-    """Return what the record of a folder holds, nothing where it is not there or none of ours."""
-    try:
-        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return content if isinstance(content, dict) and content.get("format") == FORM else {}
 
 
 def _own_input(path: str) -> BadInput:
@@ -292,12 +290,3 @@ def _identity(path: Path) -> Identity | None:
     except (OSError, ValueError):
         return None
     return status.st_dev, status.st_ino
-
-
-def digest_of(path: Path) -> str:
-    """Return the SHA-256 of a file, empty where there is none."""
-    try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError:
-        return ""

@@ -10,6 +10,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table, refuse_absurd
+from ppmcal.io.csv_numbers import PLAIN
 from ppmcal.io.limits import CELL_SIZE, refuse_shape
 
 Tabular = str | os.PathLike[str] | Mapping[str, Any] | Any
@@ -96,7 +97,14 @@ def _numbers(values: Any) -> Any:
     if isinstance(values, np.ndarray):
         return values
     try:
-        return np.array([np.nan if v is None else float(v) if not isinstance(v, str) else v
+        return np.array([np.nan if v is None else _told(v) if isinstance(v, str) else float(v)
                          for v in values], dtype=float)
     except (TypeError, ValueError, OverflowError):
         return None
+
+
+def _told(word: str) -> float:
+    """Return the number that a word is in a CSV (ValueError for none): to Python 1_2 is 12."""
+    if PLAIN.fullmatch(word.strip()) is None:
+        raise ValueError(word)
+    return float(word)

@@ -8,7 +8,7 @@ import stat
 from pathlib import Path
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import note_read
+from ppmcal.io.folder import note_content, note_read
 from ppmcal.io.limits import TABLE_BYTES, Limit
 
 _KINDS = ((stat.S_ISDIR, "is a folder"), (stat.S_ISFIFO, "is a pipe"),
@@ -47,6 +47,7 @@ def read_bytes(path: Path, limit: Limit = TABLE_BYTES) -> bytes:
     if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
         raise BadInput("changed while it was read", str(path),
                        "Wait until it is written, or copy it first")
+    note_content(path, data)
     return data
 
 

@@ -225,9 +225,13 @@ def _smooth(log: Table, order: np.ndarray, turns: Mapping[str, float]) -> Table:
 def _as_logged(name: str, values: Array, log: Table, turns: Mapping[str, float]) -> Array:
     """Return joint values brought back into the turn that the log keeps to."""
     turn, theirs = turns.get(name, 0.0), log.numbers[name]
-    if not turn or np.nanmax(theirs) - np.nanmin(theirs) > turn * (1.0 + 1e-9):
+    if not turn or not np.isfinite(theirs).any():
         return values
-    low = -turn / 2.0 if np.nanmin(theirs) < 0.0 else 0.0
+    least, most = float(np.nanmin(theirs)), float(np.nanmax(theirs))
+    if most - least > turn * (1.0 + 1e-9):
+        return values
+    usual = [low for low in (-turn / 2.0, 0.0) if low <= least and most <= low + turn]
+    low = usual[0] if usual else (least + most - turn) / 2.0
     out: Array = np.where((values < low) | (values > low + turn),
                           np.mod(values - low, turn) + low, values)
     return out

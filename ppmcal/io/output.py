@@ -22,15 +22,16 @@ from ppmcal.io.csv_writer import Content, encoded
 from ppmcal.io.environment import environment
 from ppmcal.io.exchange import put
 from ppmcal.io.folder import (
-    RECORD,
     Run,
     check_files,
+    content_of,
     current,
     note_read,
     record_text,
     refuse_inputs,
     stale_files,
 )
+from ppmcal.io.folder_record import RECORD
 from ppmcal.io.stage import Staging, not_written, staged
 from ppmcal.wording.progress import note
 
@@ -184,15 +185,13 @@ def provenance(inputs: Sequence[str | os.PathLike[str]], command: str, seed: int
         function: of ``ppmcal.api`` that made the result, ``module.name``.
         options: all that it was called with, defaults too.
     """
-    sums = {}
+    sums, run = {}, current()
     for path in inputs:
-        try:
-            with open(path, "rb") as stream:
-                sums[str(path)] = hashlib.file_digest(stream, "sha256").hexdigest()
-            note_read(path)
-        except OSError as error:
-            raise BadInput(f"cannot be read ({error.strerror})", str(path),
-                           "Give the path of a readable file") from None
+        note_read(path)
+        sums[str(path)] = content_of(path, run)
+        if not sums[str(path)]:
+            raise BadInput("is not there any more, or cannot be read", str(path),
+                           "Give the path of a readable file")
     return {"version": __version__, "inputs": sums, "command": command, "seed": seed,
             "function": function, "options": dict(options or {}), "environment": environment(),
             "numpy": np.__version__, "python": platform.python_version()}

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ppmcal.errors import BadInput
+from ppmcal.io.folder_record import digest_of
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
@@ -36,7 +37,6 @@ from ppmcal.report.records import (
     Simulated,
 )
 from ppmcal.report.sources import (
-    digest,
     is_command_number,
     is_kinematics_number,
     is_number_column,
@@ -189,7 +189,7 @@ def _simulated(folder: Path) -> Simulated:
                      if (folder / TruthRecord.FILE).is_file() else None,
                      read_columns(file, whole=False, wanted=is_condition, numeric=is_place)
                      if here else None,
-                     digest(file) if here else "")
+                     digest_of(file) if here else "")
 
 
 def _with_copies(one: Simulated, identified: Sequence[Identified]) -> Simulated:
@@ -200,7 +200,7 @@ def _with_copies(one: Simulated, identified: Sequence[Identified]) -> Simulated:
     for fit in identified:
         copies |= {own for name, own in fit.record.provenance.inputs.items()
                    if name.endswith(".csv") and own not in ("", one.digest)
-                   and digest(Path(name)) == own and _same_numbers(file, Path(name))}
+                   and digest_of(Path(name)) == own and _same_numbers(file, Path(name))}
     return replace(one, copies=tuple(sorted(copies)))
 
 

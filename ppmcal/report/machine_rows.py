@@ -11,6 +11,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io import read_dataset
+from ppmcal.io.folder_record import digest_of
 from ppmcal.io.results.identification_parts import FittedDataset, RegistrationEntry
 from ppmcal.io.results.scene_parts import MeasuredPose, Point
 from ppmcal.io.sidecar import sidecar_path
@@ -25,7 +26,6 @@ from ppmcal.report.measured_rows import recorded_inputs
 from ppmcal.report.records import Columns, Identified
 from ppmcal.report.residuals import used
 from ppmcal.report.rows import row_key
-from ppmcal.report.sources import digest
 from ppmcal.wording import counted
 
 POINTS, WORST = 2000, 200
@@ -124,13 +124,13 @@ def _read(one: Identified, entry: FittedDataset, mechanism: Mechanism) -> Datase
     places = [Path(name), *(base / part for base in (folder, folder.parent)
                             for part in (name, Path(name).name))]
     there = [p for p in dict.fromkeys(places) if p.is_file()]
-    same = next((p for p in there if digest(p) == inputs[name]), None)
+    same = next((p for p in there if digest_of(p) == inputs[name]), None)
     if same is None:
         raise BadInput(f"{file} {'has changed since' if there else 'is not where it was'}",
                        one.folder)
     side = sidecar_path(same)
     recorded = [own for k, own in inputs.items() if Path(k).name == side.name]
-    if recorded and digest(side) not in recorded:
+    if recorded and digest_of(side) not in recorded:
         raise BadInput(f"{side.name}, beside {file}, has changed since", one.folder)
     return read_dataset(same, mechanism)
 

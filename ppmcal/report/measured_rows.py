@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.errors import BadInput
+from ppmcal.io.folder_record import digest_of
 from ppmcal.report.records import Columns, Identified, MeasuredRows, Simulated
-from ppmcal.report.sources import digest, read_columns
+from ppmcal.report.sources import read_columns
 
 NOT_SHOWN = ("q_", "q2_", "vel_", "sigma_", "cmd_")
 """Columns that begin so are no conditions that a person looks for."""
@@ -80,7 +81,7 @@ def _measured(one: Identified, source: str, simulated: Sequence[Simulated]) -> C
     if len(names) != 1 or not inputs[names[0]]:
         return None
     table = next((s.measurements for s in simulated if s.digest == inputs[names[0]]), None)
-    if table is None and digest(Path(names[0])) == inputs[names[0]]:
+    if table is None and digest_of(Path(names[0])) == inputs[names[0]]:
         try:
             return read_columns(Path(names[0]), whole=False, wanted=is_condition,
                                 numeric=is_place)

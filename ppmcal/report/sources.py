@@ -7,7 +7,6 @@ version. A missing key is no error, a value of the wrong kind is.
 from __future__ import annotations
 
 import csv
-import hashlib
 import os
 import re
 from collections.abc import Callable, Iterator
@@ -35,16 +34,6 @@ _COMMANDS = re.compile(r"x|y|(q|cmd)_.+|(error_(position|rotation)_(before|after
                        r"|sigma_(position|rotation)")
 _KINEMATICS = re.compile(r"[xyz]|r[xyz]|euler_[123]|quat_[xyzw]|(q|rate)_.+"
                          r"|condition|time")
-
-def digest(path: Path) -> str:
-    """Return the SHA-256 of a plain file, empty if it cannot be read; a pipe would never end."""
-    try:
-        if not path.is_file():
-            return ""
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except (OSError, ValueError):
-        return ""
 
 
 def is_number_column(name: str) -> bool:

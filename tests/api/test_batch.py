@@ -17,7 +17,8 @@ from helpers.fleets import DESIGN, write_fleet
 import ppmcal as face
 from ppmcal.api import campaign as campaign_module
 from ppmcal.api.campaign import KEPT
-from ppmcal.io.folder import RECORD, digest_of
+from ppmcal.io.batch_manifest import CampaignJob
+from ppmcal.io.folder_record import RECORD, digest_of
 from ppmcal.io.journal import NEW, write_journal
 from ppmcal.io.results.batch import CampaignRecord
 from ppmcal.io.stage import INSIDE
@@ -191,6 +192,15 @@ def finished_before(manifest, out):
         "finished_before"])
 
 
+def test_campaigns_with_points_in_their_names_have_notes_of_their_own(tmp_path):
+    at = campaign_module.BatchPlace(str(tmp_path), "out", False)
+    names = ("m/2026-01-10/fit.1", "m/2026-01-10/fit.2", "m/2026-01-10/fit")
+    jobs = [CampaignJob(n, "m", "2026-01-10", "", "identify", "m.yaml", ()) for n in names]
+    notes = [at.kept(j) for j in jobs]
+    assert len({n.with_suffix(".part") for n in notes}) == len(set(notes)) == 3
+    assert {n.suffix for n in notes} == {".json"}
+
+
 @pytest.mark.slow
 def test_what_is_new_is_run_again(tmp_path):
     manifest, (first, second) = small(tmp_path)
@@ -220,6 +230,30 @@ def test_what_is_new_is_run_again(tmp_path):
     kept = (out / KEPT / second).with_suffix(".json")
     kept.write_text(CampaignRecord.read(kept).model_copy(update={"outputs": {}}).text())
     assert finished_before(manifest, out) == {first}
+
+
+@pytest.mark.slow
+def test_a_measurement_that_comes_while_its_campaign_runs_is_new(tmp_path, monkeypatch):
+    manifest, (first, second) = small(tmp_path)
+    out, data = tmp_path / "out", tmp_path / "runs/m00/2026-03-12/measurements.csv"
+    was = digest_of(data)
+
+    def slow(model, files, **options):
+        found = face.identify(model, files, **options)
+        if "2026-03-12" in files[0] and digest_of(data) == was:
+            data.write_text("".join(data.read_text().splitlines(keepends=True)[:-1]))
+        return found
+
+    monkeypatch.setattr(campaign_module, "identify", slow)
+    found = face.batch(manifest, out, cores=1)
+    name = str(data.relative_to(tmp_path))
+    kept = (out / KEPT / second).with_suffix(".json")
+    assert CampaignRecord.read(kept).inputs[name] == was
+    assert found.provenance["inputs"][str(tmp_path / name)] == was
+    assert not any(KEPT in p for p in found.provenance["inputs"])     # its own notes
+    again = face.batch(manifest, out, cores=1)
+    assert again.done_before == (first,)
+    assert again.provenance["inputs"][str(tmp_path / name)] == digest_of(data) != was
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ from helpers.paths import ROOT
 
 import ppmcal
 from ppmcal.api.result import Result
+from ppmcal.controllers.model_uncertainty import UNKNOWN, pose_uncertainty
 from ppmcal.io import tables as ppmcal_tables
 
 NOTEBOOK = ROOT / "docs" / "calibration.ipynb"
@@ -303,3 +305,14 @@ def test_the_notebook_runs_and_says_what_its_text_says(capsys):
     before, after = names["commands"].errors()
     assert after < 0.01 * before
     assert "without correction" in capsys.readouterr().out
+
+
+def test_nothing_lies_beside_a_machine_in_memory(tmp_path, monkeypatch):
+    """A calibration in the working folder is another machine's."""
+    machine = yaml.safe_load(ppmcal.shipped("3-RPR").read_text())
+    (tmp_path / "identification.json").write_text("of another machine")
+    monkeypatch.chdir(tmp_path)
+    found = ppmcal.compensate(machine, {"x": [500.0], "y": [290.0], "rz": [10.0]}, frame="base")
+    assert found.knowledge is None and not found.provenance["inputs"]
+    stage = ppmcal.load(machine)
+    assert pose_uncertainty(stage, np.zeros((1, 6)), Path(stage.source)) == UNKNOWN

@@ -14,7 +14,8 @@ from torture.desk import make_desk
 import ppmcal as face
 from ppmcal.cli import COMMANDS
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import RECORD, read_runs
+from ppmcal.io.folder_record import RECORD, read_runs
+from ppmcal.io.results.differences import compared
 from ppmcal.io.yaml import dump_yaml
 
 WRITING = {
@@ -141,7 +142,7 @@ def test_an_edited_record_hides_nothing(desk: Path, tmp_path: Path) -> None:
     """Whoever forges the sum too is found by the values."""
     own = copied(desk, tmp_path, "identified")
     path, record = own / "identified" / "identified.yaml", own / "identified" / RECORD
-    from ppmcal.io.folder import digest_of
+    from ppmcal.io.folder_record import digest_of
 
     before = digest_of(path)
     path.write_text(path.read_text().replace("name:", "name: x", 1))
@@ -286,6 +287,21 @@ def test_made_up_options_end_in_a_sentence(desk: Path, tmp_path: Path, changes: 
     assert run["status"] == status
     said = ppmcal("verify", "kin", cwd=own, expect=code)
     assert "Traceback" not in said.err + said.out
+
+
+@pytest.mark.parametrize("option", ["scheduler", "cores", "progress"])
+def test_a_record_does_not_say_where_to_compute(desk: Path, tmp_path: Path, option: str) -> None:
+    """A scheduler sends back what Python takes for objects, and builds."""
+    own = copied(desk, tmp_path, "kin")
+    forged(own / "kin", function="tolerances.tolerances", options={
+        "mechanism": "mine.yaml", "accuracy": 0.2, option: "tcp://127.0.0.1:9"})
+    run, = checked(own, "kin", code=3)
+    assert f"the option '{option}'" in run["message"]
+
+
+def test_numbers_of_hundreds_of_digits_differ() -> None:
+    found = compared("a.json", b'{"x": 1' + b"0" * 400 + b"}", b'{"x": 1.5}', False)
+    assert found.status == "differs"
 
 
 @pytest.mark.slow

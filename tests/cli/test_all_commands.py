@@ -15,7 +15,7 @@ from helpers.commands import columns, number, pick, ppmcal, ppmcal_process, rows
 from helpers.paths import ROOT
 
 from ppmcal.cli import COMMANDS, cli
-from ppmcal.io.folder import RECORD
+from ppmcal.io.folder_record import RECORD
 
 MACHINES = {"planar": "3-RPR", "translational": "delta-linear", "spatial": "6-UPS"}
 

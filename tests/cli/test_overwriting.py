@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import shutil
 import subprocess
@@ -14,7 +15,10 @@ from helpers.commands import ppmcal, tree
 from torture.desk import make_desk
 
 from ppmcal.cli import COMMANDS
-from ppmcal.io.folder import RECORD, owners_of, read_runs
+from ppmcal.errors import BadInput
+from ppmcal.io import Output
+from ppmcal.io.folder import running
+from ppmcal.io.folder_record import RECORD, digest_of, owners_of, read_record, read_runs
 
 FOLDERS = {
     "import": "klipper printer.cfg",
@@ -247,3 +251,32 @@ def test_a_record_that_is_no_list_of_commands_names_none(text: str, tmp_path: Pa
     (tmp_path / RECORD).write_text(text)
     assert owners_of(tmp_path) == []
     assert read_runs(tmp_path) == {}
+
+
+@pytest.mark.parametrize("deep", [False, True])
+def test_a_record_takes_nothing_away_elsewhere(deep: bool, tmp_path: Path) -> None:
+    """Folders come from others too; with a folder in it files are moved one by one."""
+    folder, mine = tmp_path / "out", tmp_path / "mine.csv"
+    (folder / "within" if deep else folder).mkdir(parents=True)
+    mine.write_text("1\n")
+    names = ("../mine.csv", str(mine), "..", ".", "")
+    (folder / RECORD).write_text(json.dumps({"format": "ppmcal/folder/1", "files": {
+        n: {"command": "plan", "sha256": digest_of(mine)} for n in names}, "commands": ["plan"]}))
+    for text in ("2\n", "3\n"):
+        with running("plan", folder), Output(folder) as out:
+            out.add("poses.csv", text)
+    assert mine.read_text() == "1\n"
+    assert (folder / "poses.csv").read_text() == "3\n"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
+def test_a_pipe_in_a_result_s_place_was_edited(tmp_path: Path) -> None:
+    with running("plan", tmp_path), Output(tmp_path) as out:
+        out.add("poses.csv", "1\n")
+    (tmp_path / "poses.csv").unlink()
+    os.mkfifo(tmp_path / "poses.csv")
+    with pytest.raises(BadInput, match="was edited since"), running("plan", tmp_path):
+        pass
+    (tmp_path / RECORD).unlink()
+    os.mkfifo(tmp_path / RECORD)
+    assert read_record(tmp_path) is None

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from helpers.commands import tree
 
 from ppmcal.errors import BadInput
 from ppmcal.io import Output, exchange
+from ppmcal.io.csv_writer import LongText
 from ppmcal.io.folder import note_read, running
 from ppmcal.io.journal import move_in, write_journal
 from ppmcal.io.stage import INSIDE, hidden, settle, staged
@@ -71,6 +73,23 @@ def test_a_file_that_comes_in_the_last_moment_stays(tmp_path: Path,
     monkeypatch.setattr(exchange, "_exchanged", late)
     write(folder, a="new")
     assert (folder / "late.txt").read_text() == "mine"
+    assert (folder / "a.csv").read_text() == "new"
+
+
+def test_a_file_that_is_saved_meanwhile_is_the_saved_one(tmp_path: Path, way: str) -> None:
+    """As editors save: under another name, which then takes the place of the first."""
+    folder, note = tmp_path / "out", tmp_path / "out" / "notes.txt"
+    write(folder, a="old")
+    note.write_text("old")
+
+    def late() -> Iterator[str]:
+        (tmp_path / "saved").write_text("mine")
+        (tmp_path / "saved").replace(note)
+        yield "new"
+
+    with running("identify", folder), Output(folder) as out:
+        out.add("a.csv", LongText(late))
+    assert note.read_text() == "mine"
     assert (folder / "a.csv").read_text() == "new"
 
 

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import socket
 import time
 import zipfile
@@ -18,6 +19,7 @@ from helpers.paths import ROOT
 from ppmcal.errors import BadInput
 from ppmcal.io import excel, input_files, limits
 from ppmcal.io.csv import csv_table
+from ppmcal.io.folder import running
 from ppmcal.io.grid import read_grid
 from ppmcal.io.input_files import read_bytes
 from ppmcal.io.json import read_object
@@ -106,6 +108,17 @@ def test_a_cell_of_spaces_is_empty():
     made = csv_table(b"x,y,rz\n1, ,3\n4,5,6\n , ,\n", "d.csv", lambda name: False)
     np.testing.assert_array_equal(made.numbers["y"], [np.nan, 5.0, np.nan])
     np.testing.assert_array_equal(made.numbers["rz"], [3.0, 6.0, np.nan])
+
+
+@pytest.mark.parametrize("mark", [",", ";"])
+def test_spaces_at_either_end_of_a_column_are_no_number(mark):
+    """A quote sends the rows the slow way, column by column."""
+    rows = [' ', 'w', '"1"'], ['2', ' v ', '3'], ['4', '"u "', ' ']
+    data = "\n".join([f"a{mark}w{mark}b", *map(mark.join, rows)]).encode()
+    made = csv_table(data, "d.csv", {"w"}.__contains__)
+    np.testing.assert_array_equal(made.numbers["a"], [np.nan, 2.0, 4.0])
+    np.testing.assert_array_equal(made.numbers["b"], [1.0, 3.0, np.nan])
+    assert made.text["w"] == ("w", "v", "u")
 
 
 YAMLS = {
@@ -246,6 +259,16 @@ def test_a_file_that_changes_while_it_is_read(tmp_path, monkeypatch):
     refused(lambda: read_bytes(path), "changed while it was read")
 
 
+def test_a_file_that_changes_between_two_readings_of_a_run(tmp_path):
+    (tmp_path / "d.csv").write_text("a,b\n1,2\n")
+    with running("identify", tmp_path / "out"):
+        read_bytes(tmp_path / "d.csv")
+        read_bytes(tmp_path / "d.csv")
+        (tmp_path / "d.csv").write_text("a,b\n1,3\n")
+        refused(lambda: read_bytes(tmp_path / "d.csv"), "changed while ppmcal was at work on it")
+    assert read_bytes(tmp_path / "d.csv")[-2:] == b"3\n"
+
+
 def test_no_more_is_read_than_the_limit(tmp_path):
     (tmp_path / "big").write_bytes(b"x" * 100)
     refused(lambda: read_bytes(tmp_path / "big", limits.Limit(99, "bytes", "Cut it", "here")),
@@ -262,6 +285,43 @@ def test_a_spreadsheet_that_unpacks_to_too_much(tmp_path, monkeypatch):
     monkeypatch.setattr(excel, "UNPACKED_BYTES", replace(limits.UNPACKED_BYTES, most=2_000_000))
     (tmp_path / "t.xlsx").write_bytes(held.getvalue())
     refused(lambda: read_table(tmp_path / "t.xlsx"), "unpacked")
+
+
+def sheet_of(path, rows, dimension="A1:B2"):
+    """Write a sheet whose XML is what a program, or nobody, would write."""
+    book = pytest.importorskip("openpyxl").Workbook()
+    held = io.BytesIO()
+    book.save(held)
+    with zipfile.ZipFile(held) as made, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as out:
+        for name in made.namelist():
+            text = made.read(name).decode()
+            if name == "xl/worksheets/sheet1.xml":
+                text = text.replace('ref="A1:A1"', f'ref="{dimension}"')
+                text = re.sub("<sheetData.*sheetData>|<sheetData ?/>",
+                              f"<sheetData>{rows}</sheetData>", text)
+                assert rows in text and dimension in text
+            out.writestr(name, text)
+
+
+def test_a_sheet_that_says_it_is_wide_and_long(tmp_path):
+    """As sheets do whose whole columns have a format: five kilobytes, read as what they hold."""
+    head = ('<row r="1"><c r="A1" t="str"><v>a</v></c><c r="B1" t="str"><v>b</v></c></row>'
+            '<row r="2"><c r="A2"><v>1</v></c><c r="B2"><v>2</v></c></row>')
+    last = '<row r="100000"><c r="A100000"><v>3</v></c></row>'
+    sheet_of(tmp_path / "t.xlsx", head + last, "A1:XFD1048576")
+    begun = time.process_time()
+    table = read_table(tmp_path / "t.xlsx")
+    assert time.process_time() - begun < SOON
+    np.testing.assert_array_equal(table.numbers["a"], [1.0, 3.0])
+    np.testing.assert_array_equal(table.numbers["b"], [2.0, np.nan])
+
+
+def test_a_sheet_of_empty_cells_that_are_too_many(tmp_path, monkeypatch):
+    monkeypatch.setattr(excel, "TABLE_CELLS", replace(limits.TABLE_CELLS, most=100_000))
+    rows = "".join(f'<row r="{i}"><c r="A{i}"><v>1</v></c><c r="XFD{i}"/></row>'
+                   for i in range(1, 10))
+    sheet_of(tmp_path / "t.xlsx", rows)
+    refused(lambda: read_table(tmp_path / "t.xlsx"), "cells, and 100,000 are the limit")
 
 
 def test_a_parquet_file_with_too_many_columns(tmp_path):

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from ppmcal.errors import BadInput
 from ppmcal.io import Output, csv_text, json_text, provenance
 from ppmcal.io.csv_writer import CHUNK, LongText, csv_lines
-from ppmcal.io.folder import RECORD, running
+from ppmcal.io.folder import current, running
+from ppmcal.io.folder_record import RECORD, read_runs
 from ppmcal.io.input_files import read_bytes
 
 
@@ -305,6 +306,24 @@ def test_provenance(tmp_path):
     assert (got["command"], got["seed"], got["numpy"]) == ("ppmcal identify", 7, np.__version__)
     with pytest.raises(BadInput, match="cannot be read"):
         provenance([tmp_path / "b"], "", None)
+
+
+def test_results_name_what_was_read_whatever_becomes_of_the_file(tmp_path):
+    path, gone = tmp_path / "a.txt", tmp_path / "gone.txt"
+    path.write_bytes(b"abc")
+    gone.write_bytes(b"abc")
+    with running("identify", tmp_path / "out"):
+        read_bytes(path)
+        read_bytes(gone)
+        path.write_bytes(b"saved anew")
+        gone.unlink()
+        named = provenance([path, gone], "", None)["inputs"]
+        with Output(tmp_path / "out") as out:
+            current().source.update(inputs={})
+            out.add("a.csv", "1\n")
+    own = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    assert named == {str(path): own, str(gone): own}
+    assert read_runs(tmp_path / "out")["identify"]["inputs"] == named
 
 
 def test_a_long_table_is_written_as_it_is_made(tmp_path):

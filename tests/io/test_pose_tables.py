@@ -12,6 +12,7 @@ from helpers.commands import rows
 import ppmcal
 from ppmcal.errors import BadInput
 from ppmcal.io import read_joints, read_poses
+from ppmcal.io.frames import as_table
 
 HEXAPOD = ppmcal.load(ppmcal.shipped("6-UPS"))
 POSES = np.array([[10.5, -3.25, 2000.125, 1.5, -2.0, 0.75], [0.0, 4.5, 1990.0, 0.0, 1.0, -3.0]])
@@ -85,3 +86,13 @@ def test_units_that_cannot_be_are_refused(tmp_path: Path, header: str, says: str
     with pytest.raises(BadInput) as refused:
         read_poses(tmp_path / "p.csv", HEXAPOD)
     assert says in str(refused.value) and "p.csv: header" in str(refused.value)
+
+
+def test_words_in_memory_are_the_numbers_that_they_are_in_a_csv() -> None:
+    """To Python 1_10 and 11_0 are the same number, and two poses would be one."""
+    words = ["1_10", "11_0", "\u0663", "infinity"]
+    table = as_table({"pose": words, "x": [" 1.5 ", "+2", "nan", 3]}, loose={"pose"}.__contains__)
+    assert table.text == {"pose": tuple(words)}
+    np.testing.assert_array_equal(table.numbers["x"], [1.5, 2.0, np.nan, 3.0])
+    with pytest.raises(BadInput, match="row 1, column x"):
+        as_table({"x": ["1_0", 5]}, (), "t", lambda name: False)

@@ -171,6 +171,18 @@ def test_a_joint_that_counts_turns_or_cannot_turn_over_is_left_alone(tmp_path: P
     np.testing.assert_allclose(got, 0.5 * (true[1:] + true[:-1]), atol=1e-9)
 
 
+@pytest.mark.parametrize(("readings", "wanted"), [
+    ([-10.0, 60.0, 190.0, 200.0], [25.0, 125.0, 195.0]),
+    ([300.0, 390.0, 410.0, 500.0], [345.0, 400.0, 455.0]),
+    ([-200.0, -190.0, -100.0, 20.0], [-195.0, -145.0, -40.0]),
+    ([70.0, 89.0, -262.0, -269.0], [79.5, -266.5, -265.5])])
+def test_joints_stay_in_the_turn_that_the_log_keeps_to(tmp_path: Path, readings: list[float],
+                                                       wanted: list[float]) -> None:
+    """It need not be that from -180 or from 0 deg on."""
+    got = turning(tmp_path, "deg", np.array(readings)).table.numbers[f"q_{CRANKS.actuators[0]}"]
+    np.testing.assert_allclose(got, wanted, atol=1e-9)
+
+
 @pytest.mark.parametrize(("low", "high", "jumps"), [
     (-np.inf, np.inf, True), (-120.0, 120.0, False), (-200.0, -80.0, True), (-80.0, 40.0, True),
     (-200.0, 100.0, True), (170.0, 400.0, True), (190.0, 500.0, False), (-180.0, 180.0, True)])

@@ -8,6 +8,7 @@ else (names, verdicts, statuses, counts, which rows were used) must be the same.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
@@ -265,7 +266,9 @@ def _walk(then: Any, now: Any, place: _Place, found: Tally) -> None:
 
 def _float(value: Any, other: Any) -> Any:
     """Return a whole number beside one that is not as a float too: 1 and 1.0000000001."""
-    return float(value) if type(value) is int and isinstance(other, float) else value
+    with contextlib.suppress(OverflowError):    # of hundreds of digits: it stays what it is
+        return float(value) if type(value) is int and isinstance(other, float) else value
+    return value
 
 
 def _largest(values: Sequence[Any]) -> float:

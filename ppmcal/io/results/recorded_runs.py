@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import RECORD, digest_of, read_record, read_runs
+from ppmcal.io.folder_record import RECORD, digest_of, read_record, read_runs
 from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.verification import InputCheck
 from ppmcal.io.stage import settle
@@ -68,7 +68,7 @@ class FoundInputs:
         self._folder = folder
         for path, digest in run.source.inputs.items():
             near = [Path(run.working_folder, path), Path(path)]
-            sums = {p: plain_digest(p) for p in near}
+            sums = {p: digest_of(p) for p in near}
             here = next((p for p in near if sums[p] == digest), None) or self._elsewhere(
                 Path(path).name, digest)
             if here is None:
@@ -80,7 +80,7 @@ class FoundInputs:
     def _elsewhere(self, name: str, digest: str) -> Path | None:
         """Return a file of the folder of inputs: of that name if there is one, else any."""
         named = sorted(self._files, key=lambda p: (p.name != name, p))
-        return next((p for p in named if plain_digest(p) == digest), None)
+        return next((p for p in named if digest_of(p) == digest), None)
 
     @cached_property
     def _files(self) -> list[Path]:
@@ -88,14 +88,6 @@ class FoundInputs:
             return []
         every = (Path(top, n) for top, _, names in os.walk(self._folder) for n in sorted(names))
         return [p for p, _ in zip(every, range(MOST), strict=False)]
-
-
-def plain_digest(path: Path) -> str:
-    """Return the SHA-256 of a plain file, empty where there is none: a pipe would never end."""
-    try:
-        return digest_of(path) if path.is_file() else ""
-    except (OSError, ValueError):
-        return ""
 
 
 def recorded_runs(folder: Path) -> Iterator[RecordedRun]:
@@ -126,7 +118,7 @@ def folders_within(folder: Path) -> Iterator[Path]:
 def runs_of(folder: Path) -> Iterator[RecordedRun]:
     """Yield the runs that wrote into one folder; a killed one's move is finished first."""
     settle(folder)
-    files = {n: w for n, w in (read_record(folder) or {}).items() if Path(n).name == n}
+    files = read_record(folder) or {}
     runs = read_runs(folder)
     for command in dict.fromkeys([*runs, *(w.command for w in files.values())]):
         digests = {n: w.digest for n, w in files.items() if w.command == command}
