@@ -13,6 +13,8 @@ from ppmcal.calibration import least_squares
 from ppmcal.calibration.extrapolation import extrapolated, measured_ranges, refuse_far
 from ppmcal.calibration.least_squares import qr_factor
 from ppmcal.calibration.observation import pivot
+from ppmcal.calibration.response import Response
+from ppmcal.model.effects import Shift
 from ppmcal.model.measured import MeasurementBasis
 
 Array = NDArray[np.float64]
@@ -153,3 +155,26 @@ def test_the_file_of_the_machine_is_asked_before_the_file_beside() -> None:
     own.measured = MeasurementBasis(1.0, 0.5, {"x": (2.0, 3.0), "y": (4.0, 5.0)})
     assert measured_ranges(own, {"x": (0.0, 1.0), "z": (6.0, 7.0)}) == {
         "x": (2.0, 3.0), "y": (4.0, 5.0), "z": (6.0, 7.0)}
+
+
+def test_predictions_move_with_whatever_a_shift_moves() -> None:
+    """With the platform as their derivatives say, with a stretch of what is seen too; all add."""
+    rng = np.random.default_rng(3)
+    n, m = 4, 3
+    by_poses, by_points = rng.normal(size=(n, m, 6)), rng.normal(size=(n, m, 3))
+    points, twist, stretch = rng.normal(size=(n, 3)), rng.normal(size=(n, 6)), np.diag([1.0, 2, 3])
+    pose = np.tile([1.0, *[0.0] * 7], (n, 1))
+    seen: Any = SimpleNamespace(residual=np.zeros((n, m)), by_poses=(by_poses,), points=(points,),
+                                by_points=(by_points,))
+    closure: Any = SimpleNamespace(model=SimpleNamespace(shift=None))
+    unknown: Any = None
+    response = Response(closure, pose, seen, unknown)
+    moved = np.einsum("nmi,ni->nm", by_poses, twist)
+    grown = np.einsum("nmi,ni->nm", by_points, points * [1.0, 2.0, 3.0])
+    assert not response.column(Shift()).any()
+    np.testing.assert_allclose(response.column(Shift(pose=twist)), moved)
+    # of a platform that stands as the base does a step of frame or target is a step of the pose
+    np.testing.assert_allclose(response.column(Shift(frame=twist)), moved)
+    np.testing.assert_allclose(response.column(Shift(target=twist)), moved)
+    both = Shift(pose=twist, frame=2.0 * twist, stretch=np.tile(stretch, (n, 1, 1)))
+    np.testing.assert_allclose(response.column(both), 3.0 * moved + grown)

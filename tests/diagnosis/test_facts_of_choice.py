@@ -273,21 +273,24 @@ def test_a_stiffness_is_known_as_its_compliance_is() -> None:
     assert found == pytest.approx(np.log(2.0 * norm.sf(5.0)), rel=1e-9)
 
 
+@pytest.mark.parametrize("unit", [1.0, 1000.0])
 @pytest.mark.parametrize(("values", "fine"), [
     ([0.30, 0.305], True), ([0.30, 0.35], False), ([0.30], True), ([0.30, 0.30, 0.36], False),
     ([0.30, 0.27, 0.32], True), ([0.05, 0.05], False), ([0.95, 0.95], False)])
-def test_joints_made_alike_have_one_period_which_machines_have(values: list[float], fine: bool
-                                                               ) -> None:
+def test_joints_made_alike_have_one_period_which_machines_have(values: list[float], fine: bool,
+                                                               unit: float) -> None:
     """0.1 to 0.9 of a unit, each known to 0.01: together they scatter as chi-squared says."""
-    fit = fit_of(values)
+    fit = fit_of([unit * v for v in values])
     sigma = 0.01 if len(values) < 3 or not fine else 0.03
     own = hypothesis([0], "kind", names=("period",))
     found: Any = SimpleNamespace(
         added=tuple(Added(own, (f"leg{i + 1}",), (f"kind.leg{i + 1}.period",))
                     for i in range(len(values))),
         last=SimpleNamespace(system=SimpleNamespace(stroke=2.0)))
-    spec = EffectParameter("period", "joint", None, usual=(0.1, 0.9), scan=lambda data: [0.3])
-    told = _none_of_machines(fit, sigma**2 * np.eye(len(values)), found, key_of(own), spec)
+    spec = EffectParameter("period", "joint", None, usual=(0.1 * unit, 0.9 * unit),
+                           scan=lambda data: [0.3])
+    told = _none_of_machines(fit, (unit * sigma) ** 2 * np.eye(len(values)), found, key_of(own),
+                             spec)
     assert told == (-np.inf if fine else 0.0)
     if len(values) > 1 and min(values) >= 0.1 and max(values) <= 0.9:
         apart = np.var(values) * len(values) / sigma**2

@@ -12,7 +12,7 @@ from scipy.stats import f as fisher
 
 from ppmcal.diagnosis import whitening
 from ppmcal.diagnosis.added_variable_test import build_test, log_p, squares_of
-from ppmcal.diagnosis.hypotheses import GEOMETRY, Hypothesis
+from ppmcal.diagnosis.hypotheses import GEOMETRY, SHAPES, Hypothesis, shapes
 from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.whitening import MOST, _gains, _projected, _runs
 
@@ -151,3 +151,55 @@ def test_what_groups_explain_does_not_depend_on_how_many_go_together(
 def test_runs_are_as_long_as_they_may_be() -> None:
     assert list(_runs([2, 2, 2, 5, 1], 4)) == [(0, 2), (2, 3), (3, 4), (4, 5)]
     assert list(_runs([1, 1, 1], 3)) == [(0, 3)]
+
+
+# --- shapes without a cause -----------------------------------------------------------------------
+
+def shaped(travel: Array, points: Array) -> Any:
+    """Return what was collected of shapes: hypotheses, and the shifts of each."""
+    response = SimpleNamespace(seen=SimpleNamespace(points=(points,)), end=0)
+    setting = SimpleNamespace(travel=travel, at_joints=lambda change, on: change[:, on])
+    shifts: list[Any] = []
+
+    def shifted(own: list[Any]) -> int:
+        shifts.append(own[0])
+        return len(shifts) - 1
+
+    to: Any = SimpleNamespace(
+        turning=np.zeros(travel.shape[1], dtype=bool), hypotheses=[], actuators=("leg1", "leg2"),
+        columns=SimpleNamespace(shifted=shifted),
+        system=SimpleNamespace(parts=[SimpleNamespace(setting=setting, response=response)]))
+    shapes(to)
+    return to.hypotheses, shifts
+
+
+def test_shapes_lie_over_the_stroke_the_same_from_either_end() -> None:
+    """Bumps of two widths and kinks, each at a place of its own; ends have bumps, but no kinks."""
+    bumps, kinks = ({(at, w) for at, w in SHAPES if bool(w) == wide} for wide in (True, False))
+    for part in (bumps, kinks):
+        mirrored = {(1.0 - at, w) for at, w in part}
+        np.testing.assert_allclose(sorted(mirrored), sorted(part), atol=1e-12)
+    assert len(bumps) + len(kinks) == len(SHAPES)
+    assert {at for at, _ in bumps} >= {0.0, 1.0}
+    assert min(kinks)[0] > 0.0
+    assert max(kinks)[0] < 1.0
+    rng = np.random.default_rng(4)
+    travel = rng.uniform(2.0, 5.0, size=(50, 2))
+    hypotheses, shifts = shaped(travel, rng.normal(size=(50, 3)))
+    assert all(h.anonymous and h.shared for h in hypotheses)
+    assert [h.follows for h in hypotheses] == [
+        *["leg1"] * len(SHAPES), *["leg2"] * len(SHAPES), "position"]
+    low, length = travel[:, 1].min(), np.ptp(travel[:, 1])
+    for h, (at, width) in zip(hypotheses[len(SHAPES):-1], SHAPES, strict=True):
+        x = (travel[:, 1] - low) / length - at
+        want = np.exp(-0.5 * (x / width) ** 2) if width else length * np.maximum(x, 0.0)
+        np.testing.assert_allclose(shifts[h.columns[0]][:, 0], want, atol=1e-12)
+        assert h.searched == (2 if width else 1)
+
+
+def test_a_lens_swells_with_the_cube_of_the_way_from_the_middle() -> None:
+    points = np.random.default_rng(5).normal(size=(30, 3))
+    hypotheses, shifts = shaped(np.ones((30, 2)), points)
+    away = points - points.mean(axis=0)
+    moved = (shifts[hypotheses[-1].columns[0]].stretch @ points[..., None])[..., 0]
+    np.testing.assert_allclose(moved, np.sum(away**2, axis=1)[:, None] * away, atol=1e-9)

@@ -154,13 +154,15 @@ def test_constants_differ_by_parts_of_both(one: dict[str, float], other: dict[st
 
 def test_hypotheses_of_joints_are_united_in_their_order() -> None:
     parts = [hypothesis(on=(f"leg{i}",), columns=(i,), low=(-i,), high=(2.0 * i,), shared=True,
-                        usual=((0.0, i),), named=((i, 9.0),)) for i in (1, 2)]
+                        usual=((0.0, i),), named=((i, 9.0),), constants={"low": -float(i)},
+                        strokes=("low",)) for i in (1, 2)]
     assert united(parts[:1]) is parts[0]
     both = united(parts)
     assert (both.on, both.names, both.shared) == (("leg1", "leg2"), ("leg1:width", "leg2:width"),
                                                   False)
     assert (both.low, both.high, both.columns) == ((-1, -2), (2.0, 4.0), (1, 2))
     assert (both.usual, both.named) == (((0.0, 1), (0.0, 2)), ((1, 9.0), (2, 9.0)))
+    assert both.constants == {"low": -1.0}      # the first's stands for all
 
 
 def test_a_label_says_what_and_where() -> None:

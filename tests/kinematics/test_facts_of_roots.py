@@ -4,8 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.machines import offset_joints, spread
 
-from ppmcal.kinematics.limb_roots import _polynomial_roots, _trigonometric_roots
+import ppmcal
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.limb_roots import (
+    _inner_product,
+    _polished,
+    _polynomial_roots,
+    _trigonometric_roots,
+    _turned_root,
+    limb_roots,
+    nearest_joint,
+)
 
 
 @pytest.mark.parametrize("h", [1.0, 0.01])
@@ -43,3 +55,42 @@ def test_a_wave_is_found_from_three_values(size: float, turn: float) -> None:
     np.testing.assert_allclose(np.cos(roots[1] - turn), 1.0, atol=1e-9)
     assert np.isnan(roots[2]).all()
     assert np.cos(nearest[2] - turn) == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize("name", ["6-UPS", "linapod", "6-RUS"])
+def test_a_newton_step_squares_what_a_root_is_off_if_it_is_little(name: str) -> None:
+    """A thousandth of the reach, or a mrad, is too much: that is no round-off but another root."""
+    mechanism = ppmcal.load(ppmcal.shipped(name))
+    model, pose = Model(mechanism), mechanism.home[None]
+    scale = mechanism.reach if mechanism.actuator_quantity[0] == "length" else 1.0
+    for index in range(2):
+        roots = limb_roots(model, index, pose)[0]
+        near = _polished(model, index, pose, roots + 1e-5 * scale)
+        np.testing.assert_allclose(near, roots, rtol=0.0, atol=2e-9 * scale)
+        far = roots + 1e-2 * scale
+        np.testing.assert_array_equal(_polished(model, index, pose, far), far)
+        assert np.isnan(_polished(model, index, pose, np.full((1, 2), np.nan))).all()
+
+
+@pytest.mark.parametrize(("kind", "body"), [("U(P)S", "base"), ("(P)US", "platform")])
+def test_an_offset_joint_is_turned_until_it_stands_still(kind: str, body: str) -> None:
+    """From a start as far off as the limb is long, to the last digits: no polish is needed."""
+    mechanism = offset_joints(kind, body, size=60.0)
+    model = Model(mechanism)
+    _, pose = spread(model)
+    for index in range(2):
+        exact = limb_roots(model, index, pose)[0]
+        for which in range(2):
+            start = exact[:, which] + 0.3 * mechanism.reach
+            found, near = _turned_root(model, index, pose, start, which)
+            miss = _inner_product(model, index, pose, found)
+            assert np.abs(miss).max() < 1e-11 * mechanism.reach**2
+            np.testing.assert_array_equal(near, found)
+
+
+def test_where_nothing_is_known_the_nearest_joint_is_0() -> None:
+    mechanism = ppmcal.load(ppmcal.shipped("6-UPS"))
+    model = Model(mechanism)
+    pose = np.stack([mechanism.home, np.full(8, np.nan)])
+    assert nearest_joint(model, 0, pose)[1] == 0.0
+    assert np.isnan(inverse(model, pose).q[1]).all()

@@ -223,6 +223,19 @@ def test_worked_case(kind: str) -> None:
 
 
 @each_kind
+def test_what_belongs_to_actuators_does_nothing_on_none(kind: str) -> None:
+    """What does nothing there belongs to them, or to a body of the machine."""
+    found = effect_kinds()[kind]
+    assert found.worked is not None
+    shift = found.evaluate(one_row(found, **found.worked.setting), np.array([False]),
+                           found.worked.values).shift
+    parts = [*shift.slots.values(), *(p for p in (shift.pose, shift.frame, shift.target,
+                                                  shift.stretch) if p is not None)]
+    nothing = all(np.all(p == 0.0) for p in parts)
+    assert nothing == (found.per_actuator or (bool(found.body) and nothing))
+
+
+@each_kind
 def test_described(kind: str) -> None:
     """Every kind says its equation and source, and its parameters what they are."""
     found = effect_kinds()[kind]

@@ -140,6 +140,15 @@ def test_usual_ranges_are_possible_and_as_wide_to_either_side() -> None:
                 assert spec.low == -spec.high, (kind.name, spec.name)
 
 
+def test_what_is_named_is_possible_and_a_drives_error_is_a_small_part_of_its_stroke() -> None:
+    for kind in effect_kinds().values():
+        for spec in (s for motion in kind.motions for s in kind.parameters(motion)):
+            if np.isfinite(spec.named).all():
+                assert spec.low <= spec.named[0] < spec.named[1] <= spec.high, spec.name
+            if spec.of_stroke and spec.name != kind.period:
+                assert max(map(abs, spec.usual)) <= 0.2, (kind.name, spec.name)
+
+
 def test_play_is_looked_for_at_widths_that_some_moves_do_not_cross() -> None:
     """Within a twentieth and a ten thousandth of the stroke, none near the one before."""
     scan = effect_kinds()["play"].parameters("spatial")[0].scan
