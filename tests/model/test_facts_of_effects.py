@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ppmcal.model.effects import LimbSetting, ScanRange, Setting, effect_kinds
+from ppmcal.model.effects.bed_shape import SHAPES
 from ppmcal.model.effects.inputs import BY_NEED
 from ppmcal.model.effects.learned import LearnedCurve
 from ppmcal.model.effects.plate_compliance import _pushed
@@ -226,3 +227,16 @@ def test_a_plate_bends_along_its_normal_wherever_its_origin_is(away: float) -> N
     np.testing.assert_allclose(own, -(at.forces @ turn @ normal)[..., None] * normal, atol=1e-12)
     at.motion = "planar"
     np.testing.assert_array_equal(_pushed(at, "base", points), at.forces)
+
+
+def test_shapes_of_a_flat_are_waves_around_the_middle() -> None:
+    """r^n cos k phi or sin k phi, n up to 3: 1 at the rim, and none of them a height or a tilt."""
+    phi = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    waves = {"bowl": (2, 0, np.cos), "saddle": (2, 2, np.cos), "twist": (2, 2, np.sin),
+             "coma_x": (3, 1, np.cos), "coma_y": (3, 1, np.sin), "trefoil_x": (3, 3, np.cos),
+             "trefoil_y": (3, 3, np.sin)}
+    assert set(waves) == set(SHAPES)
+    for name, (n, k, wave_of) in waves.items():
+        for r in (0.0, 0.6, 1.0):
+            found = SHAPES[name](r * np.cos(phi), r * np.sin(phi))
+            np.testing.assert_allclose(found, r**n * wave_of(k * phi), atol=1e-12)
