@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import ppmcal
+from ppmcal.calibration import compensation
 from ppmcal.calibration.compensation import Compensation
 from ppmcal.calibration.safe_commands import (
     JUMP,
@@ -19,6 +21,11 @@ from ppmcal.calibration.safe_commands import (
     refused,
     worse_rows,
 )
+from ppmcal.io.effects import with_effects
+from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.kinematics.tables import inverse_table
+from ppmcal.model.registration import Registration
+from ppmcal.units import SI
 
 Array = NDArray[np.float64]
 REACH = 2.0
@@ -154,3 +161,26 @@ def test_behind_a_wall_twice_as_many_are_tried_each_time() -> None:
 
     assert list(_followed(np.arange(40), judge)) == list(range(5, 40))
     assert asked == [39, 2, 4, 8, 16, 5]
+
+
+@pytest.mark.parametrize(("kind", "sequence", "asked"), [
+    ("play", True, 2), ("play", False, 1), ("gain", True, 1), ("gain", False, 1)])
+def test_only_what_remembers_its_way_is_solved_for_the_joints_that_are_sent(
+        monkeypatch: pytest.MonkeyPatch, kind: str, sequence: bool, asked: int) -> None:
+    """Targets in their order make a way; what remembers none of it is as it is at once."""
+    mechanism = with_effects(ppmcal.load(ppmcal.shipped("3-RPR")),
+                             [{"kind": kind, "parameters": {
+                                 "play": {"width": 1e-4}, "gain": {"gain": 1e-3}}[kind]}], SI, "e")
+    tables: list[int] = []
+
+    def counted(model: Any, *known: Any) -> Any:
+        tables.append(len(model.mechanism.effects))
+        return inverse_table(model, *known)
+
+    monkeypatch.setattr(compensation, "inverse_table", counted)
+    wanted = np.full((4, 6), np.nan)
+    wanted[:, [0, 1, 5]] = pose_vector(mechanism.home[None])[0, [0, 1, 5]] + np.outer(
+        [0.0, 0.01, 0.02, 0.01], [1.0, 0.5, 0.2])
+    found = compensation.compensate(mechanism, wanted, Registration(), sequence=sequence)
+    assert np.isfinite(found.q).all() == (kind == "gain" or sequence)
+    assert sum(n > 0 for n in tables) == asked

@@ -192,6 +192,21 @@ def test_compiled_sums_are_those_of_the_rows(name: str) -> None:
     assert float(np.sum(squares * weights[0][keep[0]] ** 2)) == pytest.approx(whole, rel=1e-12)
 
 
+def test_drives_that_scatter_are_in_the_sums_of_many_rows_too() -> None:
+    """Their noise goes through the machine's Jacobian, which the compiled loops know nothing of."""
+    problem, state, keep, weights = case("pose, circles")
+    data, = problem.datasets
+    sigma = np.full(len(problem.mechanism.actuators), 2e-3)
+    problem = replace(problem, datasets=(replace(data, sigma_actuator=sigma),))
+    with rows_from(10 * COUNT):
+        reduced = qr_factor(problem, state, keep, weights)
+    with rows_from(1):
+        fast = normal_sums(problem, state, keep, weights)
+    matrix = reduced.triangle.T @ reduced.triangle
+    np.testing.assert_allclose(fast.matrix, matrix, rtol=0.0, atol=1e-10 * matrix.max())
+    assert fast.square == pytest.approx(reduced.square, rel=1e-10)
+
+
 def test_steps_of_sums_are_those_of_the_triangle() -> None:
     problem, state, keep, _ = case("pose, all open")
     prior = prior_weights(problem, "prior") + 1.0 / column_scale(problem)

@@ -191,6 +191,15 @@ def test_one_cause_is_there_once(two: tuple[Hypothesis, Hypothesis], once: bool,
     assert _twice(two[::-1]) == twice
 
 
+def test_waves_and_events_beside_two_of_a_grid_hide_nothing() -> None:
+    one, other = of_kind("play", "a", width=1e-4), of_kind("play", "a", width=3e-4)
+    for beside in (hypothesis([0]), of_kind("zero_shift", "a", from_row=3.0), of_kind("gain", "a"),
+                   of_kind("periodic", "a", period=0.1)):
+        assert not _once([beside, one, other])
+        assert not _once([one, beside, other])
+        assert _once([beside, one, beside])
+
+
 def test_what_leans_on_another_is_not_there_without_it() -> None:
     search, *_ = case({}, 9)
     soft = replace(search.hypotheses[1], kind="compliance", on=("leg1",))
@@ -276,6 +285,7 @@ def test_a_stiffness_is_known_as_its_compliance_is() -> None:
 @pytest.mark.parametrize("unit", [1.0, 1000.0])
 @pytest.mark.parametrize(("values", "fine"), [
     ([0.30, 0.305], True), ([0.30, 0.35], False), ([0.30], True), ([0.30, 0.30, 0.36], False),
+    ([0.30, 0.345], True), ([0.30, 0.348], False),
     ([0.30, 0.27, 0.32], True), ([0.05, 0.05], False), ([0.95, 0.95], False)])
 def test_joints_made_alike_have_one_period_which_machines_have(values: list[float], fine: bool,
                                                                unit: float) -> None:

@@ -151,6 +151,7 @@ def test_what_groups_explain_does_not_depend_on_how_many_go_together(
 def test_runs_are_as_long_as_they_may_be() -> None:
     assert list(_runs([2, 2, 2, 5, 1], 4)) == [(0, 2), (2, 3), (3, 4), (4, 5)]
     assert list(_runs([1, 1, 1], 3)) == [(0, 3)]
+    assert list(_runs([3, 2, 2, 1, 3], 4)) == [(0, 1), (1, 3), (3, 5)]
 
 
 # --- shapes without a cause -----------------------------------------------------------------------

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import chi2, norm
 
 from ppmcal.diagnosis import adequacy, whitening
 from ppmcal.diagnosis.adequacy import _against_noise, _kernel, kernel_test, low_rank, varies
@@ -154,6 +155,17 @@ def test_a_correlation_that_is_known_leaves_white_noise_white() -> None:
     np.testing.assert_allclose(out, z, atol=1e-9)
 
 
+def test_a_row_is_correlated_with_the_one_before_if_they_are_of_one_file() -> None:
+    """Where a file begins, or a row does not follow, it is drawn as it is."""
+    rng = np.random.default_rng(9)
+    out = rng.normal(size=(5, 1, 30))
+    fresh = out.copy()
+    _correlate(out, Whitening(np.eye(1)[None], 0.0, rho_error=0.4),
+               rows(out[..., 0], np.array([0, 1, 0, 2])), rng)
+    changed = np.any(out != fresh, axis=(1, 2))
+    assert changed.tolist() == [False, False, True, False, True]
+
+
 @pytest.mark.parametrize("gap", [1, 2])
 def test_a_correlation_that_is_off_is_left_in_the_rows(gap: int) -> None:
     """Of noise with rho +- error, taken for white: rows are correlated by rho^gap, variance 1."""
@@ -234,6 +246,18 @@ def test_enough_repeats_are_the_reference() -> None:
     assert ratio == pytest.approx(1.0, rel=0.05)
     assert abs(excess) < 2.0
     assert against(left, PureError(2.0, 29))[2:] == (1.0, "stated")
+
+
+@pytest.mark.parametrize("n", [3, 400])
+@pytest.mark.parametrize("size", [1.0, 1.3, 4.0])
+def test_an_excess_has_no_unit(n: int, size: float) -> None:
+    """Of few rows too, of which chi-squared says what chance gives."""
+    left = size * np.random.default_rng(16).normal(size=(n, 2))
+    one, twice = (against(scale * left, PureError(scale, 30)) for scale in (1.0, 2.0))
+    assert twice[:2] == pytest.approx(one[:2], rel=1e-9)
+    square = float(np.sum(left**2))
+    chance = chi2.logsf(square, 2 * n)
+    assert norm.logsf(one[1]) >= chance - 1e-9
 
 
 def test_what_is_uncertain_of_the_noise_makes_nothing_more_certain() -> None:

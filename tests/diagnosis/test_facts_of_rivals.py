@@ -9,7 +9,7 @@ import pytest
 
 from ppmcal.diagnosis.added_variable_test import build_test
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.rivals import simplified
+from ppmcal.diagnosis.rivals import as_one, simplified
 from ppmcal.diagnosis.search import Search
 from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.model.effects import effect_kinds
@@ -78,3 +78,11 @@ def test_what_is_no_part_of_the_general_kind_does_not_replace_it() -> None:
             replace(h, effect=effect_kinds()["gain"], kind="gain") if n == 2 else h
             for n, h in enumerate(search.hypotheses)))):
         assert simplified(changed, (2,))[1] == (2,)
+
+
+def test_of_one_member_nothing_is_made_and_of_several_one_choice() -> None:
+    search = case("ab", 2.0, 0.0)
+    assert as_one(search, [1]) == (search, 1)
+    made, at = as_one(search, [0, 1])
+    assert at == len(search.hypotheses) == len(made.hypotheses) - 1
+    assert (made.hypotheses[at].on, made.hypotheses[at].shared) == (("a", "b"), False)

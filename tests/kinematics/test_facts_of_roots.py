@@ -7,9 +7,11 @@ import pytest
 from helpers.machines import offset_joints, spread
 
 import ppmcal
+from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.limb_roots import (
+    _distance,
     _inner_product,
     _polished,
     _polynomial_roots,
@@ -94,3 +96,18 @@ def test_where_nothing_is_known_the_nearest_joint_is_0() -> None:
     pose = np.stack([mechanism.home, np.full(8, np.nan)])
     assert nearest_joint(model, 0, pose)[1] == 0.0
     assert np.isnan(inverse(model, pose).q[1]).all()
+
+
+@pytest.mark.parametrize("body", ["base", "platform"])
+def test_the_nearest_joint_is_where_the_limb_misses_least(body: str) -> None:
+    """Out of reach: to either side it misses by more, its joint turned as it then stands."""
+    mechanism = offset_joints("(P)US", body, size=60.0)
+    model = Model(mechanism)
+    away = cga.motor_from_rotation_vector(
+        np.zeros(3), np.array([0.6, -0.8, 0.1]) * 3.0 * mechanism.reach)
+    pose = cga.compose(away, spread(model)[1])
+    for index in range(2):
+        at, h = nearest_joint(model, index, pose), 1e-4 * mechanism.reach
+        here, below, above = (_distance(model, index, pose, at + s * h) for s in (0, -1, 1))
+        assert (here > mechanism.reach).all()
+        assert np.abs(above - below).max() < 1e-3 * h

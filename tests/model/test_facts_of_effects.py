@@ -144,6 +144,8 @@ def test_usual_ranges_are_possible_and_as_wide_to_either_side() -> None:
 def test_what_is_named_is_possible_and_a_drives_error_is_a_small_part_of_its_stroke() -> None:
     for kind in effect_kinds().values():
         for spec in (s for motion in kind.motions for s in kind.parameters(motion)):
+            # a parameter's size is a step of it: lengths and angles move by little
+            assert spec.size <= 0.01 or spec.quantity not in ("length", "angle"), spec.name
             if np.isfinite(spec.named).all():
                 assert spec.low <= spec.named[0] < spec.named[1] <= spec.high, spec.name
             if spec.of_stroke and spec.name != kind.period:
@@ -240,3 +242,13 @@ def test_shapes_of_a_flat_are_waves_around_the_middle() -> None:
         for r in (0.0, 0.6, 1.0):
             found = SHAPES[name](r * np.cos(phi), r * np.sin(phi))
             np.testing.assert_allclose(found, r**n * wave_of(k * phi), atol=1e-12)
+
+
+def test_speeds_of_friction_go_up_by_even_parts_about_the_recorded_one() -> None:
+    scan = effect_kinds()["friction"].parameters("spatial")[2].scan
+    assert scan is not None
+    found = np.array(scan(ScanRange(0.4, 20, speed=0.03))) / 0.03
+    assert 1.0 in found
+    assert found[0] < 0.2
+    assert found[-1] > 2.0
+    np.testing.assert_allclose(found[1:] / found[:-1], 2.55, atol=0.15)
