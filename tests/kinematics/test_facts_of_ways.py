@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import ppmcal
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import smallest_singular_value
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.tables import SINGULAR
 from ppmcal.kinematics.ways import LEEWAY, Ways, _between, _Places
@@ -132,9 +133,14 @@ def test_home_is_as_far_from_singular_as_home(name: str) -> None:
     mechanism = ppmcal.load(ppmcal.shipped(name))
     pose = np.repeat(mechanism.home[None], 3, axis=0)
     pose[1] = np.nan
+    pose[2] = cga.compose(motor(NONE, 0.05 * mechanism.reach * np.array([1.0, 0.5, 0.0])), pose[2])
+    if name == "6-UPS":
+        pose[2] = cga.compose(pose[2], motor([0.3, -0.1, 0.05], NONE))
     made = Ways(mechanism, pose, inverse(Model(mechanism), pose).q)
     at = made._places(pose, made.q)
-    np.testing.assert_allclose(at.value[[0, 2]], made.home_value, rtol=1e-9)
+    assert at.value[0] == pytest.approx(made.home_value, rel=1e-9)
+    away = smallest_singular_value(Model(mechanism).closure(made.q[2:]), pose[2:])[0]
+    np.testing.assert_allclose(at.value[2:], away, rtol=1e-9)
     assert (at.sign[[0, 2]] == made.home_sign).all()
     assert np.isnan(at.value[1])
     assert np.isnan(at.matrix[1]).all()

@@ -7,7 +7,14 @@ import pytest
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.model.limbs.chain import cross_matrix, left_jacobian, orientation
+from ppmcal.model.limbs.chain import (
+    Chain,
+    cross_matrix,
+    joint,
+    left_jacobian,
+    orientation,
+    slide,
+)
 
 Array = NDArray[np.float64]
 AXIS = np.array([2.0, -3.0, 6.0]) / 7.0
@@ -58,3 +65,15 @@ def test_an_orientation_has_its_axis_and_turns_right(axis: list[float]) -> None:
                             None if zero is None else np.array([zero, [0.0, 0.0, 1.0]]))
         np.testing.assert_allclose(batch[0], made)
         np.testing.assert_allclose(batch[1][:, 2], [0.6, 0.8, 0.0])
+
+
+@pytest.mark.parametrize("wanted", [(), ("rz",), ("x", "y", "z", "rx", "ry", "rz")])
+def test_a_joints_frame_is_there_where_it_is_asked_for_or_not_zero(wanted: tuple[str, ...]) -> None:
+    """As many twists as are asked for, at zero too; what is neither moves nothing."""
+    chain = Chain((slide("length", "x"), joint(1)))
+    names = tuple(f"joint1.{c}" for c in wanted)
+    still, twists = chain.evaluate({"length": np.array(2.0)}, names)
+    np.testing.assert_allclose(cga.translation(still), [2.0, 0.0, 0.0])
+    assert tuple(n for t in twists for n in t.names) == names
+    bent, _ = chain.evaluate({"length": np.array(2.0), "joint1.x": np.array(0.5)}, names)
+    np.testing.assert_allclose(cga.translation(bent), [2.5, 0.0, 0.0])
