@@ -272,6 +272,10 @@ def test_the_size_of_an_effect_against_zero_is_a_chi_squared() -> None:
     noisy = fit_of([3.0, -1.0], count=42, square=160.0)
     assert _against_zero(noisy, covariance, [0, 1]) == pytest.approx(chi2.logsf(square / 4.0, 2),
                                                                      rel=1e-9)
+    for count in (1, 2, 3):     # as many values as parameters, or one more
+        few = fit_of([3.0, -1.0], count=count, square=4.0)
+        assert _against_zero(few, covariance, [0, 1]) == pytest.approx(
+            chi2.logsf(square / 4.0, 2), rel=1e-9)
     assert _against_zero(fit, np.full((2, 2), np.inf), [0, 1]) == 0.0
 
 

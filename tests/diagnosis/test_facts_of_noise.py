@@ -211,6 +211,14 @@ def test_no_tails_without_values(values: Array) -> None:
     assert not heavy(values)
 
 
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e3])
+@pytest.mark.parametrize("n", [100, 5000])
+def test_normal_noise_has_no_tails_of_any_size(size: float, n: int) -> None:
+    rng = np.random.default_rng(17)
+    assert not any(heavy(size * rng.normal(size=n)) for _ in range(20))
+    assert heavy(size * rng.standard_t(3.0, size=5000))
+
+
 # --- against the noise ----------------------------------------------------------------------------
 
 def against(left: Array, pure: PureError | None = None, rho: float = 0.0, off: float = 0.0,
