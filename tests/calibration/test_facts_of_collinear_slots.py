@@ -10,7 +10,17 @@ import pytest
 from numpy.typing import NDArray
 
 from ppmcal.calibration import identifiability
-from ppmcal.calibration.identifiability import ONE, OPEN, _collinear
+from ppmcal.calibration.identifiability import (
+    CALIPER,
+    LOOSE,
+    LOST,
+    MATTERS,
+    ONE,
+    OPEN,
+    SHARE,
+    Scale,
+    _collinear,
+)
 from ppmcal.calibration.least_squares import QRFactor
 
 Array = NDArray[np.float64]
@@ -88,3 +98,21 @@ def test_a_slot_shared_by_both_kinds_is_no_pair_of_its_own(monkeypatch: pytest.M
     columns["offset"]["leg2"] = columns["length"]["leg2"]
     told = found(monkeypatch, rows, columns)
     assert [alike for *_, alike in told] in ([], [False])
+
+
+@pytest.mark.parametrize("length", [0.01, 1.0, 50.0])
+def test_a_scale_is_judged_by_parts_of_the_distance(length: float) -> None:
+    """Held by tolerances where these leave less than seven tenths of what the data do."""
+    for part, data, held, lost, open_ in (
+            (1.1 * LOST, 1.0, False, True, True), (0.9 * LOST, 1.0, False, False, True),
+            (1.1 * LOOSE, 1.0, False, False, True), (0.9 * LOOSE, 1.0, False, False, False),
+            (1.1 * LOST, 2.0, True, False, True), (1.1 * MATTERS, 2.0, True, False, True),
+            (0.9 * MATTERS, 2.0, True, False, False)):
+        scale = Scale(length, part * length, data * part * length)
+        assert (scale.prior_dominated, scale.unobservable, scale.open) == (held, lost, open_)
+        assert (SHARE * data > 0.99) == held
+        # by a caliper of that accuracy half of it would be left
+        own = CALIPER * length / scale.needed
+        assert 1.0 / np.sqrt(1.0 / scale.sigma**2 + 1.0 / own**2) == (
+            pytest.approx(scale.sigma / 2.0))
+    assert Scale(length, 0.0, 1.0).needed == 0.0

@@ -125,7 +125,8 @@ def test_what_others_explain_is_dropped_and_one_is_always_left() -> None:
     assert pruned(search, [0], search.name) == [0]
 
 
-def test_an_event_is_found_with_the_one_that_undoes_it() -> None:
+@pytest.mark.parametrize(("caution", "found"), [(1.0, True), (2.0, True), (50.0, False)])
+def test_an_event_is_found_with_the_one_that_undoes_it(caution: float, found: bool) -> None:
     """A step and its end, of which each alone is hidden by the other: both or none."""
     n = 200
     rng = np.random.default_rng(7)
@@ -134,10 +135,11 @@ def test_an_event_is_found_with_the_one_that_undoes_it() -> None:
     residual = 4.0 * (columns[:, 1] - columns[:, 2]) + rng.normal(size=n)
     test = build_test(np.linalg.qr(np.ones((n, 1)))[0], columns, residual, n)
     kind = effect_kinds()["zero_shift"]
-    events = tuple(hypothesis([c], kind.name, effect=kind, on=("leg1",)) for c in range(4))
+    events = tuple(hypothesis([c], kind.name, effect=kind, on=("leg1",), caution=caution)
+                   for c in range(4))
     search = Search(test, events, -7.0, -9.0, np.zeros(1))
     assert search.values().min() > -9.0        # none stands alone
-    assert [set(c.chosen) for c in choose(search)][:1] == [{1, 2}]
+    assert [set(c.chosen) for c in choose(search)][:1] == [{1, 2}] * found
 
 
 # --- what is physical -----------------------------------------------------------------------------

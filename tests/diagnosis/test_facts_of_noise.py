@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from scipy.stats import chi2, norm
 
 from ppmcal.diagnosis import adequacy, whitening
@@ -124,6 +125,24 @@ def test_what_chance_makes_of_stated_noise_is_left_alone() -> None:
         changed += not np.array_equal(found.inner[0], np.eye(3))
         assert found.scale == pytest.approx(1.7, rel=0.3)
     assert changed == 0
+
+
+@pytest.mark.parametrize(("chance", "white_again"), [(1.2, False), (0.8, True)])
+def test_a_covariance_counts_where_chance_makes_it_once_in_a_thousand(chance: float,
+                                                                      white_again: bool) -> None:
+    """By the likelihood ratio against equal variances: m (m + 1) / 2 - 1 degrees of freedom."""
+    n, m = 400, 3
+    made = np.linalg.qr(np.random.default_rng(5).normal(size=(n, m)))[0] * np.sqrt(n)
+    wanted = chi2.isf(chance * whitening.SIGNIFICANT, m * (m + 1) / 2 - 1)
+
+    def statistic(e: float) -> float:
+        share = np.array([1.0 + e, 1.0, 1.0])
+        return float(-n * np.sum(np.log(share / share.mean())))
+
+    e = brentq(lambda e: statistic(e) - wanted, 0.0, 5.0)
+    left = made * np.sqrt([1.0 + e, 1.0, 1.0])
+    found = _within_rows(rows(left), np.zeros((n, m, 0)), left, white(m))
+    assert np.array_equal(found.inner[0], np.eye(m)) != white_again
 
 
 def test_a_projection_takes_freedom_not_variance() -> None:

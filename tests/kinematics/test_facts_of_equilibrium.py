@@ -38,18 +38,21 @@ def test_a_row_that_newton_loses_is_led_from_home(name: str) -> None:
     assert np.isnan(found[2]).all()
 
 
+@pytest.mark.parametrize("coordinate", range(6))
 @pytest.mark.parametrize(("misclosure", "slope", "converged"), [
     (1e-13, 1.0, True), (1e-13, 1e-4, False), (1e-3, 1e12, False), (0.0, 1e-6, True),
     (np.nan, 1.0, False)])
-def test_converged_is_closed_and_standing_still(monkeypatch: pytest.MonkeyPatch, misclosure: float,
-                                                slope: float, converged: bool) -> None:
+def test_converged_is_closed_and_standing_still(
+        monkeypatch: pytest.MonkeyPatch, misclosure: float, slope: float, converged: bool,
+        coordinate: int) -> None:
     """A closed pose that still moves is not known; one that stands still need not be closed."""
     monkeypatch.setattr(kinematics_forward, "compiled_limbs", lambda closure, rows: None)
     closure: Any = SimpleNamespace(
         model=SimpleNamespace(mechanism=SimpleNamespace(length_scale=1.0, reach=1.0,
-                                                        dof=(0, 1, 2))),
-        misclosure_and_lines=lambda pose: (np.full((len(pose), 3), misclosure), None),
-        pose_matrix=lambda pose, lines: np.tile(slope * np.eye(3), (len(pose), 1, 1)))
+                                                        dof=tuple(range(6)))),
+        misclosure_and_lines=lambda pose: (np.tile(misclosure * np.eye(6)[coordinate],
+                                                   (len(pose), 1)), None),
+        pose_matrix=lambda pose, lines: np.tile(slope * np.eye(6), (len(pose), 1, 1)))
     start = np.tile([1.0, *[0.0] * 7], (2, 1))
     _, found, _ = newton(closure, start, iterations=1)
     assert found.tolist() == [converged] * 2
