@@ -127,14 +127,14 @@ def test_what_is_wrong_with_a_place_is_said_once() -> None:
     assert len(said(place(q, 0.0, sign=-1.0), [2.0, 2.0])) == 1
 
 
-@pytest.mark.parametrize("name", ["3-RPR", "6-UPS", "delta-rotary"])
+@pytest.mark.parametrize("name", ["3-RPR", "6-UPS", "linapod", "delta-rotary"])
 def test_home_is_as_far_from_singular_as_home(name: str) -> None:
     """And of a table with a row that has no pose the others are what they are alone."""
     mechanism = ppmcal.load(ppmcal.shipped(name))
     pose = np.repeat(mechanism.home[None], 3, axis=0)
     pose[1] = np.nan
     pose[2] = cga.compose(motor(NONE, 0.05 * mechanism.reach * np.array([1.0, 0.5, 0.0])), pose[2])
-    if name == "6-UPS":
+    if mechanism.motion == "spatial":
         pose[2] = cga.compose(pose[2], motor([0.3, -0.1, 0.05], NONE))
     made = Ways(mechanism, pose, inverse(Model(mechanism), pose).q)
     at = made._places(pose, made.q)

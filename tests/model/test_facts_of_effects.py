@@ -144,6 +144,8 @@ def test_usual_ranges_are_possible_and_as_wide_to_either_side() -> None:
 def test_what_is_named_is_possible_and_a_drives_error_is_a_small_part_of_its_stroke() -> None:
     for kind in effect_kinds().values():
         for spec in (s for motion in kind.motions for s in kind.parameters(motion)):
+            if np.isfinite(spec.usual[0]) and not spec.of_stroke:
+                assert spec.low <= spec.usual[0], (kind.name, spec.name)
             # a parameter's size is a step of it: lengths and angles move by little
             assert spec.size <= 0.01 or spec.quantity not in ("length", "angle"), spec.name
             if np.isfinite(spec.named).all():
