@@ -145,3 +145,14 @@ def test_what_cannot_be_assumed_is_refused(bench: Path, given: list[str], words:
                  cwd=bench, expect=2)
     assert words in run.err
     assert "Traceback" not in run.err
+
+
+def test_targets_beyond_all_reason_have_no_command(bench: Path) -> None:
+    far = "1e10,285,29\n490,285,1e6\n"
+    (bench / "far.csv").write_text("x,y,rz\n490,285,29\n" + far)
+    run = ppmcal("compensate", "good", "far.csv", "--out", "far", cwd=bench)
+    assert run.code == 1
+    found = rows(bench / "far/commands.csv")
+    assert [r["status"] for r in found] == ["ok", "refused", "refused"]
+    assert all(r[f"q_leg{i}"] == "nan" for r in found[1:] for i in (1, 2, 3))
+    assert "reach away" in found[1]["reason"] and "turns" in found[2]["reason"]
