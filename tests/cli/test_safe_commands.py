@@ -168,8 +168,8 @@ def test_uncertainties_of_another_calibration_are_not_taken_for_the_model_s(benc
     said = " ".join((run.out + run.err).split())
     assert "leg1.offset is" in said and "uncertainties are unknown" in said
     assert {r["sigma_position"] for r in rows(bench / "of_edited/commands.csv")} == {"nan"}
-    run = ppmcal("kinematics", "inverse", "edited/identified.yaml", "targets.csv", "--out", "joints",
-                 cwd=bench)
+    run = ppmcal("kinematics", "inverse", "edited/identified.yaml", "targets.csv",
+                 "--out", "joints", cwd=bench)
     assert "file's sigmas, as if" in " ".join(run.out.split())
 
 
