@@ -39,6 +39,7 @@ from ppmcal.io.poses import PoseTable
 from ppmcal.io.results.commands import CommandsRecord, accepted_sentence, command_files
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.results.other_models import read_other_models
+from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.linalg import finite_rows
 from ppmcal.model.dataset import WRENCH, environment
@@ -228,7 +229,13 @@ def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
         "identification.json")
     # nothing lies beside a machine that is in memory
     if knowledge is not None or (machine.source in machine.inputs and path.exists()):
-        return machine, read_knowledge(path, machine), [str(path)], notes
+        known = read_knowledge(path, machine)
+        other = of_other_values(path, machine)
+        if not other:
+            return machine, known, [str(path)], notes
+        notes.append(f"{path} is not of {machine.source} as it is now ({other}): uncertainties "
+                     "are unknown; run identify again")
+        return machine, None, [str(path)], notes
     ranges = machine.measured is not None and machine.measured.ranges
     notes.append(f"{path} is not there: uncertainties are unknown" + ("" if ranges else (
         " and so is the measured volume: poses far outside it are not refused")))

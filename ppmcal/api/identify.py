@@ -44,6 +44,7 @@ from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io import unit_findings
+from ppmcal.io.copies import without_shared
 from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -88,12 +89,13 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
     refuse_mixtures(method, prior, sigma, keep)
     machine, datasets = prepared(mechanism, data, free)
     other, fraction = _held_out(holdout, machine)
+    other, notes = _of_their_own(datasets, other)
     inputs: list[Path_] = [*machine.inputs, *data_files((*datasets, *other))]
-    notes: list[str] = []
     origin = Path(machine.source)
     if start is not None:
         origin = Path(start) / "identified.yaml" if Path(start).is_dir() else Path(start)
-        machine, notes = started(machine, origin)
+        machine, more = started(machine, origin)
+        notes += more
         inputs.append(str(origin))
     before = read_posterior(origin.with_name("identification.json"), machine) if keep else None
     inputs += [before.source] if before else []
@@ -241,6 +243,20 @@ def _held_out(holdout: Any, machine: Mechanism) -> tuple[tuple[Dataset, ...], fl
         raise BadInput(f"{holdout} is no part of the poses", "--holdout",
                        "Give a fraction from 0 to below 1, or a CSV")
     return (), fraction
+
+
+def _of_their_own(datasets: Sequence[Dataset], other: Sequence[Dataset]
+                  ) -> tuple[tuple[Dataset, ...], list[str]]:
+    """Return held-out measurements without rows that the fit has too, and what is left out.
+
+    Raises:
+        BadInput: one has no row of its own.
+    """
+    if not other:
+        return (), []
+    told = {f for d in other for f in d.findings}
+    own = without_shared((*datasets, *other))[len(datasets):]
+    return own, [f for d in own for f in d.findings if f not in told]
 
 
 def _refuse_unconverged(fit: Fit, options: FitOptions) -> None:

@@ -24,6 +24,7 @@ from ppmcal.io.results.kinematics_uncertainty import (
     ModelSigma,
 )
 from ppmcal.io.results.knowledge import read_knowledge
+from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.kinematics.closure import Model
 from ppmcal.linalg import Array
@@ -57,7 +58,7 @@ def carried(mechanism: Mechanism) -> CarriedKnowledge | None:
              if p.sigma is not None and np.isfinite(p.sigma)}
     if sigma:
         beside = Path(mechanism.source).with_name("identification.json")
-        if mechanism.inputs and beside.is_file():
+        if mechanism.inputs and beside.is_file() and not of_other_values(beside, mechanism):
             return CarriedKnowledge(read_knowledge(beside, mechanism), COVARIANCE, (str(beside),))
         return CarriedKnowledge(independent(mechanism, sigma), SIGMAS)
     allowed = {p.name: p.prior_sigma for i, p in enumerate(mechanism.parameters)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -125,7 +124,9 @@ def _ends(
         values = [float(part) for part in text.split(",")]
     except ValueError:
         raise BadInput(f"'{text}' holds what is not a number", option, mend) from None
-    if len(values) != 2 or not all(math.isfinite(v) and least <= v < 1e6 for v in values) or (
-            values[0] >= values[1]):
+    for value in values:
+        if not least <= value < 1e6:
+            raise BadInput(f"{value:g} in '{text}' is not between {least:g} and 1e6", option, mend)
+    if len(values) != 2 or values[0] >= values[1]:
         raise BadInput(f"'{text}' does not go from a lower to a higher value", option, mend)
     return values[0] + shift, values[1] + shift

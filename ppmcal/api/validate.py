@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from ppmcal.api.inputs import (
+    MODELS,
     Machine,
     Measurements,
     Path_,
@@ -30,6 +31,7 @@ from ppmcal.calibration.frozen_models import (
     with_and_without,
 )
 from ppmcal.errors import unknown
+from ppmcal.io.results.own_calibration import seen_before
 from ppmcal.io.results.validation import ValidationRecord, model_sentence
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import begin, heard, silent
@@ -102,10 +104,32 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
     inputs = [*mechanism.inputs, *(i for o in others for i in o.mechanism.inputs),
               *data_files(datasets)]
     source = source_of("validate", list(dict.fromkeys(inputs)), seed)
-    findings = (*odd, *(f for d in datasets for f in d.findings))
+    findings = (*odd, *_fitted_to(model, against, source["inputs"], [d.source for d in datasets]),
+                *(f for d in datasets for f in d.findings))
     record = ValidationRecord.of_validation(found, noise, mechanism.name, mechanism.units,
                                             source, findings)
     return ValidationResult(source, record.findings, mechanism, found, tuple(noise), record, png)
+
+
+def _fitted_to(model: Machine | CalibratedMachine, against: Sequence[Path_],
+               inputs: Mapping[str, str], tables: Sequence[str]) -> list[str]:
+    """Return which of the measurements are no test of a machine, for it was fitted to them."""
+    out = []
+    if isinstance(model, CalibratedMachine):
+        own = {d.source for d in model.identification.fit.problem.datasets}
+        seen = [("the model", [t for t in tables if t in own])]
+        paths = list[tuple[str, Path]]()
+    else:
+        seen = []
+        paths = [("the model", Path(model))] if isinstance(model, str | Path) else []
+    for name, path in [*paths, *((str(p), Path(p)) for p in against)]:
+        if path.is_dir() or path.name in MODELS:
+            beside = (path if path.is_dir() else path.parent) / "identification.json"
+            seen.append((name, seen_before(beside, inputs, tables)))
+    for name, these in seen:
+        out += [f"{t}: {name} was fitted to these measurements: they are no test of it, and its "
+                "errors look smaller than they are" for t in these]
+    return out
 
 
 def _words(register: Sequence[str] | str | None) -> tuple[str, ...] | None:

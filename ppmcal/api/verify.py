@@ -84,6 +84,8 @@ def verify(*folders: Path_, inputs: Path_ | None = None, progress: Progress = si
     Raises:
         BadInput: a folder is not there, or holds no results.
     """
+    if inputs is not None and not Path(inputs).is_dir():
+        raise BadInput("is no folder", f"--inputs: {inputs}", "Name the folder of the inputs")
     checks: list[RunCheck] = []
     for folder in folders:
         found = list(recorded_runs(Path(folder)))

@@ -146,7 +146,9 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
         table = inverse_table(model, asked, rows, seen_by)
     if asked is wanted:
         full = np.where((open_ & finite_rows(table.pose))[:, None], table.pose, full)
-    status = ["refused" if s != "ok" else "ok" for s in table.status]
+        failed = [""] * len(full)   # that was of the machine without its effects
+    status = ["refused" if f or s != "ok" else "ok"
+              for f, s in zip(failed, table.status, strict=True)]
     reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
     volume = None if knowledge is None else knowledge.volume
     refuse_far(mechanism, full, measured_ranges(mechanism, volume), status, reason)

@@ -12,6 +12,7 @@ from ppmcal.controllers.pose_errors import rms, rotation_rms
 from ppmcal.controllers.pose_grid import rest_columns
 from ppmcal.io.results.export import ModelUncertainty
 from ppmcal.io.results.knowledge import read_knowledge
+from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
@@ -56,6 +57,9 @@ def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> 
     if poses is None or mechanism.source not in mechanism.inputs or not path.exists():
         return UNKNOWN
     knowledge = read_knowledge(path, mechanism)
+    other = of_other_values(path, mechanism)
+    if other:
+        return PoseUncertainty(None, None, "base", f"{path.name} is not of this model ({other})")
     names = list(mechanism.registrations)
     name = names[0] if len(names) == 1 else ""
     position, rotation = model_sigma(mechanism, poses, mechanism.registration(name),

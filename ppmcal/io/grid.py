@@ -72,7 +72,10 @@ def _span(span: str, name: str, part: str) -> tuple[tuple[float, float] | None, 
         count = int(pieces[2]) if len(pieces) == 3 else None
     except ValueError:
         raise BadInput(f"'{part}' holds what is not a number", PLACE, mend) from None
-    if not -1e12 < low < high < 1e12:
+    for end in (low, high):
+        if not -1e12 < end < 1e12:
+            raise BadInput(f"{end:g} in '{part}' is not between -1e12 and 1e12", PLACE, mend)
+    if low >= high:
         raise BadInput(f"'{part}' does not go from a lower to a higher value", PLACE, mend)
     if count is not None and count < 2:
         raise BadInput(f"'{part}' has fewer than 2 levels", PLACE, mend)

@@ -147,7 +147,12 @@ def _share_directions(drafts: Sequence[Draft], source: str) -> None:
 def _agree_on_actuators(drafts: Sequence[Draft], source: str) -> None:
     """Refuse limbs that share an actuator and disagree on what it measures."""
     first: dict[str, Draft] = {}
+    names = {d.actuator for d in drafts}
     for d in drafts:
+        if d.actuator.endswith("_nominal") and d.actuator.removesuffix("_nominal") in names:
+            raise BadInput(f"the joint '{d.actuator}' would have the column in which commands.csv "
+                           f"has the uncorrected '{d.actuator.removesuffix('_nominal')}'",
+                           f"{source}: limbs.{d.name}", "Rename it")
         other = first.setdefault(d.actuator, d)
         place = f"{source}: limbs.{d.name}.actuator"
         if other.kind.actuator != d.kind.actuator:

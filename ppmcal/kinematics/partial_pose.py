@@ -218,6 +218,7 @@ def wanted_poses(model: Model, registration: Registration, wanted: Array, euler:
         for n in part[~solved]:
             failed[n] = failed[n] or ("the open coordinates could not be solved for: "
                                       "no such pose near home")
+    out[[bool(f) for f in failed]] = np.nan
     return out, failed
 
 
@@ -230,7 +231,9 @@ def _within_reason(mechanism: Mechanism, registration: Registration, wanted: Arr
         limit = np.array([reach] * 3 + [1e3] * 3)
         far = np.asarray((np.abs(wanted) > limit).any(axis=1), dtype=np.bool_)
     for n in np.flatnonzero(far):
-        failed[n] = failed[n] or "the pose is more than 1000 times the machine's reach away"
+        failed[n] = failed[n] or (
+            "the pose is more than 1000 times the machine's reach away"
+            if (np.abs(wanted[n, :3]) > reach).any() else "a rotation of more than 159 turns")
     return np.where(far[:, None], np.where(np.isnan(wanted), np.nan, 0.0), wanted)
 
 

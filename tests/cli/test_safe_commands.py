@@ -145,3 +145,43 @@ def test_what_cannot_be_assumed_is_refused(bench: Path, given: list[str], words:
                  cwd=bench, expect=2)
     assert words in run.err
     assert "Traceback" not in run.err
+
+
+def test_targets_beyond_all_reason_have_no_command(bench: Path) -> None:
+    far = "1e10,285,29\n490,285,1e6\n"
+    (bench / "far.csv").write_text("x,y,rz\n490,285,29\n" + far)
+    run = ppmcal("compensate", "good", "far.csv", "--out", "far", cwd=bench)
+    assert run.code == 1
+    found = rows(bench / "far/commands.csv")
+    assert [r["status"] for r in found] == ["ok", "refused", "refused"]
+    assert all(r[f"q_leg{i}"] == "nan" for r in found[1:] for i in (1, 2, 3))
+    assert "reach away" in found[1]["reason"] and "turns" in found[2]["reason"]
+
+
+def test_uncertainties_of_another_calibration_are_not_taken_for_the_model_s(bench: Path) -> None:
+    shutil.copytree(bench / "good", bench / "edited")
+    model = bench / "edited/identified.yaml"
+    tree = yaml.safe_load(model.read_text())
+    tree["limbs"][0]["offset"]["value"] += 50.0
+    model.write_text(yaml.safe_dump(tree, sort_keys=False))
+    run = ppmcal("compensate", "edited", "targets.csv", "--out", "of_edited", cwd=bench)
+    said = " ".join((run.out + run.err).split())
+    assert "leg1.offset is" in said and "uncertainties are unknown" in said
+    assert {r["sigma_position"] for r in rows(bench / "of_edited/commands.csv")} == {"nan"}
+    run = ppmcal("kinematics", "inverse", "edited/identified.yaml", "targets.csv",
+                 "--out", "joints", cwd=bench)
+    assert "file's sigmas, as if" in " ".join(run.out.split())
+
+
+def test_the_measurements_of_a_fit_are_no_test_of_it(bench: Path) -> None:
+    data = "s_good/measurements.csv"
+    run = ppmcal("identify", "m.yaml", data, "--holdout", data, "--out", "no", cwd=bench)
+    assert run.code == 2 and "equal in every digit" in run.err
+    run = ppmcal("validate", "good", data, "--out", "again", cwd=bench)
+    assert run.code == 1
+    assert f"{data}: the model was fitted to these" in " ".join((run.out + run.err).split())
+    other = (bench / "good.yaml").read_text().replace("seed: 5", "seed: 6")
+    (bench / "other.yaml").write_text(other)
+    ppmcal("simulate", "m.yaml", "other.yaml", "--out", "s_other", cwd=bench, expect=0)
+    run = ppmcal("validate", "good", "s_other/measurements.csv", "--out", "fresh", cwd=bench)
+    assert "was fitted to" not in run.out + run.err

@@ -281,3 +281,10 @@ def test_odds_before_and_after_are_of_different_things(odds: float) -> None:
     step = wording.next_step(record)
     assert "ahead by odds of 650000 to 1 now" in step
     assert "even if it is the other, should be ahead by 21 to 1" in step
+
+
+def test_no_odds_are_told_where_there_are_no_two_readings() -> None:
+    """Poses for the geometry alone have no rivals behind them: 1 to 1 before and after."""
+    record = DiagnosisRecord(next_measurements=NextMeasurements(
+        reason="4 poses", file="next.csv", rows=4, odds_before=1.0, odds_after=1.0))
+    assert wording.next_step(record) == "4 poses. They are in next.csv (4 rows)."

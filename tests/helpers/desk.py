@@ -46,6 +46,7 @@ def run(line: str) -> None:
 
 def lay_desk(folder: Path) -> None:
     """Put the files there, and what commands make of them."""
+    (folder / "archive").mkdir(exist_ok=True)
     for source, name in COPIES.items():
         shutil.copy(SAMPLES / source, folder / name)
     with (folder / "mine.yaml").open("a", encoding="utf-8") as file:

@@ -196,3 +196,11 @@ def test_console_and_report_say_the_same_of_an_export(tmp_path: Path) -> None:
     assert sentence.startswith("What the format cannot express: 1 mm rms")
     assert sentence.replace("'", "&#39;") in placed([export_section(
         ControllerExport("o", record))])[0].html
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("x=-1e300:3:4", "not between -1e12 and 1e12"), ("x=3:nan", "not between"),
+    ("x=5:5:3", "does not go from a lower to a higher")])
+def test_a_range_is_refused_for_what_is_wrong_with_it(text: str, words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        read_grid(text, machine("3-RPR"))

@@ -259,6 +259,11 @@ def test_joint_frames_keep_a_direction_apart(tmp_path):
     np.testing.assert_array_equal(back.nominals, m.nominals)
 
 
+def test_joints_do_not_share_a_column_of_commands(tmp_path):
+    with pytest.raises(BadInput, match="column in which commands"):
+        edited(tmp_path, "bench", ("name: leg2", "name: leg1_nominal"))
+
+
 def test_importing_needs_no_scipy():
     import subprocess
     import sys

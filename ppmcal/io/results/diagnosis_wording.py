@@ -297,7 +297,7 @@ def next_step(record: DiagnosisRecord) -> str:
         much = f" ({counted(wanted.rows, 'row')})" if wanted.rows else ""
         out.append(f"They are in {wanted.file}{much}.")
         before, after = finite(wanted.odds_before), finite(wanted.odds_after)
-        if before and after:
+        if before and after and (before, after) != (1.0, 1.0):  # else there are no two
             lead = max(before, 1.0 / before)
             out.append(f"The likelier of the two is ahead by odds of {_odds(lead)} to 1 now. With "
                        "these rows the true one, even if it is the other, should be ahead by "
