@@ -82,12 +82,14 @@ POSES = Limit(1_000_000, "poses", _LESS, "scenario: `count`, product of a grid's
 SIMULATED_ROWS = Limit(2_000_000, "rows", _LESS, "scenario: poses times `repeats`, payloads "
                        "and directions")
 GRID_POSES = Limit(2_000_000, "poses", "Ask for fewer levels", "`--grid` of any command")
+FOLDERS = Limit(50_000, "folders within", "Name the folder of the results itself",
+                "folder given to `verify`")
 
 FILE_LIMITS = (TABLE_BYTES, TABLE_ROWS, TABLE_COLUMNS, TABLE_CELLS, LINE_BYTES, CELL_SIZE,
                UNPACKED_BYTES, BAG_BYTES, CONFIG_BYTES, YAML_BYTES, YAML_NODES, YAML_DEPTH,
                JSON_BYTES, JSON_NODES, JSON_DEPTH)
 """Limits of what a file holds."""
-ASKED_LIMITS = (POSES, SIMULATED_ROWS, GRID_POSES)
+ASKED_LIMITS = (POSES, SIMULATED_ROWS, GRID_POSES, FOLDERS)
 """Limits of what is asked for."""
 
 

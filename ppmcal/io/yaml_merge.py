@@ -27,7 +27,8 @@ def read_merged(source: str | os.PathLike[str] | Mapping[str, Any]
     be in the same units; one that declares none is in those of the file that it extends.
 
     Raises:
-        BadInput: a circle, differing units, or a file that cannot be read.
+        BadInput: a circle, differing units, a file that cannot be read, or is named by a path
+            that leads out of the folder of the file that extends it.
     """
     files: list[str] = []
     if isinstance(source, Mapping):
@@ -55,6 +56,11 @@ def _laid_over(tree: dict[str, Any], path: Path, above: tuple[Path, ...], files:
     if not isinstance(other, str) or not other or "\x00" in other:
         raise BadInput(f"{show(other)} is not a file name", f"{path}: extends",
                        "Write the path of a mechanism file, relative to this one")
+    # a mapping is the caller's own; files come from others, and are moved
+    inside = os.path.normpath(other).split(os.sep)[0] != os.pardir and not os.path.isabs(other)
+    if path != Path(IN_MEMORY) and not inside:
+        raise BadInput(f"{show(other)} leads out of the folder of this file", f"{path}: extends",
+                       "Put a copy of that file, or a link to it, beside this one")
     try:
         under = _read(path.parent / other, above, files)
     except BadInput as error:

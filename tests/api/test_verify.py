@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -401,3 +402,17 @@ def test_what_a_session_knows_has_one_sign(desk: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(session_knowledge, "of_data",
                         lambda *given: tuple(-a for a in of_data(*given)))
     assert known() == want
+
+
+def test_a_folder_of_everything_is_not_searched_for_ever(tmp_path: Path,
+                                                         monkeypatch: pytest.MonkeyPatch) -> None:
+    from ppmcal.io.results import recorded_runs as module
+    monkeypatch.setattr(module, "FOLDERS", replace(module.FOLDERS, most=5))
+    for n in range(6):
+        (tmp_path / f"{n}").mkdir()
+    with pytest.raises(BadInput, match="too many folders") as caught:
+        face.verify(tmp_path)
+    assert str(tmp_path) in caught.value.where and "results itself" in caught.value.mend
+    (tmp_path / "5").rmdir()
+    with pytest.raises(BadInput, match="no results"):
+        face.verify(tmp_path)

@@ -211,6 +211,21 @@ def test_extends_refuses_other_units(tmp_path):
         read_mechanism(child)
 
 
+@pytest.mark.parametrize("name", ["../base.yaml", "deep/../../base.yaml", "{}/base.yaml", ".."])
+def test_extends_stays_in_the_folder(tmp_path, name):
+    """A file that came from somebody else reads nothing elsewhere; a link of one's own does."""
+    (tmp_path / "mine" / "deep").mkdir(parents=True)
+    (tmp_path / "base.yaml").write_text((GOOD / "good_bench.yaml").read_text())
+    child = tmp_path / "mine" / "child.yaml"
+    child.write_text(f"extends: {name.format(tmp_path)}\n")
+    with pytest.raises(BadInput, match="leads out of the folder") as caught:
+        read_mechanism(child)
+    assert "child.yaml: extends" in caught.value.where and "link" in caught.value.mend
+    (tmp_path / "mine" / "base.yaml").symlink_to(tmp_path / "base.yaml")
+    child.write_text("extends: deep/../base.yaml\n")
+    assert read_mechanism(child).names == read_mechanism(GOOD / "good_bench.yaml").names
+
+
 def test_extends_in_a_circle(tmp_path):
     (tmp_path / "a.yaml").write_text("extends: b.yaml\n")
     (tmp_path / "b.yaml").write_text("extends: a.yaml\n")

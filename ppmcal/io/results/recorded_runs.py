@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from ppmcal.errors import BadInput
 from ppmcal.io.folder_record import RECORD, digest_of, read_record, read_runs
+from ppmcal.io.limits import FOLDERS
 from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.verification import InputCheck
 from ppmcal.io.stage import settle
@@ -106,8 +107,14 @@ def recorded_runs(folder: Path) -> Iterator[RecordedRun]:
 
 
 def folders_within(folder: Path) -> Iterator[Path]:
-    """Yield the folders within that hold a record."""
-    for top, names, files in os.walk(folder):
+    """Yield the folders within that hold a record.
+
+    Raises:
+        BadInput: there are too many folders to look through.
+    """
+    for seen, (top, names, files) in enumerate(os.walk(folder)):
+        if seen > FOLDERS.most:
+            raise FOLDERS.error(str(folder))
         place = Path(top)
         deep = len(place.relative_to(folder).parts)
         names[:] = sorted(n for n in names if not n.startswith(".")) if deep < DEEPEST else []
