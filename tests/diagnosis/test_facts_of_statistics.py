@@ -383,7 +383,7 @@ def test_a_general_kind_that_lacks_a_joint_is_no_rival_of_a_plain_one() -> None:
 def test_of_what_is_held_a_covariance_is_the_conditional_one() -> None:
     """Schur's complement: inverse of a block of the inverse; nothing held, nothing changes."""
     a = np.random.default_rng(11).normal(size=(6, 4))
-    covariance = np.linalg.inv(a.T @ a)
+    covariance: Array = np.asarray(np.linalg.inv(a.T @ a), dtype=float)
     kind: Any = SimpleNamespace(parameters=lambda motion: (
         EffectParameter("size", "1"), EffectParameter("hard", "1", optional=True)))
     effect = SimpleNamespace(kind=kind, parameters={"size": 10, "hard": 12})
