@@ -61,7 +61,7 @@ def test_what_frames_take_up_is_gone_beside_columns_of_nothing_too(silent: bool)
 
 @pytest.mark.parametrize("reach", [1e-3, 1.0, 50.0])
 def test_what_was_measured_at_one_value_holds_a_little_around_it(reach: float) -> None:
-    """Of places a part of the machine, of turns, temperature and time the same; of loads a tenth."""
+    """Of places a part of the machine; of turns, temperature, time the same; of loads a tenth."""
     machine: Any = SimpleNamespace(reach=reach)
     for name in ("temperature", "time"):
         assert _still(machine, name, 290.0, 290.0) == 1.0
