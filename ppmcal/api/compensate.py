@@ -37,7 +37,7 @@ from ppmcal.errors import BadInput, NoResult, unknown
 from ppmcal.io import read_poses
 from ppmcal.io.poses import PoseTable
 from ppmcal.io.results.commands import CommandsRecord, accepted_sentence, command_files
-from ppmcal.io.results.knowledge import read_knowledge
+from ppmcal.io.results.knowledge import knowledge_of, read_identification
 from ppmcal.io.results.other_models import read_other_models
 from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.kinematics.tables import refuse_singular_home
@@ -229,8 +229,9 @@ def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
         "identification.json")
     # nothing lies beside a machine that is in memory
     if knowledge is not None or (machine.source in machine.inputs and path.exists()):
-        known = read_knowledge(path, machine)
-        other = of_other_values(path, machine)
+        record = read_identification(path)
+        known = knowledge_of(record, machine, path)
+        other = of_other_values(record, machine)
         if not other:
             return machine, known, [str(path)], notes
         notes.append(f"{path} is not of {machine.source} as it is now ({other}): uncertainties "

@@ -23,7 +23,7 @@ from ppmcal.io.results.kinematics_uncertainty import (
     TOLERANCES,
     ModelSigma,
 )
-from ppmcal.io.results.knowledge import read_knowledge
+from ppmcal.io.results.knowledge import knowledge_of, read_identification
 from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.kinematics.closure import Model
@@ -58,8 +58,10 @@ def carried(mechanism: Mechanism) -> CarriedKnowledge | None:
              if p.sigma is not None and np.isfinite(p.sigma)}
     if sigma:
         beside = Path(mechanism.source).with_name("identification.json")
-        if mechanism.inputs and beside.is_file() and not of_other_values(beside, mechanism):
-            return CarriedKnowledge(read_knowledge(beside, mechanism), COVARIANCE, (str(beside),))
+        record = read_identification(beside) if mechanism.inputs and beside.is_file() else None
+        if record is not None and not of_other_values(record, mechanism):
+            return CarriedKnowledge(knowledge_of(record, mechanism, beside), COVARIANCE,
+                                    (str(beside),))
         return CarriedKnowledge(independent(mechanism, sigma), SIGMAS)
     allowed = {p.name: p.prior_sigma for i, p in enumerate(mechanism.parameters)
                if i in mechanism.free and p.prior_sigma is not None}

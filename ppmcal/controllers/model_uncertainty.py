@@ -11,7 +11,7 @@ from ppmcal.calibration.compensation import model_sigma
 from ppmcal.controllers.pose_errors import rms, rotation_rms
 from ppmcal.controllers.pose_grid import rest_columns
 from ppmcal.io.results.export import ModelUncertainty
-from ppmcal.io.results.knowledge import read_knowledge
+from ppmcal.io.results.knowledge import knowledge_of, read_identification
 from ppmcal.io.results.own_calibration import of_other_values
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -56,8 +56,9 @@ def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> 
     path = model.with_name(KNOWLEDGE)
     if poses is None or mechanism.source not in mechanism.inputs or not path.exists():
         return UNKNOWN
-    knowledge = read_knowledge(path, mechanism)
-    other = of_other_values(path, mechanism)
+    record = read_identification(path)
+    knowledge = knowledge_of(record, mechanism, path)
+    other = of_other_values(record, mechanism)
     if other:
         return PoseUncertainty(None, None, "base", f"{path.name} is not of this model ({other})")
     names = list(mechanism.registrations)

@@ -56,9 +56,9 @@ def _laid_over(tree: dict[str, Any], path: Path, above: tuple[Path, ...], files:
     if not isinstance(other, str) or not other or "\x00" in other:
         raise BadInput(f"{show(other)} is not a file name", f"{path}: extends",
                        "Write the path of a mechanism file, relative to this one")
-    # a mapping is the caller's own; files come from others, and are moved
+    # a mapping, above which no file is, is the caller's own; files come from others, and are moved
     inside = os.path.normpath(other).split(os.sep)[0] != os.pardir and not os.path.isabs(other)
-    if path != Path(IN_MEMORY) and not inside:
+    if above and not inside:
         raise BadInput(f"{show(other)} leads out of the folder of this file", f"{path}: extends",
                        "Put a copy of that file, or a link to it, beside this one")
     try:

@@ -43,7 +43,15 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
     Raises:
         BadInput: not readable, not such a file, or of another machine.
     """
-    record = _read(path, WITHOUT)
+    return knowledge_of(read_identification(path), mechanism, path)
+
+
+def knowledge_of(record: IdentificationRecord, mechanism: Mechanism, path: Path) -> Knowledge:
+    """Return the knowledge in what was read from ``path``.
+
+    Raises:
+        BadInput: not such a file, or of another machine.
+    """
     units = _units(record, path)
     try:
         covariance = _part(record.covariance, "names", "matrix", "frames_turn_about")
@@ -72,7 +80,7 @@ def read_noise(path: Path) -> MeasurementBasis | None:
     Raises:
         BadInput: not readable, or not such a file.
     """
-    noise = _read(path, WITHOUT).noise
+    noise = read_identification(path).noise
     if noise.sigma_ratio is None or noise.chi2_p is None:
         return None
     return MeasurementBasis(noise.sigma_ratio, noise.chi2_p)
@@ -97,14 +105,14 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
     Raises:
         BadInput: not readable, not such a file, of another machine, or of an old version.
     """
-    record = _read(path, AGAIN)
+    record = read_identification(path, AGAIN)
     units = _units(record, path)
     try:
         covariance = _part(record.covariance, "names", "prior", "data", "inflation")
         names = [n for n in covariance.names if " of " not in n]
         known = _information(covariance, len(names))
         value = _values(record, names)
-        inputs = _inputs(record)
+        inputs = tables_of(record)
         session = _session(covariance.session, mechanism, names)
     except _Incomplete as error:
         raise _no_such(path, AGAIN) from error
@@ -143,7 +151,12 @@ def of_machine(names: Sequence[str], mechanism: Mechanism, path: Path) -> None:
                        str(path), "Keep MODEL and its identification.json together")
 
 
-def _read(path: Path, mend: str) -> IdentificationRecord:
+def read_identification(path: Path, mend: str = WITHOUT) -> IdentificationRecord:
+    """Return what an identification.json holds.
+
+    Raises:
+        BadInput: not readable, or not such a file of this version.
+    """
     record = IdentificationRecord.read(path, mend)
     if record.format != IdentificationRecord.FORMAT:
         raise _no_such(path, mend)
@@ -315,8 +328,12 @@ def _values(record: IdentificationRecord, names: Sequence[str]) -> Array:
     return value
 
 
-def _inputs(record: IdentificationRecord) -> dict[str, str]:
-    """Return content hash -> name of the tables behind a calibration; none of those in memory."""
+def tables_of(record: IdentificationRecord) -> dict[str, str]:
+    """Return content hash -> name of the tables behind a calibration; none of those in memory.
+
+    Raises:
+        ValueError: the file does not say.
+    """
     sums = _part(record.provenance, "inputs").inputs
     sources = [_part(d, "source").source for d in _part(record, "datasets").datasets]
     return {sums[s]: s for s in sources if s in sums} | dict(record.earlier)

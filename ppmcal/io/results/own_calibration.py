@@ -9,6 +9,7 @@ import numpy as np
 
 from ppmcal.errors import PpmcalError
 from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.knowledge import read_identification, tables_of
 from ppmcal.io.results.units import column_factor
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import number
@@ -19,13 +20,13 @@ TURNED = ("direction", "axis")
 """Slots whose identified errors are in the model file's nominal vectors already."""
 
 
-def of_other_values(path: Path, mechanism: Mechanism) -> str:
+def of_other_values(record: IdentificationRecord, mechanism: Mechanism) -> str:
     """Return the parameter that the model has elsewhere than an identification.json, in words.
 
     Empty where all are within 3 standard deviations, or the file does not say.
     """
     worst, words = APART, ""
-    for entry in IdentificationRecord.read(path, "Run identify again").parameters:
+    for entry in record.parameters:
         if (entry.name not in mechanism.names or entry.value is None or not entry.sigma
                 or any(part in TURNED for part in entry.name.split("."))):
             continue
@@ -45,9 +46,7 @@ def seen_before(path: Path, inputs: Mapping[str, str], tables: Iterable[str]) ->
     ``inputs``: SHA-256 of each file by name. Empty where there is no such file to read.
     """
     try:
-        record = IdentificationRecord.read(path, "Run identify again")
-    except PpmcalError:
+        known = tables_of(read_identification(path))
+    except (PpmcalError, ValueError):
         return []
-    sums = record.provenance.inputs
-    known = {sums[d.source] for d in record.datasets if d.source in sums} | set(record.earlier)
     return [t for t in tables if inputs.get(t) in known]
