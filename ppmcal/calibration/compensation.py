@@ -16,6 +16,7 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.estimates import IMPLAUSIBLE
 from ppmcal.calibration.extrapolation import measured_ranges, refuse_far
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
+from ppmcal.calibration.other_branch import refuse_other_branch
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Identification
 from ppmcal.calibration.tolerance_moves import scaled, uncertain
@@ -157,7 +158,9 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
               for f, s in zip(failed, table.status, strict=True)]
     reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
     volume = None if knowledge is None else knowledge.volume
-    refuse_far(mechanism, full, measured_ranges(mechanism, volume), status, reason)
+    ranges = measured_ranges(mechanism, volume)
+    refuse_far(mechanism, full, ranges, status, reason)
+    refuse_other_branch(model, pose_motor(full), table.q, ranges, status, reason)
     believed = registration
     if knowledge is not None and dataset in knowledge.before:
         believed = knowledge.before[dataset]

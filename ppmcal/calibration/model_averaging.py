@@ -23,8 +23,8 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import environment
 from ppmcal.model.mechanism import Mechanism
 
-UNREACHED = ("where it leads is not known: a machine that the measurements do not tell from this one "
-             "does not take these joint values")
+UNREACHED = ("where it leads is not known: a machine that the measurements do not tell from this "
+             "one does not take these joint values")
 
 
 @dataclass(frozen=True)
