@@ -8,15 +8,12 @@ from pathlib import Path
 
 import ppmcal
 
-PACKAGES = ("diagnosis", "inference")
-"""Packages whose code decides what is named; those that are not there yet count as empty."""
 
-
-def engine_digest() -> str:
+def engine_digest(packages: tuple[str, ...]) -> str:
     """Return 12 hex digits that change with the code of the packages, not with words about it."""
     root = Path(ppmcal.__file__).parent
     total = hashlib.sha256()
-    for package in PACKAGES:
+    for package in packages:
         for path in sorted((root / package).rglob("*.py")):
             total.update(path.relative_to(root).as_posix().encode())
             total.update(code_of(path.read_text(encoding="utf-8")).encode())

@@ -1,9 +1,7 @@
-"""The tables of rates, from the lines of a study; and where they stand in the docs."""
+"""The tables of rates, from the lines of a study."""
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,8 +11,6 @@ from study_summary import share
 Line = Mapping[str, str]
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "rates"
-PAGES = {"docs/diagnosis.md": ("rates", "rates-by-case"), "README.md": ("rates",)}
-"""Which tables stand in which page, each between ``<!-- NAME -->`` and ``<!-- end of NAME -->``."""
 NAMED = ("named", "named-set", "partial")
 GROUPS = {"nothing": "nothing hidden", "poor noise": "nothing hidden, noise not as stated",
           "one": "one cause", "memory": "one cause with memory", "event": "events, with their rows",
@@ -33,9 +29,8 @@ def rates(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
 
 
 def _said(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
-    seeds = ", ".join(str(s) for s in about["seeds"])
-    return (f"Version {about['version']}, engine {about['engine']}, seeds {seeds}: "
-            f"{len(lines)} campaigns. In brackets: 95 % interval (Clopper and Pearson).")
+    return (f"{about['made']}: {len(lines)} campaigns. "
+            f"In brackets: 95 % interval (Clopper and Pearson).")
 
 
 def _questions() -> list[tuple[str, Callable[[Sequence[Line]], list[Line]],
@@ -97,23 +92,3 @@ def by_case(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
 
 
 TABLES = {"rates": rates, "rates-by-case": by_case}
-
-
-def about() -> dict[str, Any]:
-    """Return version, engine and seeds of the study in docs/rates."""
-    found: dict[str, Any] = json.loads((FOLDER / "about.json").read_text(encoding="utf-8"))
-    return found
-
-
-def filled(page: str, name: str, table: str) -> str:
-    """Return a page with a table in its place.
-
-    Raises:
-        ValueError: if the page has no place of that name.
-    """
-    start, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
-    found = re.subn(f"({re.escape(start)}\n).*?({re.escape(end)})",
-                    lambda m: f"{m[1]}\n{table}\n\n{m[2]}", page, flags=re.S)
-    if found[1] != 1:
-        raise ValueError(f"no {start} ... {end}")
-    return found[0]
