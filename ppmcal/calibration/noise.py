@@ -18,6 +18,7 @@ from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.repeats import repeats
 
 log = logging.getLogger(__package__)
 
@@ -244,12 +245,13 @@ def _repeated(groups: NDArray[np.int64], keep: Bools) -> Bools:
 
 
 def _repeats(fit: Fit) -> tuple[float | None, int]:
-    """Scatter within repeats of a pose over the stated noise, and its degrees of freedom."""
+    """Scatter within repeats over the stated noise, and its degrees of freedom."""
     square, degrees = 0.0, 0
     white: list[tuple[int, NDArray[np.int64], Array, Bools]] = []
-    again = [_repeated(d.groups, k) for d, k in zip(fit.problem.datasets, fit.keep, strict=True)]
+    same = [repeats(d) for d in fit.problem.datasets]
+    again = [_repeated(g, k) for g, k in zip(same, fit.keep, strict=True)]
     for rows in fit.problem.rows(fit.state, False, again):
-        groups = fit.problem.datasets[rows.dataset].groups[rows.index]
+        groups = same[rows.dataset][rows.index]
         white.append((rows.dataset, groups, rows.residual, rows.observed))
     for i in range(len(fit.problem.datasets)):
         parts = [(g, r, o) for d, g, r, o in white if d == i]
