@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
+from ppmcal.calibration.sessions import as_campaigns
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.copies import without_shared
 from ppmcal.io.dataset_reader import read_dataset
@@ -40,9 +39,7 @@ def joined(data: Sequence[Dataset]) -> tuple[Dataset, ...]:
                            f"{by_name[d.name].source})", d.source,
                            "Give each sidecar its own `name`, and each file only once")
         by_name[d.name] = d
-    before = np.cumsum([0, *(int(d.rows.max(initial=0)) for d in data)])
-    return without_shared([replace(d, frame=_resolve(d, by_name), before=int(b))
-                           for d, b in zip(data, before[:-1], strict=True)])
+    return as_campaigns(without_shared([replace(d, frame=_resolve(d, by_name)) for d in data]))
 
 
 def _resolve(data: Dataset, by_name: dict[str, Dataset]) -> Unknown:
