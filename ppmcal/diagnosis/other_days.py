@@ -7,7 +7,6 @@ and without any; frozen, each predicts the session left out. Only the registrati
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.frozen_models import (
@@ -40,7 +39,7 @@ def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, .
     out: list[Validated] = []
     for rest, own in other_sessions(problem.datasets, final.keep):
         # heights and distances of one campaign are no days: neither tells of the other alone
-        days = [_on_its_own(d) for d in own if len(d) >= FEWEST and any(
+        days = [d.alone() for d in own if len(d) >= FEWEST and any(
             d.kind == r.kind for r in rest)]
         if not days:
             continue
@@ -57,13 +56,6 @@ def _fitted(machine: Mechanism, rest: Sequence[Dataset], options: FitOptions) ->
     """Return a machine identified from the other sessions."""
     found = identify(Problem(machine, tuple(rest), machine.free), options)
     return machine.with_values(found.state.g)
-
-
-def _on_its_own(data: Dataset) -> Dataset:
-    """Return a session with a frame of its own where it had that of other rows."""
-    if data.frame.same_as is None:
-        return data
-    return replace(data, frame=replace(data.frame, same_as=None, fitted=True))
 
 
 def confirmed(days: Sequence[Validated]) -> bool | None:

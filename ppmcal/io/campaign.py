@@ -45,11 +45,21 @@ def joined(data: Sequence[Dataset]) -> tuple[Dataset, ...]:
 def _resolve(data: Dataset, by_name: dict[str, Dataset]) -> Unknown:
     frame, seen = data.frame, [data.name]
     while frame.same_as is not None:
-        place = f"{sidecar_path(Path(by_name[seen[-1]].source))}: frame.same_as"
+        source = Path(by_name[seen[-1]].source)
+        # a table that is in memory has no file
+        side = sidecar_path(source) if source.suffix else f"sidecar of {source}"
+        place = f"{side}: frame.same_as"
+        others = [n for n in by_name if n not in seen]
+        if frame.same_as == seen[-1]:
+            raise BadInput("a data set has its own frame, this names itself", place,
+                           "Write `frame: unknown`, or name another data set" + (
+                               f": {', '.join(others)}" if others else ""))
+        if frame.same_as not in by_name and not others:
+            raise BadInput(f"unknown data set '{frame.same_as}': there is no other one", place,
+                           f"Give '{frame.same_as}' too, or write `frame: unknown`")
         if frame.same_as not in by_name:
-            error = unknown("data set", frame.same_as, by_name, place)
-            raise BadInput(error.what, place, f"{error.mend} Give the other file on the command "
-                                              "line too")
+            error = unknown("data set", frame.same_as, others, place)
+            raise BadInput(error.what, place, f"{error.mend} Give the other file too")
         if frame.same_as in seen:
             raise BadInput(f"the data sets refer to each other in a circle "
                            f"({' -> '.join([*seen, frame.same_as])})", place,

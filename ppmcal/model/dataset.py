@@ -194,6 +194,12 @@ class Dataset:
         return replace(self, unusable=tuple(
             r or (reason if out else "") for r, out in zip(old, rows.tolist(), strict=True)))
 
+    def alone(self) -> Dataset:
+        """Return the data set with a frame of its own where it had that of another one."""
+        if self.frame.same_as is None:
+            return self
+        return replace(self, frame=replace(self.frame, same_as=None, fitted=True))
+
     def directions(self) -> Array | None:
         """Return the directions of approach that the order of the rows gives (N, k), or None."""
         if self.visited is None and self.approach == "sequence":

@@ -10,6 +10,7 @@ import pytest
 from helpers.sessions import BOX, POSITION, machine
 from numpy.typing import NDArray
 
+from ppmcal.api.check import check
 from ppmcal.api.diagnose import diagnose
 from ppmcal.calibration.homing_shift import homing_shifts
 from ppmcal.calibration.identify import identify
@@ -18,6 +19,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import campaign, one_session, pose_labels, session_masks
 from ppmcal.calibration.validation import split
 from ppmcal.diagnosis.held_out_blocks import SESSION, schemes
+from ppmcal.errors import BadInput
 from ppmcal.io.campaign import joined
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.kinematics.closure import Model
@@ -26,6 +28,7 @@ from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
 TARGETS = {"A": (0.02, -0.01, 0.0), "B": (-0.05, 0.03, 0.0), "C": (0.04, 0.06, 0.0)}
@@ -133,6 +136,37 @@ def test_heights_and_distances_of_a_printer_are_one_session() -> None:
     assert datasets[1].numbers()[0] == ROWS + 1
     # whose the distances are is not known
     assert len(session_masks(joined([heights, more, distances]))) == 3
+
+
+def sister() -> Mechanism:
+    """The file of another machine of the kind: eight tolerances off."""
+    rng, parameters = np.random.default_rng(2), list(machine(NAME).parameters)
+    for p in machine(NAME).free:
+        value = parameters[p].nominal + 8.0 * (parameters[p].tolerance or 0.0) * rng.normal()
+        parameters[p] = replace(parameters[p], value=value, nominal=value)
+    return replace(machine(NAME), parameters=tuple(parameters))
+
+
+def test_files_of_one_frame_are_each_looked_at_alone() -> None:
+    (found,) = check(sister(), three()).misreadings
+    assert found.mistakes[0].kind == "other-machine"
+    swapped = [replace(d, q=d.q[:, [1, 0, 2]]) for d in three()]
+    found = check(machine(NAME), swapped).misreadings
+    assert [m.source for m in found] == ["A", "B", "C"]
+    assert all(m.mistakes[0].kind == "permuted" for m in found)
+
+
+@pytest.mark.parametrize(("own", "others", "words"), [
+    ("run2", (), "there is no other one"), ("run1", (), "names itself"),
+    ("run3", ("run2",), "Did you mean 'run2'?")])
+def test_a_frame_is_another_data_sets(own: str, others: tuple[str, ...], words: str) -> None:
+    one = replace(seen(own, joints(), TARGETS["A"]), frame=Unknown(True, np.zeros(6), "run1"))
+    more = [replace(one, name=n, frame=Unknown(True, np.zeros(6))) for n in others]
+    with pytest.raises(BadInput) as refused:
+        joined([one, *more])
+    assert words in str(refused.value)
+    assert f"'{own}'?" not in str(refused.value)
+    assert "sidecar of" in str(refused.value)
 
 
 @pytest.mark.slow
