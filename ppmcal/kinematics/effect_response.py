@@ -46,7 +46,7 @@ def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
                        whole.approach == "sequence")
     place = seen.place if data.place is None or seen.place is None else seen.place[data.place]
     found = replace(environment(data.columns, mechanism.actuators, mechanism.gravity, data.q),
-                    row=data.rows.astype(float) + data.before, history=seen.history, place=place,
+                    row=data.numbers().astype(float), history=seen.history, place=place,
                     touch=np.full(len(data), data.kind == "plane"))
     visited = data.directions()
     if visited is not None:
