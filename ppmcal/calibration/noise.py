@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtr, chdtrc
 
-from ppmcal.calibration.fit import Fit, FitOptions, directions, prediction_covariance
+from ppmcal.calibration.fit import (
+    Fit,
+    FitOptions,
+    directions,
+    prediction_covariance,
+    values_fitted,
+)
 from ppmcal.calibration.gauss_newton import least_squares, prior_square
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import qr_factor
@@ -214,7 +220,7 @@ def noise_check(fit: Fit) -> Noise:
     priors = int(np.sum(fit.prior > 0.0))
     seen = int(np.sum(directions(fit)[2]))
     covariance = prediction_covariance(fit)
-    effective = float(np.sum((fit.reduced.triangle @ covariance) * fit.reduced.triangle))
+    effective = values_fitted(seen, np.diagonal(covariance), fit.prior)
     square, count = fit.reduced.square, fit.reduced.count
     if fit.problem.earlier is not None:
         # the ratio is that of the new rows

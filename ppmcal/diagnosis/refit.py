@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import Fit, FitOptions, posterior
+from ppmcal.calibration.fit import Fit, FitOptions, posterior, residual_freedom
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.diagnosis.added_variable_test import log_p
@@ -153,7 +153,7 @@ def _against_zero(fit: Fit, covariance: Array, columns: Sequence[int]) -> float:
     if not np.isfinite(linear_part).all():
         return 0.0
     # residuals above the stated noise make everything less certain
-    ratio = max(1.0, fit.reduced.square / max(fit.reduced.count - fit.scale.size, 1))
+    ratio = max(1.0, fit.reduced.square / residual_freedom(fit))
     square = float(value @ linalg.pinv(linear_part, hermitian=True) @ value) / ratio
     return float(np.log(max(chdtrc(len(linear), square), 1e-300)))
 
