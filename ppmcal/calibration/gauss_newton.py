@@ -7,7 +7,7 @@ makes of the rows; the last step, and all that is said of the minimum, always fr
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,7 @@ from ppmcal.calibration.least_squares import (
 )
 from ppmcal.calibration.normal_equations import normal_sums, row_squares
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.wording.progress import note
 
 log = logging.getLogger(__package__)
@@ -37,8 +37,8 @@ ROUGH = 1e-3
 ROUND_OFF = 1e-13
 """Or the step is below this part of the parameters' scale."""
 AT_THE_NOISE = 0.01
-"""What a step may still promise of chi-squared where a fit has used up its iterations: the
-predictions of all rows together would move by a tenth of the noise."""
+"""What a plain step may still promise of chi-squared at a minimum, in units of the noise that the
+rows show: the predictions of all rows together would move by a tenth of it."""
 WORST_CONDITION = 1e12
 """Normal equations of unit columns with a condition above this leave a step fewer than four of
 its digits: QR then, which loses none."""
@@ -64,11 +64,26 @@ class Minimum:
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """The rows at a state: chi-squared of the data, and the step; ``reduced`` None from sums."""
+    """The rows at a state: chi-squared of the data and of how many values, and the step.
+
+    ``reduced``: None where the step is from sums.
+    """
 
     square: float
+    count: int
     small: NormalStep | SummedStep
     reduced: QRFactor | None
+
+    @property
+    def level(self) -> bool:
+        """Whether this is a minimum: what is left to gain is far below the noise.
+
+        The one criterion, wherever a search ends. A damped step promises little anywhere, so it
+        is the plain one that is asked; and where the rows scatter by more than was stated, it
+        is in that scatter that results are told.
+        """
+        scatter = max(1.0, self.square / max(self.count, 1))
+        return bool(self.small.step()[1] < AT_THE_NOISE * scatter)
 
 
 def linearised(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -78,9 +93,10 @@ def linearised(problem: Problem, state: State, keep: Sequence[Bools], prior: Arr
         sums = normal_sums(problem, state, keep, weights)
         summed = summed_step(problem, state, sums, prior)
         if summed.condition < WORST_CONDITION:
-            return Linearised(sums.square, summed, None)
+            return Linearised(sums.square, sums.count, summed, None)
     reduced = qr_factor(problem, state, keep, weights)
-    return Linearised(reduced.square, normal_step(problem, state, reduced, prior), reduced)
+    return Linearised(reduced.square, reduced.count, normal_step(problem, state, reduced, prior),
+                      reduced)
 
 
 def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -99,7 +115,7 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
         rough: it is without weights too.
     """
     rough = rough or weigh is not None
-    damping, decrease, by_sums, summed = 0.0, float("inf"), True, 0
+    damping, by_sums, summed = 0.0, True, 0
     unit = column_scale(problem)
     for count in range(1, iterations + 1):
         weights = weigh(state) if weigh else None
@@ -114,31 +130,43 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
                   "normal equations" if by_sums else "QR")
         while True:
             step, decrease = now.small.step(damping)
-            if decrease < limit or float(np.max(np.abs(step / unit), initial=0.0)) < ROUND_OFF:
+            small = float(np.max(np.abs(step / unit), initial=0.0)) < ROUND_OFF
+            if decrease < limit or small:
                 if now.reduced is None and not rough:
                     now = linearised(problem, state, keep, prior, weights, False)
                     summed -= 1
                     continue
+                if damping > 0.0:
+                    return Minimum(state, now.reduced, count, now.level, summed)
                 # too small to be judged by the cost: a last plain step only polishes
-                end = problem.moved(state, step) if damping == 0.0 else state
-                end = end if solved(end, keep) else state
-                return Minimum(end, now.reduced, count, True, summed)
+                end = problem.moved(state, step)
+                return Minimum(end if solved(end, keep) else state, now.reduced, count, True,
+                               summed)
             trial = problem.moved(state, step)
-            after = cost(problem, trial, keep, prior, weights)
+            after = cost(problem, trial, keep, prior, weights, state)
             if after >= before and damping == 0.0:
-                trial, after = _second_chance(problem, trial, keep, prior, weights, by_sums)
+                trial, after = _second_chance(problem, trial, keep, prior, weights, by_sums, state)
             if after < before:
                 state = trial
                 damping = damping / 10.0 if damping > SMALLEST_DAMPING else 0.0
                 break
             damping = max(10.0 * damping, SMALLEST_DAMPING)
             if damping > 1.0:
-                level = bool(decrease < 1e-6 * max(before, 1.0))
-                reduced = now.reduced or (None if rough else qr_factor(problem, state, keep))
-                return Minimum(state, reduced, count, level, summed)
-    # creeping along a valley: what is left to gain is no more than a tenth of the noise
-    reduced = None if rough else qr_factor(problem, state, keep, None)
-    return Minimum(state, reduced, iterations, decrease < AT_THE_NOISE, summed)
+                return _given_up(problem, state, keep, prior, rough, count, summed)
+    return _given_up(problem, state, keep, prior, rough, iterations, summed)
+
+
+def _given_up(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, rough: bool,
+              iterations: int, summed: int) -> Minimum:
+    """Return where a search ended that found no way down, or used up its iterations.
+
+    It may be the minimum all the same: the way there may be a valley along which it creeps, or
+    round-off may hide what is left.
+    """
+    if rough:
+        return Minimum(state, None, iterations, False, summed)
+    now = linearised(problem, state, keep, prior, None, False)
+    return Minimum(state, now.reduced, iterations, now.level, summed)
 
 
 def solved(state: State, keep: Sequence[Bools]) -> bool:
@@ -147,7 +175,8 @@ def solved(state: State, keep: Sequence[Bools]) -> bool:
 
 
 def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior: Array,
-                   weights: Sequence[Array] | None, by_sums: bool) -> tuple[State, float]:
+                   weights: Sequence[Array] | None, by_sums: bool, at: State
+                   ) -> tuple[State, float]:
     """Take a second plain step from a trial that was worse, and judge after it.
 
     Where frame and geometry turn together the data see nothing at first order and a very
@@ -157,29 +186,51 @@ def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior:
         return trial, float("inf")
     there = linearised(problem, trial, keep, prior, weights, by_sums)
     trial = problem.moved(trial, there.small.step()[0])
-    return trial, cost(problem, trial, keep, prior, weights)
+    return trial, cost(problem, trial, keep, prior, weights, at)
 
 
 def cost(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
-         weights: Sequence[Array] | None) -> float:
-    """Return chi-squared of data and prior; inf where a kept row has no pose."""
+         weights: Sequence[Array] | None, at: State | None = None) -> float:
+    """Return chi-squared of data and prior; inf where a kept row has no pose.
+
+    Args:
+        problem: machine and data.
+        state: where.
+        keep: rows to use (N,), for each data set.
+        prior: weights (C,) as :func:`least_squares` takes them.
+        weights: factor on each white row (N,), for each data set, or None.
+        at: where the noise of joints is carried over to what is measured  [default: ``state``].
+            A step is made with the noise of where it begins, and can only be judged by it: else
+            chi-squared falls where a machine makes its joints' noise larger, which no step goes
+            for, and the search ends where neither is at its minimum.
+    """
     total = prior_square(problem, state, prior)
-    for i, k in enumerate(keep):
-        if not np.isfinite(state.poses[i][k]).all():
-            return float("inf")
+    if not solved(state, keep):
+        return float("inf")
     for i, k in enumerate(keep):
         squares = row_squares(problem, state, i, k)
         if squares is not None:
             total += float(np.sum(squares if weights is None else squares * weights[i][k] ** 2))
             continue
-        for rows in problem.rows_of(i, state, False, k):
-            r = rows.residual
+        for index, r in _white_residuals(problem, state, i, k, at):
             if weights is not None:
-                r = r * weights[i][rows.index][:, None]
+                r = r * weights[i][index][:, None]
             total += float(np.sum(r * r))
     if problem.earlier is not None:
         total += float(np.sum(problem.earlier.rows(problem.mechanism, (), state.g)[0] ** 2))
     return total
+
+
+def _white_residuals(problem: Problem, state: State, index: int, keep: Bools, at: State | None
+                     ) -> Iterator[tuple[Ints, Array]]:
+    """Yield rows (n,) of a data set and their residuals (n, m), white by the noise there ``at``."""
+    chunks = problem.rows_of(index, state, False, keep)
+    if at is None or not np.any(problem.datasets[index].sigma_actuator > 0.0):
+        yield from ((rows.index, rows.residual) for rows in chunks)
+        return
+    for rows, there in zip(chunks, problem.rows_of(index, at, False, keep), strict=True):
+        raw = np.where(rows.observed, rows.raw, 0.0)
+        yield rows.index, (there.whitener @ raw[..., None])[..., 0]
 
 
 def prior_square(problem: Problem, state: State, prior: Array) -> float:
