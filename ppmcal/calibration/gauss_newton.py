@@ -7,7 +7,7 @@ makes of the rows; the last step, and all that is said of the minimum, always fr
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +23,7 @@ from ppmcal.calibration.least_squares import (
 )
 from ppmcal.calibration.normal_equations import normal_sums, row_squares
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.linalg import Array, Bools
 from ppmcal.wording.progress import note
 
 log = logging.getLogger(__package__)
@@ -39,6 +39,8 @@ ROUND_OFF = 1e-13
 AT_THE_NOISE = 0.01
 """What a plain step may still promise of chi-squared at a minimum, in units of the noise that the
 rows show: the predictions of all rows together would move by a tenth of it."""
+SETTLING = 0.25
+"""Steps end where each promises less than this part of what the one before it did."""
 WORST_CONDITION = 1e12
 """Normal equations of unit columns with a condition above this leave a step fewer than four of
 its digits: QR then, which loses none."""
@@ -82,8 +84,17 @@ class Linearised:
         is the plain one that is asked; and where the rows scatter by more than was stated, it
         is in that scatter that results are told.
         """
-        scatter = max(1.0, self.square / max(self.count, 1))
-        return bool(self.small.step()[1] < AT_THE_NOISE * scatter)
+        return self.promise < AT_THE_NOISE * self.scatter
+
+    @property
+    def promise(self) -> float:
+        """By how much the plain step would lower chi-squared."""
+        return self.small.step()[1]
+
+    @property
+    def scatter(self) -> float:
+        """What one value adds to chi-squared, 1 where that is less than the noise."""
+        return max(1.0, self.square / max(self.count, 1))
 
 
 def linearised(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -143,11 +154,13 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
                 return Minimum(end if solved(end, keep) else state, now.reduced, count, True,
                                summed)
             trial = problem.moved(state, step)
-            after = cost(problem, trial, keep, prior, weights, state)
-            if after >= before and damping == 0.0:
-                trial, after = _second_chance(problem, trial, keep, prior, weights, by_sums, state)
-            if after < before:
-                state = trial
+            better: State | None = trial
+            if cost(problem, trial, keep, prior, weights) >= before:
+                better = None
+                if damping == 0.0:
+                    better = _second_chance(problem, trial, keep, prior, weights, now, before)
+            if better is not None:
+                state = better
                 damping = damping / 10.0 if damping > SMALLEST_DAMPING else 0.0
                 break
             damping = max(10.0 * damping, SMALLEST_DAMPING)
@@ -175,35 +188,29 @@ def solved(state: State, keep: Sequence[Bools]) -> bool:
 
 
 def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior: Array,
-                   weights: Sequence[Array] | None, by_sums: bool, at: State
-                   ) -> tuple[State, float]:
-    """Take a second plain step from a trial that was worse, and judge after it.
+                   weights: Sequence[Array] | None, now: Linearised, before: float
+                   ) -> State | None:
+    """Return the state to go on from after a plain step ``trial`` that was worse, None without.
 
     Where frame and geometry turn together the data see nothing at first order and a very
     steep wall at second order; one straight step runs into the wall, the next one off it.
+
+    The noise of joints is carried over to what is measured by the geometry, and moves with it:
+    chi-squared falls where that makes it larger, which no step goes for. So at the end, less than
+    the noise from it, a step may raise it; there it counts that hardly a step is left.
     """
     if not solved(trial, keep):
-        return trial, float("inf")
-    there = linearised(problem, trial, keep, prior, weights, by_sums)
+        return None
+    there = linearised(problem, trial, keep, prior, weights, now.reduced is None)
+    if now.promise < now.scatter and there.promise < SETTLING * now.promise:
+        return trial
     trial = problem.moved(trial, there.small.step()[0])
-    return trial, cost(problem, trial, keep, prior, weights, at)
+    return trial if cost(problem, trial, keep, prior, weights) < before else None
 
 
 def cost(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
-         weights: Sequence[Array] | None, at: State | None = None) -> float:
-    """Return chi-squared of data and prior; inf where a kept row has no pose.
-
-    Args:
-        problem: machine and data.
-        state: where.
-        keep: rows to use (N,), for each data set.
-        prior: weights (C,) as :func:`least_squares` takes them.
-        weights: factor on each white row (N,), for each data set, or None.
-        at: where the noise of joints is carried over to what is measured  [default: ``state``].
-            A step is made with the noise of where it begins, and can only be judged by it: else
-            chi-squared falls where a machine makes its joints' noise larger, which no step goes
-            for, and the search ends where neither is at its minimum.
-    """
+         weights: Sequence[Array] | None) -> float:
+    """Return chi-squared of data and prior; inf where a kept row has no pose."""
     total = prior_square(problem, state, prior)
     if not solved(state, keep):
         return float("inf")
@@ -212,25 +219,14 @@ def cost(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
         if squares is not None:
             total += float(np.sum(squares if weights is None else squares * weights[i][k] ** 2))
             continue
-        for index, r in _white_residuals(problem, state, i, k, at):
+        for rows in problem.rows_of(i, state, False, k):
+            r = rows.residual
             if weights is not None:
-                r = r * weights[i][index][:, None]
+                r = r * weights[i][rows.index][:, None]
             total += float(np.sum(r * r))
     if problem.earlier is not None:
         total += float(np.sum(problem.earlier.rows(problem.mechanism, (), state.g)[0] ** 2))
     return total
-
-
-def _white_residuals(problem: Problem, state: State, index: int, keep: Bools, at: State | None
-                     ) -> Iterator[tuple[Ints, Array]]:
-    """Yield rows (n,) of a data set and their residuals (n, m), white by the noise there ``at``."""
-    chunks = problem.rows_of(index, state, False, keep)
-    if at is None or not np.any(problem.datasets[index].sigma_actuator > 0.0):
-        yield from ((rows.index, rows.residual) for rows in chunks)
-        return
-    for rows, there in zip(chunks, problem.rows_of(index, at, False, keep), strict=True):
-        raw = np.where(rows.observed, rows.raw, 0.0)
-        yield rows.index, (there.whitener @ raw[..., None])[..., 0]
 
 
 def prior_square(problem: Problem, state: State, prior: Array) -> float:
