@@ -61,6 +61,7 @@ strangers-path: $(VENV)/.run
 fuzz: $(VENV)/.test
 	@PYTHONPATH=.:tests $(BIN)/python -m fuzz --minutes $(MINUTES)
 	@PYTHONPATH=.:tests $(BIN)/python -m fuzz --minutes $(MINUTES) --commands
+	@PYTHONPATH=.:tests $(BIN)/python -m fuzz --minutes $(MINUTES) --campaigns
 
 bench: $(VENV)/.test
 	$(BIN)/python -m pytest benchmarks --benchmark-only -o addopts= -s
