@@ -16,6 +16,7 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.estimates import IMPLAUSIBLE
 from ppmcal.calibration.extrapolation import measured_ranges, refuse_far
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
+from ppmcal.calibration.other_branch import refuse_other_branch
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Identification
 from ppmcal.calibration.tolerance_moves import scaled, uncertain
@@ -81,7 +82,7 @@ class Knowledge:
         out = np.tile(np.square(self.unexplained), (len(q), 1))
         for d in self.doubtful:
             inside = d.holds(q[:, actuators.index(d.actuator)])
-            out += inside[:, None] * np.square([d.position, d.rotation])
+            out += np.where(inside[:, None], np.square([d.position, d.rotation]), 0.0)
         return np.asarray(np.sqrt(out))
 
 
@@ -157,15 +158,19 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
               for f, s in zip(failed, table.status, strict=True)]
     reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
     volume = None if knowledge is None else knowledge.volume
-    refuse_far(mechanism, full, measured_ranges(mechanism, volume), status, reason)
+    ranges = measured_ranges(mechanism, volume)
+    refuse_far(mechanism, full, ranges, status, reason)
+    refuse_other_branch(model, pose_motor(full), table.q, ranges, status, reason)
     believed = registration
     if knowledge is not None and dataset in knowledge.before:
         believed = knowledge.before[dataset]
     before, q_nominal = _uncorrected(model, nominal, registration, believed, full, wanted, rows)
     _refuse_unexplained(model, nominal, registration, full, q_nominal, rows, before, status, reason)
     good = np.array([s == "ok" for s in status])
-    result = _after(model, nominal, registration, table.q, full, good, rows)
     sigma = pose_sigma(model, before_events, full, table.q, good, knowledge, dataset, rows)
+    if knowledge is not None:
+        good = _refuse_unknown(good, sigma, status, reason)
+    result = _after(model, nominal, registration, table.q, full, good, rows)
     q = np.where(good[:, None], table.q, np.nan)
     seen = measured_pose(registration, pose_motor(full))
     return Compensation(q, q_nominal, result[0], seen, full, before[0], result[1], before[1],
@@ -217,6 +222,16 @@ def _refuse_unexplained(model: Model, nominal: Model, registration: Registration
                     f"goes {before[i][n] / factor:.4g} {unit} from the uncorrected command, where "
                     f"the tolerances make {sizes[i] / factor:.2g} {unit} (1 sigma): no machine "
                     f"within {IMPLAUSIBLE:.0f} tolerances is that far from its drawing")
+
+
+def _refuse_unknown(good: Bools, sigma: tuple[Array, Array], status: list[str],
+                    reason: list[str]) -> Bools:
+    """Refuse rows of which it cannot be had how well they are known; return those that are left."""
+    known = np.isfinite(sigma[0]) & np.isfinite(sigma[1])
+    for n in np.flatnonzero(good & ~known).tolist():
+        status[n] = "refused"
+        reason[n] = "how well the measurements know the machine there cannot be predicted"
+    return np.asarray(good & known)
 
 
 def tolerance_sigma(nominal: Model, registration: Registration, full: Array, q: Array
