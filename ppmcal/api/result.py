@@ -52,7 +52,7 @@ class Result:
     def needs_a_look(self) -> bool:
         """Whether the command leaves with exit code 1.
 
-        A default that a machine's file leaves to the program is told, and is no fault of the result.
+        A default that a machine's file leaves to the program is told, and is no fault.
         """
         machine = getattr(self, "mechanism", None)
         return any(f not in machine.findings for f in self.findings) if isinstance(
