@@ -140,8 +140,10 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         found = misfit(problem)
         misreadings = found.readings or (() if found.misread else (
             (found.doubted and wrong_parts(problem)) or doubtful_machine(problem)))
-        findings += [f"{m.source}: {misreading_sentence(m, mechanism.units)}. {mend_of([m])}."
-                     for m in misreadings]
+        for m in misreadings:
+            what = misreading_sentence(m, mechanism.units)
+            findings.append(f"{m.source}: {what}{'' if what.endswith('?') else '.'} "
+                            f"{mend_of([m])}.")
         if found.misread and not misreadings:
             findings.append(f"{found.sentence(mechanism.units)}. {MEND}.")
     listed = (*misreadings, *(m for d in datasets

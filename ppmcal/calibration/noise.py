@@ -153,7 +153,7 @@ def with_noise(fit: Fit, factor: float, options: FitOptions) -> Fit:
     return replace(fit, state=state, reduced=qr_factor(noisier, state, fit.keep),
                    prior=fit.prior / factor if chosen else fit.prior, noise=factor * fit.noise,
                    prior_scale=fit.prior_scale * (factor if chosen else 1.0),
-                   converged=fit.converged and converged)
+                   converged=converged)
 
 
 def _scaled(datasets: Sequence[Dataset], factor: Array) -> tuple[Dataset, ...]:

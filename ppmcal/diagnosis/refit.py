@@ -29,6 +29,9 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import EffectParameter
 from ppmcal.model.mechanism import Mechanism
 
+NEAR = 30
+"""Iterations of a fit that starts where one of the same measurements ended: at most so many."""
+
 
 def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
     """Fit a machine with further effects, or slots freed, to the rows of ``fit``.
@@ -63,7 +66,12 @@ def of_rows(fit: Fit, rows: Sequence[Bools], options: FitOptions) -> Fit:
 
 
 def _near(problem: Problem, state: State, options: FitOptions) -> Fit:
-    """Fit from a state near by, or from scratch where rows get lost on the way."""
+    """Fit from a state near by, or from scratch where rows get lost on the way.
+
+    A fit that has not converged by :data:`NEAR` iterations wanders along a valley; it is given up
+    with what it reached, and the findings say so.
+    """
+    options = replace(options, iterations=min(options.most, NEAR))
     start = problem.solve(state)
     lost = any((finite_rows(old) & ~finite_rows(new)).any()
                for old, new in zip(state.poses, start.poses, strict=True))

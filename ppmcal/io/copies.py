@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from decimal import Decimal
 
 import numpy as np
 
 from ppmcal.calibration.observation import SCALARS
+from ppmcal.calibration.same_rows import step_of
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.measurement_columns import row_list
@@ -30,44 +30,8 @@ BY_CHANCE = 1e-4
 ALWAYS = 10
 """Where so many repeats or more, and all there are, equal the first of their pose, the noise is far
 below the steps or there is none: one of them tells what all do."""
-LOOKED_AT, FEWEST = 2000, 3
+FEWEST = 3
 REASON = "equal to an earlier row in every digit: a copy is no repeat"
-
-
-def step_of(values: Array) -> float:
-    """Return the largest step of which all differences of values (N,) are multiples, 0 for none.
-
-    >>> step_of(np.array([0.5, 0.75, 1.5]))
-    0.25
-    """
-    known = np.unique(values[np.isfinite(values)])
-    if known.size > LOOKED_AT:
-        known = known[np.unique(np.linspace(0, known.size - 1, LOOKED_AT).astype(int))]
-    noise = 1e-12 * float(np.abs(known).max(initial=0.0))
-    gaps = np.diff(known)
-    gaps = gaps[gaps > noise]
-    if not gaps.size:
-        return last_digit(float(known[0])) if known.size else math.inf
-    step = float(gaps.min())
-    while step > 100.0 * noise:
-        rest = np.abs(gaps - np.round(gaps / step) * step)
-        # a quotient carries the round-off of the step as often as it goes into the gap
-        left = rest[rest > np.minimum(noise * np.maximum(1.0, gaps / step), 0.02 * step)]
-        if not left.size:
-            return step
-        step = float(left.min())
-    return 0.0
-
-
-def last_digit(value: float) -> float:
-    """Return the place of a number's last digit, inf for 0, which may be any.
-
-    >>> last_digit(37.25), last_digit(1200.0)
-    (0.01, 100.0)
-    """
-    if value == 0.0:
-        return math.inf
-    return float(Decimal(1).scaleb(int(Decimal(repr(value)).normalize().as_tuple().exponent)))
 
 
 def chance_of_equal(step: float, sigma: float) -> float:

@@ -14,16 +14,12 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import shifted
+from ppmcal.kinematics.effect_response import ROUNDS, SETTLED, hopeless, shifted
 from ppmcal.kinematics.forward import Forward, forward, moved, newton
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Environment, unknown_environment
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
-
-ROUNDS = 40
-SETTLED = 1e-12
-"""Equilibrium: joint values and poses change by less than this part of the reach."""
 
 
 def uses_load(mechanism: Mechanism) -> bool:
@@ -120,15 +116,22 @@ def _newton(model: Model, q: Array, closed: Array) -> Array:
 
 
 def _settle(model: Model, q: Array, rows: Environment, closed: Array) -> tuple[Array, Model]:
-    size = model.mechanism.reach
-    now = shifted(model, rows, q, closed)
-    change = np.full(q.shape[0], np.inf)
-    for _ in range(ROUNDS):
-        new = _newton(now, q, closed)
-        change = np.abs(cga.translation(new) - cga.translation(closed)).max(axis=1)
-        closed = new
+    """Repeat closure and loads until they belong together; rows that will not become nan at once.
+
+    Only rows that still move are solved again: the cost is that of the rows that need it.
+    """
+    limit = SETTLED * model.mechanism.reach
+    now, closed = shifted(model, rows, q, closed), closed.copy()
+    active = np.arange(q.shape[0])
+    last = np.full(q.shape[0], np.inf)
+    for left in range(ROUNDS - 1, -1, -1):
+        new = _newton(now.take(active), q[active], closed[active])
+        change = np.abs(cga.translation(new) - cga.translation(closed[active])).max(axis=1)
+        lost = hopeless(change, last[active], limit, left, model.mechanism.reach)
+        last[active] = change
+        closed[active] = np.where(lost[:, None], np.nan, new)
         now = shifted(now, rows, q, closed)
-        if not np.any(change[np.isfinite(change)] > SETTLED * size):
+        active = active[(change > limit) & ~lost]   # no pose, nan, is not above it
+        if not active.size:
             break
-    unsettled = np.isfinite(change) & (change > SETTLED * size)
-    return np.where(unsettled[:, None], np.nan, closed), now
+    return closed, now
