@@ -83,6 +83,4 @@ def _taken(datasets: Sequence[Dataset], mask: Sequence[Bools]) -> list[Dataset]:
 def _known_alone(data: Dataset, mask: Sequence[Bools], datasets: Sequence[Dataset]) -> Dataset:
     """Return a data set with a frame of its own where that of a session left out was its."""
     gone = {d.name for d, m in zip(datasets, mask, strict=True) if m.all()}
-    if data.frame.same_as not in gone:
-        return data
-    return replace(data, frame=replace(data.frame, same_as=None, fitted=True))
+    return data.alone() if data.frame.same_as in gone else data

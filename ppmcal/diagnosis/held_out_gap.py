@@ -18,6 +18,7 @@ from scipy.special import chdtri
 from ppmcal.calibration.fit import Fit, prediction_covariance
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.response import Rows
+from ppmcal.calibration.sessions import pose_labels
 from ppmcal.calibration.validation import fresh_state
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
@@ -98,12 +99,12 @@ def errors_of(problem: Problem, predicted: Iterable[tuple[Rows, Array]], covaria
         covariance: of the columns, of the fit that predicts them (C, C).
     """
     parts: list[list[Array]] = [[], [], [], []]
+    poses = pose_labels(problem.datasets)
     for rows, error in predicted:
         parts[0].append(np.sum(error**2, axis=1))
         parts[1].append(np.einsum("nmc,nmc->n", rows.jacobian @ covariance, rows.jacobian))
         parts[2].append(rows.observed.sum(axis=1).astype(float))
-        groups = problem.datasets[rows.dataset].groups[rows.index].astype(float)
-        parts[3].append(groups * len(problem.datasets) + rows.dataset)
+        parts[3].append(poses[rows.dataset][rows.index].astype(float))
     square, variance, count, label = (np.concatenate(p) if p else np.zeros(0) for p in parts)
     return HeldOutErrors(square, variance, count, label.astype(np.int64))
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.sessions import pose_labels
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.equations import equations, sized_again
 from ppmcal.diagnosis.held_out_blocks import BlockGap, compared_rows, schemes
@@ -30,7 +31,7 @@ from ppmcal.diagnosis.term_candidates import (
     slow_inputs,
 )
 from ppmcal.errors import PpmcalError
-from ppmcal.linalg import Array, Bools, finite_rows, subsample
+from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects.learned import learned_kind
 from ppmcal.model.mechanism import Mechanism, with_effect
@@ -218,10 +219,15 @@ def _block_gaps(judged: _JudgedRows, noise: float, seed: int) -> list[BlockGap]:
 
 def _pose_folds(seen: Visible, seed: int) -> list[list[Bools]]:
     """Return commanded poses put into folds at random: the rows of each (N,), by data set."""
-    data = seen.system.problem.datasets
-    labels = [np.unique(d.groups, return_inverse=True)[1].reshape(-1) for d in data]
     rng = np.random.default_rng(seed)
-    folds = [rng.permutation(np.arange(int(n.max(initial=0)) + 1) % FOLDS)[n] for n in labels]
+    fold: dict[int, int] = {}
+    folds = list[Ints]()
+    for own in pose_labels(seen.system.problem.datasets):
+        # a pose that another file of the campaign has too is in the same fold there
+        new = np.setdiff1d(own, list(fold))
+        fold |= zip(new.tolist(), rng.permutation(np.arange(new.size) % FOLDS).tolist(),
+                    strict=True)
+        folds.append(np.array([fold[label] for label in own.tolist()], dtype=np.int64))
     return [[f == k for f in folds] for k in range(FOLDS)]
 
 

@@ -10,7 +10,6 @@ them had left out as outliers. Only the registration is fitted there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.frozen_models import (
@@ -45,7 +44,7 @@ def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, .
     for rest, own in other_sessions(problem.datasets, final.keep,
                                     rows_with_outliers(final)):
         # heights and distances of one campaign are no days: neither tells of the other alone
-        days = [_on_its_own(d) for d in own if len(d) >= FEWEST and any(
+        days = [d.alone() for d in own if len(d) >= FEWEST and any(
             d.kind == r.kind for r in rest)]
         if not days:
             continue
@@ -62,13 +61,6 @@ def _fitted(machine: Mechanism, rest: Sequence[Dataset], options: FitOptions) ->
     """Return a machine identified from the other sessions."""
     found = identify(Problem(machine, tuple(rest), machine.free), options)
     return machine.with_values(found.state.g)
-
-
-def _on_its_own(data: Dataset) -> Dataset:
-    """Return a session with a frame of its own where it had that of other rows."""
-    if data.frame.same_as is None:
-        return data
-    return replace(data, frame=replace(data.frame, same_as=None, fitted=True))
 
 
 def confirmed(days: Sequence[Validated]) -> bool | None:
