@@ -152,7 +152,7 @@ _OPTIONAL = """\
 optional: [["*.length"], ["*.base.direction.*"]]
 """
 _RODS = {"fixed": "fixed,\n# as if they were known exactly.",
-         "shared": "one length for\n# all, fitted; it takes distances to know it, beyond its tolerance.",
+         "shared": "one length for\n# all, fitted; it takes distances to know it.",
          "single": "one length for\n# each tower, fitted; it takes distances to know them."}
 
 
