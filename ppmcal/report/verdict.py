@@ -106,14 +106,28 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
     weak = [p for p in r.parameters if p.disagree]
     if weak:
         parts.append(f"sessions disagree on {count(len(weak), 'parameter')}")
+    size = _size(one)
+    parts += [size] if size else []
     text = "; ".join((p[:1].lower() if i else p[:1].upper()) + p[1:] for i, p in enumerate(parts))
-    sure = fine and not r.noise.tight and not weak and (
+    sure = fine and not r.noise.tight and not weak and not size and (
         d is None or d.confirmed is not False or not d.effects)
     if not parts:
         return Line("How sure?", "Not known", "The folder does not hold a check of the noise.",
                     "warn")
     return Line("How sure?", "Sure" if sure else "With doubts", f"{text}.",
                 "ok" if sure else "warn")
+
+
+def _size(one: Identified) -> str:
+    """Return what the machine's size rests on where that is little, else nothing."""
+    scale = one.record.identifiability.scale
+    kinds = {d.kind for d in one.record.datasets}
+    if scale is not None and scale.open and (scale.sigma is None or scale.prior_dominated):
+        return "how large the machine is rests on tolerances, not on these data"
+    if "distance" in kinds and not kinds - {"distance", "plane"}:
+        return ("how large the machine is rests on the measured distances alone: rods and the "
+                "scale of distances are one direction")
+    return ""
 
 
 def _next(one: Identified, d: DiagnosisRecord | None, state: State) -> Line:
