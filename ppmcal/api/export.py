@@ -85,7 +85,7 @@ def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ 
     if write:
         made = _copied(writer, form, made, old)
     made = replace(made, uncertainty=pose_uncertainty(machine, made.poses, source_file))
-    warned += _refuse_worse(made, machine.source, regardless)
+    _refuse_worse(made, machine.source, regardless)
     known = source_file.with_name(KNOWLEDGE) if made.uncertainty.frame else None
     source = source_of("export", [*machine.inputs, *files_of(old, poses, known)], None)
     record = record_of(made, machine.name, source)
@@ -104,25 +104,17 @@ def _copied(writer: Exporter, form: str, made: Exported, old: Path_ | None) -> E
     return out
 
 
-def _refuse_worse(made: Exported, source: str, regardless: bool) -> list[str]:
+def _refuse_worse(made: Exported, source: str, regardless: bool) -> None:
     """Refuse numbers with which the machine misses more than with the old ones.
 
-    Returns:
-        That they are no better, as far as the model is known.
+    The model's own uncertainty is in both errors, and decides nothing.
 
     Raises:
         NoResult: with both errors, if the model is exact.
     """
-    before, after, predicted = made.before.rms, made.after.rms, made.predicted
-    if after > before + NO_GAIN * MM:
-        if regardless:
-            return []     # the record says it
+    before, after = made.before.rms, made.after.rms
+    if after > before + NO_GAIN * MM and not regardless:    # else the record says it
         raise NoResult(
             f"the new {made.title} numbers are worse than the old ones: {after / MM:.3g} mm rms "
             f"with them, {before / MM:.3g} mm without", source,
-            "Keep the old ones; --force writes the new ones all the same")
-    if predicted is not None and predicted.rms > before + NO_GAIN * MM:
-        return [f"the new {made.title} numbers are not known to be better than the old ones: "
-                f"{predicted.rms / MM:.3g} mm rms expected, {before / MM:.3g} mm with the old "
-                "ones if the model is exact; measure more, or keep the old ones"]
-    return []
+            "Keep the old ones; --regardless writes the new ones all the same")

@@ -42,7 +42,9 @@ from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import stage
 
 NOTHING = 1e-9
-"""Errors below this part of the reach, or of a radian, are arithmetic."""
+"""Errors and steps below this part of the reach, or of a radian, are arithmetic."""
+KINDS = {"position": "length", "rotation": "angle"}
+"""Errors that are told, each by itself, and their quantity."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,10 @@ class Compensation:
 
     ``command`` is the pose to ask of a controller that uses the nominal geometry; ``seen``
     (N, 6) the wanted pose as measured, open coordinates solved for; ``pose`` (N, 6) that of the
-    platform in the base frame.
+    platform in the base frame. ``position_before`` ... ``rotation_after``: errors of the nominal
+    and of the corrected commands if the model is exact (N,), m and rad; ``sigma_position``,
+    ``sigma_rotation``: the model's own standard deviation at the corrected commands,
+    ``sigma_position_before``, ``sigma_rotation_before`` at the nominal ones (N,), nan: unknown.
     """
 
     q: Array
@@ -106,8 +111,38 @@ class Compensation:
     rotation_after: Array
     sigma_position: Array
     sigma_rotation: Array
+    sigma_position_before: Array
+    sigma_rotation_before: Array
     status: tuple[str, ...]
     reason: tuple[str, ...]
+
+    def expected(self, kind: str) -> tuple[Array, Array]:
+        """Return the rms errors (N,) to expect of nominal and of corrected commands, m or rad.
+
+        What is not known of the model is not known of either: both have it. Where it is unknown
+        how much that is, what is left of corrected commands is nan, and the nominal ones' error is
+        that of an exact model.
+
+        Args:
+            kind: ``position`` or ``rotation``.
+        """
+        unknown = np.nan_to_num(getattr(self, f"sigma_{kind}_before"))
+        return (np.hypot(getattr(self, f"{kind}_before"), unknown),
+                np.hypot(getattr(self, f"{kind}_after"), getattr(self, f"sigma_{kind}")))
+
+    def rms(self, kind: str) -> tuple[float | None, float | None, float | None]:
+        """Return rms over the commands, m or rad: expected before and after, the model's sigma.
+
+        None: unknown, or no command. Argument as that of :meth:`expected`.
+        """
+        before, after = self.expected(kind)
+        rows = finite_rows(self.q) & np.isfinite(before + getattr(self, f"{kind}_after"))
+        return _rms(before[rows]), _rms(after[rows]), _rms(getattr(self, f"sigma_{kind}")[rows])
+
+
+def _rms(values: Array) -> float | None:
+    known = values.size > 0 and bool(np.isfinite(values).all())
+    return float(np.sqrt(np.mean(values**2))) if known else None
 
 
 @stage("finding commands")
@@ -164,24 +199,29 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     believed = registration
     if knowledge is not None and dataset in knowledge.before:
         believed = knowledge.before[dataset]
-    before, q_nominal = _uncorrected(model, nominal, registration, believed, full, wanted, rows)
+    before, reached, q_nominal = _uncorrected(model, nominal, registration, believed, full, wanted,
+                                              rows)
     _refuse_unexplained(model, nominal, registration, full, q_nominal, rows, before, status, reason)
     good = np.array([s == "ok" for s in status])
     sigma = pose_sigma(model, before_events, full, table.q, good, knowledge, dataset, rows)
     if knowledge is not None:
         good = _refuse_unknown(good, sigma, status, reason)
     result = _after(model, nominal, registration, table.q, full, good, rows)
+    sigma_before = pose_sigma(model, before_events, reached, q_nominal,
+                              good & finite_rows(reached), knowledge, dataset, rows)
     q = np.where(good[:, None], table.q, np.nan)
     seen = measured_pose(registration, pose_motor(full))
     return Compensation(q, q_nominal, result[0], seen, full, before[0], result[1], before[1],
-                        result[2], sigma[0], sigma[1], tuple(status), tuple(reason))
+                        result[2], *sigma, *sigma_before, tuple(status), tuple(reason))
 
 
 @stage("predicting errors without correction")
 def _uncorrected(model: Model, nominal: Model, registration: Registration,
                  believed: Registration, full: Array, wanted: Array, rows: Environment
-                 ) -> tuple[tuple[Array, Array], Array]:
-    """Errors (N,) position and rotation of the nominal commands, and those commands (N, k).
+                 ) -> tuple[tuple[Array, Array], Array, Array]:
+    """Errors (N,) of the nominal commands, poses reached by them (N, 6), and they (N, k).
+
+    Errors of position and rotation, if the model is exact; poses in the base frame.
 
     The nominal machine is asked for the wanted pose in the frame in which it fits the
     measurements best, ``believed``; what its closure does not allow is left to it.
@@ -191,7 +231,7 @@ def _uncorrected(model: Model, nominal: Model, registration: Registration,
         asked = named_only(nominal.mechanism, asked)
     table = inverse_table(nominal, asked)
     real = reached_poses(model, table.q, rows)
-    return _errors(registration, real.pose, pose_motor(full)), table.q
+    return _errors(registration, real.pose, pose_motor(full)), pose_vector(real.pose), table.q
 
 
 def _refuse_unexplained(model: Model, nominal: Model, registration: Registration, full: Array,

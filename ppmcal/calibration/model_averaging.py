@@ -25,6 +25,8 @@ from ppmcal.model.mechanism import Mechanism
 
 UNREACHED = ("where it leads is not known: a machine that the measurements do not tell from this "
              "one does not take these joint values")
+OWN = ("q", "command", "seen", "pose", "position_after", "rotation_after", "status", "reason")
+"""What commands of another machine replace; nominal commands and uncertainties stay."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +102,7 @@ def averaged(model: Mechanism, result: Compensation, readings: Readings,
             note += (": left out of these commands, which would be off by "
                      f"{_rms(own[0]) / length:.3g} {model.units.length} with it and are by "
                      f"{_rms(plain[0]) / length:.3g} without, over these readings")
-            result, own = replace(bare, sigma_position=result.sigma_position,
-                                  sigma_rotation=result.sigma_rotation), plain
+            result, own = replace(result, **{name: getattr(bare, name) for name in OWN}), plain
         else:
             note += "; what that changes at the targets is in the uncertainty"
     result = refused(result, dict.fromkeys(

@@ -39,7 +39,8 @@ def without_outliers(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]
         bad = worst(found, keep, factor)
         if not bad or len(dropped) >= total // 3:
             break
-        for i, n, _ in bad[:max(1, total // 50)]:
+        # the worst half of many: a round is a fit, and who does belong is taken back at the end
+        for i, n, _ in bad[:max(1, total // 50, len(bad) // 2)]:
             keep[i][n] = False
             dropped.add((i, n))
         fit = fit_rows(fit.problem, fit.state, keep, reasons, fit.prior, short, fit.prior_scale)

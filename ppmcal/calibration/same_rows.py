@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from decimal import Decimal
+from typing import Any
 
 import numpy as np
 
@@ -84,7 +85,7 @@ def partners(one: Array, two: Array, away: Array) -> tuple[Ints, Ints]:
     """
     from scipy.spatial import cKDTree  # slow to import, asked of several files only
 
-    near = cKDTree(one / away).query_ball_point(two / away, 1.0, p=np.inf)
+    near: Any = cKDTree(one / away).query_ball_point(two / away, 1.0, p=np.inf)
     count = np.array([len(n) for n in near], dtype=np.int64)
     found = np.concatenate([np.zeros(0), *(np.asarray(n, dtype=float) for n in near)])
     return found.astype(np.int64), np.repeat(np.arange(len(two)), count)

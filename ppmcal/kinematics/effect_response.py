@@ -225,7 +225,7 @@ def shifted(model: Model, environment: Environment, q: Array, pose: Array) -> Mo
     """
     if not model.mechanism.effects:
         return model
-    now = _shifted(model, environment, q, pose)
+    now = shifted_once(model, environment, q, pose)
     if any(e.kind.uses_load for e in model.mechanism.effects):
         now = _settled(now, environment, q, pose)
     return now
@@ -236,8 +236,8 @@ def _settled(now: Model, environment: Environment, q: Array, pose: Array) -> Mod
     reach = now.mechanism.reach
     last, lost = np.full(len(q), np.inf), np.zeros(len(q), dtype=bool)
     for left in range(ROUNDS - 1, -1, -1):
-        before, now = now, _shifted(now, environment, q, pose)
-        change = _apart(before, now, len(q))
+        before, now = now, shifted_once(now, environment, q, pose)
+        change = slots_apart(before, now, len(q))
         lost |= hopeless(change, last, SETTLED * reach, left, reach)
         last = change
         if not np.any((change > SETTLED * reach) & ~lost):
@@ -271,8 +271,11 @@ def hopeless(change: Array, last: Array, limit: float, left: int, reach: float) 
     return np.asarray(moves & ((factor >= 1.0) | (needed > 2.0 * left)))
 
 
-def _shifted(model: Model, environment: Environment, q: Array, pose: Array) -> Model:
-    """Return the model with its effects, loads being those of ``model`` as it is."""
+def shifted_once(model: Model, environment: Environment, q: Array, pose: Array) -> Model:
+    """Return the model with its effects, loads being those of ``model`` as it is.
+
+    One round of what :func:`shifted` repeats; arguments as there.
+    """
     at = setting(replace(model, shift=None), environment, q, pose, model)
     whole = total([t.shift for _, t in effect_terms(model.mechanism, model.parameters, at)])
     n = q.shape[0]
@@ -319,7 +322,7 @@ def final_shift(mechanism: Mechanism) -> Shift:
     return total([t.shift for e, t in terms if e.kind.onset and e.kind.instrument])
 
 
-def _apart(before: Model, now: Model, rows: int) -> Array:
+def slots_apart(before: Model, now: Model, rows: int) -> Array:
     """Return by how much slots of two shifted models differ at most, row by row (N,)."""
     old, new = (m.shift.slots if m.shift else {} for m in (before, now))
     out = np.zeros(rows)

@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import ROUNDS, SETTLED, hopeless, shifted
+from ppmcal.kinematics.effect_response import (
+    ROUNDS,
+    SETTLED,
+    hopeless,
+    shifted,
+    shifted_once,
+    slots_apart,
+)
 from ppmcal.kinematics.forward import Forward, forward, moved, newton
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Environment, unknown_environment
@@ -118,20 +125,23 @@ def _newton(model: Model, q: Array, closed: Array) -> Array:
 def _settle(model: Model, q: Array, rows: Environment, closed: Array) -> tuple[Array, Model]:
     """Repeat closure and loads until they belong together; rows that will not become nan at once.
 
-    Only rows that still move are solved again: the cost is that of the rows that need it.
+    Only rows that still move are solved again, and loads once in each round: the cost is that of
+    the rows that need it.
     """
-    limit = SETTLED * model.mechanism.reach
-    now, closed = shifted(model, rows, q, closed), closed.copy()
-    active = np.arange(q.shape[0])
+    reach = model.mechanism.reach
+    now, closed = shifted_once(model, rows, q, closed), closed.copy()
+    active = np.flatnonzero(finite_rows(closed))
     last = np.full(q.shape[0], np.inf)
     for left in range(ROUNDS - 1, -1, -1):
         new = _newton(now.take(active), q[active], closed[active])
         change = np.abs(cga.translation(new) - cga.translation(closed[active])).max(axis=1)
-        lost = hopeless(change, last[active], limit, left, model.mechanism.reach)
+        closed[active] = new
+        before, now = now, shifted_once(now, rows, q, closed)
+        change = np.maximum(change, slots_apart(before, now, q.shape[0])[active])
+        lost = hopeless(change, last[active], SETTLED * reach, left, reach)
         last[active] = change
-        closed[active] = np.where(lost[:, None], np.nan, new)
-        now = shifted(now, rows, q, closed)
-        active = active[(change > limit) & ~lost]   # no pose, nan, is not above it
+        closed[active[lost]] = np.nan
+        active = active[(change > SETTLED * reach) & ~lost]   # no pose, nan, is not above it
         if not active.size:
             break
     return closed, now

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ppmcal.kinematics import equilibrium
 from ppmcal.kinematics.effect_response import ROUNDS, SETTLED, hopeless
 
 REACH = 0.5
