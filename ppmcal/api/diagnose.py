@@ -28,6 +28,7 @@ from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import one_session, session_masks
 from ppmcal.calibration.summary import Identification
+from ppmcal.calibration.tolerated_noise import noise_beyond_tolerances
 from ppmcal.calibration.wrong_rows import refuse_wrong_part
 from ppmcal.design.missing_poses import weak_campaign
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
@@ -157,7 +158,9 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
     begin("judging the campaign")
     fit = found.identification.fit
     campaign = weak_campaign(fit, seed)
-    found = replace(found, findings=(*units, *left_over(found.before, seed), *found.findings),
+    asked = [*left_over(found.before, seed),
+             *noise_beyond_tolerances(fit, [d.estimated for d in datasets])]
+    found = replace(found, findings=(*units, *asked, *found.findings),
                     identification=replace(found.identification, campaign=campaign))
     found = replace(found, proposal=with_poses(found.proposal, campaign))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)

@@ -13,15 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.compensation import KINDS, Compensation
+from ppmcal.calibration.compensation import KINDS, NOTHING, Compensation
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.ways import Ways
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
 
-NOTHING = 1e-9
-"""Errors and steps below this part of the reach are arithmetic."""
 WORSE = 1.01
 """Errors that differ by less are equal: the model's uncertainty is predicted linearly."""
 JUMP = 0.25

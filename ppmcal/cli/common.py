@@ -49,8 +49,8 @@ verbose_option = click.option(
     "long it took; -vv: each iteration too.")
 leave_out_option = click.option(
     "--leave-out", type=click.Choice(["session"]), default=None,
-    help="Predict each session (file, or label of a column `session`) by the others, in place of "
-    "held-out poses.")
+    help="Predict each session (label of a column `session`, or files of one campaign) by the "
+    "others, in place of held-out poses.")
 
 
 def refuse_two_holdouts(leave_out: str | None) -> None:

@@ -31,7 +31,7 @@ ROWS = 24
 
 
 @click.command("export", epilog=examples(
-    "ppmcal export klipper fitted-printer --old printer.cfg",
+    "ppmcal export klipper fitted-printer --old printer.cfg --write",
     "ppmcal export grid identified --poses targets.csv"))
 @click.argument("form", metavar="FORMAT", shell_complete=completion.exports)
 @click.argument("model", type=MODEL)
@@ -41,10 +41,13 @@ ROWS = 24
 @click.option("--old", type=FILE, default=None,
               help="The controller's file in use, to predict the gain against  [default: the "
               "nominal values of MODEL].")
+@click.option("--write", is_flag=True,
+              help="Write a copy of --old with the new numbers as well (klipper), such as its own "
+              "reader takes them.")
 @click.option("--poses", type=FILE, default=None,
               help="Wanted poses, for formats that are tables of them.")
 @console_options
-def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | None,
+def command(form: str, model: Path, out: Path, old: Path | None, write: bool, poses: Path | None,
             regardless: bool, console: Console) -> None:
     """Write MODEL as a controller's configuration takes it.
 
@@ -62,7 +65,7 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     """
     from ppmcal.api.export import export
 
-    result = export(form, model, old=old, poses=poses, regardless=regardless)
+    result = export(form, model, old=old, poses=poses, write=write, regardless=regardless)
     written = result.save(out)
     _show(result.record, console)
     console.warn(result.findings)
