@@ -37,7 +37,12 @@ from ppmcal.calibration.safe_commands import (
 from ppmcal.errors import BadInput, NoResult, unknown
 from ppmcal.io import read_poses
 from ppmcal.io.poses import PoseTable
-from ppmcal.io.results.commands import CommandsRecord, accepted_sentence, command_files
+from ppmcal.io.results.commands import (
+    CommandsRecord,
+    accepted_sentence,
+    command_files,
+    target_sentence,
+)
 from ppmcal.io.results.knowledge import knowledge_of, read_identification
 from ppmcal.io.results.other_models import read_other_models
 from ppmcal.io.results.own_calibration import of_other_values
@@ -107,6 +112,10 @@ class CompensationResult(Result):
         return (f"{self.mechanism.name}: {accepted_sentence(total - len(self.refused), total)}, "
                 f"in the frame of {self.frame or 'the base'}.")
 
+    def point(self) -> str:
+        """Return which point of the platform targets are of, as a sentence."""
+        return target_sentence(self.mechanism, self.frame)
+
     def errors(self, kind: str = "position") -> tuple[float | None, float | None]:
         """Return rms errors to expect without and with correction, SI; None: unknown.
 
@@ -127,8 +136,9 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
             :func:`ppmcal.diagnose` returned.
         targets: poses: path of a CSV, data frame, mapping of columns or array (N, d) of the
             machine's coordinates, in the mechanism file's units.
-        frame: data set whose measuring frame the targets are in, or ``base``  [default: the
-            model's only data set].
+        frame: data set whose measuring frame the targets are in: poses of the mark that it
+            measured, as its instrument would show them. Or ``base``: poses of the platform's origin
+            in the base frame  [default: the model's only data set].
         knowledge: identification.json of the model  [default: beside its file].
         approach: directions of approach: from dir_ ``columns``, or from the order of the
             targets: ``sequence``.

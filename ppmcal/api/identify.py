@@ -23,6 +23,7 @@ from ppmcal.api.inputs import (
     started,
 )
 from ppmcal.api.result import Progress
+from ppmcal.calibration.campaign import too_few
 from ppmcal.calibration.change_detection import carried_on
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.freedom_choice import (
@@ -127,7 +128,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
             refuse_other_machine(found.fit)
     begin("judging the campaign")
     campaign = weak_campaign(found.fit, seed)
-    asked = list[str]()
+    # what an earlier calibration knew may be all that so few poses lack
+    asked = [] if before is not None or not problem.free else list(too_few(fit))
     if chosen == "prior":
         asked += hint_sentences(found.fit, registration_hints(found.fit))
     asked += left_over(fit, seed)

@@ -130,15 +130,30 @@ def _stroke(fit: Fit) -> Iterable[str]:
 
 def few_poses(fit: Fit) -> Iterable[str]:
     """Yield that there are few numbers for so many unknowns, frames included."""
+    columns, count, poses = _numbers(fit)
+    if count < FEW * columns:
+        yield (f"{counted(poses, 'pose')} give {counted(count, 'number')} for "
+               f"{counted(columns, 'unknown')}")
+
+
+def too_few(fit: Fit) -> Iterable[str]:
+    """Yield that the measured numbers are fewer than the unknowns, so that no fit can tell them."""
+    columns, count, poses = _numbers(fit)
+    if count < columns:
+        yield (f"{counted(poses, 'pose')} give {counted(count, 'number')} for "
+               f"{counted(columns, 'unknown')}: the tolerances decide what these data cannot, and "
+               "a fit to the noise shows nothing; measure more poses")
+
+
+def _numbers(fit: Fit) -> tuple[int, int, int]:
+    """Return how many unknowns there are, frames included, measured numbers for them, and poses."""
     columns, count, poses = len(fit.problem.columns), 0, 0
     for data, keep in zip(fit.problem.datasets, fit.keep, strict=True):
         # a pose measured again tells noise, or effects, and nothing new of the geometry
         own = np.unique(data.groups[keep]).size
         poses += own
         count += own * len(coordinates(data, fit.problem.mechanism.motion))
-    if count < FEW * columns:
-        yield (f"{counted(poses, 'pose')} give {counted(count, 'number')} for "
-               f"{counted(columns, 'unknown')}")
+    return columns, count, poses
 
 
 def grouped(mechanism: Mechanism, some: Sequence[str], among: Sequence[str]) -> tuple[str, ...]:

@@ -206,9 +206,9 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     sigma = pose_sigma(model, before_events, full, table.q, good, knowledge, dataset, rows)
     if knowledge is not None:
         good = _refuse_unknown(good, sigma, status, reason)
-    result = _after(model, nominal, registration, table.q, full, good, rows)
     sigma_before = pose_sigma(model, before_events, reached, q_nominal,
                               good & finite_rows(reached), knowledge, dataset, rows)
+    result = _after(model, nominal, registration, table.q, full, good, rows)
     q = np.where(good[:, None], table.q, np.nan)
     seen = measured_pose(registration, pose_motor(full))
     return Compensation(q, q_nominal, result[0], seen, full, before[0], result[1], before[1],

@@ -35,7 +35,8 @@ class Misread(NoResult):
     @classmethod
     def of(cls, found: Sequence[Misreading], units: Units) -> Misread:
         """Return the refusal that names the mistakes and the lines that mend them."""
-        what = "; ".join(misreading_sentence(m, units) for m in found)
+        several = len({m.source for m in found}) > 1
+        what = "; ".join(f"{m.source}: " * several + misreading_sentence(m, units) for m in found)
         error = cls(what, ", ".join(m.source for m in found), mend_of(found))
         error.found, error.units = tuple(found), units
         return error
@@ -57,10 +58,13 @@ def misreading_sentence(found: Misreading, units: Units) -> str:
 
 def mend_of(found: Sequence[Misreading]) -> str:
     """Return the lines to write into the sidecars, or what else to do."""
-    blocks = [block_text(m.block) for m in found if m.block is not None]
-    own = [MENDS[x.kind] for m in found for x in m.mistakes if x.kind in MENDS]
-    if own:
-        return own[0]
+    blocks: dict[str, list[str]] = {}
+    for m in found:
+        if m.block is not None:
+            blocks.setdefault(block_text(m.block), []).append(m.source)
+    unmended = [MENDS[x.kind] for m in found for x in m.mistakes if x.kind in MENDS]
+    if unmended:
+        return unmended[0]
     if not blocks and any(x.rows and x.kind not in PLAIN for m in found for x in m.mistakes):
         return ("Put those rows into a file of their own whose sidecar says so, or leave them "
                 "out")
@@ -71,5 +75,9 @@ def mend_of(found: Sequence[Misreading]) -> str:
                 f"Correct the zero of {', '.join(beyond)}: its offset in the mechanism file, or "
                 "the column; or the limits, if they are wrong")
     mirrored = any(x.kind == "mirrored" for m in found for x in m.mistakes)
-    return "Write into the sidecar: " + "; ".join(f"`read: {b}`" for b in blocks) + (
+    named = len({m.source for m in found}) > 1    # which file is meant must be said then
+    place = {b: f"sidecar{'s' * (len(own) > 1)} of {' and '.join(own)}" if named else "sidecar"
+             for b, own in blocks.items()}
+    return "Write into the " + "; into the ".join(
+        f"{place[b]}: `read: {b}`" for b in blocks) + (
         ". Or correct the mechanism file, if it has the mirror image" if mirrored else "")

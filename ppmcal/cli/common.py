@@ -262,15 +262,21 @@ class Console:
 
     @contextmanager
     def misread(self) -> Iterator[None]:
-        """Print, where ``--json`` asks for it, how files that were read wrongly are to be read."""
+        """Print, where ``--json`` asks for it, why there is no result.
+
+        Of files that were read wrongly also how they are to be read.
+        """
         from ppmcal.calibration.misread import Misread
+        from ppmcal.errors import PpmcalError
         from ppmcal.io.results.misreading import FORMAT, misreading_entries
 
         try:
             yield
-        except Misread as error:
-            entries = misreading_entries(error.found, error.units)
-            self.summary({"format": FORMAT, "misreadings": [e.model_dump() for e in entries]})
+        except PpmcalError as error:
+            entries = misreading_entries(error.found, error.units) if isinstance(
+                error, Misread) else ()
+            self.summary({"format": FORMAT, "exit_code": error.exit_code, "reason": str(error),
+                          "misreadings": [e.model_dump() for e in entries]})
             raise
 
 

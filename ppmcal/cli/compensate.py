@@ -28,8 +28,9 @@ from ppmcal.cli.common import (
 @regardless_option("a model whose residuals are far beyond the noise of its own measurements, and "
                    "of corrections that are predicted to be worse than none")
 @click.option("--frame", metavar="NAME", default=None,
-              help="Data set whose measuring frame the targets are in, or 'base' for platform "
-              "poses in the base frame  [default: the model's only data set].")
+              help="Data set whose measuring frame the targets are in: poses of the mark that it "
+              "measured, which need not be the platform's origin. Or 'base': poses of the "
+              "platform's origin in the base frame  [default: the model's only data set].")
 @click.option("--knowledge", type=FILE, default=None,
               help="identification.json of MODEL  [default: beside it].")
 @click.option("--approach", type=click.Choice(["columns", "sequence"]), default="columns",
@@ -46,6 +47,9 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
             console: Console) -> None:
     """Turn the wanted poses TARGETS into corrected commands of the identified MODEL.
 
+    Without --frame base, TARGETS say where the measured mark is to be, in the frame of the
+    instrument that measured it; with it, where the platform's origin is to be, in base axes.
+
     Rows outside limits, across singularities, far outside the measured volume, worse off with
     the correction than without, or not to be come to safely from the row before are refused, each
     with its reason. A model whose residuals are far beyond the noise of its own measurements is
@@ -57,6 +61,7 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
                         path=path, assume=_assumed(assume), regardless=regardless)
     written = result.save(out)
     console.say(result.headline())
+    console.say(result.point())
     for kind, size in result.record.predicted.items():
         if size.words():
             console.say(f"Predicted {kind} error: {size.words()}.")

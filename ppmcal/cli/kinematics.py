@@ -55,22 +55,12 @@ from ppmcal.wording import counted
 def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, rotation: str,
             method: str, dataset: str | None, all_modes: bool, pictures: bool, seed: int | None,
             console: Console) -> None:
-    r"""Kinematics of every row of TABLE (poses, joints, or poses with velocities).
+    """Kinematics of every row of TABLE (poses, joints, or poses with velocities).
 
     Rows are a path in their order: singularities crossed and assembly modes changed on the
     way are marked. Velocities vx, vy, vz, wx, wy, wz are those of the tool point and the
     angular velocity in base axes. Writes kinematics.csv and kinematics.json, and pictures if
     they are asked for.
-
-    \b
-    ppmcal kinematics inverse 6-UPS.yaml poses.csv
-    ppmcal kinematics inverse 6-UPS.yaml poses.csv --tool 0,0,120
-    ppmcal kinematics inverse 6-UPS.yaml poses.csv --rotation euler-ZYX
-    ppmcal kinematics forward 6-UPS.yaml joints.csv --rotation quat
-    ppmcal kinematics forward 3-RPR.yaml joints.csv --method intersection
-    ppmcal kinematics forward 3-RPR.yaml joints.csv --all
-    ppmcal kinematics inverse 6-UPS.yaml path.csv --pictures
-    ppmcal kinematics velocity 3-RPR.yaml moves.csv --tool 30,-15
     """
     from ppmcal.api.kinematics import kinematics
     from ppmcal.io.results.kinematics import LOCKED

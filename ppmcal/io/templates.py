@@ -43,7 +43,14 @@ def find_template(name: str) -> Path:
         BadInput: no such kind; lists them all.
     """
     by_name = {n.lower(): n for n in templates()}
-    wanted = by_name.get(name.lower().removesuffix(".yaml"))
+    asked = name.lower().removesuffix(".yaml")
+    wanted = by_name.get(asked)
+    # 3-PRR does not say which joint is driven: the slides come first
+    several = [n for n in templates() if n.lower().startswith(f"{asked}-")]
+    if wanted is None and several:
+        listed = "; ".join(f"{n} ({templates()[n].partition(':')[0]})" for n in several)
+        raise BadInput(f"there is more than one '{name}'" if len(several) > 1 else
+                       f"'{name}' does not say which joint is driven", "init", f"Give {listed}")
     if wanted is None:
         raise unknown("mechanism", name, templates(), "init")
     return folder() / f"{wanted}.yaml"

@@ -104,7 +104,7 @@ def test_sessions_alike_keep_the_noise_s_intervals() -> None:
     assert [s.session for s in entry.sessions] == ["day1", "day2", "day3"]
     assert entry.high - entry.low == pytest.approx(2 * Z95 * entry.sigma_sessions)
     header = record.files(found)["parameters.csv"].splitlines()[0]
-    assert header.endswith("status,sigma_sessions,disagree")
+    assert header.endswith("status,low,high,sigma_sessions,disagree")
 
 
 @pytest.mark.parametrize("curved", [False, True])

@@ -192,7 +192,9 @@ def test_another_machines_file_has_no_winner_and_nothing_is_written(tmp_path: Pa
 
     done = ppmcal("identify", MACHINE, session(tmp_path, another), "--out", tmp_path / "o",
                   "--json", expect=3)
-    assert json.loads(done.out) == {"format": "ppmcal/misread/1", "misreadings": []}
+    said = json.loads(done.out)
+    assert "do not fit this machine" in said.pop("reason")
+    assert said == {"format": "ppmcal/misread/1", "exit_code": 3, "misreadings": []}
     assert "do not fit this machine" in done.err
     assert not (tmp_path / "o").exists()
 

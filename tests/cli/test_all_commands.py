@@ -20,7 +20,7 @@ from ppmcal.io.folder_record import RECORD
 MACHINES = {"planar": "3-RPR", "translational": "delta-linear", "spatial": "6-UPS"}
 
 PARAMETERS = ["name", "nominal", "value", "error", "sigma", "sigma_data", "tolerance", "unit",
-              "status"]
+              "status", "low", "high"]
 PREDICTED = ["error_position_before", "error_position_after", "error_rotation_before",
              "error_rotation_after", "sigma_position", "sigma_rotation", "status", "reason"]
 SIDECAR = """format: ppmcal/dataset/1

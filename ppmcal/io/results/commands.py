@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
+import numpy as np
 from pydantic import Field
 
 from ppmcal.calibration.compensation import KINDS, Compensation
@@ -50,7 +51,8 @@ class TargetError(Part):
 class CommandsRecord(Record):
     """commands.json: how many targets have no command, and the ``units`` of every column.
 
-    ``predicted``: errors by kind, position and rotation; ``frame``: in which they are.
+    ``predicted``: errors by kind, position and rotation; ``frame``: in which they are;
+    ``targets``: which point of the platform targets are of; ``findings``: what needs a look.
     """
 
     FILE: ClassVar[str] = "commands.json"
@@ -59,6 +61,7 @@ class CommandsRecord(Record):
     rows: Whole | None = None
     refused: Whole | None = None
     frame: Text = ""
+    targets: Text = ""
     predicted: Mapping[Text, TargetError] = Field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     notes: tuple[Text, ...] = ()
@@ -71,6 +74,7 @@ class CommandsRecord(Record):
            findings: Sequence[str] = ()) -> CommandsRecord:
         """Return the record of commands whose columns are ``names``."""
         return cls(format=cls.FORMAT, rows=len(result.status), frame=frame or "base",
+                   targets=target_sentence(mechanism, frame),
                    predicted=_predicted(mechanism, result),
                    refused=sum(s != "ok" for s in result.status), findings=tuple(findings),
                    notes=tuple(notes),
@@ -126,6 +130,22 @@ def command_files(mechanism: Mechanism, result: Compensation, header: Sequence[s
     record = CommandsRecord.of(mechanism, result, [c.name for c in found], provenance, notes,
                                frame, findings)
     return {"commands.csv": table_text(found, mechanism.units), record.FILE: record.text()}, record
+
+
+def target_sentence(mechanism: Mechanism, frame: str) -> str:
+    """Return which point of the platform targets are of, in the frame of a data set or the base."""
+    if not frame:
+        return "Targets are poses of the platform's origin, in the base frame."
+    registration, units = mechanism.registration(frame), mechanism.units
+    place = registration.target[[c for c in mechanism.dof if c < 3]] / units.factor("length")
+    turned = (" and turned as that body is" if np.any(registration.target_rotation) else "")
+    if not place.any():
+        return (f"Targets are poses of the platform's origin{turned}, as {frame} measured it "
+                "(--frame base: in the base frame).")
+    at = ", ".join(f"{v:.4g}" for v in place)
+    return (f"Targets are where the mark that {frame} measured is to be{turned}: "
+            f"{np.linalg.norm(place):.4g} {units.length} from the platform's origin ({at} in its "
+            "axes). With --frame base they are poses of that origin.")
 
 
 def accepted_sentence(accepted: int, targets: int) -> str:

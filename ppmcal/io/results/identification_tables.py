@@ -18,7 +18,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 PARAMETERS = ("name", "nominal", "value", "error", "sigma", "sigma_data", "tolerance", "unit",
-              "status")
+              "status", "low", "high")
 SESSIONS = ("sigma_sessions", "disagree")
 COORDINATES = (*POSE_COORDINATES, "height", "distance")
 
@@ -26,6 +26,7 @@ COORDINATES = (*POSE_COORDINATES, "height", "distance")
 def parameters_csv(entries: Sequence[object]) -> str:
     """Return parameters.csv of entries of identification.json, in their units.
 
+    ``low`` and ``high`` are the ends of the 95 % interval, empty where there is none.
     Where intervals count more than noise, columns say so: ``sigma_sessions``, and ``disagree``, 1
     where sessions disagree.
     """
