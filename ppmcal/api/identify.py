@@ -165,7 +165,8 @@ def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
             raise BadInput(f"'{value}' is not a {name}", f"--{name}",
                            f"There are: {', '.join(allowed)}")
     if sigma == "estimated" and method == "damped":
-        raise BadInput("--sigma estimated goes with --method prior or gcv", "--method", "Choose one")
+        raise BadInput("--sigma estimated goes with --method prior or gcv", "--method",
+                       "Choose one")
     if method != "prior" and prior == "flat":
         raise BadInput(f"--prior flat goes with --method prior, not {method}", "--method",
                        "Choose one")
