@@ -2,9 +2,9 @@
 
 numba looks at a file's time and size to see whether a kept function is still the same, and not at
 the functions that it calls. Installed packages all have one time, and a sign that was mended has
-the size of the one that was not: so the folder is named by what is in the files. It is in the user's
-cache, never in the package: what an installer did not write it does not remove, and a folder that is
-left can still be imported.
+the size of the one that was not: so the folder is named by what is in the files. It is in the
+user's cache, never in the package: what an installer did not write it does not remove, and a folder
+that is left can still be imported.
 """
 
 from __future__ import annotations

@@ -204,7 +204,7 @@ def test_the_two_branch_settings_are_the_two_roots(kind: str) -> None:
 
 def test_a_strut_has_no_other_branch() -> None:
     """Its joint value is a distance: the other root closes the square, and is no length."""
-    with pytest.raises(BadInput, match=r"limbs.leg1.branch: .* never negative"):
+    with pytest.raises(BadInput, match=r"limbs.leg1.branch: .* and never negative"):
         either("U(P)S", -1)
     plain = either("U(P)S", None)
     assert (home_state(plain).q > 0.0).all()
