@@ -11,6 +11,8 @@ from ppmcal.io.results.record import Record
 
 RESULTS = {"identification": "identification.IdentificationRecord",
            "diagnosis": "diagnosis.DiagnosisRecord", "comparison": "comparison.ComparisonRecord",
+           "validation": "validation.ValidationRecord",
+           "verification": "verification.VerificationRecord",
            "commands": "commands.CommandsRecord", "kinematics": "kinematics.KinematicsRecord",
            "truth": "simulation.TruthRecord", "sensitivity": "sensitivity.SensitivityRecord",
            "tolerances": "tolerances.TolerancesRecord",
