@@ -11,13 +11,13 @@ from ppmcal.io.results.record import Record
 
 RESULTS = {"identification": "identification.IdentificationRecord",
            "diagnosis": "diagnosis.DiagnosisRecord", "comparison": "comparison.ComparisonRecord",
-           "validation": "validation.ValidationRecord",
-           "verification": "verification.VerificationRecord",
            "commands": "commands.CommandsRecord", "kinematics": "kinematics.KinematicsRecord",
            "truth": "simulation.TruthRecord", "sensitivity": "sensitivity.SensitivityRecord",
            "tolerances": "tolerances.TolerancesRecord",
            "stiffness": "stiffness.StiffnessRecord", "workspace": "workspace.WorkspaceRecord",
-           "plan": "plan.PlanRecord", "export": "export.ExportRecord"}
+           "plan": "plan.PlanRecord", "export": "export.ExportRecord",
+           "validation": "validation.ValidationRecord", "campaign": "batch.CampaignRecord",
+           "verification": "verification.VerificationRecord"}
 """Results by name, and the records that write and read them."""
 
 

@@ -72,6 +72,10 @@ class Problem:
     given: tuple[Environment, ...] | None = None
     earlier: Earlier | None = None
 
+    def alone(self, data: Dataset) -> Problem:
+        """Return the problem of one data set by itself, with a frame of its own."""
+        return replace(self, datasets=(data.alone(),), pivots=None, given=None, earlier=None)
+
     @cached_property
     def _layout(self) -> tuple[tuple[NuisanceColumns, ...], tuple[str, ...]]:
         return lay_out(self.mechanism, self.datasets, self.free, self.pivots)
@@ -125,7 +129,8 @@ class Problem:
         for d, pose in zip(self.datasets, poses, strict=True):
             if not finite_rows(pose).any():
                 raise no_pose(self.mechanism, d)
-        registrations = [replace(start_registration(unscaled(d), pose, self.mechanism.motion),
+        registrations = [replace(start_registration(unscaled(d), pose, self.mechanism.motion,
+                                                    self.mechanism.reach),
                                  scale=float(d.scale.value[0]))
                          for d, pose in zip(self.datasets, poses, strict=True)]
         for i, d in enumerate(self.datasets):

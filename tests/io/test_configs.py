@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from helpers.paths import ROOT
 from numpy.typing import NDArray
 
@@ -206,18 +203,3 @@ def test_the_126_of_the_linapod_are_a_comment_away(tmp_path: Path) -> None:
 def test_the_linapod_closes_to_the_digits_of_its_table() -> None:
     q = home_state(load("linapod").mechanism).q
     np.testing.assert_allclose(q, [1.221] * 3 + [1.933] * 3, rtol=0.0, atol=7.5e-4)
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "configs").rglob("*.yaml")),
-                         ids=lambda p: p.relative_to(ROOT).as_posix())
-def test_every_number_is_one_to_readers_of_yaml_1_1(path: Path) -> None:
-    """To those ``8.13e8`` is text: the exponent takes its sign."""
-    def words(node: object) -> Iterator[str]:
-        if isinstance(node, str):
-            yield node
-        elif isinstance(node, dict | list):
-            for inner in node.values() if isinstance(node, dict) else node:
-                yield from words(inner)
-
-    assert not [w for w in words(yaml.safe_load(path.read_text(encoding="utf-8")))
-                if re.fullmatch(r"[-+.\d]+e[-+]?\d+", w, re.IGNORECASE)]

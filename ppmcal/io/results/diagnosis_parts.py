@@ -47,9 +47,11 @@ class EventRow(Part):
     def of(cls, result: Diagnosis, onset: Onset) -> EventRow:
         """Return the row within its own file."""
         datasets = result.identification.fit.problem.datasets
-        own = next(d for d in reversed(datasets) if d.before < onset.row)
-        return cls(value=onset.row - own.before, low=max(onset.low - own.before, 1),
-                   high=onset.high - own.before, dataset=own.name)
+        # of files with one time line the first that was at work then
+        after = [d for d in datasets if d.before < onset.row]
+        own = next(d for d in after if d.before == after[-1].before)
+        return cls(value=own.row_at(onset.row), low=own.row_at(onset.low),
+                   high=own.row_at(onset.high), dataset=own.name)
 
 
 def kind_of(label: str) -> str:
