@@ -173,7 +173,8 @@ def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome
         set_size=float(np.mean([len(f) for f in families])) if families else 0.0,
         covered=coverage(found, result), closed="" if closed is None else f"{closed:.4f}",
         closed_truth=told(found, result, job.seed % 1000),
-        p_search=first.search.calibrated(float(first.log_p.min(initial=0.0))),
+        p_search=float(np.exp(first.search.over_all(float(
+            first.log_p.min(initial=0.0))))),
         p_left=result.remainder.p_value, seconds=round(seconds, 2))
 
 

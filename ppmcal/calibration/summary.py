@@ -26,7 +26,7 @@ from ppmcal.calibration.extrapolation import from_home
 from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import Identifiability, identifiability
-from ppmcal.calibration.intervals import honest, in_words
+from ppmcal.calibration.intervals import by_noise, honest, in_words
 from ppmcal.calibration.left_out_rows import (
     DoubtfulStretch,
     LeftOut,
@@ -34,7 +34,13 @@ from ppmcal.calibration.left_out_rows import (
     left_out,
 )
 from ppmcal.calibration.measured_ranges import measured_by
-from ppmcal.calibration.noise import LEAST, Noise, noise_check, with_noise
+from ppmcal.calibration.noise import (
+    LEAST,
+    Noise,
+    against_tolerances,
+    noise_check,
+    with_noise,
+)
 from ppmcal.calibration.other_branch import branch_findings
 from ppmcal.calibration.outliers import GrossErrors, find_gross_errors
 from ppmcal.calibration.posterior import BENT, Posterior
@@ -165,6 +171,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     rank, total, redundant = rank_of(fit)
     wrong = find_gross_errors(fit), tuple(flats(fit))
     fit = with_noise(fit, inflation, options)
+    noise = against_tolerances(noise, fit)
     try:
         sessions, blocks = honest(fit, inflation)
     except LinearAlgebraError as error:
@@ -174,7 +181,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
             f"the intervals could not be had: the residuals are {noise.sigma_ratio:.3g} times the "
             "stated noise", mend="State the sigma that the instrument has") from error
     wider = sessions or blocks
-    found = estimates(fit, rank, wider)
+    found = estimates(fit, rank, wider, by_noise(fit, options))
     mechanism = replace(with_estimates(fit, found), measured=measured_by(fit, noise))
     was = before(fit.problem, fit.keep)
     stood = {**registered(fit.problem, fit.state), **was.registrations}
@@ -228,6 +235,12 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    + (" and the data count too little against the tolerances" if fit.prior.any()
                       else "") + "; correct it, or use --sigma estimated")
     out += branch_findings(fit.problem, fit.state)
+    if noise.tight:
+        times = (noise.prior_chi2 / noise.prior_degrees) ** 0.5
+        out.append(f"the machine's errors are {times:.2g} times what tolerances and noise allow "
+                   f"(p = {noise.prior_p:.2g}): the tolerances are too tight, or something is "
+                   "missing in the model, so 95 % intervals hold less often; widen the tolerances "
+                   "or use --prior flat")
     out += in_words(fit, wider)
     far = far_from_nominal(found)
     if far:

@@ -76,7 +76,7 @@ def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = Non
         geometry, {"delta_radius": radius_from, "rods": arms_from, "endstops": ends_from},
         np.inf if radius_from == _SAVED else tolerance(LEAST_RADIUS, abs(radius - active.radius)),
         np.inf if ends_from == _SAVED else tolerance(LEAST_OFFSET, apart),
-        LEAST_RODS if known else WIDE_RODS, known, tuple(findings))
+        WIDE_RODS if rods is None else LEAST_RODS, known, rods is not None, tuple(findings))
 
 
 def _radius(config: Config, body: _Body, active: DeltaGeometry, findings: list[str]

@@ -148,7 +148,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
         # a geometry that nobody has built absorbs whatever is wrong
         verdict = "unnamed" if verdict == "none" else verdict
     return Diagnosis(
-        verdict, effects if named else (),
+        verdict, _over_all(found, effects) if named else (),
         tables.possible(found, effects, verdict, lasting.lost), left, start, gap,
         _places(found, named, options.seed),
         tables.candidates(found, effects if named else (), lasting.lost),
@@ -243,6 +243,14 @@ def _effects(found: Found, alternatives: Alternatives, survive: Mapping[int, Sur
                 (*(r.odds for r in others), *(np.nan for _ in alike)), hypothesis,
                 survives=survive.get(i)))
     return tuple(out)
+
+
+def _over_all(found: Found, effects: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
+    """Return the effects with the chance over all that was tried, not that of each alone."""
+    told = found.first.search.over_all
+    return tuple(replace(e, p_value=probability(told(e.log_p)), log_p=told(e.log_p),
+                         survives=e.survives and replace(
+                             e.survives, log_p=told(e.survives.log_p))) for e in effects)
 
 
 def _of(hypothesis: Hypothesis, added: Sequence[Added]) -> list[Added]:

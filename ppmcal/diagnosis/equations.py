@@ -1,4 +1,4 @@
-"""Learned terms as short equations, where these do as well in poses that no fit has seen.
+"""Learned terms as short equations, where these do as well in poses left out of the fits.
 
 Sparse regression of what is left, free of geometry, named effects and the other terms, on forms of
 the term's own inputs (Brunton et al. 2016, SINDy), with the threshold of learned terms for every

@@ -1,9 +1,10 @@
 """What is gone of the gap, on poses that were held out of the fits.
 
 No row is left out because one of the two models misses it: what the model under test misses is
-what the gap is to show. A gross error is missed by both of them. Such a row counts for as much as
-the largest error that chance gives, by the model that misses it less, and its error under the other
-model in proportion: it cannot outweigh all other rows, and is no reason to prefer either.
+what the gap is to show. A gross error is missed by both of them. Of such a row only the difference
+between the two counts: its errors are scaled, both alike, until the smaller one is as large as the
+largest that chance gives; what they then have in common beyond the noise is taken out of both. It
+cannot outweigh all other rows, and is no reason to prefer either model.
 """
 
 from __future__ import annotations
@@ -147,8 +148,7 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
     told = np.minimum(old.variance, new.variance) / count <= own
     if not told.any():
         told = np.ones_like(told)
-    weight = common_weights(old, new, noise, told)
-
+    squares, variances = without_common_misses(old, new, noise, told)
     labels, group = np.unique(new.group[told], return_inverse=True)
 
     def per_pose(values: Array) -> Array:
@@ -156,10 +156,8 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
         return np.asarray(sums, dtype=np.float64)
 
     table = np.stack([per_pose(v) for v in (
-        weight * old.square, weight * new.square,
         # where a fit predicts nothing, its own doubt is no excuse
-        weight * np.minimum(old.variance, own * count),
-        weight * np.minimum(new.variance, own * count), new.count)])
+        *squares, *(np.minimum(v, own * count) for v in variances), new.count)])
     whole = table.sum(axis=1)
     sums = _bootstrap(table, seed)
     closed, change = _closed(whole, noise), (sums[0] - sums[1]) / sums[4]
@@ -175,8 +173,9 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
                worse, int(labels.size))
 
 
-def common_weights(old: HeldOutErrors, new: HeldOutErrors, noise: float, told: Bools) -> Array:
-    """Return the weight of each row (N,), one for both models: 1 unless both of them miss it.
+def without_common_misses(old: HeldOutErrors, new: HeldOutErrors, noise: float, told: Bools
+                          ) -> tuple[list[Array], list[Array]]:
+    """Return squared errors and variances (N,) of both models, less what both of them miss.
 
     Args:
         old: errors without the effects.
@@ -184,12 +183,16 @@ def common_weights(old: HeldOutErrors, new: HeldOutErrors, noise: float, told: B
         noise: over the stated one.
         told: rows that count (N,).
     """
-    count = np.maximum(new.count, 1.0)
-    away = np.minimum(*(e.square / (noise**2 + e.variance / count) for e in (old, new)))
+    count, both = np.maximum(new.count, 1.0), (old, new)
+    away = np.minimum(*(e.square / (noise**2 + e.variance / count) for e in both))
     # where both are far from half of the rows, it is not rows that are wrong
     scale = max(1.0, float(np.median((away / chdtri(count, 0.5))[told])))
     most = scale * chdtri(count, CHANCE / max(int(told.sum()), 1))
-    return np.asarray(most / np.maximum(away, most))
+    gross = away > most
+    squares = [np.where(gross, most / np.maximum(away, most), 1.0) * e.square for e in both]
+    common = np.where(gross, np.minimum(*squares) - scale * noise**2 * count, 0.0)
+    return ([s - np.maximum(common, 0.0) for s in squares],
+            [np.where(gross, 0.0, e.variance) for e in both])
 
 
 def _bootstrap(table: Array, seed: int) -> Array:

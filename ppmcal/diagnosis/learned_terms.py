@@ -1,4 +1,4 @@
-"""Terms learned from what named effects leave, kept only where unseen rows agree.
+"""Terms learned from what named effects leave, kept only where held-out rows agree.
 
 Learned on the training rows, judged on the poses that were held out and on stretches of time and
 conditions left out in turn, then learned again from all rows. They claim no cause.
@@ -47,12 +47,12 @@ AS_WELL = 0.05
 def learned_terms(base: Fit, whole: Fit, held: Sequence[Dataset], whitening: Whitening,
                   noise: float, seed: int, options: FitOptions, wandering: bool = False
                   ) -> LearnedTerms | None:
-    """Return what is learned beyond a fit, None where unseen rows do not confirm it.
+    """Return what is learned beyond a fit, None where held-out rows do not confirm it.
 
     Args:
         base: the fit of the training rows with the named effects.
         whole: the same of all rows.
-        held: rows that no fit has seen.
+        held: rows left out of the fits; what they confirm was chosen with them.
         whitening: of the residuals.
         noise: over the stated one.
         seed: of the bootstrap.

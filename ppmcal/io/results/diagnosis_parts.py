@@ -108,7 +108,8 @@ class EffectSurvival(Part):
 class DiagnosedEffect(Part):
     """An effect that the data name.
 
-    ``p_value`` given the other named ones; ``survival``: the part that geometry cannot imitate;
+    ``p_value`` given the other named ones: how often noise alone shows as much of anything that
+    was tried; ``survival``: the part that geometry cannot imitate;
     ``alternatives``: kinds that the data cannot tell from it, ``alternatives_on`` with their
     actuators, and the ``odds`` for the effect against each. ``derived`` is at ``mid_stroke``.
     ``sessions``: its size in each where there are several, ``same_in_sessions_p`` the p-value of
@@ -177,7 +178,7 @@ class ResidualAfter(Part):
 
 
 class HeldOutGap(Part):
-    """Residuals without and with the effects where no fit has seen them, over the noise.
+    """Residuals without and with the effects in rows left out of the fits, over the noise.
 
     ``closed`` = 1 - excess(after)/excess(before), with its 95 % ``interval``; ``rms_closed`` =
     1 - rms(after)/rms(before). ``blocks``: the same with a third of the rows left out in turn,
@@ -209,7 +210,10 @@ class FitRatios(Part):
 
 
 class NoiseThresholds(Part):
-    """What the noise is like, and the p-values below which effects are detected and named."""
+    """What the noise is like, and the p-values below which effects are detected and named.
+
+    All p-values of hypotheses are over all that were tried, not those of one alone.
+    """
 
     covariance_ratio: Shown | None = None
     serial_correlation: Shown | None = None
