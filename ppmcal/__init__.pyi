@@ -1,5 +1,6 @@
 """What type checkers see of the Python face; names are loaded on first use."""
 
+from ppmcal.api.batch import batch as batch
 from ppmcal.api.check import check as check
 from ppmcal.api.compare import compare as compare
 from ppmcal.api.compensate import compensate as compensate
@@ -22,6 +23,7 @@ from ppmcal.api.simulate import simulate as simulate
 from ppmcal.api.stiffness import stiffness as stiffness
 from ppmcal.api.tolerances import tolerances as tolerances
 from ppmcal.api.validate import validate as validate
+from ppmcal.api.verify import verify as verify
 from ppmcal.api.workspace import workspace as workspace
 from ppmcal.errors import BadInput as BadInput
 from ppmcal.errors import NoResult as NoResult

@@ -73,7 +73,7 @@ def check(mechanism: Machine, data: Measurements = ()) -> CheckResult:
     Raises:
         BadInput: anything wrong in the files, with file, place and mend.
     """
-    machine, datasets = prepared(mechanism, data)
+    machine, datasets = prepared(mechanism, data, needed=False)
     found = checked(machine, datasets, unit_findings(machine, datasets))
     return CheckResult(**{f.name: getattr(found, f.name) for f in fields(found)},
                        mechanism=machine, inputs=(*machine.inputs, *data_files(datasets)))

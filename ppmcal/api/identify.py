@@ -188,7 +188,8 @@ def with_unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Ite
         raise Misread(error.what, error.where, " ".join([*found, error.mend]).strip()) from None
     except PpmcalError as error:
         mend = " ".join([*found, error.mend]).strip()
-        raise type(error)(error.what, error.where, mend) from None
+        where = error.where or ", ".join(d.source for d in datasets)
+        raise type(error)(error.what, where, mend) from None
 
 
 def _fit(problem: Problem, options: FitOptions, sigma: str) -> tuple[Fit, list[str], list[str]]:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import replace
 from functools import wraps
+from numbers import Integral
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -23,6 +24,8 @@ from ppmcal.io.dataset_reader import LABELS, dataset_of, read_files
 from ppmcal.io.environment import one_thread
 from ppmcal.io.folder import current, reading
 from ppmcal.io.frames import as_table, is_path
+from ppmcal.io.input_files import path_errors
+from ppmcal.io.results.record import LARGEST_WHOLE
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
 from ppmcal.io.stage import settle
 from ppmcal.io.tables import read_table
@@ -65,12 +68,13 @@ def recorded(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         bound = signature.bind(*args, **kwargs)
         bound.apply_defaults()
+        refuse_seed(bound.arguments.get("seed"))
         options = {k: _option(v, signature.parameters[k].default)
                    for k, v in bound.arguments.items() if k not in UNRECORDED}
         name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
         token = _CALL.set((name, options))
         try:
-            with one_thread(), reading() as run:
+            with one_thread(), path_errors(), reading() as run:
                 run.source.update(function=name, options=options)
                 return function(*args, **kwargs)
         finally:
@@ -78,6 +82,19 @@ def recorded(function: Callable[P, R]) -> Callable[P, R]:
 
     call.recorded = signature  # type: ignore[attr-defined]
     return call
+
+
+def refuse_seed(seed: object) -> None:
+    """Refuse what is no seed, or one that its own record could not hold.
+
+    Raises:
+        BadInput: not a whole number from 0 to 2^53.
+    """
+    if seed is None or (isinstance(seed, Integral) and not isinstance(seed, bool)
+                        and 0 <= int(seed) <= LARGEST_WHOLE):
+        return
+    raise BadInput(f"{str(seed)[:40]} is not a seed", "--seed",
+                   f"Give a whole number from 0 to {LARGEST_WHOLE}")
 
 
 def _option(value: Any, default: Any = None) -> Any:
@@ -130,7 +147,8 @@ def load(source: Machine) -> Mechanism:
     if not isinstance(source, str | os.PathLike | Mapping):
         raise BadInput(f"a machine is given as {type(source).__name__}", "mechanism",
                        "Give the path of its file, a mapping with its keys, or what load returned")
-    return read_mechanism(source if isinstance(source, Mapping) else _model_file(Path(source)))
+    with path_errors():
+        return read_mechanism(source if isinstance(source, Mapping) else _model_file(Path(source)))
 
 
 def _model_file(path: Path) -> Path:
@@ -162,7 +180,12 @@ def read_data(mechanism: Machine, *sources: Any, sidecar: Mapping[str, Any] | Pa
     Raises:
         BadInput: anything wrong in a table or in its sidecar.
     """
-    machine = load(mechanism)
+    with path_errors():
+        return _read_data(load(mechanism), sources, sidecar, name)
+
+
+def _read_data(machine: Mechanism, sources: Sequence[Any],
+               sidecar: Mapping[str, Any] | Path_ | None, name: str) -> tuple[Dataset, ...]:
     paths = [s for s in sources if is_path(s)]
     if len(paths) == len(sources) and sidecar is None:
         found = read_campaign(paths, machine)
@@ -196,8 +219,8 @@ def _one(machine: Mechanism, source: Any, sidecar: Mapping[str, Any] | Path_ | N
     return dataset_of(table, sidecar_of(sidecar, machine), "sidecar", machine)
 
 
-def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str = ()
-             ) -> tuple[Mechanism, tuple[Dataset, ...]]:
+def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str = (),
+             needed: bool = True) -> tuple[Mechanism, tuple[Dataset, ...]]:
     """Return machine and data sets of a fit.
 
     Args:
@@ -205,10 +228,11 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
         data: data sets (:func:`read_data`), or paths of measurement files; one or several.
         free: patterns of the parameters that may change, in place of the file's; ``none`` for
             frames only: nothing of the machine, effects included.
+        needed: whether there have to be measurements.
 
     Raises:
-        BadInput: a pattern without a parameter, data without a column that an effect needs, or
-            any fault of the files.
+        BadInput: no measurements, a pattern without a parameter, data without a column that an
+            effect needs, or any fault of the files.
     """
     machine = load(mechanism)
     patterns = (free,) if isinstance(free, str) else tuple(free)
@@ -220,6 +244,8 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
             raise unknown("parameter", pattern, machine.names, "--free")
         machine = machine.with_free(patterns)
     datasets = without_stale(datasets_of(machine, data), machine)
+    if needed and not datasets:
+        raise BadInput("there are no measurements", "data", "Give a data set or a file, or several")
     if machine.effects and datasets:
         machine = with_strokes(machine, np.concatenate([d.q for d in datasets]))
         for d in datasets:

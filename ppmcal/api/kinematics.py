@@ -206,8 +206,7 @@ def _point(tool: str | Sequence[float] | None, mechanism: Mechanism) -> Array | 
     """Return the tool point (3,), m; one of a planar machine is in its plane."""
     if tool is None:
         return None
-    text = tool if isinstance(tool, str) else ",".join(repr(float(v)) for v in tool)
-    point = read_point(text, mechanism)
+    point = read_point(tool, mechanism)
     if mechanism.motion == "planar" and point[2] != 0.0:
         raise BadInput("the tool of a planar machine is a point of its plane", "--tool",
                        f"Write X,Y in {mechanism.units.length}")

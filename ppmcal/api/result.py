@@ -18,7 +18,9 @@ from ppmcal.calibration.summary import Identification
 from ppmcal.errors import unknown
 from ppmcal.io import Output
 from ppmcal.io.csv_writer import Content
+from ppmcal.io.environment import one_thread
 from ppmcal.io.folder import current, note_read, running
+from ppmcal.io.input_files import path_errors
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
 
@@ -72,7 +74,8 @@ class Result:
         Raises:
             BadInput: the folder holds other files, or an input of this result.
         """
-        with stage("writing the results"), self._run(Path(folder), force):
+        with (one_thread(), path_errors(), stage("writing the results"),
+              self._run(Path(folder), force)):
             output = Output(folder)
             for name, content in self.files().items():
                 output.add(name, content)

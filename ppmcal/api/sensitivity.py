@@ -52,8 +52,9 @@ class SensitivityResult(Result):
 @recorded
 def sensitivity(mechanism: Machine, *, poses: Any = None, grid: str | None = None,
                 home_only: bool = False, all_components: bool = False, free: Sequence[str] = (),
-                tool: str | None = None, metric: float | None = None, sigmas: float = 1.0,
-                together: Sequence[str] = (), size: float | None = None) -> SensitivityResult:
+                tool: str | Sequence[float] | None = None, metric: float | None = None,
+                sigmas: float = 1.0, together: Sequence[str] = (), size: float | None = None
+                ) -> SensitivityResult:
     """Tell what each geometric error of a machine does to the tool.
 
     Args:
@@ -64,7 +65,8 @@ def sensitivity(mechanism: Machine, *, poses: Any = None, grid: str | None = Non
         home_only: look at home alone.
         all_components: all error components of every joint frame and the platform points.
         free: errors to look at, by patterns of their names  [default: the free parameters].
-        tool: the tool point ``X,Y,Z`` in platform axes  [default: the platform's origin].
+        tool: the tool point ``X,Y,Z``, or its numbers, in platform axes  [default: the
+            platform's origin].
         metric: an angular error of sigma/metric counts like a length error of sigma.
         sigmas: worst case: every error at this many standard deviations.
         together: try the linear model with these errors all off by the same amount.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -66,7 +66,7 @@ class StiffnessResult(Result):
 @recorded
 def stiffness(mechanism: Machine, *, grid: str | None = None, poses: Any = None,
               load_at_tool: str | None = None, payload: float | None = None,
-              tool: str | None = None) -> StiffnessResult:
+              tool: str | Sequence[float] | None = None) -> StiffnessResult:
     """Tell how far the tool of a machine gives way under load, at home and over a map.
 
     The mechanism says how stiff bars, drives and joints are under ``stiffness``.
@@ -77,7 +77,8 @@ def stiffness(mechanism: Machine, *, grid: str | None = None, poses: Any = None,
         poses: poses instead of a grid, as a file or a table in memory.
         load_at_tool: load at the tool point, base axes, N and N m: ``fz=-100``.
         payload: mass at the tool point instead, kg.
-        tool: the tool point ``X,Y,Z`` in platform axes  [default: the platform's origin].
+        tool: the tool point ``X,Y,Z``, or its numbers, in platform axes  [default: the
+            platform's origin].
 
     Raises:
         BadInput: anything wrong in the files or options; a machine without springs.

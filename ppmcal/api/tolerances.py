@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -72,9 +72,9 @@ class TolerancesResult(Result):
 def tolerances(mechanism: Machine, *, accuracy: float | None = None, rotation: float | None = None,
                share: float = 0.95, method: str = "cost", poses: Any = None,
                instrument: Path_ | None = None, measure: int = 30, machines: int = 1000,
-               metric: float | None = None, tool: str | None = None, cores: int | None = None,
-               scheduler: str | None = None, seed: int = 0, progress: Progress = silent
-               ) -> TolerancesResult:
+               metric: float | None = None, tool: str | Sequence[float] | None = None,
+               cores: int | None = None, scheduler: str | None = None, seed: int = 0,
+               progress: Progress = silent) -> TolerancesResult:
     """Find tolerances with which a machine keeps an accuracy, and count the machines that do.
 
     Args:
@@ -88,7 +88,7 @@ def tolerances(mechanism: Machine, *, accuracy: float | None = None, rotation: f
         measure: poses that a calibration measures.
         machines: machines to simulate.
         metric: an angle of sigma/metric counts like a length of sigma.
-        tool: the tool point ``X,Y,Z`` in platform axes.
+        tool: the tool point ``X,Y,Z``, or its numbers, in platform axes.
         cores: processes to run in  [default: all processors].
         scheduler: run on the cluster of this dask scheduler, such as ``tcp://10.0.0.5:8786``.
         seed: of everything drawn at random.
@@ -119,7 +119,7 @@ class TolerancesJob:
     measure: int
     machines: int
     metric: float | None
-    tool: str | None
+    tool: str | Sequence[float] | None
     cores: int | None
     scheduler: str | None
     seed: int

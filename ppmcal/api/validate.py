@@ -101,8 +101,8 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
     begin("predicting with and without each effect")
     others, odd = _others(whole, model, against)
     found = validated([*models, *others], days, words, seed)
-    inputs = [*mechanism.inputs, *(i for o in others for i in o.mechanism.inputs),
-              *data_files(datasets)]
+    inputs = [*mechanism.inputs, *_beside(model, against),
+              *(i for o in others for i in o.mechanism.inputs), *data_files(datasets)]
     source = source_of("validate", list(dict.fromkeys(inputs)), seed)
     findings = (*odd, *_fitted_to(model, against, source["inputs"], [d.source for d in datasets]),
                 *(f for d in datasets for f in d.findings))
@@ -123,13 +123,25 @@ def _fitted_to(model: Machine | CalibratedMachine, against: Sequence[Path_],
         seen = []
         paths = [("the model", Path(model))] if isinstance(model, str | Path) else []
     for name, path in [*paths, *((str(p), Path(p)) for p in against)]:
-        if path.is_dir() or path.name in MODELS:
-            beside = (path if path.is_dir() else path.parent) / "identification.json"
+        if (beside := _calibration(path)) is not None:
             seen.append((name, seen_before(beside, inputs, tables)))
     for name, these in seen:
         out += [f"{t}: {name} was fitted to these measurements: they are no test of it, and its "
                 "errors look smaller than they are" for t in these]
     return out
+
+
+def _calibration(path: Path) -> Path | None:
+    """Return the identification.json of a calibrated machine's file or folder, None of another."""
+    if not (path.is_dir() or path.name in MODELS):
+        return None
+    return (path if path.is_dir() else path.parent) / "identification.json"
+
+
+def _beside(model: Machine | CalibratedMachine, against: Sequence[Path_]) -> list[str]:
+    """Return the calibrations that say to what the machines were fitted: they are read too."""
+    paths = [Path(p) for p in (model, *against) if isinstance(p, str | Path)]
+    return [str(b) for p in paths if (b := _calibration(p)) is not None and b.is_file()]
 
 
 def _words(register: Sequence[str] | str | None) -> tuple[str, ...] | None:

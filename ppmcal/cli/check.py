@@ -39,7 +39,7 @@ def command(mech: Path, data: tuple[Path, ...], draw: Path | None, console: Cons
     )
     from ppmcal.io.results.misreading import misreading_entries
 
-    mechanism, datasets = prepared(mech, data)
+    mechanism, datasets = prepared(mech, data, needed=False)
     try:
         result = check(mechanism, datasets)
     except BadInput:

@@ -78,7 +78,9 @@ def _strength(stage: Stage, where: Sequence[ResidualGroup], seed: int) -> list[P
 def _place(by: str, value: str, figures: Array) -> Place:
     rms = np.sqrt(figures)
     p = float((np.sum(rms[1:] >= rms[0]) + 1) / rms.size)
-    return Place(by, value, float(rms[0] / np.sqrt(np.mean(rms[1:] ** 2))), p)
+    noise = float(np.sqrt(np.mean(rms[1:] ** 2)))
+    # where geometry explains all that there is, noise leaves nothing either
+    return Place(by, value, float(rms[0]) / noise if noise > 0.0 else 1.0, p)
 
 
 def _by_actuator(stage: Stage, cleaned: Array) -> list[Place]:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator
 
+from ppmcal.io.results.record import LARGEST_WHOLE
 from ppmcal.io.schema import Count, Flag, Label, Number, Strict, choice, refuse, show
 
 FORMAT = "ppmcal/batch/1"
@@ -47,8 +48,10 @@ def _several(value: object) -> tuple[str, ...]:
 
 
 def _seed(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise refuse(f"{show(value)} is not a seed", "Write a whole number of 0 or more")
+    if isinstance(value, bool) or not isinstance(value, int) or (
+            not 0 <= value <= LARGEST_WHOLE):
+        raise refuse(f"{show(value)} is not a seed",
+                     f"Write a whole number from 0 to {LARGEST_WHOLE}")
     return value
 
 

@@ -74,7 +74,7 @@ def _columns(source: Any, names: Sequence[str], what: str) -> dict[str, Any]:
             raise BadInput(f"two columns are called '{double}'", what, "Rename one of them")
         held = source if isinstance(source, Mapping) else {c: source[c] for c in source.columns}
         return {k: _cells(v) for k, v in zip(keys, held.values(), strict=True)}
-    block = np.asarray(source)
+    block = source if np.ma.isMaskedArray(source) else np.asarray(source)
     if block.ndim == 1:
         block = block[None]
     if block.ndim != 2 or block.shape[1] != len(names):
@@ -86,6 +86,9 @@ def _columns(source: Any, names: Sequence[str], what: str) -> dict[str, Any]:
 
 def _cells(values: Any) -> Any:
     """Return the cells of a column: as they are where all are floats (N,), else a list."""
+    if np.ma.isMaskedArray(values):    # what is masked is not measured
+        return [None if hidden else value for value, hidden in
+                zip(values.data.ravel().tolist(), np.ma.getmaskarray(values).ravel(), strict=True)]
     array = np.asarray(values)
     if array.dtype == np.float64:
         return array.ravel()

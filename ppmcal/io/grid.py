@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,15 +86,18 @@ def _span(span: str, name: str, part: str) -> tuple[tuple[float, float] | None, 
 LARGEST = 1e12
 
 
-def read_point(text: str | None, mechanism: Mechanism, place: str = "--tool"
+def read_point(given: str | Sequence[float] | None, mechanism: Mechanism, place: str = "--tool"
                ) -> NDArray[np.float64]:
     """Return the point (3,), m; the platform origin where none is given.
+
+    ``given``: ``X,Y,Z`` or numbers, in the mechanism file's unit of length.
 
     Raises:
         BadInput: not two (planar) or three finite numbers.
     """
-    if text is None:
+    if given is None:
         return np.zeros(3)
+    text = given if isinstance(given, str) else ",".join(map(str, given))
     sizes = (2, 3) if mechanism.motion == "planar" else (3,)
     try:
         numbers = [float(part) for part in text.split(",")]

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ppmcal.errors import BadInput
@@ -16,6 +19,23 @@ _KINDS = ((stat.S_ISDIR, "is a folder"), (stat.S_ISFIFO, "is a pipe"),
           (stat.S_ISSOCK, "is a socket"))
 _FLAGS = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
 """A pipe without a writer must not be waited for."""
+
+
+@contextmanager
+def path_errors() -> Iterator[None]:
+    """Refuse a path that is longer than the system takes, wherever it is first looked at.
+
+    Raises:
+        BadInput: with its beginning.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        path = os.fsdecode(error.filename or "")
+        raise BadInput(f"a path of {len(path)} characters is too long", f"{path[:40]}...",
+                       "Give the path of a file or a folder") from None
 
 
 def read_bytes(path: Path, limit: Limit = TABLE_BYTES) -> bytes:

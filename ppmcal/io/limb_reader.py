@@ -124,6 +124,11 @@ class LimbReader:
         value = self.raw[name]
         if isinstance(value, bool) or value not in (1, -1):
             raise BadInput(f"{show(value)} is not a branch", self.at(name), "Write 1 or -1")
+        if value < 0 and self.kind.strut:
+            raise BadInput(f"a {self.kind.name} has no other branch: its joint value is a distance "
+                           "and never negative", self.at(name),
+                           "Remove the line; where counts fall as the strut grows, `ratio` has the "
+                           "minus sign")
         self.draft.branch = int(value)
 
     def _slot(self, raw: Any, path: str) -> SlotFile:

@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from ppmcal.io.results.record import LARGEST_WHOLE
 from ppmcal.io.schema import (
     Count,
     Label,
@@ -197,8 +198,9 @@ class ConditionsFile(Strict):
 
 
 def _seed(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 2**63:
-        raise refuse(f"{show(value)} is not a seed", "Write a whole number of 0 or more")
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= LARGEST_WHOLE:
+        raise refuse(f"{show(value)} is not a seed",
+                     f"Write a whole number from 0 to {LARGEST_WHOLE}")
     return value
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ntpath
 import os
+import posixpath
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -47,6 +49,17 @@ def _read(path: Path, above: tuple[Path, ...], files: list[str]) -> dict[str, An
     return _laid_over(tree, path, (*above, here), files)
 
 
+def _inside(name: str) -> bool:
+    r"""Whether a relative path stays in its folder, by the rules of POSIX and by Windows' own.
+
+    A file that is sound on one system is then the same file on the other: ``C:x.yaml`` is a file of
+    another drive there, and ``..\x.yaml`` one of the folder above.
+    """
+    drive, rest = ntpath.splitdrive(name)
+    return not (drive or rest.startswith(("/", "\\"))) and all(
+        path.normpath(name).split(path.sep)[0] != os.pardir for path in (posixpath, ntpath))
+
+
 def _laid_over(tree: dict[str, Any], path: Path, above: tuple[Path, ...], files: list[str]
                ) -> dict[str, Any]:
     """Return a mapping with the file that it extends, relative to ``path``, under it."""
@@ -57,8 +70,7 @@ def _laid_over(tree: dict[str, Any], path: Path, above: tuple[Path, ...], files:
         raise BadInput(f"{show(other)} is not a file name", f"{path}: extends",
                        "Write the path of a mechanism file, relative to this one")
     # a mapping, above which no file is, is the caller's own; files come from others, and are moved
-    inside = os.path.normpath(other).split(os.sep)[0] != os.pardir and not os.path.isabs(other)
-    if above and not inside:
+    if above and not _inside(other):
         raise BadInput(f"{show(other)} leads out of the folder of this file", f"{path}: extends",
                        "Put a copy of that file, or a link to it, beside this one")
     try:

@@ -2,28 +2,38 @@
 
 numba looks at a file's time and size to see whether a kept function is still the same, and not at
 the functions that it calls. Installed packages all have one time, and a sign that was mended has
-the size of the one that was not: so the folder is named by what is in the files.
+the size of the one that was not: so the folder is named by what is in the files. It is in the
+user's cache, never in the package: what an installer did not write it does not remove, and a folder
+that is left can still be imported.
 """
 
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 from collections.abc import Callable
-from functools import cache
+from contextlib import suppress
+from functools import cache, wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 
+from ppmcal.wording.progress import stage
+
+log = logging.getLogger(__package__)
+
 Function = TypeVar("Function", bound=Callable[..., object])
+
+COMPILING = "compiling what takes many rows, some 15 s, once"
 
 part = numba.njit(error_model="numpy", nogil=True, forceinline=True)
 """A piece of compiled functions. No sum is reordered (no fast-math)."""
 
 
 def compiled(function: Function) -> Function:
-    """Return a function compiled at its first call and kept from then on."""
+    """Return a function compiled at its first call, which is told, and kept from then on."""
     folder = _folder(function.__globals__["__file__"])
     settings: Any = numba.config
     before, settings.CACHE_DIR = settings.CACHE_DIR, folder
@@ -31,7 +41,21 @@ def compiled(function: Function) -> Function:
         made: Any = numba.njit(cache=bool(folder), error_model="numpy", nogil=True)(function)
     finally:
         settings.CACHE_DIR = before
-    return cast(Function, made)
+
+    @wraps(function)
+    def call(*args: object) -> object:
+        if made.signatures or _kept(folder, function.__name__):
+            return made(*args)
+        log.info("compiling %s", function.__name__)
+        with stage(COMPILING):
+            return made(*args)
+
+    return cast(Function, call)
+
+
+def _kept(folder: str, name: str) -> bool:
+    """Whether a function of that name was compiled before; numba's index of it is there then."""
+    return bool(folder) and any(Path(folder).rglob(f"*.{name}-*.nbi"))
 
 
 @cache
@@ -41,12 +65,10 @@ def _folder(source: str) -> str:
     files = sorted({*here.glob("compil*.py"), *Path(source).parent.glob("compil*.py"),
                     Path(source)})
     digest = hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()[:16]
-    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    for folder in (here / "__pycache__" / "compiled", user / "ppmcal"):
-        try:
-            (folder / digest).mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(folder / digest, os.W_OK):
-            return str(folder / digest)
-    return ""
+    home = os.path.expanduser("~")
+    if not os.environ.get("XDG_CACHE_HOME") and home == "~":
+        return ""    # a user that the system does not know has no home
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path(home, ".cache"), "ppmcal", digest)
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return str(folder) if os.access(folder, os.W_OK) else ""

@@ -133,7 +133,7 @@ def _choose(mechanism: Mechanism, index: int, candidates: Array) -> int:
     limb = mechanism.limbs[index]
     given = mechanism.home_q[limb.actuator]
     ratio = limb.slots.values(mechanism.values).get("ratio", 1.0)
-    if limb.branch is None and np.isfinite(given):
+    if limb.branch is None and np.isfinite(given) and not limb.kind.strut:
         near = wrapped(mechanism, limb.actuator, candidates, given)
         return int(np.argmin(np.abs(near - given)))
     branch = (1 if limb.branch is None else limb.branch) * limb.kind.branch_sign

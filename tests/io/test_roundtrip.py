@@ -108,7 +108,7 @@ def limbs(draw, kind, name, shares):
             axis = {"value": axis, "tolerance": draw(spread), "sigma": [0.1, 0.2, 0.3]}
         out["base"][direction.removeprefix("base.")] = axis
     if kind.branch and draw(st.booleans()):
-        out[kind.branch] = draw(st.sampled_from([1, -1]))
+        out[kind.branch] = draw(st.sampled_from([1] if kind.strut else [1, -1]))
     if draw(st.booleans()):
         out["joint1"] = {"rz": draw(slots()), "x": draw(slots())}
     return out

@@ -23,6 +23,7 @@ from ppmcal.model.limbs import kinds
 from ppmcal.model.limbs.chain import Chain, ChainStep, U, slide
 from ppmcal.model.limbs.driven import cut_at_drive
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import Watch, watching
 
 COUNT = 37
 """Rows: no multiple of those that are made together."""
@@ -203,6 +204,43 @@ def test_what_is_kept_goes_by_what_is_in_the_files(tmp_path: Path) -> None:
         found.append(compilation._folder(str(source)))
     assert all(found)
     assert found[0] != found[1]
+
+
+@pytest.fixture
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    compilation._folder.cache_clear()
+    yield tmp_path / "cache"
+    compilation._folder.cache_clear()
+
+
+def test_nothing_is_kept_in_the_package(kept: Path) -> None:
+    """What an installer did not write stays when it takes the package away."""
+    folder = Path(compilation._folder(compiled_limbs.__file__))
+    assert folder.parent == kept / "ppmcal"
+    assert Path(compilation.__file__).parents[1] not in folder.parents
+
+
+def test_compiling_is_said_once_and_then_kept(kept: Path) -> None:
+    def doubled(x: float) -> float:
+        return 2.0 * x
+
+    heard: list[str] = []
+    with watching(Watch(heard.append)):
+        assert compilation.compiled(doubled)(2.0) == 4.0
+        again = compilation.compiled(doubled)
+        assert again(2.0) == 4.0
+    assert [h for h in heard if compilation.COMPILING in h] == heard[:1] != []
+
+
+def test_a_user_without_a_home_compiles_without_keeping(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(compilation.os.path, "expanduser", lambda path: path)
+    compilation._folder.cache_clear()
+    try:
+        assert compilation._folder(compiled_limbs.__file__) == ""
+    finally:
+        compilation._folder.cache_clear()
 
 
 def test_few_rows_and_help_do_not_import_the_compiler() -> None:

@@ -19,7 +19,8 @@ def chosen(roots: tuple[float, float], quantity: str = "angle", ratio: float = 1
            branch: int | None = None, home: float = np.nan, sign: int = 1, name: str = "branch"
            ) -> int:
     limb = SimpleNamespace(actuator=0, branch=branch, slots=SimpleNamespace(
-        values=lambda g: {"ratio": ratio}), kind=SimpleNamespace(branch_sign=sign, branch=name))
+        values=lambda g: {"ratio": ratio}), kind=SimpleNamespace(branch_sign=sign, branch=name,
+                                                                strut=False))
     machine: Any = SimpleNamespace(limbs=(limb,), home_q=np.array([home]), values=None,
                                    actuator_quantity=(quantity,))
     return _choose(machine, 0, np.array(roots))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -13,6 +14,7 @@ from helpers.machines import KINDS, PLANAR, Array
 
 from ppmcal import algebra as cga
 from ppmcal.design.intersection import intersection_pose, limb_ends
+from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state, inverse
@@ -29,7 +31,7 @@ from ppmcal.model.mechanism import Mechanism
 
 ANY_POSE = ("R(P)R", "(R)PR", "(P)PR", "P(P)R", "(P)RP", "R(P)P", "U(P)S", "R(P)S")
 SHORT_REACH = tuple(k for k in KINDS if k not in ANY_POSE)
-TWO_ROOTS = tuple(k for k, kind in kinds().items() if kind.branch is not None)
+TWO_ROOTS = tuple(k for k, kind in kinds().items() if kind.branch is not None and not kind.strut)
 MACHINES = {
     **{f"{kind} plain": lambda kind=kind: machines.plain(kind) for kind in KINDS},
     **{f"{kind} full": lambda kind=kind: machines.full(kind) for kind in KINDS},
@@ -198,6 +200,17 @@ def test_the_two_branch_settings_are_the_two_roots(kind: str) -> None:
     assert np.abs(q[1] - q[-1]).min() > 1e-3
     if setting == "branch":
         assert (q[1] > q[-1]).all()
+
+
+def test_a_strut_has_no_other_branch() -> None:
+    """Its joint value is a distance: the other root closes the square, and is no length."""
+    with pytest.raises(BadInput, match=r"limbs.leg1.branch: .* and never negative"):
+        either("U(P)S", -1)
+    plain = either("U(P)S", None)
+    assert (home_state(plain).q > 0.0).all()
+    np.testing.assert_array_equal(home_state(either("U(P)S", 1)).q, home_state(plain).q)
+    other = replace(plain, home_q=-home_state(plain).q)
+    np.testing.assert_array_equal(home_state(other).q, home_state(plain).q)
 
 
 @pytest.mark.parametrize("kind", ["(R)RR", "R(R)R"])

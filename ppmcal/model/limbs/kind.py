@@ -95,6 +95,7 @@ class LimbKind:
         base, middle, platform: its chains.
         actuator: ``length`` or ``angle``, what the actuated joint measures.
         branch: name of the setting that chooses between two inverse roots, or None.
+        strut: whether the joint value is a distance, of which the larger root alone is one.
         branch_sign: +1 if the setting's +1 is the larger root, -1 for the smaller.
         closes_when: the closure in words of the contract, for messages.
         source: paper and equation.
@@ -109,6 +110,7 @@ class LimbKind:
     actuator: str
     branch: str | None = None
     branch_sign: int = 1
+    strut: bool = False
     closes_when: str = ""
     source: str = ""
 

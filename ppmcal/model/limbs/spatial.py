@@ -21,7 +21,7 @@ UPS = register(LimbKind(
     "U(P)S", False, SPHERE,
     base=Chain((_BASE, joint(1), *universal_joint("base"))),
     middle=Chain((joint(2), slide(U, "z"), joint(3))),
-    platform=_PLATFORM, actuator="length", branch="branch",
+    platform=_PLATFORM, actuator="length", branch="branch", strut=True,
     closes_when="|B-A| = u", source="[IK] eq. 42, [LIN] section 2.1"))
 
 PUS = register(LimbKind(

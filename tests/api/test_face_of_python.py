@@ -1,0 +1,122 @@
+"""What only callers from Python meet: seeds, masks, paths, threads, stubs."""
+
+import ast
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ppmcal
+from ppmcal.api.result import Result
+from ppmcal.io.environment import _function, _libraries, environment
+
+BENCH = ppmcal.shipped("3-RPR")
+
+
+@pytest.fixture(scope="module")
+def run():
+    return ppmcal.simulate(BENCH, ppmcal.shipped("3-RPR", scenario=True), seed=3)
+
+
+@pytest.fixture
+def two_threads():
+    found = [(_function(lib, "get_num_threads"), _function(lib, "set_num_threads"))
+             for lib in _libraries("numpy")]
+    before = [get() for get, _ in found]
+    for _, put in found:
+        put(2)
+    if environment().get("blas_threads") != 2:
+        pytest.skip("NumPy's BLAS is another, or has one thread")
+    yield
+    for (_, put), threads in zip(found, before, strict=True):
+        put(threads)
+
+
+def test_results_are_written_in_one_thread_as_they_were_found(tmp_path, two_threads):
+    class Own(Result):
+        COMMAND, TABLE = "plan", ""
+
+        def files(self):
+            return {"plan.json": json.dumps(environment())}
+
+    Own({}, ()).save(tmp_path / "out")
+    assert json.loads((tmp_path / "out" / "plan.json").read_text())["blas_threads"] == 1
+
+
+def test_a_validation_records_the_calibration_that_it_asked(run, tmp_path):
+    run.save(tmp_path / "day")
+    data = tmp_path / "day" / "measurements.csv"
+    ppmcal.identify(BENCH, data).save(tmp_path / "fit")
+    found = ppmcal.validate(tmp_path / "fit", data, against=[tmp_path / "fit"])
+    assert str(tmp_path / "fit" / "identification.json") in found.provenance["inputs"]
+    assert any("no test of it" in f for f in found.findings)
+
+
+@pytest.mark.parametrize("seed", [-1, 2 ** 53 + 1, 1.5, "one", True])
+def test_a_seed_is_one_that_its_record_can_hold(run, seed):
+    with pytest.raises(ppmcal.BadInput, match="is not a seed"):
+        ppmcal.identify(BENCH, run.data, seed=seed)
+
+
+def test_the_largest_seed_is_read_back(run, tmp_path):
+    ppmcal.identify(BENCH, run.data, seed=2 ** 53).save(tmp_path / "fit")
+    assert ppmcal.make_report(tmp_path / "fit")
+
+
+@pytest.mark.parametrize("call", [ppmcal.identify, ppmcal.diagnose, ppmcal.validate])
+def test_no_measurements_are_refused(call):
+    with pytest.raises(ppmcal.BadInput, match="there are no measurements"):
+        call(BENCH, [])
+    assert ppmcal.check(BENCH, []).rank >= 0
+
+
+def test_what_is_masked_is_not_measured():
+    def told(poses):
+        return np.isfinite(ppmcal.inverse(BENCH, poses).q).all(axis=1).tolist()
+
+    x = np.ma.masked_array([500.0, 510.0, 1e6], mask=[False, False, True])
+    table = {"x": x, "y": [280.0, 270.0, 260.0], "rz": [20.0, 21.0, 22.0]}
+    assert told(table) == [True, True, False]
+    block = np.ma.masked_array([[500.0, 280.0, 20.0], [1e6, 270.0, 21.0]],
+                               mask=[[0, 0, 0], [1, 0, 0]])
+    assert told(block) == [True, False]
+
+
+LONG = "x" * 5000
+
+
+@pytest.mark.parametrize("call", [
+    lambda run, tmp: ppmcal.load(LONG), lambda run, tmp: ppmcal.read_data(BENCH, f"{LONG}.csv"),
+    lambda run, tmp: ppmcal.identify(LONG, run.data),
+    lambda run, tmp: ppmcal.identify(BENCH, f"{LONG}.csv"),
+    lambda run, tmp: ppmcal.inverse(BENCH, f"{LONG}.csv"),
+    lambda run, tmp: ppmcal.identify(BENCH, run.data, start=LONG),
+    lambda run, tmp: run.save(tmp / LONG)], ids=range(7))
+def test_an_over_long_path_is_refused(call, run, tmp_path):
+    with pytest.raises(ppmcal.BadInput) as refused:
+        call(run, tmp_path)
+    assert len(str(refused.value)) < 12_000
+
+
+@pytest.mark.parametrize("call", [
+    lambda tool: ppmcal.sensitivity(BENCH, tool=tool).record,
+    lambda tool: ppmcal.forward(BENCH, [[400.0, 400.0, 400.0]], tool=tool).pose,
+    lambda tool: ppmcal.tolerances(BENCH, accuracy=1.0, machines=20, tool=tool).record])
+def test_a_tool_is_a_text_or_its_numbers(call):
+    one, two = call("10,-20"), call([10, -20.0])
+    if isinstance(one, np.ndarray):
+        np.testing.assert_array_equal(one, two)
+    else:
+        assert {k: v for k, v in one.model_dump().items() if k != "provenance"} == {
+            k: v for k, v in two.model_dump().items() if k != "provenance"}
+    with pytest.raises(ppmcal.BadInput, match="is not a point"):
+        call([1.0])
+
+
+def test_type_checkers_see_every_name():
+    home = Path(ppmcal.__file__).parent
+    assert (home / "py.typed").is_file()
+    told = {a.asname for node in ast.parse((home / "__init__.pyi").read_text()).body
+            if isinstance(node, ast.ImportFrom) for a in node.names}
+    assert told == set(ppmcal.__all__)
