@@ -14,7 +14,7 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.misreading import TELLING, end_parts, short_fit
+from ppmcal.calibration.misreading import TELLING, end_parts, explained_times, short_fit
 from ppmcal.calibration.mistakes import Mistake, read_block
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem, State
@@ -100,6 +100,10 @@ def _otherwise(problem: Problem) -> Misreading | None:
     """
     mechanism = problem.mechanism
     problem = replace(problem, earlier=None)
+    try:
+        lands = max(NEAR, explained_times(problem))
+    except PpmcalError:
+        return None
     found: list[tuple[float, float, Misreading]] = []
     for i, data in enumerate(problem.datasets):
         if data.kind in SCALARS or data.commanded is not None:
@@ -107,7 +111,7 @@ def _otherwise(problem: Problem) -> Misreading | None:
         for reading, what, other in (*other_registrations(problem, i), *read_as(
                 problem, i, nearest_readings(mechanism, data))):
             with suppress(PpmcalError):
-                few, state, left = short_fit(other)
+                few, state, left = short_fit(other, lands)
                 size = _size(_away(few, state))
                 if left <= TELLING and size <= NEAR:
                     block = None if reading is None else read_block(reading, mechanism, data)
