@@ -133,19 +133,24 @@ def draw(n: int, seed: int) -> Iterator[Job]:
 
 
 def run(job: Job) -> Outcome | None:
-    """Return what a diagnosis makes of one campaign; None where it cannot be made."""
+    """Return what a diagnosis makes of one campaign; None where there can be no such campaign."""
     options = Options(poses=POSES, **NOISES[job.noise])  # type: ignore[arg-type]
     kinds = [k for k in job.kinds.split("+") if k]
     start = time.perf_counter()
     try:
         found = hide(job.machine, job.seed, kinds, job.eta or 1.0, options, job.where or None)
-        problem = Problem(found.mechanism, (found.dataset,), found.mechanism.free)
-        result = diagnose(problem, RunOptions(seed=job.seed % 1000))
     except Impossible:
         return None
+    try:
+        problem = Problem(found.mechanism, (found.dataset,), found.mechanism.free)
+        result = diagnose(problem, RunOptions(seed=job.seed % 1000))
     except PpmcalError as error:
         print(f"{job.key}: {error}", file=sys.stderr)
-        return None
+        return Outcome(**asdict(job), survival=min((t.survival for t in found.truth), default=1.0),
+                       freedom=0, verdict="refused", named="", alternatives="", right=0, alone=0,
+                       wrong=0, set_size=0.0, covered="0/0", closed="", closed_truth="",
+                       p_search=float("nan"), p_left=float("nan"),
+                       seconds=round(time.perf_counter() - start, 2))
     return judge(job, found, result, time.perf_counter() - start)
 
 

@@ -16,6 +16,8 @@ from helpers.paths import ROOT
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.flatness import flats
 from ppmcal.calibration.identifiability import predict_identifiability
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.least_squares import normal_step
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
@@ -167,6 +169,14 @@ def test_what_a_day_of_the_rig_says_of_the_other() -> None:
     # a gain in the rows that both models are judged by, none over all rows
     assert second.same[1] < second.same[0]
     assert second.figures[1] < 1.01 * second.figures[0]
+
+
+def test_two_days_of_the_rig_are_fitted_to_the_minimum() -> None:
+    """Their noise is that of the spools, carried over to the pose by a geometry that moves."""
+    mechanism, days = real_sessions.rig(DATA / "stewart-jugglebot")
+    fit = identify(Problem(mechanism, days, mechanism.free))
+    assert fit.converged
+    assert normal_step(fit.problem, fit.state, fit.reduced, fit.prior).step()[1] < 1e-5
 
 
 @pytest.mark.slow

@@ -27,6 +27,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.read_rightly import refuse_before_fit
 from ppmcal.calibration.sessions import one_session, session_masks
 from ppmcal.calibration.summary import Identification
+from ppmcal.calibration.tolerated_noise import noise_beyond_tolerances
 from ppmcal.design.missing_poses import weak_campaign
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.next_experiment import with_poses
@@ -153,7 +154,9 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
     begin("judging the campaign")
     fit = found.identification.fit
     campaign = weak_campaign(fit, seed)
-    found = replace(found, findings=(*units, *left_over(found.before, seed), *found.findings),
+    asked = [*left_over(found.before, seed),
+             *noise_beyond_tolerances(fit, [d.estimated for d in datasets])]
+    found = replace(found, findings=(*units, *asked, *found.findings),
                     identification=replace(found.identification, campaign=campaign))
     found = replace(found, proposal=with_poses(found.proposal, campaign))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)

@@ -38,6 +38,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.read_rightly import refuse_after_fit, refuse_before_fit
 from ppmcal.calibration.registration_freedoms import hint_sentences, registration_hints
 from ppmcal.calibration.summary import Identification, report
+from ppmcal.calibration.tolerated_noise import noise_beyond_tolerances
 from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
@@ -126,6 +127,7 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
     asked += left_over(fit, seed)
     if before is not None:
         notes += odd + carried_on(fit, before, options)
+    asked += noise_beyond_tolerances(fit, _estimated(problem, sigma))
     told += [*scale_sentences(found), *([choice_sentence(choice)] if choice else [])]
     found = replace(found, findings=(*notes, *units, *asked, *found.findings), earlier=before,
                     campaign=campaign)
@@ -157,11 +159,12 @@ def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
             raise BadInput(f"'{value}' is not a {name}", f"--{name}",
                            f"There are: {', '.join(allowed)}")
     if sigma == "estimated" and method == "damped":
-        raise BadInput("--sigma estimated goes with --method prior or gcv", "", "Choose one")
+        raise BadInput("--sigma estimated goes with --method prior or gcv", "--method", "Choose one")
     if method != "prior" and prior == "flat":
-        raise BadInput(f"--prior flat goes with --method prior, not {method}", "", "Choose one")
+        raise BadInput(f"--prior flat goes with --method prior, not {method}", "--method",
+                       "Choose one")
     if keep and method == "damped":
-        raise BadInput("--keep goes with --method prior or gcv", "", "Choose one")
+        raise BadInput("--keep goes with --method prior or gcv", "--method", "Choose one")
 
 
 @contextmanager

@@ -84,7 +84,7 @@ class ImportResult(Result):
                 "meshes": {m.name: len(m.rows) for m in self.printer.meshes},
                 "rods": self.rods, "scale": self.scale if self.printer.distances else None,
                 "nominal": keys(nominal.geometry), "nominal_from": nominal.origin,
-                "saved": keys(self.printer.geometry) if self.printer.calibrated else None,
+                "saved": keys(self.printer.calibration) if self.printer.calibrated else None,
                 "saved_off": dict(self.off), "before": dict(self.before),
                 "findings": list(self.findings),
                 "provenance": self.provenance}
@@ -132,13 +132,13 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
     meshes = [str(m) for m in ([mesh] if isinstance(mesh, str | os.PathLike) else mesh)]
     printer = FORMATS[name](Path(file), length, meshes, radius)
     found = refit(printer) if name == "klipper" and printer.calibrated else None
-    off = differences(printer.geometry, found) if found is not None else {}
+    off = differences(printer.calibration, found) if found is not None else {}
     scale = scale_of(printer, scale)
     findings = [*printer.findings, *([sentence(off)] if off else [])]
     if printer.distances and scale == "known" and not printer.nominal.rods_known:
         findings.append("the distances alone hold the size: where the part that they were "
                         "measured on has shrunk by 0.3 %, rods of 300 mm come out 1 mm short")
-    inputs = [file, *(m for m in meshes if Path(m).is_file())]
+    inputs = [file, *printer.included, *(m for m in meshes if Path(m).is_file())]
     return ImportResult(source_of("import_config", inputs, None), tuple(findings), str(file),
                         printer, rods_of(printer, chosen), scale, off, chosen is None)
 

@@ -15,6 +15,7 @@ from ppmcal.calibration.identifiability import Identifiability, predict_identifi
 from ppmcal.calibration.least_squares import column_scale, qr_factor
 from ppmcal.calibration.misread import mend_of, misreading_sentence
 from ppmcal.calibration.misreading import MEND
+from ppmcal.calibration.other_branch import branch_findings
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.rank import RANK_TOLERANCE, Unidentifiable, unidentifiable, whole_rank
@@ -158,6 +159,9 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         if lost and (datasets or not any(e.kind.known for e in mechanism.effects)):
             findings.append(f"{counted(lost, 'row')} without a pose at the joint values: check q, "
                             "its unit and the home pose.")
+    if datasets and columns:
+        problem = Problem(mechanism, tuple(datasets), mechanism.free)
+        findings += branch_findings(problem, problem.start())
     ahead = (
         predict_identifiability(Problem(mechanism, tuple(datasets), mechanism.free), "prior")
         if (datasets and columns)

@@ -37,8 +37,10 @@ ROUGH = 1e-3
 ROUND_OFF = 1e-13
 """Or the step is below this part of the parameters' scale."""
 AT_THE_NOISE = 0.01
-"""What a step may still promise of chi-squared where a fit has used up its iterations: the
-predictions of all rows together would move by a tenth of the noise."""
+"""What a plain step may still promise of chi-squared at a minimum, in units of the noise that the
+rows show: the predictions of all rows together would move by a tenth of it."""
+SETTLING = 0.25
+"""Steps end where each promises less than this part of what the one before it did."""
 WORST_CONDITION = 1e12
 """Normal equations of unit columns with a condition above this leave a step fewer than four of
 its digits: QR then, which loses none."""
@@ -64,11 +66,35 @@ class Minimum:
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """The rows at a state: chi-squared of the data, and the step; ``reduced`` None from sums."""
+    """The rows at a state: chi-squared of the data and of how many values, and the step.
+
+    ``reduced``: None where the step is from sums.
+    """
 
     square: float
+    count: int
     small: NormalStep | SummedStep
     reduced: QRFactor | None
+
+    @property
+    def level(self) -> bool:
+        """Whether this is a minimum: what is left to gain is far below the noise.
+
+        The one criterion, wherever a search ends. A damped step promises little anywhere, so it
+        is the plain one that is asked; and where the rows scatter by more than was stated, it
+        is in that scatter that results are told.
+        """
+        return self.promise < AT_THE_NOISE * self.scatter
+
+    @property
+    def promise(self) -> float:
+        """By how much the plain step would lower chi-squared."""
+        return self.small.step()[1]
+
+    @property
+    def scatter(self) -> float:
+        """What one value adds to chi-squared, 1 where that is less than the noise."""
+        return max(1.0, self.square / max(self.count, 1))
 
 
 def linearised(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -78,9 +104,10 @@ def linearised(problem: Problem, state: State, keep: Sequence[Bools], prior: Arr
         sums = normal_sums(problem, state, keep, weights)
         summed = summed_step(problem, state, sums, prior)
         if summed.condition < WORST_CONDITION:
-            return Linearised(sums.square, summed, None)
+            return Linearised(sums.square, sums.count, summed, None)
     reduced = qr_factor(problem, state, keep, weights)
-    return Linearised(reduced.square, normal_step(problem, state, reduced, prior), reduced)
+    return Linearised(reduced.square, reduced.count, normal_step(problem, state, reduced, prior),
+                      reduced)
 
 
 def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -99,7 +126,7 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
         rough: it is without weights too.
     """
     rough = rough or weigh is not None
-    damping, decrease, by_sums, summed = 0.0, float("inf"), True, 0
+    damping, by_sums, summed = 0.0, True, 0
     unit = column_scale(problem)
     for count in range(1, iterations + 1):
         weights = weigh(state) if weigh else None
@@ -114,31 +141,45 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
                   "normal equations" if by_sums else "QR")
         while True:
             step, decrease = now.small.step(damping)
-            if decrease < limit or float(np.max(np.abs(step / unit), initial=0.0)) < ROUND_OFF:
+            small = float(np.max(np.abs(step / unit), initial=0.0)) < ROUND_OFF
+            if decrease < limit or small:
                 if now.reduced is None and not rough:
                     now = linearised(problem, state, keep, prior, weights, False)
                     summed -= 1
                     continue
+                if damping > 0.0:
+                    return Minimum(state, now.reduced, count, now.level, summed)
                 # too small to be judged by the cost: a last plain step only polishes
-                end = problem.moved(state, step) if damping == 0.0 else state
-                end = end if solved(end, keep) else state
-                return Minimum(end, now.reduced, count, True, summed)
+                end = problem.moved(state, step)
+                return Minimum(end if solved(end, keep) else state, now.reduced, count, True,
+                               summed)
             trial = problem.moved(state, step)
-            after = cost(problem, trial, keep, prior, weights)
-            if after >= before and damping == 0.0:
-                trial, after = _second_chance(problem, trial, keep, prior, weights, by_sums)
-            if after < before:
-                state = trial
+            better: State | None = trial
+            if cost(problem, trial, keep, prior, weights) >= before:
+                better = None
+                if damping == 0.0:
+                    better = _second_chance(problem, trial, keep, prior, weights, now, before)
+            if better is not None:
+                state = better
                 damping = damping / 10.0 if damping > SMALLEST_DAMPING else 0.0
                 break
             damping = max(10.0 * damping, SMALLEST_DAMPING)
             if damping > 1.0:
-                level = bool(decrease < 1e-6 * max(before, 1.0))
-                reduced = now.reduced or (None if rough else qr_factor(problem, state, keep))
-                return Minimum(state, reduced, count, level, summed)
-    # creeping along a valley: what is left to gain is no more than a tenth of the noise
-    reduced = None if rough else qr_factor(problem, state, keep, None)
-    return Minimum(state, reduced, iterations, decrease < AT_THE_NOISE, summed)
+                return _given_up(problem, state, keep, prior, rough, count, summed)
+    return _given_up(problem, state, keep, prior, rough, iterations, summed)
+
+
+def _given_up(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, rough: bool,
+              iterations: int, summed: int) -> Minimum:
+    """Return where a search ended that found no way down, or used up its iterations.
+
+    It may be the minimum all the same: the way there may be a valley along which it creeps, or
+    round-off may hide what is left.
+    """
+    if rough:
+        return Minimum(state, None, iterations, False, summed)
+    now = linearised(problem, state, keep, prior, None, False)
+    return Minimum(state, now.reduced, iterations, now.level, summed)
 
 
 def solved(state: State, keep: Sequence[Bools]) -> bool:
@@ -147,26 +188,32 @@ def solved(state: State, keep: Sequence[Bools]) -> bool:
 
 
 def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior: Array,
-                   weights: Sequence[Array] | None, by_sums: bool) -> tuple[State, float]:
-    """Take a second plain step from a trial that was worse, and judge after it.
+                   weights: Sequence[Array] | None, now: Linearised, before: float
+                   ) -> State | None:
+    """Return the state to go on from after a plain step ``trial`` that was worse, None without.
 
     Where frame and geometry turn together the data see nothing at first order and a very
     steep wall at second order; one straight step runs into the wall, the next one off it.
+
+    The noise of joints is carried over to what is measured by the geometry, and moves with it:
+    chi-squared falls where that makes it larger, which no step goes for. So at the end, less than
+    the noise from it, a step may raise it; there it counts that hardly a step is left.
     """
     if not solved(trial, keep):
-        return trial, float("inf")
-    there = linearised(problem, trial, keep, prior, weights, by_sums)
+        return None
+    there = linearised(problem, trial, keep, prior, weights, now.reduced is None)
+    if now.promise < now.scatter and there.promise < SETTLING * now.promise:
+        return trial
     trial = problem.moved(trial, there.small.step()[0])
-    return trial, cost(problem, trial, keep, prior, weights)
+    return trial if cost(problem, trial, keep, prior, weights) < before else None
 
 
 def cost(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
          weights: Sequence[Array] | None) -> float:
     """Return chi-squared of data and prior; inf where a kept row has no pose."""
     total = prior_square(problem, state, prior)
-    for i, k in enumerate(keep):
-        if not np.isfinite(state.poses[i][k]).all():
-            return float("inf")
+    if not solved(state, keep):
+        return float("inf")
     for i, k in enumerate(keep):
         squares = row_squares(problem, state, i, k)
         if squares is not None:

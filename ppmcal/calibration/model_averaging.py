@@ -14,6 +14,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.compensation import Compensation, Knowledge, compensate
+from ppmcal.calibration.safe_commands import refused, sent
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import pose_motor
@@ -21,6 +22,9 @@ from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import environment
 from ppmcal.model.mechanism import Mechanism
+
+UNREACHED = ("where it leads is not known: a machine that the measurements do not tell from this "
+             "one does not take these joint values")
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,8 @@ def averaged(model: Mechanism, result: Compensation, readings: Readings,
                                   sigma_rotation=result.sigma_rotation), plain
         else:
             note += "; what that changes at the targets is in the uncertainty"
+    result = refused(result, dict.fromkeys(
+        np.flatnonzero(sent(result) & ~np.isfinite(own[0] + own[1])).tolist(), UNREACHED))
     before = _expected(machines, weight, result.q_nominal, result, targets)
     return replace(result, position_before=before[0], rotation_before=before[1],
                    sigma_position=np.hypot(result.sigma_position, own[0]),

@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtr, chdtrc
 
-from ppmcal.calibration.fit import Fit, FitOptions, directions, prediction_covariance
+from ppmcal.calibration.fit import (
+    Fit,
+    FitOptions,
+    directions,
+    prediction_covariance,
+    values_fitted,
+)
 from ppmcal.calibration.gauss_newton import least_squares, prior_square
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import qr_factor
@@ -18,6 +24,7 @@ from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.repeats import repeats
 
 log = logging.getLogger(__package__)
 
@@ -146,7 +153,7 @@ def with_noise(fit: Fit, factor: float, options: FitOptions) -> Fit:
     return replace(fit, state=state, reduced=qr_factor(noisier, state, fit.keep),
                    prior=fit.prior / factor if chosen else fit.prior, noise=factor * fit.noise,
                    prior_scale=fit.prior_scale * (factor if chosen else 1.0),
-                   converged=fit.converged and converged)
+                   converged=converged)
 
 
 def _scaled(datasets: Sequence[Dataset], factor: Array) -> tuple[Dataset, ...]:
@@ -213,7 +220,7 @@ def noise_check(fit: Fit) -> Noise:
     priors = int(np.sum(fit.prior > 0.0))
     seen = int(np.sum(directions(fit)[2]))
     covariance = prediction_covariance(fit)
-    effective = float(np.sum((fit.reduced.triangle @ covariance) * fit.reduced.triangle))
+    effective = values_fitted(seen, np.diagonal(covariance), fit.prior)
     square, count = fit.reduced.square, fit.reduced.count
     if fit.problem.earlier is not None:
         # the ratio is that of the new rows
@@ -244,12 +251,13 @@ def _repeated(groups: NDArray[np.int64], keep: Bools) -> Bools:
 
 
 def _repeats(fit: Fit) -> tuple[float | None, int]:
-    """Scatter within repeats of a pose over the stated noise, and its degrees of freedom."""
+    """Scatter within repeats over the stated noise, and its degrees of freedom."""
     square, degrees = 0.0, 0
     white: list[tuple[int, NDArray[np.int64], Array, Bools]] = []
-    again = [_repeated(d.groups, k) for d, k in zip(fit.problem.datasets, fit.keep, strict=True)]
+    same = [repeats(d) for d in fit.problem.datasets]
+    again = [_repeated(g, k) for g, k in zip(same, fit.keep, strict=True)]
     for rows in fit.problem.rows(fit.state, False, again):
-        groups = fit.problem.datasets[rows.dataset].groups[rows.index]
+        groups = same[rows.dataset][rows.index]
         white.append((rows.dataset, groups, rows.residual, rows.observed))
     for i in range(len(fit.problem.datasets)):
         parts = [(g, r, o) for d, g, r, o in white if d == i]

@@ -129,7 +129,8 @@ class Problem:
         for d, pose in zip(self.datasets, poses, strict=True):
             if not finite_rows(pose).any():
                 raise no_pose(self.mechanism, d)
-        registrations = [replace(start_registration(unscaled(d), pose, self.mechanism.motion),
+        registrations = [replace(start_registration(unscaled(d), pose, self.mechanism.motion,
+                                                    self.mechanism.reach),
                                  scale=float(d.scale.value[0]))
                          for d, pose in zip(self.datasets, poses, strict=True)]
         for i, d in enumerate(self.datasets):

@@ -104,13 +104,14 @@ judge a trial (Rousseeuw and Van Driessen 1999, least trimmed squares), and rows
 most: it is where a fit starts."""
 
 
-def start_registration(data: Dataset, pose: Array, motion: str) -> Registration:
+def start_registration(data: Dataset, pose: Array, motion: str, size: float) -> Registration:
     """Return frame and target to start from.
 
     Args:
         data: the measurements; known parts of frame and target are kept.
         pose: platform motors at the rows' joint values (N, 8), nan rows are ignored.
         motion: the machine's motion.
+        size: the machine's, m: an unknown target may be so far away.
 
     Raises:
         BadInput: fewer rows than an unknown frame or target needs.
@@ -128,7 +129,7 @@ def start_registration(data: Dataset, pose: Array, motion: str) -> Registration:
         raise BadInput(f"only {rows.size} usable rows: an unknown frame or target needs at least 3",
                        data.source, "Measure more poses")
     rows = rows[np.linspace(0, rows.size - 1, min(rows.size, ENOUGH)).astype(int)]
-    plain = _aligned(data, pose, position, rows, registration, planar)
+    plain = _aligned(data, pose, position, rows, registration, planar, size)
     if rows.size < 2 * SUBSET:
         return plain
     some = rows[np.linspace(0, rows.size - 1, min(rows.size, DECIDING)).astype(int)]
@@ -141,23 +142,25 @@ def start_registration(data: Dataset, pose: Array, motion: str) -> Registration:
         return plain
     rng = np.random.default_rng(0)
     trials = [_aligned(data, pose, position, rng.choice(some, SUBSET, replace=False), registration,
-                       planar) for _ in range(TRIALS)]
+                       planar, size) for _ in range(TRIALS)]
     best = min([plain, *trials], key=lambda t: float(np.median(misses(some, t))))
     for _ in range(CONCENTRATED):
         # least trimmed squares: the nearer half decides, again and again
         away = misses(some, best)
-        best = _aligned(data, pose, position, some[away <= np.median(away)], registration, planar)
+        best = _aligned(data, pose, position, some[away <= np.median(away)], registration, planar,
+                        size)
     away = misses(rows, best)
     near = rows[away <= BLUNDER * np.median(away)]
-    return _aligned(data, pose, position, near, registration, planar)
+    return _aligned(data, pose, position, near, registration, planar, size)
 
 
 def _aligned(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64],
-             registration: Registration, planar: bool) -> Registration:
+             registration: Registration, planar: bool, size: float) -> Registration:
     """Return the closed-form registration of the given rows."""
     rotation, origin = cga.rotation_matrix(pose[rows]), cga.translation(pose[rows])
     turn, body = _rotations(data, rows, rotation, origin, position[rows], registration, planar)
-    shift, target = _origins(data, turn, rotation, origin, position[rows], registration, planar)
+    shift, target = _origins(data, turn, rotation, origin, position[rows], registration, planar,
+                             size)
     return Registration(cga.motor_from_matrix(turn, shift), target,
                         cga.rotation_vector(cga.motor_from_matrix(body, np.zeros(3))))
 
@@ -229,11 +232,17 @@ def _rotations(data: Dataset, rows: NDArray[np.int64], rotation: Array, origin: 
 
 
 def _origins(data: Dataset, turn: Array, rotation: Array, origin: Array, position: Array,
-             registration: Registration, planar: bool) -> tuple[Array, Array]:
-    """Return frame origin and target (3,) each: linear least squares, smallest target."""
+             registration: Registration, planar: bool, size: float) -> tuple[Array, Array]:
+    """Return frame origin and target (3,) each: linear least squares, the target held.
+
+    A platform that hardly turns hardly tells its target from the frame's origin, and what its
+    nominal geometry misses would put both metres away. So the target is held near what the file
+    says, as loosely as by ``size``, m, against what the rows miss by, which is the machine's
+    and not noise: many rows are worth no more than a few.
+    """
     shift, target = cga.translation(registration.frame), registration.target
     seen = turn @ rotation
-    rest = position - origin @ turn.T
+    rest = position - origin @ turn.T - seen @ target
     blocks, columns = [], []
     if data.frame.fitted:
         blocks.append(np.broadcast_to(np.eye(3), seen.shape))
@@ -243,12 +252,16 @@ def _origins(data: Dataset, turn: Array, rotation: Array, origin: Array, positio
     if data.target.fitted:
         blocks.append(seen)
         columns.append("target")
-    else:
-        rest = rest - seen @ target
     if not blocks:
         return shift, target
     matrix = np.concatenate(blocks, axis=-1).reshape(-1, 3 * len(blocks))
-    solution = linalg.lstsq(matrix, rest.reshape(-1), rcond=1e-9)[0].reshape(-1, 3)
-    found = dict(zip(columns, solution, strict=True))
+    solution = linalg.lstsq(matrix, rest.reshape(-1), rcond=1e-9)[0]
+    if data.target.fitted:
+        missed = float(np.linalg.norm(rest.reshape(-1) - matrix @ solution))
+        held = np.concatenate([np.zeros((3, matrix.shape[1] - 3)), np.eye(3)], axis=1)
+        solution = linalg.lstsq(np.concatenate([matrix, held * missed / size]),
+                                np.concatenate([rest.reshape(-1), np.zeros(3)]), rcond=1e-9)[0]
+    found = dict(zip(columns, solution.reshape(-1, 3), strict=True))
     flat = np.array([1.0, 1.0, 0.0]) if planar else np.ones(3)
-    return found.get("shift", shift) * flat, found.get("target", target) * flat
+    return (found.get("shift", shift) * flat,
+            (target + found.get("target", np.zeros(3))) * flat)

@@ -12,15 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.compensation import Compensation
+from ppmcal.calibration.compensation import NOTHING, Compensation
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.ways import Ways
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
 
-NOTHING = 1e-9
-"""Errors and steps below this part of the reach are arithmetic."""
 JUMP = 0.25
 """A correction may change from row to row by this part of the targets' own step in the joints."""
 MOST_AHEAD = 12

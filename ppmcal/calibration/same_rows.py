@@ -104,7 +104,8 @@ def partners(one: Array, two: Array, away: Array) -> tuple[Ints, Ints]:
     """
     from scipy.spatial import cKDTree  # slow to import, asked of several files only
 
-    near = cKDTree(one / away).query_ball_point(two / away, 1.0, p=np.inf)
+    near: list[list[int]] = list(cKDTree(one / away).query_ball_point(
+        two / away, 1.0, p=np.inf))  # type: ignore[arg-type]
     count = np.array([len(n) for n in near], dtype=np.int64)
     found = np.concatenate([np.zeros(0), *(np.asarray(n, dtype=float) for n in near)])
     return found.astype(np.int64), np.repeat(np.arange(len(two)), count)

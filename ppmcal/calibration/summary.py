@@ -35,6 +35,7 @@ from ppmcal.calibration.left_out_rows import (
 )
 from ppmcal.calibration.measured_ranges import measured_by
 from ppmcal.calibration.noise import LEAST, Noise, noise_check, with_noise
+from ppmcal.calibration.other_branch import branch_findings
 from ppmcal.calibration.outliers import GrossErrors, find_gross_errors
 from ppmcal.calibration.posterior import BENT, Posterior
 from ppmcal.calibration.rank import (
@@ -226,6 +227,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    "is too large, in a wrong unit perhaps, so intervals are too wide"
                    + (" and the data count too little against the tolerances" if fit.prior.any()
                       else "") + "; correct it, or use --sigma estimated")
+    out += branch_findings(fit.problem, fit.state)
     out += in_words(fit, wider)
     far = far_from_nominal(found)
     if far:

@@ -30,7 +30,7 @@ ROWS = 24
 
 
 @click.command("export", epilog=examples(
-    "ppmcal export klipper fitted-printer --old printer.cfg",
+    "ppmcal export klipper fitted-printer --old printer.cfg --write",
     "ppmcal export grid identified --poses targets.csv"))
 @click.argument("form", metavar="FORMAT", shell_complete=completion.exports)
 @click.argument("model", type=MODEL)
@@ -38,10 +38,13 @@ ROWS = 24
 @click.option("--old", type=FILE, default=None,
               help="The controller's file in use, to predict the gain against  [default: the "
               "nominal values of MODEL].")
+@click.option("--write", is_flag=True,
+              help="Write a copy of --old with the new numbers as well (klipper), such as its own "
+              "reader takes them.")
 @click.option("--poses", type=FILE, default=None,
               help="Wanted poses, for formats that are tables of them.")
 @console_options
-def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | None,
+def command(form: str, model: Path, out: Path, old: Path | None, write: bool, poses: Path | None,
             console: Console) -> None:
     """Write MODEL as a controller's configuration takes it.
 
@@ -60,7 +63,7 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     from ppmcal.api.export import export
     from ppmcal.io.folder import current
 
-    result = export(form, model, old=old, poses=poses, regardless=current().force)
+    result = export(form, model, old=old, poses=poses, write=write, regardless=current().force)
     written = result.save(out)
     _show(result.record, console)
     console.warn(result.findings)

@@ -43,7 +43,7 @@ def refit(printer: Printer) -> DeltaGeometry | None:
     """
     if len(printer.heights) < 6:
         return None
-    own = replace(printer, nominal=replace(printer.nominal, geometry=printer.geometry))
+    own = replace(printer, nominal=replace(printer.nominal, geometry=printer.calibration))
     text = machine_yaml(own, "single" if printer.distances else "fixed")
     try:
         mechanism = read_mechanism(yaml.safe_load(text))

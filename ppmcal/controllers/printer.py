@@ -65,6 +65,8 @@ class Printer:
         distances: measured, and carriages at both ends, mm, (M, 7).
         meshes: beds that were probed with ``geometry``.
         findings: what the user must look at.
+        result: what a calibration saved, where that is not what it prints with.
+        included: other files that were read.
     """
 
     source: str
@@ -76,11 +78,18 @@ class Printer:
     distances: tuple[tuple[float, ...], ...] = ()
     meshes: tuple[Mesh, ...] = ()
     findings: tuple[str, ...] = field(default=())
+    result: DeltaGeometry | None = None
+    included: tuple[str, ...] = ()
+
+    @property
+    def calibration(self) -> DeltaGeometry:
+        """What its last calibration saved, mm and degrees."""
+        return self.geometry if self.result is None else self.result
 
     @property
     def calibrated(self) -> bool:
         """Whether it saved numbers that are not those it was meant to have."""
-        return self.saved and self.geometry != self.nominal.geometry
+        return self.saved and self.calibration != self.nominal.geometry
 
 
 def offsets(geometry: DeltaGeometry) -> Triple:

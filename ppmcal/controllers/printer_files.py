@@ -128,8 +128,8 @@ def _size(tolerance: float) -> str:
 
 def saved_yaml(printer: Printer, rods: str) -> str:
     """Return the printer with the numbers that it saved itself, to compare with."""
-    own = replace(printer, nominal=replace(printer.nominal, geometry=printer.geometry))
-    each = "single" if rods == "shared" and len(set(printer.geometry.arms)) > 1 else rods
+    own = replace(printer, nominal=replace(printer.nominal, geometry=printer.calibration))
+    each = "single" if rods == "shared" and len(set(printer.calibration.arms)) > 1 else rods
     text = machine_yaml(own, each)
     return ("# With the numbers that the printer saved itself: a result, to be compared with\n"
             "# (`ppmcal validate identified DATA --against saved.yaml`), never a nominal.\n"

@@ -55,6 +55,7 @@ from ppmcal.diagnosis.verdict import (
     next_step,
     not_predicted,
     refuse_unconverged,
+    refuse_unredundant,
 )
 from ppmcal.model.dataset import Dataset
 from ppmcal.wording.progress import begin
@@ -84,6 +85,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
         whole = identify(settled, options.fit)
         training, held = training_part(whole, options)
         found = found_in(training, options)
+    refuse_unredundant(found)
     wanders = found.last.wanders
     begin("confirming in all rows")
     found, final = confirm(found, whole, options)

@@ -1,4 +1,10 @@
-"""What is gone of the gap, on poses that no fit has seen."""
+"""What is gone of the gap, on poses that were held out of the fits.
+
+No row is left out because one of the two models misses it: what the model under test misses is
+what the gap is to show. A gross error is missed by both of them. Such a row counts for as much as
+the largest error that chance gives, by the model that misses it less, and its error under the other
+model in proportion: it cannot outweigh all other rows, and is no reason to prefer either.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +12,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit, prediction_covariance
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.response import Rows
 from ppmcal.calibration.sessions import pose_labels
 from ppmcal.calibration.validation import fresh_state
-from ppmcal.linalg import Array, Ints
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
 
 DRAWS = 2000
@@ -21,7 +27,8 @@ TOGETHER = 2**19
 """So many poses are drawn together."""
 UNPREDICTED = 100.0
 """Variance of a prediction over that of the noise, beyond which it is none."""
-REJECT = 0.05
+CHANCE = 0.05
+"""How often noise alone makes the largest error of all rows larger than that of a gross row."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +70,21 @@ class HeldOutErrors:
         return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
 
-def _errors(fit: Fit, held: Sequence[Dataset]) -> HeldOutErrors:
+def _predictor(fit: Fit, held: Sequence[Dataset]) -> tuple[Problem, State]:
+    """Return held-out rows as a problem, and its state as a fit predicts it."""
     about = tuple(o.about for o in fit.problem.opens)
     problem = replace(fit.problem, datasets=tuple(held), pivots=about)
-    state = fresh_state(problem, fit.state)
-    return errors_of(problem, ((r, r.residual) for r in problem.rows(state)),
+    return problem, fresh_state(problem, fit.state)
+
+
+def _errors(fit: Fit, held: Sequence[Dataset]) -> HeldOutErrors:
+    problem, state = _predictor(fit, held)
+    return _errors_at(fit, problem, state, None)
+
+
+def _errors_at(fit: Fit, problem: Problem, state: State, rows: Sequence[Bools] | None
+               ) -> HeldOutErrors:
+    return errors_of(problem, ((r, r.residual) for r in problem.rows(state, True, rows)),
                      prediction_covariance(fit))
 
 
@@ -93,7 +110,10 @@ def errors_of(problem: Problem, predicted: Iterable[tuple[Rows, Array]], covaria
 
 def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, seed: int
                 ) -> Gap | None:
-    """Return the held-out gap, None if the held-out rows are not predictable.
+    """Return the held-out gap, None if no held-out row is predictable.
+
+    Rows at which the machine with the effects has no pose, where it has one without them, are
+    rows that they fail: the gap is of the others then, and is worse.
 
     Args:
         before: the fit without the effects.
@@ -102,10 +122,15 @@ def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, 
         noise: over the stated one.
         seed: of the bootstrap.
     """
-    old, new = _errors(before, held), _errors(after, held)
-    if old.square.size != new.square.size or new.square.size == 0:
+    parts = [(fit, *_predictor(fit, held)) for fit in (before, after)]
+    reached = [[finite_rows(p) for p in state.poses] for _, _, state in parts]
+    both = [a & b for a, b in zip(*reached, strict=True)]
+    if not any(rows.any() for rows in both):
         return None
-    return gap_of(old, new, noise, seed)
+    old, new = (_errors_at(*part, both) for part in parts)
+    gap = gap_of(old, new, noise, seed)
+    lost = any(bool((a & ~b).any()) for a, b in zip(*reached, strict=True))
+    return replace(gap, confirmed=False, worse=True) if lost else gap
 
 
 def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> Gap:
@@ -117,23 +142,24 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
         noise: over the stated one.
         seed: of the bootstrap.
     """
-    count = np.maximum(new.count, 1.0)
-    away = new.square / (noise**2 + new.variance / count)
-    # a gross error is far from the others; where half of the rows are far, the model is wrong
-    scale = max(1.0, float(np.median(away / chdtri(count, 0.5))))
-    good = chdtrc(count, away / scale) * new.square.size >= REJECT
-    # what neither fit can predict tells nothing of them
-    good &= np.maximum(old.variance, new.variance) / count <= UNPREDICTED * noise**2
-    if not good.any():
-        good = np.ones_like(good)
-    labels, group = np.unique(new.group[good], return_inverse=True)
+    count, own = np.maximum(new.count, 1.0), UNPREDICTED * noise**2
+    # rows that neither fit can predict tell nothing of them; what one of them cannot is its failing
+    told = np.minimum(old.variance, new.variance) / count <= own
+    if not told.any():
+        told = np.ones_like(told)
+    weight = common_weights(old, new, noise, told)
+
+    labels, group = np.unique(new.group[told], return_inverse=True)
 
     def per_pose(values: Array) -> Array:
-        sums = np.bincount(group.reshape(-1), weights=values[good], minlength=labels.size)
+        sums = np.bincount(group.reshape(-1), weights=values[told], minlength=labels.size)
         return np.asarray(sums, dtype=np.float64)
 
-    table = np.stack([per_pose(v) for v in (old.square, new.square, old.variance, new.variance,
-                                            new.count)])
+    table = np.stack([per_pose(v) for v in (
+        weight * old.square, weight * new.square,
+        # where a fit predicts nothing, its own doubt is no excuse
+        weight * np.minimum(old.variance, own * count),
+        weight * np.minimum(new.variance, own * count), new.count)])
     whole = table.sum(axis=1)
     sums = _bootstrap(table, seed)
     closed, change = _closed(whole, noise), (sums[0] - sums[1]) / sums[4]
@@ -147,6 +173,23 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
     worse = bool(np.quantile(change, 0.975) < 0.0) or last**2 - first**2 > 1.0
     return Gap(noise, first, last, closed, interval, bool(np.quantile(change, 0.025) > 0.0),
                worse, int(labels.size))
+
+
+def common_weights(old: HeldOutErrors, new: HeldOutErrors, noise: float, told: Bools) -> Array:
+    """Return the weight of each row (N,), one for both models: 1 unless both of them miss it.
+
+    Args:
+        old: errors without the effects.
+        new: errors of the same rows with them.
+        noise: over the stated one.
+        told: rows that count (N,).
+    """
+    count = np.maximum(new.count, 1.0)
+    away = np.minimum(*(e.square / (noise**2 + e.variance / count) for e in (old, new)))
+    # where both are far from half of the rows, it is not rows that are wrong
+    scale = max(1.0, float(np.median((away / chdtri(count, 0.5))[told])))
+    most = scale * chdtri(count, CHANCE / max(int(told.sum()), 1))
+    return np.asarray(most / np.maximum(away, most))
 
 
 def _bootstrap(table: Array, seed: int) -> Array:

@@ -99,7 +99,8 @@ class _Sums:
         n, m = stage.system.residual.shape
         self.stage, self.hypothesis = stage, hypothesis
         columns = form_columns(stage, hypothesis)
-        self.length = np.linalg.norm(columns, axis=0)
+        length = np.linalg.norm(columns, axis=0)
+        self.length = np.where(length > 0.0, length, 1.0)
         unit = (columns / self.length).reshape(n, m, -1)
         free = stage.residual - stage.basis @ (stage.basis.T @ stage.residual)
         basis = stage.basis.reshape(n, m, -1)
@@ -128,7 +129,8 @@ class _Sums:
         if not np.isfinite(left).any():
             return None
         i = int(np.argmin(left))
-        change = n * np.log(left[i] / self.square) + (right.shape[1] + 2.0) * np.log(n)
+        gain = np.log(max(left[i], 1e-300) / max(self.square, 1e-300))
+        change = n * gain + (right.shape[1] + 2.0) * np.log(n)
         return (int(b[i]), int(e[i]), bic(self.stage.search, ()) + float(change),
                 float(left[i]))
 

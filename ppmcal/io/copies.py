@@ -21,8 +21,9 @@ from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.measurement_columns import row_list
 from ppmcal.io.pose_fields import COORDINATES
-from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.repeats import NO_INFLUENCE, identical_rows
 from ppmcal.wording import counted
 
 BY_CHANCE = 1e-4
@@ -32,8 +33,6 @@ ALWAYS = 10
 below the steps or there is none: one of them tells what all do."""
 FEWEST = 3
 REASON = "equal to an earlier row in every digit: a copy is no repeat"
-NO_INFLUENCE = ("time",)
-"""Columns that a copy need not share."""
 
 
 def chance_of_equal(step: float, sigma: float) -> float:
@@ -99,10 +98,10 @@ def _sigmas(data: Dataset) -> Array:
 
 def _scatter(data: Dataset, values: Array) -> Array:
     """Return the scatter of repeats that differ (m,), nan without any."""
-    place = _numbered(_conditions(data))
+    place = identical_rows(_conditions(data))
     if np.array_equal(place, np.arange(len(data))):
         return np.full(values.shape[1], np.nan)
-    whole = _numbered(np.column_stack([_conditions(data), values]))
+    whole = identical_rows(np.column_stack([_conditions(data), values]))
     _, first = np.unique(whole, return_index=True)
     _, label, count = np.unique(place[first], return_inverse=True, return_counts=True)
     several = count[label] > 1
@@ -123,27 +122,15 @@ def _conditions(data: Dataset) -> Array:
     return np.asarray(np.nan_to_num(np.concatenate(parts, axis=1), nan=0.5, posinf=0, neginf=0))
 
 
-def _numbered(rows: Array) -> Ints:
-    """Return the index of the first row that each row (N, c) is equal to, bit by bit (N,)."""
-    bits = np.ascontiguousarray(rows + 0.0).view(np.uint64)
-    odd = np.random.default_rng(1).integers(1, 2**63, bits.shape[1], dtype=np.uint64) | np.uint64(1)
-    mixed = (bits ^ (bits >> np.uint64(29))) * odd
-    _, first, label = np.unique((mixed ^ (mixed >> np.uint64(32))).sum(axis=1),
-                                return_index=True, return_inverse=True)
-    found = first[label.reshape(-1)]
-    # a row that only shares the sum with another stands for itself
-    return np.where(np.all(bits[found] == bits, axis=1), found, np.arange(len(rows)))
-
-
 def copied(data: Dataset) -> Bools:
     """Return which rows (N,) are copies of an earlier one; ``data.chance`` says what is odd."""
     values = _values(data)
     told = _conditions(data)
-    whole = _numbered(np.column_stack([told, np.nan_to_num(values, nan=0.5)]))
+    whole = identical_rows(np.column_stack([told, np.nan_to_num(values, nan=0.5)]))
     out = whole < np.arange(len(data))
     if not out.any():
         return out
-    repeats = _numbered(told) < np.arange(len(data))
+    repeats = identical_rows(told) < np.arange(len(data))
     moving = np.any(np.nanmax(np.where(np.isfinite(values), values, -np.inf), axis=0)
                     > np.nanmin(np.where(np.isfinite(values), values, np.inf), axis=0))
     always = moving and repeats.sum() >= ALWAYS and np.array_equal(repeats, out)
@@ -187,10 +174,11 @@ def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
                     for d in (other, data)]
             if rows[0].shape[1] != rows[1].shape[1]:
                 continue
-            again = _numbered(np.concatenate(rows))[len(other):] < len(other)
+            again = identical_rows(np.concatenate(rows))[len(other):] < len(other)
             if data.kind not in SCALARS and not again.all():
                 # a height is mostly 0: where it was touched has to agree in every digit
-                again[partners(*rows, tolerances(*rows))[1]] = True
+                one, two = rows
+                again[partners(one, two, tolerances(one, two))[1]] = True
             if again.any() and _copied_count(again, max(data.chance, other.chance)):
                 if again.all():
                     raise BadInput(f"holds no row that {other.source} does not hold too, equal "

@@ -159,7 +159,7 @@ def test_commands_refuse_it_and_write_no_machine(tmp_path: Path, command: str) -
 
 def test_a_fit_that_does_not_converge_above_the_noise_is_no_result(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fitting, "ITERATIONS", 1)
+    monkeypatch.setattr(fitting, "ITERATIONS", 0)
     path = session(tmp_path)
     done = ppmcal("identify", MACHINE, path, "--out", tmp_path / "out", "--keep-outliers",
                   "--holdout", "0", expect=3)
@@ -169,7 +169,7 @@ def test_a_fit_that_does_not_converge_above_the_noise_is_no_result(
 
 def test_no_diagnosis_is_built_on_such_a_fit(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fitting, "ITERATIONS", 1)
+    monkeypatch.setattr(fitting, "ITERATIONS", 0)
     done = ppmcal("diagnose", MACHINE, session(tmp_path), "--out", tmp_path / "out", expect=3)
     assert "did not converge" in done.err and "no effect can be told" in done.err
     assert not (tmp_path / "out").exists()

@@ -18,6 +18,7 @@ from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.controllers.klipper_config import DeltaGeometry
+from ppmcal.controllers.klipper_lines import BLOCK
 from ppmcal.io import read_campaign, read_mechanism
 
 DATA = Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data"))
@@ -49,7 +50,7 @@ def config(saved: DeltaGeometry, real: DeltaGeometry = REAL, *, arms: str = "#ar
     for tower in "abc":
         first = f"#position_endstop: 290.0\n{arms}\n" if tower == "a" else ""
         out += f"[stepper_{tower}]\nstep_distance: {STEP}\n{first}"
-    out += f"{extra}#*# <- SAVE_CONFIG ->\n#*# DO NOT EDIT\n#*# [printer]\n"
+    out += "\n".join([extra, *BLOCK, "#*# [printer]\n"])
     out += f"#*# delta_radius = {saved.radius:.6f}\n"
     for i, tower in enumerate("abc"):
         out += (f"#*#\n#*# [stepper_{tower}]\n#*# angle = {saved.angles[i]:.6f}\n"
@@ -405,7 +406,7 @@ def test_real_beds_come_out_as_the_steps_that_were_worked_out_of_them(tmp_path: 
 
 
 def test_a_radius_that_was_measured_by_hand_is_nominal(tmp_path: Path) -> None:
-    path = written(tmp_path, config(REAL, body="delta_radius: 100.0\n"))
+    path = written(tmp_path, config(REAL, body="#delta_radius: 100.0\n"))
     said = import_config("klipper", path)
     assert any("was never this printer's" in f for f in said.findings)
     found = import_config("klipper", path, radius=140.4)

@@ -99,7 +99,8 @@ class DiagnosisRecord(Record):
             next_measurements=NextMeasurements(
                 reason=wanted.reason, file="next.csv" if wanted.rows else None, rows=wanted.rows,
                 odds_before=wanted.odds_before, odds_after=wanted.odds_after),
-            excluded=_left_out(result), findings=result.findings,
+            excluded=_left_out(result),
+            findings=(*result.identification.mechanism.findings, *result.findings),
             campaign=CampaignSummary.of(result.identification.campaign, units),
             other_models=tuple(OtherModel.of(name, other) for name, other in other_files(result)),
             sets=TriedSet.each(result),

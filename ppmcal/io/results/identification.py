@@ -126,7 +126,7 @@ class IdentificationRecord(Record):
             flats=tuple(FlatShape.of(f, units) for f in result.flats),
             gross_errors=GrossErrorSummary.of(result.gross_errors, mechanism),
             identifiability=IdentifiabilitySummary.of(result.identifiability, mechanism),
-            excluded=_excluded(result), findings=result.findings, datasets=_datasets(result),
+            excluded=_excluded(result), findings=(*mechanism.findings, *result.findings), datasets=_datasets(result),
             doubtful=tuple(DoubtfulPart.of(d, mechanism) for d in result.doubtful),
             campaign=CampaignSummary.of(result.campaign, units),
             freedoms=None if freedoms is None else FreedomChoiceEntry.of(freedoms),

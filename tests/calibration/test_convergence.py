@@ -1,0 +1,50 @@
+"""When a fit is at its minimum, and that it is the same one from wherever it starts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.campaigns_in_files import run
+from helpers.paths import ROOT
+
+from ppmcal.calibration.fit import Fit, FitOptions, posterior
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.least_squares import normal_step, parameter_scale
+from ppmcal.calibration.problem import Problem
+from ppmcal.io import read_mechanism, read_scenario
+
+
+def left_to_gain(fit: Fit) -> float:
+    return normal_step(fit.problem, fit.state, fit.reduced, fit.prior).step()[1]
+
+
+def bent(seed: int) -> Problem:
+    """Joints that are known ten times worse than the pose, and bent by far more than that."""
+    mechanism = read_mechanism(ROOT / "configs" / "3-RPR.yaml")
+    scenario = read_scenario(ROOT / "configs" / "scenarios" / "3-RPR.yaml", mechanism)
+    made = run(mechanism, replace(scenario, sigma_actuator=np.full(3, 2e-5)), seed)
+    q = made.data.q
+    middle = q.mean(axis=0)
+    data = replace(made.data, q=q + 200e-5 * ((q - middle) / np.ptp(q, axis=0)) ** 2
+                   + np.random.default_rng(seed).normal(scale=100e-5, size=q.shape))
+    return replace(made.problem, datasets=(data,))
+
+
+@pytest.mark.parametrize("seed", [0, 2, 6])
+def test_noise_of_joints_that_moves_with_the_geometry_does_not_hide_the_minimum(seed: int) -> None:
+    """Each step lowers chi-squared with the noise as it was, and raises it with the new one."""
+    problem = bent(seed)
+    fit = identify(problem, FitOptions(robust=False))
+    assert fit.converged
+    assert left_to_gain(fit) < 1e-5
+
+    free = list(problem.free)
+    g = problem.mechanism.values.copy()
+    g[free] += np.where(np.arange(len(free)) % 2, 1.0, -1.0) * parameter_scale(problem)
+    start = problem.solve(replace(problem.start(), g=g))
+    other = identify(problem, FitOptions(robust=False), start)
+    away = (other.state.g - fit.state.g)[free] / np.sqrt(np.diagonal(posterior(fit)))[:len(free)]
+    assert other.converged
+    assert np.max(np.abs(away)) < 1e-3
