@@ -22,14 +22,12 @@ from ppmcal.api.result import Progress, Result
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.freedom_choice import choice_sentence, with_chosen_freedoms
 from ppmcal.calibration.misread import Misread, misreading_sentence
-from ppmcal.calibration.misreading import refuse_misread
 from ppmcal.calibration.model_averaging import Readings
-from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.read_rightly import refuse_before_fit
 from ppmcal.calibration.sessions import one_session, session_masks
 from ppmcal.calibration.summary import Identification
 from ppmcal.calibration.tolerated_noise import noise_beyond_tolerances
-from ppmcal.calibration.wrong_rows import refuse_wrong_part
 from ppmcal.design.missing_poses import weak_campaign
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.next_experiment import with_poses
@@ -145,9 +143,7 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
     problem = Problem(machine, datasets, machine.free)
     with with_unit_findings(machine, datasets) as units:
         begin("comparing the measurements with the nominal machine")
-        refuse_wrong_units(machine, datasets)
-        if refuse_misread(problem).doubted:
-            refuse_wrong_part(problem)
+        refuse_before_fit(problem, every_column=True)
         problem, choice = with_chosen_freedoms(problem, FitOptions(),
                                                [d.estimated for d in datasets])
         found, told = diagnose_with_own_noise(problem, DiagnosisOptions(

@@ -33,15 +33,13 @@ from ppmcal.calibration.freedom_choice import (
 from ppmcal.calibration.identifiability import predict_identifiability
 from ppmcal.calibration.identify import identify as fitted
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.misreading import refuse_misread, refuse_small_misreading
 from ppmcal.calibration.noise import noise_check, noise_sentences, with_estimated_noise
 from ppmcal.calibration.other_machine import refuse_other_machine
-from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.read_rightly import refuse_after_fit, refuse_before_fit
 from ppmcal.calibration.registration_freedoms import hint_sentences, registration_hints
 from ppmcal.calibration.summary import Identification, report
 from ppmcal.calibration.tolerated_noise import noise_beyond_tolerances
-from ppmcal.calibration.wrong_rows import refuse_wrong_part, refuse_wrong_rows
 from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
@@ -111,17 +109,13 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         _refuse_unobservable(problem, machine.source)
     with with_unit_findings(machine, datasets) as units:
         begin("comparing the measurements with the nominal machine")
-        if machine.effects:
-            refuse_wrong_units(machine, datasets)
-        if refuse_misread(problem).doubted:
-            refuse_wrong_part(problem)
+        refuse_before_fit(problem)
         begin("choosing what to fit")
         problem, choice = with_chosen_freedoms(problem, options, _estimated(problem, sigma))
         begin("fitting")
         fit, odd, told = _fit(problem, options, sigma)
         begin("looking for wrong rows")
-        refuse_small_misreading(fit)
-        refuse_wrong_rows(fit)
+        refuse_after_fit(fit)
         begin("judging the fit")
         found = report(fit, options, fraction, seed, other, leave_out)
         if chosen == "prior":

@@ -14,14 +14,13 @@ import numpy as np
 from ppmcal.calibration.identifiability import Identifiability, predict_identifiability
 from ppmcal.calibration.least_squares import column_scale, qr_factor
 from ppmcal.calibration.misread import mend_of, misreading_sentence
-from ppmcal.calibration.misreading import MEND, misfit
+from ppmcal.calibration.misreading import MEND
 from ppmcal.calibration.other_branch import branch_findings
-from ppmcal.calibration.other_machine import doubtful_machine
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.rank import RANK_TOLERANCE, Unidentifiable, unidentifiable, whole_rank
+from ppmcal.calibration.read_rightly import found_wrong
 from ppmcal.calibration.reading_trial import Misreading
-from ppmcal.calibration.wrong_rows import wrong_parts
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, to_joint
 from ppmcal.kinematics.needed_columns import remembers
@@ -138,9 +137,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     misreadings: tuple[Misreading, ...] = ()
     if datasets and mechanism.free and value >= SINGULAR_HOME:
         problem = Problem(mechanism, tuple(datasets), mechanism.free)
-        found = misfit(problem)
-        misreadings = found.readings or (() if found.misread else (
-            (found.doubted and wrong_parts(problem)) or doubtful_machine(problem)))
+        found, misreadings = found_wrong(problem)
         for m in misreadings:
             what = misreading_sentence(m, mechanism.units)
             findings.append(f"{m.source}: {what}{'' if what.endswith('?') else '.'} "

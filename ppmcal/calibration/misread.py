@@ -16,6 +16,9 @@ MENDS = {
                      "that far from nominal, give larger tolerances, or --prior flat",
     "shuffled": "No entry of the sidecar mends that: put the measurements in the order of the "
                 "joint values again, where they were recorded, or leave those rows out",
+    "frame": "Write into the sidecar: `frame: unknown`",
+    "target": "Write into the sidecar: `target: unknown`",
+    "target-rotation": "Write into the sidecar: `target_rotation: unknown`",
 }
 """What only the user can mend, by kind of mistake."""
 PLAIN = ("stale", "outside-limits")
@@ -62,9 +65,9 @@ def mend_of(found: Sequence[Misreading]) -> str:
     for m in found:
         if m.block is not None:
             blocks.setdefault(block_text(m.block), []).append(m.source)
-    unmended = [MENDS[x.kind] for m in found for x in m.mistakes if x.kind in MENDS]
-    if unmended:
-        return unmended[0]
+    own = [MENDS[x.kind] for m in found for x in m.mistakes if x.kind in MENDS]
+    if own:
+        return ". ".join(dict.fromkeys(own))
     if not blocks and any(x.rows and x.kind not in PLAIN for m in found for x in m.mistakes):
         return ("Put those rows into a file of their own whose sidecar says so, or leave them "
                 "out")

@@ -181,15 +181,34 @@ def refuse_misread(problem: Problem) -> Misfit:
     return found
 
 
-def short_fit(problem: Problem) -> tuple[Problem, State, float]:
-    """Return few rows of a problem, where a short robust fit ends, and the noise it leaves, times.
+def explained_times(problem: Problem) -> float:
+    """Return how far the nominal machine is from few rows, times what tolerances and noise explain.
 
     Raises:
         BadInput: as :meth:`ppmcal.calibration.problem.Problem.start`.
     """
     few = _few(toleranced(problem))
     state = few.start()
+    return explained_distances(few, state).times([finite_rows(p) for p in state.poses])
+
+
+def short_fit(problem: Problem, lands: float = np.inf) -> tuple[Problem, State, float]:
+    """Return few rows of a problem, where a short robust fit ends, and the noise it leaves, times.
+
+    Args:
+        problem: machine and data.
+        lands: the fit is not made of a nominal machine farther off than this, see
+            :func:`explained_times`.
+
+    Raises:
+        BadInput: as :meth:`ppmcal.calibration.problem.Problem.start`. NoResult: it is farther off.
+    """
+    few = _few(toleranced(problem))
+    state = few.start()
     keep = [finite_rows(p) for p in state.poses]
+    if np.isfinite(lands) and not explained_distances(few, state).times(keep) <= lands:
+        raise NoResult("the nominal machine is too far off for a fit",
+                       ", ".join(d.source for d in problem.datasets))
     keep = [k & ~g for k, g in zip(keep, gross_errors(few, state, keep), strict=True)]
     end = _after_trial(few, state, keep)
     return few, end, distances(few, end).times(keep)

@@ -14,10 +14,12 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.misreading import TELLING, end_parts, short_fit
-from ppmcal.calibration.mistakes import Mistake
+from ppmcal.calibration.misreading import TELLING, end_parts, explained_times, short_fit
+from ppmcal.calibration.mistakes import Mistake, read_block
+from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.calibration.reading_trial import NOISE, Misreading
+from ppmcal.calibration.reading_trial import AS_GOOD, NOISE, Misreading, other_registrations
+from ppmcal.calibration.small_misreading import nearest_readings, read_as
 from ppmcal.errors import PpmcalError
 from ppmcal.model.parameters import NO_TOLERANCE
 from ppmcal.wording.progress import stage
@@ -49,6 +51,9 @@ def other_machine(problem: Problem, state: State) -> Misreading | None:
     size = _size(away)
     if size <= FAR or len(far) < FEWEST or _right_in_part(problem):
         return None
+    otherwise = _otherwise(problem)
+    if otherwise is not None:
+        return otherwise
     words = ", ".join(f"{name} by {away[name]:.0f}" for name in far[:3])
     text = (f"geometry {size:.0f} tolerances from nominal (RMS; {words}): the file of another "
             "machine?")
@@ -56,14 +61,9 @@ def other_machine(problem: Problem, state: State) -> Misreading | None:
                       np.nan, np.nan, np.nan)
 
 
-def doubtful_machine(problem: Problem) -> tuple[Misreading, ...]:
-    """Return that the machine's file is of another one, as a short fit of few rows shows it."""
-    with suppress(PpmcalError):
-        few, state, _ = short_fit(problem)
-        if _size(_away(few, state)) > FAR:
-            found = other_machine(replace(problem, free=few.free), state)
-            return (found,) if found else ()
-    return ()
+def far_from_nominal(problem: Problem, state: State) -> bool:
+    """Whether a geometry, zeros of drives left out, is farther than tolerances allow."""
+    return _size(_away(problem, state)) > FAR
 
 
 @stage("is it this machine")
@@ -91,6 +91,36 @@ def _away(problem: Problem, state: State) -> dict[str, float]:
 
 def _size(away: dict[str, float]) -> float:
     return float(np.sqrt(np.mean(np.square([*away.values()])))) if away else 0.0
+
+
+def _otherwise(problem: Problem) -> Misreading | None:
+    """Return how files would have to be read for the machine to be this one, None if in no way.
+
+    A mistake that bends the geometry leaves little more than noise.
+    """
+    mechanism = problem.mechanism
+    problem = replace(problem, earlier=None)
+    try:
+        lands = max(NEAR, explained_times(problem))
+    except PpmcalError:
+        return None
+    found: list[tuple[float, float, Misreading]] = []
+    for i, data in enumerate(problem.datasets):
+        if data.kind in SCALARS or data.commanded is not None:
+            continue
+        for reading, what, other in (*other_registrations(problem, i), *read_as(
+                problem, i, nearest_readings(mechanism, data))):
+            with suppress(PpmcalError):
+                few, state, left = short_fit(other, lands)
+                size = _size(_away(few, state))
+                if left <= TELLING and size <= NEAR:
+                    block = None if reading is None else read_block(reading, mechanism, data)
+                    found.append((left + size, len(what) if reading is None else reading.parts,
+                                  Misreading(data.source, what, block, NOISE, np.nan, np.nan,
+                                             np.nan)))
+    least = min((cost for cost, _, _ in found), default=np.inf)
+    near = [f for f in found if f[0] <= AS_GOOD * least]
+    return min(near, key=lambda f: f[:2][::-1])[2] if near else None
 
 
 def _right_in_part(problem: Problem) -> bool:

@@ -89,7 +89,7 @@ def find_misreading(problem: Problem, index: int, as_read: Trial, judge: Judge
         return None
     alone = problem.alone(data)
     good: list[Found] = []
-    for ways in (_other_readings(alone), other_machines(alone)):
+    for ways in (_other_readings(alone), other_registrations(alone, 0), other_machines(alone)):
         good = [g for g in _judged(ways, judge) if g[2].times * FALLS <= as_read.times]
         if good:
             break
@@ -168,6 +168,35 @@ def _tells(alone: Problem, found: Trial) -> bool:
             if left <= LEFT * float(np.nanmedian(away)):
                 return True
     return not np.isfinite(found.left).any()
+
+
+REGISTERED = {"frame": ("frame", "the measuring frame is not where the sidecar has it"),
+              "target": ("target", "the measured point is not where the sidecar has it"),
+              "target_rotation": ("target-rotation", "the measured body is turned otherwise than "
+                                  "the sidecar says")}
+"""What a sidecar may give and be wrong about: kind of mistake and text, by its key."""
+
+
+def other_registrations(problem: Problem, index: int) -> Iterator[Way]:
+    """Yield the problem with what a sidecar gives of one data set's registration open instead."""
+    data = problem.datasets[index]
+    motion = problem.mechanism.motion
+    given = [key for key in REGISTERED if not getattr(data, key).fitted]
+    if motion == "translational":
+        given = [key for key in given if key == "frame"]    # the platform never turns
+    if data.kind != "pose":
+        given = [key for key in given if key != "target_rotation"]
+    some = [(key,) for key in given]
+    for keys in [*some, tuple(given)] if len(given) > 1 else some:
+        other = replace(data, **{key: replace(getattr(data, key), fitted=True) for key in keys})
+        datasets = tuple(other if i == index else d for i, d in enumerate(problem.datasets))
+        yield None, tuple(Mistake(*_registered(key)) for key in keys), replace(
+            problem, datasets=datasets, pivots=None, given=None, earlier=None)
+
+
+def _registered(key: str) -> tuple[str, tuple[str, ...], str]:
+    kind, text = REGISTERED[key]
+    return kind, (), text
 
 
 def other_machines(alone: Problem) -> Iterator[Way]:

@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 
 from ppmcal.linalg import Array, Ints
+from ppmcal.units import ANGLES, LENGTHS
 
 LOOKED_AT = 2000
+MOST_STEPS, WHOLE = 1e11, 1e-3
+"""Of a number of so many steps, or fewer, double precision says within this whether it is whole."""
 ROUND_OFF = 1e-9
 """What units make of a number is exact to this part of a column's largest."""
 
@@ -72,7 +75,24 @@ def tolerances(one: Array, two: Array, steps: tuple[Array, Array] | None = None)
 
 def _steps(table: Array) -> Array:
     """Return the steps of columns (c,), 0 where there is one number only: its digits tell none."""
-    return np.array([step_of(c) if np.ptp(c) > 0.0 else 0.0 for c in table.T])
+    return np.array([step_of(c) or _decimals(c) if np.ptp(c) > 0.0 else 0.0 for c in table.T])
+
+
+def _decimals(values: Array) -> float:
+    """Return the last decimal of SI values (N,), in any unit, 0 where they have all digits.
+
+    Where steps are very small beside the values, their differences do not tell.
+    """
+    size = float(np.abs(values).max())
+    every = sorted({unit * 10.0**-digit for digit in range(10)
+                    for unit in (1.0, *LENGTHS.values(), *ANGLES.values())}, reverse=True)
+    for step in every:
+        if size >= MOST_STEPS * step:
+            break
+        ratio = values / step
+        if np.abs(ratio - np.round(ratio)).max() < WHOLE:
+            return step
+    return 0.0
 
 
 def partners(one: Array, two: Array, away: Array) -> tuple[Ints, Ints]:

@@ -8,7 +8,7 @@ Those readings, and the likeliest against the nominal machine, are then fitted.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,6 +30,7 @@ from ppmcal.calibration.reading_trial import (
     Trial,
     Way,
     other_machines,
+    other_registrations,
     telling,
 )
 from ppmcal.calibration.readings import FileReading, JointReading
@@ -67,7 +68,8 @@ def find_small_misreading(fit: Fit, index: int, judge: Judge) -> Misreading | No
     if as_read is None:
         return None
     found: list[tuple[Way, Trial]] = []
-    for way in (*_ways(fit, index), *other_machines(problem)):
+    for way in (*_ways(fit, index), *other_registrations(problem, index),
+                *other_machines(problem)):
         left = _judged(way[2], judge, max(NEAR, as_read.times))
         if left is not None and left.after <= min(AT_NOISE, HALF * as_read.after):
             found.append((way, left))
@@ -83,11 +85,34 @@ def _ways(fit: Fit, index: int) -> Iterator[Way]:
     """Yield the readings of one data set that are worth a fit."""
     data, mechanism = fit.problem.datasets[index], fit.problem.mechanism
     best = dict.fromkeys([*(r for _, r in _screened(fit, index)), *_likely(mechanism, data)])
-    for reading in best:
-        other = reading.of(data, mechanism)
-        datasets = tuple(other if i == index else d for i, d in enumerate(fit.problem.datasets))
-        yield reading, mistakes(reading, mechanism, data), replace(
-            fit.problem, datasets=datasets, given=None, earlier=None)
+    yield from read_as(fit.problem, index, [*best])
+
+
+def read_as(problem: Problem, index: int, readings: Sequence[FileReading]) -> Iterator[Way]:
+    """Yield a problem with one data set read in other ways, and with all that are written alike.
+
+    Who has mistaken the columns of one file has mistaken those of the next day.
+    """
+    data, mechanism = problem.datasets[index], problem.mechanism
+    only = [i == index for i in range(len(problem.datasets))]
+    alike = [(d.kind, d.convention, d.units) == (data.kind, data.convention, data.units)
+             for d in problem.datasets]
+    for reading in readings:
+        what = mistakes(reading, mechanism, data)
+        for those in (only,) if alike == only else (only, alike):
+            yield reading, what, replace(problem, datasets=tuple(
+                reading.of(d, mechanism) if mine else d for d, mine in zip(
+                    problem.datasets, those, strict=True)), given=None, earlier=None)
+
+
+def nearest_readings(mechanism: Mechanism, data: Dataset) -> list[FileReading]:
+    """Return the readings nearest to the nominal machine, and all shifts of the rows.
+
+    On a dense path a row more or less is hardly seen by the nominal machine.
+    """
+    plain = JointReading.plain(len(mechanism.actuators))
+    near = [s.reading for s in search_readings(mechanism, data) if s.reading.parts][:FITTED]
+    return [*dict.fromkeys([*near, *(FileReading(plain, shift=s) for s in SHIFTS)])]
 
 
 def _likely(mechanism: Mechanism, data: Dataset) -> list[FileReading]:

@@ -14,14 +14,13 @@ from ppmcal.calibration.frozen_models import Validated
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.left_out_rows import LeftOut, left_out
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.misreading import refuse_small_misreading
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.read_rightly import refuse_after_fit
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.calibration.summary import report
-from ppmcal.calibration.wrong_rows import refuse_wrong_rows
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.adequacy import LEVEL, remainder
@@ -77,8 +76,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
     begin("fitting geometry")
     whole = identify(with_whole_rows(problem), options.fit)
     refuse_unconverged(whole)
-    refuse_small_misreading(whole)
-    refuse_wrong_rows(whole)
+    refuse_after_fit(whole)
     training, held = training_part(whole, options)
     found = found_in(training, options)
     settled = without_first_rows(whole.problem, found.after)

@@ -13,9 +13,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import pdtrc
 
 from ppmcal.calibration.observation import SCALARS
-from ppmcal.calibration.same_rows import step_of
+from ppmcal.calibration.same_rows import partners, step_of, tolerances
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.measurement_columns import row_list
@@ -158,6 +159,8 @@ def without_copies(data: Dataset) -> Dataset:
 def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
     """Return data sets without the rows that an earlier one of the same kind has too.
 
+    A copy may have been written with fewer digits, or in other units.
+
     Raises:
         BadInput: one that has no row of its own.
     """
@@ -172,15 +175,25 @@ def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
             if rows[0].shape[1] != rows[1].shape[1]:
                 continue
             again = identical_rows(np.concatenate(rows))[len(other):] < len(other)
-            if again.any() and again.sum() * max(data.chance, other.chance) < BY_CHANCE:
+            if data.kind not in SCALARS and not again.all():
+                # a height is mostly 0: where it was touched has to agree in every digit
+                one, two = rows
+                again[partners(one, two, tolerances(one, two))[1]] = True
+            if again.any() and _copied_count(again, max(data.chance, other.chance)):
                 if again.all():
-                    raise BadInput(f"holds no row that {other.source} does not hold too, equal in "
-                                   "every digit", data.source, "Give each measurement only once")
+                    raise BadInput(f"holds no row that {other.source} does not hold too, equal "
+                                   "within its digits", data.source,
+                                   "Give each measurement only once")
                 data = _left_out(data, again, (
                     f"{data.source}: {counted(int(again.sum()), 'row')} stand in {other.source} "
-                    "too, equal in every digit: copies are no repeats; each counts once."))
+                    "too, equal within their digits: copies are no repeats; each counts once."))
         done.append(data)
     return tuple(done)
+
+
+def _copied_count(again: Bools, chance: float) -> bool:
+    """Whether honest rows (N,), all of them repeats, would hardly agree so often."""
+    return bool(pdtrc(again.sum() - 1.0, again.size * chance) < BY_CHANCE)
 
 
 def _left_out(data: Dataset, out: Bools, finding: str) -> Dataset:

@@ -47,6 +47,29 @@ def check_columns(table: Table, mechanism: Mechanism) -> None:
                            f"{hint(name, known)}")
 
 
+def ambiguous_directions(table: Table, mechanism: Mechanism) -> list[str]:
+    """Return what to say of directions that are a joint's and the platform's by their name.
+
+    Raises:
+        BadInput: not all joints have theirs, so that these may be the platform's.
+    """
+    joints = [f"dir_{a}" for a in mechanism.actuators]
+    both = [f"dir_{c}" for c in "xyz" if f"dir_{c}" in joints and f"dir_{c}" in table.header]
+    if not both:
+        return []
+    names = ", ".join(both)
+    if not set(joints) <= set(table.header):
+        own = both[0].removeprefix("dir_")
+        raise BadInput(
+            f"{names}: the platform's direction of approach, or that of the joint of this name?",
+            f"{table.source}: header",
+            f"Give the direction of every joint ({', '.join(joints)}); or, if it is the "
+            f"platform's, call the actuator otherwise in the mechanism file, such as joint_{own}, "
+            f"and write `read: {{columns: {{q_joint_{own}: q_{own}}}}}` into the sidecar")
+    return [f"{table.source}: {names} are taken for the directions of the joints called so, not "
+            "for the platform's."]
+
+
 def translate_foreign(table: Table, mechanism: Mechanism) -> tuple[Table, list[str]]:
     """Return the table under our own column names, where its header is a known foreign one.
 

@@ -148,7 +148,7 @@ def sister() -> Mechanism:
 
 
 def test_files_of_one_frame_are_each_looked_at_alone() -> None:
-    (found,) = check(sister(), three()).misreadings
+    (found,) = check(sister(), three()[:2]).misreadings
     assert found.mistakes[0].kind == "other-machine"
     swapped = [replace(d, q=d.q[:, [1, 0, 2]]) for d in three()]
     found = check(machine(NAME), swapped).misreadings

@@ -285,3 +285,30 @@ def test_intervals_of_copied_rows_hold_what_they_say(bench, tmp_path):
         pulls += [(p["value"] - truth[p["name"]]) / p["sigma"] for p in found["parameters"]
                   if p["status"] == "identified"]
     assert 0.85 < float(np.sqrt(np.mean(np.square(pulls)))) < 1.15
+
+
+# --- copies that were written anew ----------------------------------------------------------------
+
+
+def as_inches(row):
+    lengths = {k: f"{float(row[k]) / 25.4:.6f}" for k in row if k in "xyz" or k.startswith("q_leg")}
+    return {**row, **lengths}
+
+
+@pytest.mark.parametrize(("change", "units"), [
+    (lambda r: {k: f"{float(v):.3f}" if k in ("x", "y", "rz") else v for k, v in r.items()}, "mm"),
+    (as_inches, "in")])
+def test_a_copy_in_fewer_digits_or_other_units_counts_once(bench, change, units):
+    plain = measured(bench)
+    first = written(bench, plain, "first")
+    side = yaml.safe_load((bench / "simulated" / "measurements.yaml").read_text())
+    sigma = {**side["instrument"]["sigma"]}
+    if units == "in":
+        sigma["position"] /= 25.4
+    table = [change(r) for r in plain[:30]] + [change({**r, "x": str(float(r["x"]) + 0.2)})
+                                               for r in plain[:4]]
+    path = written(bench, table, f"copy-{units}", units={"length": units, "angle": "deg"},
+                   instrument={**side["instrument"], "sigma": sigma}, frame="unknown")
+    _, second = face.read_data(bench / "mine.yaml", first, path)
+    assert len(second) == 4
+    assert any("within their digits" in f for f in second.findings)
