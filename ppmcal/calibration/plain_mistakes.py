@@ -36,8 +36,8 @@ def recorded_units(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[Mistak
                              + known.min() - ZERO_CELSIUS)
                 other = "K" if unit == "K" else "deg F"
                 yield Mistake("unit", (name,), f"{name} is {low} to {high}: no workshop in deg C, "
-                              f"but in {other}. Where a heated part is "
-                              f"measured, `units: {{{name}: C}}` in its sidecar says so"), name, unit
+                              f"but in {other}. Where a heated part is measured, "
+                              f"`units: {{{name}: C}}` in its sidecar says so"), name, unit
         elif name == "payload":
             most = float(np.median(known[known > 0.0])) if (known > 0.0).any() else 0.0
             if most > HEAVIEST * mechanism.reach:
