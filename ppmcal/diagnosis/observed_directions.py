@@ -85,6 +85,7 @@ def observed_motion(system: System) -> ObservedMotion:
         across = metric[:, None] * joints
         displaced.append(across)
         sigma = by_tolerances(pose, mechanism)
+        sigma = sigma[..., np.isfinite(sigma).all(axis=(0, 1))]    # one of inf says nothing
         by_tolerance.append(np.sum(sigma**2, axis=2))
         asked.append(np.sum((linalg.pinv(across) @ (metric[:, None] * sigma)) ** 2, axis=2))
     whole = np.concatenate(displaced)
