@@ -242,26 +242,13 @@ def test_a_rival_that_no_machine_is_is_not_written(
     assert [r.effect for r in found] == (["leg_thermal", ""] if told else [""])
 
 
-def test_what_to_measure_next_is_where_the_machine_was_seen(
+def test_what_to_measure_next_is_away_from_dead_points(
         fitted: tuple[Fit, tuple[Dataset, ...]]) -> None:
-    """Within the measured range of coordinates and joints, and away from dead points."""
     fit, _ = fitted
-    problem = fit.problem
     stage = run_stage(fit.problem, fit.state, fit.keep, 1, ("gain",), 50)
-    rows = possible_rows(stage, np.random.default_rng(1), 0.0)
+    rows = possible_rows(stage, np.random.default_rng(1))
     assert rows is not None and len(rows) > 50
-    q = np.concatenate([d.q for d in problem.datasets])
-    assert (rows.q >= q.min(axis=0) - 1e-9).all() and (rows.q <= q.max(axis=0) + 1e-9).all()
     bare = Model(fit.problem.mechanism, fit.state.g)
-
-    def stiffness(joints: Array) -> Array:
-        return forward_table(bare, joints).singular_value
-
-    measured = stiffness(q)
-    assert stiffness(rows.q).min() >= 0.99 * np.nanmin(measured)
-    wide = possible_rows(stage, np.random.default_rng(1))
-    assert wide is not None
-    assert stiffness(wide.q).min() >= 0.99 * (1.0 - WIDER) * np.nanmin(measured)
-    for data in (rows, wide):
-        time = data.columns.get("time")
-        assert time is None or time.max() <= problem.datasets[0].columns["time"].max()
+    measured, proposed = (forward_table(bare, q).singular_value
+                          for q in (fit.problem.datasets[0].q, rows.q))
+    assert proposed.min() >= 0.99 * (1.0 - WIDER) * np.nanmin(measured)
