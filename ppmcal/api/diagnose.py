@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar
 
-from ppmcal.api.identify import left_over, with_unit_findings
+from ppmcal.api.identify import FREEDOMS, MISSING, PATTERN, left_over, with_unit_findings
 from ppmcal.api.inputs import (
     Machine,
     Measurements,
@@ -26,6 +26,7 @@ from ppmcal.calibration.misreading import refuse_misread
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.sessions import one_session, session_masks
 from ppmcal.calibration.summary import Identification
 from ppmcal.calibration.wrong_rows import refuse_wrong_part
@@ -147,8 +148,10 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         refuse_wrong_units(machine, datasets)
         if refuse_misread(problem).doubted:
             refuse_wrong_part(problem)
-        problem, choice = with_chosen_freedoms(problem, FitOptions(),
-                                               [d.estimated for d in datasets])
+        extra = list[str]()
+        problem, choice = secondary(
+            FREEDOMS, partial(with_chosen_freedoms, problem, FitOptions(),
+                              [d.estimated for d in datasets]), (problem, None), extra)
         found, told = diagnose_with_own_noise(problem, DiagnosisOptions(
             0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
             by_session=bool(leave_out)))
@@ -156,8 +159,9 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         note(line)
     begin("judging the campaign")
     fit = found.identification.fit
-    campaign = weak_campaign(fit, seed)
-    found = replace(found, findings=(*units, *left_over(found.before, seed), *found.findings),
+    campaign = secondary(MISSING, lambda: weak_campaign(fit, seed), None, extra)
+    pattern = secondary(PATTERN, partial(left_over, found.before, seed), [], extra)
+    found = replace(found, findings=(*units, *pattern, *found.findings, *extra),
                     identification=replace(found.identification, campaign=campaign))
     found = replace(found, proposal=with_poses(found.proposal, campaign))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)
