@@ -4,8 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo-results
 MINUTES ?= 10
+SEEDS ?= 901 902 903
 
-.PHONY: demo test test-all lint bench fuzz torture mutants wheel oldest study schemas docs docs-output \
+.PHONY: demo test test-all lint bench fuzz torture mutants wheel oldest rates schemas docs docs-output \
         screenshots strangers-path clean
 
 $(VENV)/.run: pyproject.toml
@@ -60,6 +61,7 @@ strangers-path: $(VENV)/.run
 fuzz: $(VENV)/.test
 	@PYTHONPATH=.:tests $(BIN)/python -m fuzz --minutes $(MINUTES)
 	@PYTHONPATH=.:tests $(BIN)/python -m fuzz --minutes $(MINUTES) --commands
+	@PYTHONPATH=.:tests $(BIN)/python -m fuzz --minutes $(MINUTES) --campaigns
 
 bench: $(VENV)/.test
 	$(BIN)/python -m pytest benchmarks --benchmark-only -o addopts= -s
@@ -67,8 +69,8 @@ bench: $(VENV)/.test
 torture: $(VENV)/.test
 	@PYTHONPATH=benchmarks $(BIN)/python -m torture
 
-study: $(VENV)/.test
-	$(BIN)/python benchmarks/diagnosis_study.py --out study-results --minutes 10
+rates: $(VENV)/.test
+	PYTHONPATH=benchmarks $(BIN)/python -m rates --seeds $(SEEDS)
 
 mutants: $(VENV)/.test
 	@$(BIN)/python benchmarks/mutants.py $(MUTANTS)

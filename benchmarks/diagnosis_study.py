@@ -133,19 +133,24 @@ def draw(n: int, seed: int) -> Iterator[Job]:
 
 
 def run(job: Job) -> Outcome | None:
-    """Return what a diagnosis makes of one campaign; None where it cannot be made."""
+    """Return what a diagnosis makes of one campaign; None where there can be no such campaign."""
     options = Options(poses=POSES, **NOISES[job.noise])  # type: ignore[arg-type]
     kinds = [k for k in job.kinds.split("+") if k]
     start = time.perf_counter()
     try:
         found = hide(job.machine, job.seed, kinds, job.eta or 1.0, options, job.where or None)
-        problem = Problem(found.mechanism, (found.dataset,), found.mechanism.free)
-        result = diagnose(problem, RunOptions(seed=job.seed % 1000))
     except Impossible:
         return None
+    try:
+        problem = Problem(found.mechanism, (found.dataset,), found.mechanism.free)
+        result = diagnose(problem, RunOptions(seed=job.seed % 1000))
     except PpmcalError as error:
         print(f"{job.key}: {error}", file=sys.stderr)
-        return None
+        return Outcome(**asdict(job), survival=min((t.survival for t in found.truth), default=1.0),
+                       freedom=0, verdict="refused", named="", alternatives="", right=0, alone=0,
+                       wrong=0, set_size=0.0, covered="0/0", closed="", closed_truth="",
+                       p_search=float("nan"), p_left=float("nan"),
+                       seconds=round(time.perf_counter() - start, 2))
     return judge(job, found, result, time.perf_counter() - start)
 
 
@@ -168,7 +173,8 @@ def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome
         set_size=float(np.mean([len(f) for f in families])) if families else 0.0,
         covered=coverage(found, result), closed="" if closed is None else f"{closed:.4f}",
         closed_truth=told(found, result, job.seed % 1000),
-        p_search=first.search.calibrated(float(first.log_p.min(initial=0.0))),
+        p_search=float(np.exp(first.search.over_all(float(
+            first.log_p.min(initial=0.0))))),
         p_left=result.remainder.p_value, seconds=round(seconds, 2))
 
 

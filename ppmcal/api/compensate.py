@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,11 +22,12 @@ from ppmcal.api.inputs import (
 )
 from ppmcal.api.own_data import refuse_missed
 from ppmcal.api.result import CalibratedMachine, Result
-from ppmcal.calibration.compensation import Compensation, Knowledge
+from ppmcal.calibration.compensation import KINDS, Compensation, Knowledge
 from ppmcal.calibration.compensation import compensate as compensated
 from ppmcal.calibration.extrapolation import extrapolated, measured_ranges
 from ppmcal.calibration.model_averaging import Readings, Targets, averaged
 from ppmcal.calibration.safe_commands import (
+    is_worse,
     own_steps,
     refused,
     sent,
@@ -82,8 +83,8 @@ class CompensationResult(Result):
 
     @property
     def needs_a_look(self) -> bool:
-        """Whether targets were refused."""
-        return bool(self.refused)
+        """Whether targets were refused, or a refusal was lifted."""
+        return bool(self.refused or self.findings)
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return commands.csv and commands.json."""
@@ -98,7 +99,7 @@ class CompensationResult(Result):
     def _made(self) -> tuple[dict[str, str], CommandsRecord]:
         header, columns = self.targets
         return command_files(self.mechanism, self.compensation, header, list(columns),
-                             self.provenance, self.notes, self.frame)
+                             self.provenance, self.notes, self.frame, self.findings)
 
     def headline(self) -> str:
         """Return how many targets have commands."""
@@ -106,15 +107,12 @@ class CompensationResult(Result):
         return (f"{self.mechanism.name}: {accepted_sentence(total - len(self.refused), total)}, "
                 f"in the frame of {self.frame or 'the base'}.")
 
-    def errors(self) -> tuple[float | None, float | None]:
-        """Return rms position errors predicted without and with correction, m; None: unknown."""
-        found = self.compensation
-        good = np.isfinite(found.q).all(axis=1) & np.isfinite(found.position_before)
-        if not good.any():
-            return None, None
-        before = float(np.sqrt(np.mean(found.position_before[good] ** 2)))
-        left = np.hypot(np.nan_to_num(found.position_after[good]), found.sigma_position[good])
-        return before, float(np.sqrt(np.mean(left**2))) if np.isfinite(left).all() else None
+    def errors(self, kind: str = "position") -> tuple[float | None, float | None]:
+        """Return rms errors to expect without and with correction, SI; None: unknown.
+
+        Of ``position``, m, or ``rotation``, rad; what is not known of the model is in both.
+        """
+        return self.compensation.rms(kind)[:2]
 
 
 @recorded
@@ -137,7 +135,8 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
         path: the targets are visited in their order, so that the ways between them are judged
             too; else each is judged alone.
         assume: conditions that all targets have, by the name of the column that they stand for.
-        regardless: take a model too that misses the measurements that it was made from.
+        regardless: lift refusals of a model that misses the measurements that it was made from,
+            and of corrections that are predicted to be worse than none; each is a finding then.
 
     Raises:
         BadInput: anything wrong in the files, or a frame that the model does not know.
@@ -145,7 +144,7 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
             are far beyond the noise of its own measurements, or a singular home.
     """
     machine, known, files, notes = _known(model, knowledge)
-    notes += refuse_missed(machine, None if knowledge is None else Path(knowledge), regardless)
+    lifted = refuse_missed(machine, None if knowledge is None else Path(knowledge), regardless)
     registration, name = _frame(machine, frame)
     refuse_singular_home(machine)
     poses = read_poses(targets, machine, assume=assume or {})
@@ -159,16 +158,16 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
     inputs = [*machine.inputs, *files_of(targets), *files, *more]
     result = CompensationResult(source_of("compensate", inputs, None), (), machine, found, name,
                                 known, (), poses.given)
-    _refuse_worse(result, machine.source)
-    found = _safe(machine, found, path)
+    worse = worse_rows(machine, found)
+    if regardless and worse:
+        lifted.append(f"{counted(len(worse), 'row')} commanded though refused without --regardless "
+                      f"(first row {min(worse) + 1}: {worse[min(worse)]})")
+    else:
+        _refuse_worse(result, worse, machine.source)
+        found = refused(found, worse)
+    found = refused(found, unsafe_ways(machine, found)) if path else found
     notes += [*told, *_doubts(found, machine, known), *_beyond(found, machine, known, poses, path)]
-    return replace(result, compensation=found, notes=tuple(notes))
-
-
-def _safe(machine: Mechanism, found: Compensation, path: bool) -> Compensation:
-    """Return the commands without those that are worse than none or not come to safely."""
-    found = refused(found, worse_rows(machine, found))
-    return refused(found, unsafe_ways(machine, found)) if path else found
+    return replace(result, findings=tuple(lifted), compensation=found, notes=tuple(notes))
 
 
 def _beyond(found: Compensation, machine: Mechanism, knowledge: Knowledge | None,
@@ -243,26 +242,29 @@ def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
     return machine, None, [], notes
 
 
-def _refuse_worse(result: CompensationResult, source: str) -> None:
+def _refuse_worse(result: CompensationResult, worse: Collection[int], source: str) -> None:
     """Refuse corrections that are predicted to be worse than none, together and in most rows.
 
-    A few rows, in a stretch that the model misses, say, do not make the others worse.
+    A few rows that are, ``worse``, do not refuse the others.
 
     Raises:
         NoResult: with both predictions.
     """
-    before, after = result.errors()
-    if before is None or after is None or after <= before:
+    found, machine = result.compensation, result.mechanism
+    if 2 * len(worse) < int(sent(found).sum()):
         return
-    found = result.compensation
-    if 2 * len(worse_rows(result.mechanism, found)) < int(sent(found).sum()):
-        return
-    units = result.mechanism.units
-    factor, unit = units.factor("length"), units.length
-    raise NoResult(
-        f"these corrections are predicted to be worse than none: {after / factor:.3g} {unit} rms "
-        f"with them, {before / factor:.3g} {unit} without", source,
-        "Send the uncorrected commands; or measure more, or at these poses, and identify again")
+    for kind, quantity in KINDS.items():
+        before, after = result.errors(kind)
+        if before is None or after is None or not is_worse(
+                machine, kind, np.array(before), np.array(after)):
+            continue
+        factor, unit = machine.units.factor(quantity), machine.units.name(quantity)
+        raise NoResult(
+            f"these corrections are predicted to be worse than none: {after / factor:.3g} {unit} "
+            f"rms of {kind} with them, {before / factor:.3g} {unit} without, the model's "
+            "uncertainty in both", source,
+            "Send the uncorrected commands; or measure more, or at these poses, and identify "
+            "again; --regardless makes the corrected ones all the same")
 
 
 def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence: bool) -> None:

@@ -7,7 +7,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import ClassVar
 
-from ppmcal.api.identify import FREEDOMS, MISSING, PATTERN, left_over, with_unit_findings
+from ppmcal.api.identify import (
+    FREEDOMS,
+    MISSING,
+    PATTERN,
+    TOLERATED,
+    left_over,
+    with_unit_findings,
+)
 from ppmcal.api.inputs import (
     Machine,
     Measurements,
@@ -29,6 +36,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.sessions import one_session, session_masks
 from ppmcal.calibration.summary import Identification
+from ppmcal.calibration.tolerated_noise import noise_beyond_tolerances
 from ppmcal.calibration.wrong_rows import refuse_wrong_part
 from ppmcal.design.missing_poses import weak_campaign
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
@@ -160,8 +168,10 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
     begin("judging the campaign")
     fit = found.identification.fit
     campaign = secondary(MISSING, lambda: weak_campaign(fit, seed), None, extra)
-    pattern = secondary(PATTERN, partial(left_over, found.before, seed), [], extra)
-    found = replace(found, findings=(*units, *pattern, *found.findings, *extra),
+    asked = [*secondary(PATTERN, partial(left_over, found.before, seed), [], extra),
+             *secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
+                 fit, [d.estimated for d in datasets])), [], extra)]
+    found = replace(found, findings=(*units, *asked, *found.findings, *extra),
                     identification=replace(found.identification, campaign=campaign))
     found = replace(found, proposal=with_poses(found.proposal, campaign))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)

@@ -10,10 +10,10 @@ from typing import ClassVar
 from ppmcal.api.inputs import Machine, Path_, files_of, load, recorded, source_of
 from ppmcal.api.own_data import refuse_missed
 from ppmcal.api.result import Result
-from ppmcal.controllers.export import Exported, exporter, record_of
+from ppmcal.controllers.export import Exported, Exporter, exporter, record_of
 from ppmcal.controllers.model_uncertainty import KNOWLEDGE, pose_uncertainty
 from ppmcal.controllers.pose_errors import MM
-from ppmcal.errors import NoResult
+from ppmcal.errors import BadInput, NoResult
 from ppmcal.io.csv_writer import Content, csv_text
 from ppmcal.io.results.export import NO_GAIN, ExportRecord
 from ppmcal.model.mechanism import Mechanism
@@ -56,7 +56,7 @@ class ExportResult(Result):
 
 @recorded
 def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ | None = None,
-           regardless: bool = False) -> ExportResult:
+           write: bool = False, regardless: bool = False) -> ExportResult:
     """Write a machine as a controller's configuration takes it.
 
     The file is read back, and the machine is driven through the controller's own arithmetic
@@ -68,6 +68,7 @@ def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ 
         old: the controller's file in use, to predict the gain against  [default: the nominal
             values].
         poses: CSV of wanted poses, for formats that are tables of them.
+        write: write a copy of ``old`` with the new numbers as well, for formats that can (klipper).
         regardless: take a model too that misses the measurements that it was made from, and
             numbers with which the machine is predicted to be worse than with the old ones.
 
@@ -81,33 +82,39 @@ def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ 
     source_file = Path(machine.source)
     made = writer.export(machine, None if old is None else Path(old),
                          None if poses is None else Path(poses))
+    if write:
+        made = _copied(writer, form, made, old)
     made = replace(made, uncertainty=pose_uncertainty(machine, made.poses, source_file))
-    warned += _refuse_worse(made, machine.source, regardless)
+    _refuse_worse(made, machine.source, regardless)
     known = source_file.with_name(KNOWLEDGE) if made.uncertainty.frame else None
     source = source_of("export", [*machine.inputs, *files_of(old, poses, known)], None)
     record = record_of(made, machine.name, source)
     return ExportResult(source, (*warned, *record.attention()), machine, made, record)
 
 
-def _refuse_worse(made: Exported, source: str, regardless: bool) -> list[str]:
+def _copied(writer: Exporter, form: str, made: Exported, old: Path_ | None) -> Exported:
+    """Return the export with a copy of the controller's file."""
+    patch = getattr(writer, "patch", None)
+    if patch is None:
+        raise BadInput(f"{form} writes no copy of a controller's file", "--write", "Leave it out")
+    if old is None:
+        raise BadInput("there is no file to copy", "--write",
+                       "Give the printer's own with --old printer.cfg")
+    out: Exported = patch(made, Path(old))
+    return out
+
+
+def _refuse_worse(made: Exported, source: str, regardless: bool) -> None:
     """Refuse numbers with which the machine misses more than with the old ones.
 
-    Returns:
-        That they are no better, as far as the model is known.
+    The model's own uncertainty is in both errors, and decides nothing.
 
     Raises:
         NoResult: with both errors, if the model is exact.
     """
-    before, after, predicted = made.before.rms, made.after.rms, made.predicted
-    if after > before + NO_GAIN * MM:
-        if regardless:
-            return []     # the record says it
+    before, after = made.before.rms, made.after.rms
+    if after > before + NO_GAIN * MM and not regardless:    # else the record says it
         raise NoResult(
             f"the new {made.title} numbers are worse than the old ones: {after / MM:.3g} mm rms "
             f"with them, {before / MM:.3g} mm without", source,
-            "Keep the old ones; --force writes the new ones all the same")
-    if predicted is not None and predicted.rms > before + NO_GAIN * MM:
-        return [f"the new {made.title} numbers are not known to be better than the old ones: "
-                f"{predicted.rms / MM:.3g} mm rms expected, {before / MM:.3g} mm with the old "
-                "ones if the model is exact; measure more, or keep the old ones"]
-    return []
+            "Keep the old ones; --regardless writes the new ones all the same")

@@ -41,6 +41,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.registration_freedoms import hint_sentences, registration_hints
 from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.summary import Identification, report
+from ppmcal.calibration.tolerated_noise import noise_beyond_tolerances
 from ppmcal.calibration.wrong_rows import refuse_wrong_part, refuse_wrong_rows
 from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
@@ -52,8 +53,9 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import begin, heard, silent
 
-FREEDOMS, MISSING, PATTERN = ("whether some parameters should be one", "which poses are missing",
-                              "whether residuals have a pattern")
+FREEDOMS, MISSING, PATTERN, TOLERATED = (
+    "whether some parameters should be one", "which poses are missing",
+    "whether residuals have a pattern", "whether the tolerances are kept")
 """What is told beside a fit."""
 
 
@@ -144,6 +146,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
     if before is not None:
         notes += odd + secondary("how far the machine has changed",
                                  lambda: carried_on(fit, before, options), [], extra)
+    asked += secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
+        fit, _estimated(problem, sigma))), [], extra)
     told += [*scale_sentences(found), *([choice_sentence(choice)] if choice else [])]
     whole = replace(found, findings=(*notes, *units, *asked, *found.findings, *extra),
                     earlier=before, campaign=campaign)
@@ -175,11 +179,13 @@ def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
             raise BadInput(f"'{value}' is not a {name}", f"--{name}",
                            f"There are: {', '.join(allowed)}")
     if sigma == "estimated" and method == "damped":
-        raise BadInput("--sigma estimated goes with --method prior or gcv", "", "Choose one")
+        raise BadInput("--sigma estimated goes with --method prior or gcv", "--method",
+                       "Choose one")
     if method != "prior" and prior == "flat":
-        raise BadInput(f"--prior flat goes with --method prior, not {method}", "", "Choose one")
+        raise BadInput(f"--prior flat goes with --method prior, not {method}", "--method",
+                       "Choose one")
     if keep and method == "damped":
-        raise BadInput("--keep goes with --method prior or gcv", "", "Choose one")
+        raise BadInput("--keep goes with --method prior or gcv", "--method", "Choose one")
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from ppmcal.api.result import Result
 from ppmcal.controllers import klipper_import, reprap_import
 from ppmcal.controllers.klipper_config import SMALLEST
 from ppmcal.controllers.klipper_export import keys
-from ppmcal.controllers.klipper_refit import differences, refit, sentence
+from ppmcal.controllers.klipper_refit import differences, refit, sentence, size_sentence
 from ppmcal.controllers.printer import Printer
 from ppmcal.controllers.printer_before import before_sentence, printer_before
 from ppmcal.controllers.printer_files import RODS, files, rods_of, scale_of
@@ -40,6 +40,7 @@ class ImportResult(Result):
         printer: what it says, mm and degrees.
         rods: how rods are taken: ``fixed``, ``shared`` or ``single``.
         scale: of measured distances: ``known``, or ``unknown``.
+        size: both readings of the size, by distances and by rods, in a sentence.
         choose: whether freedoms are left to what predicts best.
         off: saved number -> by how much it is not what the printer's own fit gives, mm and degrees.
     """
@@ -53,6 +54,7 @@ class ImportResult(Result):
     scale: str
     off: Mapping[str, float]
     choose: bool = True
+    size: str = ""
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return machine.yaml, saved.yaml, and heights, distances and meshes with sidecars."""
@@ -74,7 +76,7 @@ class ImportResult(Result):
         return (f"{self.file}: a delta printer with "
                 f"{counted(len(self.printer.heights), 'height')} and "
                 f"{counted(len(self.printer.distances), 'distance')}{beds}; rods {self.rods}. "
-                f"{before_sentence(self.before)}").strip()
+                f"{before_sentence(self.before)} {f'{self.size}.' if self.size else ''}").strip()
 
     def summary(self) -> dict[str, object]:
         """Return what the command prints as JSON, but for the files written; mm and degrees."""
@@ -84,8 +86,8 @@ class ImportResult(Result):
                 "meshes": {m.name: len(m.rows) for m in self.printer.meshes},
                 "rods": self.rods, "scale": self.scale if self.printer.distances else None,
                 "nominal": keys(nominal.geometry), "nominal_from": nominal.origin,
-                "saved": keys(self.printer.geometry) if self.printer.calibrated else None,
-                "saved_off": dict(self.off), "before": dict(self.before),
+                "saved": keys(self.printer.calibration) if self.printer.calibrated else None,
+                "saved_off": dict(self.off), "size": self.size or None, "before": dict(self.before),
                 "findings": list(self.findings),
                 "provenance": self.provenance}
 
@@ -103,14 +105,14 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
         form: ``klipper``: printer.cfg of a linear delta, with what DELTA_CALIBRATE saved in it;
             ``reprap``: config.g of RepRapFirmware.
         file: the configuration.
-        rods: their length in mm as you know it; and ``fixed`` as they stand there, one length for
-            all (``shared``), or one for each tower (``single``)  [default: fixed without measured
-            distances, else shared, or single where they differ]. One of each may be given.
+        rods: their length in mm as you measured it; and ``fixed`` as they stand there, one length
+            for all (``shared``), or one for each tower (``single``)  [default: shared, or single
+            where they differ]. One of each may be given.
         mesh: names of meshes that Klipper saved, logs of its touches, or RepRapFirmware's
             ``heightmap.csv``.
         scale: ``known`` or ``unknown``: whether measured distances are true or, as on a printed
-            part, all too small or large by one factor  [default: unknown where the rods are
-            known].
+            part, all too small or large by one factor  [default: unknown where ``rods`` says
+            how long they are].
         radius: Klipper's ``delta_radius``, R of M665, as you know it, mm  [default: as the file
             has it].
 
@@ -132,15 +134,16 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
     meshes = [str(m) for m in ([mesh] if isinstance(mesh, str | os.PathLike) else mesh)]
     printer = FORMATS[name](Path(file), length, meshes, radius)
     found = refit(printer) if name == "klipper" and printer.calibrated else None
-    off = differences(printer.geometry, found) if found is not None else {}
+    off = differences(printer.calibration, found) if found is not None else {}
     scale = scale_of(printer, scale)
     findings = [*printer.findings, *([sentence(off)] if off else [])]
     if printer.distances and scale == "known" and not printer.nominal.rods_known:
         findings.append("the distances alone hold the size: where the part that they were "
                         "measured on has shrunk by 0.3 %, rods of 300 mm come out 1 mm short")
-    inputs = [file, *(m for m in meshes if Path(m).is_file())]
+    inputs = [file, *printer.included, *(m for m in meshes if Path(m).is_file())]
     return ImportResult(source_of("import_config", inputs, None), tuple(findings), str(file),
-                        printer, rods_of(printer, chosen), scale, off, chosen is None)
+                        printer, rods_of(printer, chosen), scale, off, chosen is None,
+                        size_sentence(printer) if name == "klipper" else "")
 
 
 def _rods(given: str | float | Sequence[str | float]) -> tuple[float | None, str | None]:

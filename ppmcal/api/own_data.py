@@ -11,7 +11,7 @@ from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 
 MEND = ("Look with `ppmcal diagnose` for what the model lacks; if the stated noise is too small, "
-        "use `identify --sigma estimated`; --force takes the model as it is")
+        "use `identify --sigma estimated`; --regardless takes the model as it is")
 
 
 def refuse_missed(mechanism: Mechanism, knowledge: Path | None = None, regardless: bool = False
@@ -38,7 +38,7 @@ def refuse_missed(mechanism: Mechanism, knowledge: Path | None = None, regardles
             f"{seen.sigma_ratio:.3g} times their noise")
     if not regardless:
         raise NoResult(what, mechanism.source, MEND)
-    return [f"{what}; taken all the same, with --force"]
+    return [f"{what}; taken all the same, with --regardless"]
 
 
 def _of_older(mechanism: Mechanism, knowledge: Path | None) -> MeasurementBasis | None:

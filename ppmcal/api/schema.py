@@ -15,7 +15,9 @@ RESULTS = {"identification": "identification.IdentificationRecord",
            "truth": "simulation.TruthRecord", "sensitivity": "sensitivity.SensitivityRecord",
            "tolerances": "tolerances.TolerancesRecord",
            "stiffness": "stiffness.StiffnessRecord", "workspace": "workspace.WorkspaceRecord",
-           "plan": "plan.PlanRecord", "export": "export.ExportRecord"}
+           "plan": "plan.PlanRecord", "export": "export.ExportRecord",
+           "validation": "validation.ValidationRecord", "campaign": "batch.CampaignRecord",
+           "verification": "verification.VerificationRecord"}
 """Results by name, and the records that write and read them."""
 
 

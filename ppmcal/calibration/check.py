@@ -15,6 +15,7 @@ from ppmcal.calibration.identifiability import Identifiability, predict_identifi
 from ppmcal.calibration.least_squares import column_scale, qr_factor
 from ppmcal.calibration.misread import mend_of, misreading_sentence
 from ppmcal.calibration.misreading import MEND, misfit
+from ppmcal.calibration.other_branch import branch_findings
 from ppmcal.calibration.other_machine import doubtful_machine
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem, State
@@ -140,8 +141,10 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         found = misfit(problem)
         misreadings = found.readings or (() if found.misread else (
             (found.doubted and wrong_parts(problem)) or doubtful_machine(problem)))
-        findings += [f"{m.source}: {misreading_sentence(m, mechanism.units)}. {mend_of([m])}."
-                     for m in misreadings]
+        for m in misreadings:
+            what = misreading_sentence(m, mechanism.units)
+            findings.append(f"{m.source}: {what}{'' if what.endswith('?') else '.'} "
+                            f"{mend_of([m])}.")
         if found.misread and not misreadings:
             findings.append(f"{found.sentence(mechanism.units)}. {MEND}.")
     listed = (*misreadings, *(m for d in datasets
@@ -159,6 +162,9 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         if lost and (datasets or not any(e.kind.known for e in mechanism.effects)):
             findings.append(f"{counted(lost, 'row')} without a pose at the joint values: check q, "
                             "its unit and the home pose.")
+    if datasets and columns:
+        problem = Problem(mechanism, tuple(datasets), mechanism.free)
+        findings += branch_findings(problem, problem.start())
     ahead = (
         predict_identifiability(Problem(mechanism, tuple(datasets), mechanism.free), "prior")
         if (datasets and columns)

@@ -8,15 +8,18 @@ well the data know it; rows that would be unsafe are refused, each with its reas
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.estimates import IMPLAUSIBLE
 from ppmcal.calibration.extrapolation import measured_ranges, refuse_far
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
+from ppmcal.calibration.other_branch import refuse_other_branch
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Identification
+from ppmcal.calibration.tolerance_moves import scaled, uncertain
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import final_shift
 from ppmcal.kinematics.equilibrium import reached_poses
@@ -32,10 +35,16 @@ from ppmcal.kinematics.partial_pose import (
 from ppmcal.kinematics.registration import after_events, measured_pose, predict
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, Bools, finite_rows
-from ppmcal.model.dataset import Dataset, Environment, environment
+from ppmcal.model.dataset import Dataset, Environment, environment, unknown_environment
+from ppmcal.model.effects.learned import LEARNED
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import stage
+
+NOTHING = 1e-9
+"""Errors and steps below this part of the reach, or of a radian, are arithmetic."""
+KINDS = {"position": "length", "rotation": "angle"}
+"""Errors that are told, each by itself, and their quantity."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +84,7 @@ class Knowledge:
         out = np.tile(np.square(self.unexplained), (len(q), 1))
         for d in self.doubtful:
             inside = d.holds(q[:, actuators.index(d.actuator)])
-            out += inside[:, None] * np.square([d.position, d.rotation])
+            out += np.where(inside[:, None], np.square([d.position, d.rotation]), 0.0)
         return np.asarray(np.sqrt(out))
 
 
@@ -85,7 +94,10 @@ class Compensation:
 
     ``command`` is the pose to ask of a controller that uses the nominal geometry; ``seen``
     (N, 6) the wanted pose as measured, open coordinates solved for; ``pose`` (N, 6) that of the
-    platform in the base frame.
+    platform in the base frame. ``position_before`` ... ``rotation_after``: errors of the nominal
+    and of the corrected commands if the model is exact (N,), m and rad; ``sigma_position``,
+    ``sigma_rotation``: the model's own standard deviation at the corrected commands,
+    ``sigma_position_before``, ``sigma_rotation_before`` at the nominal ones (N,), nan: unknown.
     """
 
     q: Array
@@ -99,8 +111,38 @@ class Compensation:
     rotation_after: Array
     sigma_position: Array
     sigma_rotation: Array
+    sigma_position_before: Array
+    sigma_rotation_before: Array
     status: tuple[str, ...]
     reason: tuple[str, ...]
+
+    def expected(self, kind: str) -> tuple[Array, Array]:
+        """Return the rms errors (N,) to expect of nominal and of corrected commands, m or rad.
+
+        What is not known of the model is not known of either: both have it. Where it is unknown
+        how much that is, what is left of corrected commands is nan, and the nominal ones' error is
+        that of an exact model.
+
+        Args:
+            kind: ``position`` or ``rotation``.
+        """
+        unknown = np.nan_to_num(getattr(self, f"sigma_{kind}_before"))
+        return (np.hypot(getattr(self, f"{kind}_before"), unknown),
+                np.hypot(getattr(self, f"{kind}_after"), getattr(self, f"sigma_{kind}")))
+
+    def rms(self, kind: str) -> tuple[float | None, float | None, float | None]:
+        """Return rms over the commands, m or rad: expected before and after, the model's sigma.
+
+        None: unknown, or no command. Argument as that of :meth:`expected`.
+        """
+        before, after = self.expected(kind)
+        rows = finite_rows(self.q) & np.isfinite(before + getattr(self, f"{kind}_after"))
+        return _rms(before[rows]), _rms(after[rows]), _rms(getattr(self, f"sigma_{kind}")[rows])
+
+
+def _rms(values: Array) -> float | None:
+    known = values.size > 0 and bool(np.isfinite(values).all())
+    return float(np.sqrt(np.mean(values**2))) if known else None
 
 
 @stage("finding commands")
@@ -151,25 +193,35 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
               for f, s in zip(failed, table.status, strict=True)]
     reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
     volume = None if knowledge is None else knowledge.volume
-    refuse_far(mechanism, full, measured_ranges(mechanism, volume), status, reason)
+    ranges = measured_ranges(mechanism, volume)
+    refuse_far(mechanism, full, ranges, status, reason)
+    refuse_other_branch(model, pose_motor(full), table.q, ranges, status, reason)
     believed = registration
     if knowledge is not None and dataset in knowledge.before:
         believed = knowledge.before[dataset]
-    before, q_nominal = _uncorrected(model, nominal, registration, believed, full, wanted, rows)
+    before, reached, q_nominal = _uncorrected(model, nominal, registration, believed, full, wanted,
+                                              rows)
+    _refuse_unexplained(model, nominal, registration, full, q_nominal, rows, before, status, reason)
     good = np.array([s == "ok" for s in status])
-    result = _after(model, nominal, registration, table.q, full, good, rows)
     sigma = pose_sigma(model, before_events, full, table.q, good, knowledge, dataset, rows)
+    if knowledge is not None:
+        good = _refuse_unknown(good, sigma, status, reason)
+    result = _after(model, nominal, registration, table.q, full, good, rows)
+    sigma_before = pose_sigma(model, before_events, reached, q_nominal,
+                              good & finite_rows(reached), knowledge, dataset, rows)
     q = np.where(good[:, None], table.q, np.nan)
     seen = measured_pose(registration, pose_motor(full))
     return Compensation(q, q_nominal, result[0], seen, full, before[0], result[1], before[1],
-                        result[2], sigma[0], sigma[1], tuple(status), tuple(reason))
+                        result[2], *sigma, *sigma_before, tuple(status), tuple(reason))
 
 
 @stage("predicting errors without correction")
 def _uncorrected(model: Model, nominal: Model, registration: Registration,
                  believed: Registration, full: Array, wanted: Array, rows: Environment
-                 ) -> tuple[tuple[Array, Array], Array]:
-    """Errors (N,) position and rotation of the nominal commands, and those commands (N, k).
+                 ) -> tuple[tuple[Array, Array], Array, Array]:
+    """Errors (N,) of the nominal commands, poses reached by them (N, 6), and they (N, k).
+
+    Errors of position and rotation, if the model is exact; poses in the base frame.
 
     The nominal machine is asked for the wanted pose in the frame in which it fits the
     measurements best, ``believed``; what its closure does not allow is left to it.
@@ -179,7 +231,66 @@ def _uncorrected(model: Model, nominal: Model, registration: Registration,
         asked = named_only(nominal.mechanism, asked)
     table = inverse_table(nominal, asked)
     real = reached_poses(model, table.q, rows)
-    return _errors(registration, real.pose, pose_motor(full)), table.q
+    return _errors(registration, real.pose, pose_motor(full)), pose_vector(real.pose), table.q
+
+
+def _refuse_unexplained(model: Model, nominal: Model, registration: Registration, full: Array,
+                        q_nominal: Array, rows: Environment, before: tuple[Array, Array],
+                        status: list[str], reason: list[str]) -> None:
+    """Refuse rows whose commands go farther from the uncorrected ones than tolerances explain.
+
+    Whatever the fit promises: a machine is not that far from its drawing, numbers are wrong then.
+    What named effects do is explained by them; what was learned claims no cause. ``before``:
+    errors (N,) of the nominal commands ``q_nominal``.
+    """
+    mechanism = model.mechanism
+    bare = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.kind.name == LEARNED))
+    if len(bare.effects) < len(mechanism.effects):
+        real = reached_poses(Model(bare), q_nominal, rows)
+        before = _errors(registration, real.pose, pose_motor(full))
+    at = finite_rows(q_nominal) & np.array([s == "ok" for s in status])
+    if not at.any():
+        return
+    sigma = tolerance_sigma(nominal, registration, full[at], q_nominal[at])
+    units, least = mechanism.units, NOTHING * np.array([mechanism.reach, 1.0])
+    for n, *sizes in zip(np.flatnonzero(at).tolist(), *sigma, strict=True):
+        for i, quantity in enumerate(("length", "angle")):
+            if before[i][n] > IMPLAUSIBLE * sizes[i] + least[i]:
+                factor, unit = units.factor(quantity), units.name(quantity)
+                status[n] = "refused"
+                reason[n] = (
+                    f"goes {before[i][n] / factor:.4g} {unit} from the uncorrected command, where "
+                    f"the tolerances make {sizes[i] / factor:.2g} {unit} (1 sigma): no machine "
+                    f"within {IMPLAUSIBLE:.0f} tolerances is that far from its drawing")
+
+
+def _refuse_unknown(good: Bools, sigma: tuple[Array, Array], status: list[str],
+                    reason: list[str]) -> Bools:
+    """Refuse rows of which it cannot be had how well they are known; return those that are left."""
+    known = np.isfinite(sigma[0]) & np.isfinite(sigma[1])
+    for n in np.flatnonzero(good & ~known).tolist():
+        status[n] = "refused"
+        reason[n] = "how well the measurements know the machine there cannot be predicted"
+    return np.asarray(good & known)
+
+
+def tolerance_sigma(nominal: Model, registration: Registration, full: Array, q: Array
+                    ) -> tuple[Array, Array]:
+    """Return how far tolerances take the nominal machine from where it is sent (N,), m and rad.
+
+    One standard deviation, infinite where a tolerance is. Arguments as those of
+    :func:`prediction_jacobian`; nan where the machine does not take a pose.
+    """
+    mechanism = nominal.mechanism
+    free, tolerance = uncertain(mechanism)
+    rows = unknown_environment(*q.shape)
+    problem, state = as_measured(nominal, registration, full, q, "", rows, free, np.zeros(3))
+    places = sum(1 for c in mechanism.dof if c < 3)
+    out = np.full((2, len(q)), np.nan)
+    for r in problem.rows(state):
+        variance = np.sum(scaled(r.jacobian[..., :len(free)], tolerance) ** 2, axis=2)
+        out[:, r.index] = variance[:, :places].sum(axis=1), variance[:, places:].sum(axis=1)
+    return np.sqrt(out[0]), np.sqrt(out[1])
 
 
 @stage("predicting errors with correction")
@@ -272,7 +383,7 @@ def prediction_jacobian(model: Model, registration: Registration, full: Array, q
     place = {n: i for i, n in enumerate(model.mechanism.names)}
     free = tuple(place[n] for n in names if n in place)
     about = knowledge.pivots.get(dataset, np.zeros(3))
-    problem, state = _as_measured(model, registration, full, q, dataset, rows, free, about)
+    problem, state = as_measured(model, registration, full, q, dataset, rows, free, about)
     own = {name: c for c, name in enumerate(problem.columns)}
     there = [c for c, name in enumerate(names) if name in own]
     out = np.full((len(full), len(model.mechanism.dof), len(names)), np.nan)
@@ -283,7 +394,7 @@ def prediction_jacobian(model: Model, registration: Registration, full: Array, q
     return out
 
 
-def _as_measured(model: Model, registration: Registration, full: Array, q: Array, dataset: str,
+def as_measured(model: Model, registration: Registration, full: Array, q: Array, dataset: str,
                  rows: Environment, free: tuple[int, ...], about: Array) -> tuple[Problem, State]:
     """Return poses as rows of a problem, with sigmas of 1 m and 1 rad; as the function above."""
     mechanism = model.mechanism
@@ -303,7 +414,7 @@ def own_variance(model: Model, registration: Registration, full: Array, q: Array
     out = np.zeros((len(full), len(mechanism.dof)))
     if not uncertain:
         return out
-    problem, state = _as_measured(model, registration, full, q, dataset, rows, (), np.zeros(3))
+    problem, state = as_measured(model, registration, full, q, dataset, rows, (), np.zeros(3))
     for r in problem.rows(state):
         assert r.response is not None
         at = r.response.setting()

@@ -225,7 +225,7 @@ def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float
     parts_of = drawn / np.append(np.ones(len(parts.names)), inflation**2)
     parts_of[:, -1] -= 1.0
     variance = np.diagonal(known) + parts_of @ np.array([np.diagonal(b) for b in added])
-    half = _quantile(variance) * fit.scale
+    half = half_of_mixture(variance) * fit.scale
     weight = data.prior > 0.0
     allowed = (np.abs(data.away) + Z95 / np.where(weight, data.prior, 1.0)) * fit.scale
     half = np.where(weight, np.minimum(half, allowed), half)
@@ -262,7 +262,7 @@ def _registered(data: Clusters, parts: Components, count: int) -> Array:
     return np.concatenate(out, axis=1)
 
 
-def _quantile(variance: Array) -> Array:
+def half_of_mixture(variance: Array) -> Array:
     """Return the half width (C,) that holds 95 % of a mixture of normals, variances (n, C)."""
     sigma = np.sqrt(np.maximum(variance, 1e-300))
     low, high = sigma.min(axis=0), 10.0 * sigma.max(axis=0)

@@ -13,7 +13,7 @@ from ppmcal.calibration.fit import Fit, posterior
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.rank import Rank
-from ppmcal.linalg import svd
+from ppmcal.linalg import Array, svd
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -29,9 +29,11 @@ class Estimate:
     ``nominal`` is nan where there is none: what a fitted effect's stiffness, period or time
     constant began at is only a start.
 
-    ``sigma``: by the noise of rows alone, prior included; ``half``: of the 95 % interval with what
-    sessions differ by, None where only noise is known of; ``by_session``: label, value and sigma of
-    each session's own fit; ``p_value`` of these being one value, and whether they ``disagree``.
+    ``sigma``: by the noise of rows alone, prior included; ``by_noise``: half of the 95 % interval
+    by noise of which the size is not known exactly, None: 1.96 sigma; ``half``: the
+    same with what sessions differ by, None where only noise is known of; ``by_session``: label,
+    value and sigma of each session's own fit; ``p_value`` of these being one value, and whether
+    they ``disagree``.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Estimate:
     sigma_data: float | None
     tolerance: float | None
     status: str
+    by_noise: float | None = None
     half: float | None = None
     by_session: tuple[tuple[str, float, float], ...] = ()
     p_value: float | None = None
@@ -56,7 +59,7 @@ class Estimate:
     @property
     def interval(self) -> tuple[float, float] | None:
         """The 95 % interval of the value, prior and disagreement of sessions included."""
-        half = self.half
+        half = self.by_noise if self.half is None else self.half
         if half is None and self.sigma is not None:
             half = Z95 * self.sigma
         return None if half is None else (self.value - half, self.value + half)
@@ -67,10 +70,15 @@ class Estimate:
         return self.sigma if self.half is None else self.half / Z95
 
 
-def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None) -> tuple[Estimate, ...]:
+def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
+              by_noise: Array | None = None) -> tuple[Estimate, ...]:
     """Return all parameters of the machine with their uncertainties.
 
-    ``wider``: what sessions or stretches of rows disagree about.
+    Args:
+        fit: a finished one.
+        rank: of its columns.
+        wider: what sessions or stretches of rows disagree about.
+        by_noise: half of the 95 % interval of each column by noise alone (C,), if not 1.96 sigma.
     """
     variance = np.diagonal(posterior(fit))
     data_sigma = from_data_alone(fit, rank)
@@ -88,6 +96,8 @@ def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None) -> tuple[
                                                          or parameter.nonlinear)
                             else parameter.nominal, float(fit.state.g[p]), sigma, from_data,
                             parameter.tolerance, status))
+        if c is not None and by_noise is not None and sigma is not None:
+            out[-1] = replace(out[-1], by_noise=float(by_noise[c]))
         if c is not None and wider is not None and sigma is not None:
             out[-1] = replace(out[-1], **_by_session(out[-1], wider, c))
     return tuple(out)
@@ -95,7 +105,7 @@ def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None) -> tuple[
 
 def _by_session(estimate: Estimate, wider: Disagreement, column: int) -> dict[str, Any]:
     """Return the entries of an estimate that sessions give."""
-    parts: dict[str, Any] = {"half": float(wider.half[column])}
+    parts: dict[str, Any] = {"half": max(float(wider.half[column]), estimate.by_noise or 0.0)}
     if wider.sessions:
         values = (estimate.value + wider.own[:, column]).tolist()
         parts |= {"by_session": tuple(zip(wider.labels, values, wider.own_sigma[:, column].tolist(),

@@ -119,6 +119,31 @@ def prediction_covariance(fit: Fit) -> Array:
     return np.asarray((v @ v.T) * np.outer(fit.scale, fit.scale), dtype=float)
 
 
+def values_fitted(seen: int, variance: Array, prior: Array) -> float:
+    """Return how many values a fit with a prior takes: the trace of its hat matrix.
+
+    tr J (J'J + P'P)^-1 J' = seen - sum of prior^2 variance: columns that data do not see, or see
+    together only, and columns that their prior holds take less than one value each. Residuals of
+    n values have a mean square of (n - trace) times the noise's, not of n less the columns.
+
+    Args:
+        seen: directions that data or prior see, C where all are.
+        variance: of each column by data and prior (C,).
+        prior: weight of each column's distance from its nominal (C,), unit of 1/column.
+    """
+    return float(seen - np.sum(prior**2 * variance))
+
+
+def residual_freedom(fit: Fit) -> float:
+    """Return the degrees of freedom of the rows' residuals: values less those fitted, at least 1.
+
+    Rows that stand for an earlier fit count as values.
+    """
+    seen = int(np.sum(directions(fit)[2]))
+    fitted = values_fitted(seen, np.diagonal(prediction_covariance(fit)), fit.prior)
+    return max(fit.reduced.count - fitted, 1.0)
+
+
 def posterior(fit: Fit) -> Array:
     """Return the covariance of all columns (C, C), SI; inf on the diagonal where unbounded.
 

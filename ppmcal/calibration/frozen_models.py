@@ -137,7 +137,7 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
                seed: int) -> Validated:
     asked = tuple(w for w in OPEN if is_open(data, w)) if register is None else tuple(
         w for w in OPEN if w in register)
-    whole, data = data, _typed_right(models[0], opened(data, asked, register is not None))
+    whole, data = data, _typed_right(models, opened(data, asked, register is not None))
     demanded: tuple[str, ...] = ()
     known: dict[int, Fit] = {}
     if register is None:
@@ -154,11 +154,15 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
                      demanded, _compared(errors, data.groups[rows], seed))
 
 
-def _typed_right(model: FrozenModel, data: Dataset) -> Dataset:
-    """Return a data set without the rows whose values are typed wrong."""
-    fit = register_only(Problem(model.mechanism, (data,), ()))
-    there = finite_rows(fit.state.poses[0])
-    typed = gross_errors(fit.problem, fit.state, [there])[0]
+def _typed_right(models: Sequence[FrozenModel], data: Dataset) -> Dataset:
+    """Return a data set without the rows whose values are typed wrong: by every machine."""
+    typed = np.ones(len(data), dtype=bool)
+    for model in models:
+        if not typed.any():
+            break
+        fit = register_only(Problem(model.mechanism, (data,), ()))
+        there = finite_rows(fit.state.poses[0])
+        typed &= gross_errors(fit.problem, fit.state, [there])[0]
     return data.take(~typed) if typed.any() else data
 
 

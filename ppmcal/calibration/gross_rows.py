@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtri
 
+from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.least_squares import parameter_scale
 from ppmcal.calibration.outliers import Distances, distances
 from ppmcal.calibration.problem import Problem, State
@@ -44,6 +45,20 @@ def gross_errors(problem: Problem, state: State, keep: Sequence[Bools]) -> list[
     if sum(int(o.sum()) for o in out) > MOST_GROSS * total:
         return [np.zeros_like(o) for o in out]
     return out
+
+
+def single_gross_rows(fit: Fit) -> list[Bools]:
+    """Return rows (N,) of each data set that are gross errors while their neighbours are not."""
+    out = []
+    for gross in gross_errors(fit.problem, fit.state, rows_with_outliers(fit)):
+        beside = np.convolve(gross, [1, 0, 1], mode="same") > 0 if gross.size > 1 else gross
+        out.append(gross & ~beside)
+    return out
+
+
+def rows_with_outliers(fit: Fit) -> list[Bools]:
+    """Return the rows (N,) of each data set that a fit uses or has left out as outliers."""
+    return [k | o for k, o in zip(fit.keep, fit.outliers, strict=True)]
 
 
 def beyond(found: Distances, keep: Sequence[Bools]) -> list[Bools]:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.fit import Fit, values_fitted
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.linalg import Array, Bools, Ints, subsample
@@ -23,6 +23,8 @@ SHIFTED = 1e-3
 """A zero has moved where chance would show such a shift this rarely in any session."""
 MANY_OUT = 0.3
 """Rows left out count again where more than this part of their session was."""
+SEEN = 1e-15
+"""Directions of less than this part of the strongest are round-off of the normal equations."""
 MOST = 20000
 """Shifts of zeros are looked for in at most so many rows, evenly spread."""
 
@@ -127,14 +129,16 @@ def _shift(fit: Fit, keep: Sequence[Bools], rows: Ints) -> tuple[Array | None, A
         square += float(residual @ residual)
         count += residual.size
     scale = fit.scale
-    inverse = linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(
-        scale, scale)
+    w, v = linalg.eigh(normal * np.outer(scale, scale))
+    use = w > SEEN * max(float(w[-1]), 1e-300)
+    inverse = ((v[:, use] / w[use]) @ v[:, use].T) * np.outer(scale, scale)
     information = own - cross.T @ inverse @ cross
     if not np.all(linalg.eigvalsh(information) > 1e-9 * max(np.trace(own), 1e-300)):
         return None, information
     estimate = linalg.solve(information, other - cross.T @ inverse @ right)
     left = square - right @ inverse @ right - estimate @ information @ estimate
-    noise = max(1.0, float(left) / max(count - size - k, 1))
+    fitted = values_fitted(int(use.sum()), np.diagonal(inverse), prior) + k
+    noise = max(1.0, float(left) / max(count - fitted, 1.0))
     return np.asarray(estimate), np.asarray(information / noise)
 
 

@@ -13,9 +13,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import chdtri
 
-from ppmcal.calibration.disagreement import Disagreement, differs, disagreement
-from ppmcal.calibration.fit import Fit, posterior
+from ppmcal.calibration.disagreement import Disagreement, differs, disagreement, half_of_mixture
+from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
+from ppmcal.calibration.noise import LEAST, noise_parts
 from ppmcal.calibration.session_clusters import clusters
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
@@ -25,6 +27,40 @@ BLOCKS, LEAST_ROWS = 8, 3
 """Blocks of a session, and rows in each at least."""
 STRETCHES = 1.0
 """Blocks, of one machine, differ by no more than so many tolerances."""
+
+
+NODES, BETWEEN = 200, 9
+"""Sizes of the noise that an interval is a mixture of, and how many of them are worked out."""
+
+
+def by_noise(fit: Fit, options: FitOptions) -> Array:
+    """Return half of the 95 % interval of every column (C,), the size of the noise integrated out.
+
+    The variance of the rows is a scaled inverse chi-squared about the stated one, which counts as
+    :data:`LEAST` values, and what the rows show of it that no error of the machine can explain.
+    Without a prior on the parameters this is Student's t; a parameter that its tolerance holds is
+    no less certain for noisy rows. inf where the column is unbounded.
+
+    Args:
+        fit: with the noise that its intervals are made with, so far.
+        options: that it was made with; a prior that was chosen by the residuals goes with the
+            noise.
+    """
+    chi2, degrees = noise_parts(fit)
+    freedom = LEAST + max(degrees, 0)
+    chance = (np.arange(NODES) + 0.5) / NODES
+    variance = (LEAST + chi2 * (degrees > 0)) / chdtri(freedom, chance)
+    if options.method == "gcv" or not fit.prior.any():
+        each = np.outer(variance, np.diagonal(prediction_covariance(fit)))
+    else:
+        some = np.geomspace(variance.min(), variance.max(), BETWEEN)
+        known = [np.diagonal(prediction_covariance(replace(
+            fit, reduced=replace(fit.reduced, triangle=fit.reduced.triangle / np.sqrt(v)))))
+            for v in some.tolist()]
+        logs = np.log(np.maximum(known, 1e-300)).T
+        each = np.exp([np.interp(np.log(variance), np.log(some), own) for own in logs]).T
+    half = half_of_mixture(each)
+    return np.where(np.isinf(np.diagonal(posterior(fit))), np.inf, half)
 
 
 @stage("widening intervals where rows disagree")

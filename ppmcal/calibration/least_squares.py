@@ -119,6 +119,12 @@ class NormalStep:
     directions: Array
     scale: Array
 
+    def seen(self) -> tuple[int, Array]:
+        """Return how many directions are seen, and the variance of each column by these (C,)."""
+        use = self.singular > SOLVE_TOLERANCE * self.singular.max(initial=1e-300)
+        parts = self.directions[use] / self.singular[use, None]
+        return int(use.sum()), np.asarray(np.sum(parts**2, axis=0) * self.scale**2)
+
     def step(self, damping: float = 0.0) -> tuple[Array, float]:
         """Return the step (C,) and the decrease of chi-squared that it promises.
 
@@ -176,6 +182,11 @@ class SummedStep:
         back = self._plain * size
         return float(np.linalg.norm(back.T @ back, 1)
                      * np.linalg.norm(self.matrix / (size[:, None] * size), 1))
+
+    def seen(self) -> tuple[int, Array]:
+        """Return how many directions are seen, and the variance of each column (C,)."""
+        root = np.zeros((0, len(self.scale))) if self._plain is None else self._plain
+        return len(root), np.asarray(np.sum(root**2, axis=0) * self.scale**2)
 
     def step(self, damping: float = 0.0) -> tuple[Array, float]:
         """Return the step (C,) and the decrease that it promises; see :meth:`NormalStep.step`."""

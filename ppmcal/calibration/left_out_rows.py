@@ -1,24 +1,25 @@
 """Rows that were left out: more of them than gross errors explain, or with a pattern.
 
 A gross error hits any row. If the rows that the fit has thrown out are nearly all the first at
-their pose, or all came from one side, it was no gross error that they have in common.
+their pose, or all came from one side, or lie in one corner of the workspace, it was no gross error
+that they have in common.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise, product
 
 import numpy as np
 from scipy.special import bdtrc, gammaln
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.validation import Residuals
+from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Environment
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.wording import counted
 from ppmcal.wording.progress import stage
 
@@ -29,8 +30,9 @@ LEVEL = 0.01
 FEWEST = 4
 """Fewer rows have no pattern."""
 THIRDS = 3
-FOR_STRETCHES = 0.2
-"""Stretches of travel are many: they have this part of the level, all others the rest."""
+FOR_STRETCHES, FOR_PLACES = 0.2, 0.2
+"""Stretches of travel are many, and so are places: each have this part of the level, all others the
+rest."""
 STRETCHES = 8
 """Parts of a joint's travel, which overlap: what is worn in one of them hits the rows there."""
 
@@ -101,18 +103,39 @@ def left_out(fit: Fit) -> LeftOut:
     count, rows = (sum(int(m.sum()) for m in masks) for masks in (gone, used))
     too_many = count > 0 and bool(bdtrc(count - 1, rows, GROSS_SHARE) < LEVEL)
     found: list[tuple[float, float, _Pattern]] = []
-    for of_travel, level in ((False, 1.0 - FOR_STRETCHES), (True, FOR_STRETCHES)):
+    for patterns, level in ((_circumstances, 1.0 - FOR_STRETCHES - FOR_PLACES),
+                            (_stretches, FOR_STRETCHES), (_places, FOR_PLACES)):
+        # rows at one pose are at one place: what hit the pose has hit them all
+        mine = _one_of_each_pose(fit, used, gone) if patterns is _places else used
+        out, total = _rows_in(gone, mine), _rows_in(mine, mine)
         tests = []
-        for pattern in _patterns(fit.problem, of_travel) if FEWEST <= count < rows else ():
-            inside = sum(int((m & u).sum()) for m, u in zip(pattern.rows, used, strict=True))
-            hits = sum(int((m & g).sum()) for m, g in zip(pattern.rows, gone, strict=True))
-            if 0 < inside < rows:
-                tests.append((_as_many(hits, rows, inside, count), hits / count, pattern))
+        for pattern in _patterns(fit, patterns) if FEWEST <= out < total else ():
+            inside = _rows_in(pattern.rows, mine)
+            hits = sum(int((m & g & u).sum()) for m, g, u in zip(
+                pattern.rows, gone, mine, strict=True))
+            if 0 < inside < total:
+                tests.append((_as_many(hits, total, inside, out), hits / out, pattern))
         found += [(min(1.0, p * len(tests) / level), share, pattern) for p, share, pattern in tests]
     best, share, pattern = min(found, default=(1.0, 0.0, _Pattern("", [])), key=lambda f: f[:2])
     if best >= LEVEL:
         return LeftOut(count, rows, too_many, "", share, best)
     return LeftOut(count, rows, too_many, pattern.words, share, best, pattern.stretch)
+
+
+def _rows_in(one: Sequence[Bools], other: Sequence[Bools]) -> int:
+    return sum(int((a & b).sum()) for a, b in zip(one, other, strict=True))
+
+
+def _one_of_each_pose(fit: Fit, used: Sequence[Bools], gone: Sequence[Bools]) -> list[Bools]:
+    """Return one of the ``used`` rows (N,) of each commanded pose, one that is ``gone`` if any."""
+    out = []
+    for data, u, g in zip(fit.problem.datasets, used, gone, strict=True):
+        rows = np.flatnonzero(u)
+        rows = rows[np.argsort(~g[rows], kind="stable")]
+        mask = np.zeros_like(u)
+        mask[rows[np.unique(data.groups[rows], return_index=True)[1]]] = True
+        out.append(mask)
+    return out
 
 
 @dataclass(frozen=True)
@@ -157,24 +180,58 @@ def _as_many(hits: int, rows: int, inside: int, count: int) -> float:
     return min(1.0, float(np.sum(np.exp(parts))))
 
 
-def _patterns(problem: Problem, of_travel: bool) -> Iterator[_Pattern]:
-    """Yield what rows may have in common.
+Found = tuple[str, Bools, tuple[int, float, float] | None]
+"""Words, rows (N,) and stretch of a pattern in one data set."""
 
-    ``of_travel``: stretches of the joints' travel, else all other patterns.
-    """
-    many = len(problem.datasets) > 1
-    for i, data in enumerate(problem.datasets):
+
+def _patterns(fit: Fit, of_one: Callable[[Fit, int], Iterator[Found]]) -> Iterator[_Pattern]:
+    """Yield what rows may have in common, of one kind; ``of_one`` data set."""
+    datasets = fit.problem.datasets
+    many = len(datasets) > 1
+    for i, data in enumerate(datasets):
         where = f" in {data.name}" if many else ""
-        found = (_stretches(problem.mechanism, data) if of_travel else (
-            (words, mask, None) for words, mask in
-            _of_one(problem.mechanism, data, problem.environments[i])))
-        for words, mask, stretch in found:
-            masks = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
+        for words, mask, stretch in of_one(fit, i):
+            masks = [np.zeros(len(d), dtype=bool) for d in datasets]
             masks[i] = mask
             yield _Pattern(words + where, masks, stretch)
-        if many and not of_travel:
-            yield _Pattern(f"are in {data.name}",
-                           [np.full(len(d), d is data) for d in problem.datasets])
+        if many and of_one is _circumstances:
+            yield _Pattern(f"are in {data.name}", [np.full(len(d), d is data) for d in datasets])
+
+
+def _circumstances(fit: Fit, index: int) -> Iterator[Found]:
+    """Yield the order, the approach and what was recorded besides."""
+    problem = fit.problem
+    for words, mask in _of_one(problem.mechanism, problem.datasets[index],
+                               problem.environments[index]):
+        yield words, mask, None
+
+
+def _places(fit: Fit, index: int) -> Iterator[Found]:
+    """Yield thirds of each coordinate of the platform and of each joint, and corners.
+
+    The platform's pose is that of the joints: what was measured there may be wrong itself.
+    """
+    mechanism, data = fit.problem.mechanism, fit.problem.datasets[index]
+    pose = pose_vector(fit.state.poses[index])
+    low = ("lowest", "middle", "highest")
+    for what, values in (*((POSE_COORDINATES[c], pose[:, c]) for c in mechanism.dof),
+                         *zip(mechanism.actuators, data.q.T, strict=True)):
+        for mask, part in zip(thirds(values), low, strict=True):
+            if mask.any():
+                yield f"are in the {part} third by {what}", mask, None
+    length = mechanism.units.factor("length")
+    halves = []
+    for c in (c for c in mechanism.dof if c < 3):
+        lower, upper = parts_of(pose[:, c], 2)
+        if lower.any() and upper.any():
+            edge = f"{float(pose[lower, c].max()) / length:.6g} {mechanism.units.length}"
+            halves.append(((f"{POSE_COORDINATES[c]} up to {edge}", lower),
+                           (f"{POSE_COORDINATES[c]} above {edge}", upper)))
+    for size in range(2, len(halves) + 1):
+        for some in combinations(halves, size):
+            for corner in product(*some):
+                yield (f"have {' and '.join(words for words, _ in corner)}",
+                       np.all([mask for _, mask in corner], axis=0), None)
 
 
 def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[tuple[str, Bools]]:
@@ -201,8 +258,9 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[
             yield f"are in the {part} {size} {what}", mask
 
 
-def _stretches(mechanism: Mechanism, data: Dataset
-               ) -> Iterator[tuple[str, Bools, tuple[int, float, float]]]:
+def _stretches(fit: Fit, index: int) -> Iterator[Found]:
+    """Yield stretches of the joints' travel."""
+    mechanism, data = fit.problem.mechanism, fit.problem.datasets[index]
     for a, name in enumerate(mechanism.actuators):
         factor, unit = mechanism.joint_units[a]
         fine = parts_of(data.q[:, a], 2 * STRETCHES)

@@ -223,8 +223,6 @@ def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
     What is read wrongly is wrong from the first row to the last.
     """
     for data, part, alone in end_parts(problem):
-        if data.frame.same_as:
-            continue
         few = _few(toleranced(alone))
         try:
             state = few.start()
@@ -239,8 +237,7 @@ def end_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints, Problem]]:
     """Yield each data set with its first and its last rows, and the problem of these alone."""
     for data in problem.datasets:
         for part in np.array_split(np.arange(len(data)), PARTS)[::PARTS - 1]:
-            yield data, part, replace(problem, datasets=(data.take(part),), pivots=None,
-                                      given=None, earlier=None)
+            yield data, part, problem.alone(data.take(part))
 
 
 def _other_zeros(problem: Problem) -> tuple[Misreading, ...]:
@@ -255,10 +252,9 @@ def _misreadings(problem: Problem, whole: Trial) -> tuple[Misreading, ...]:
     out = []
     for i, data in enumerate(problem.datasets):
         as_read = whole
-        if len(problem.datasets) > 1 and not data.frame.same_as:
-            alone = replace(problem, datasets=(data,), pivots=None, given=None, earlier=None)
+        if len(problem.datasets) > 1:
             try:
-                as_read = trial(alone, 0.0)
+                as_read = trial(problem.alone(data), 0.0)
             except PpmcalError:
                 as_read = Trial(np.inf, np.nan, np.nan, np.inf)
         if as_read.times > DOUBTED:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.compensation import Compensation, Knowledge, compensate
+from ppmcal.calibration.safe_commands import refused, sent
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import pose_motor
@@ -21,6 +22,11 @@ from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import environment
 from ppmcal.model.mechanism import Mechanism
+
+UNREACHED = ("where it leads is not known: a machine that the measurements do not tell from this "
+             "one does not take these joint values")
+OWN = ("q", "command", "seen", "pose", "position_after", "rotation_after", "status", "reason")
+"""What commands of another machine replace; nominal commands and uncertainties stay."""
 
 
 @dataclass(frozen=True)
@@ -96,10 +102,11 @@ def averaged(model: Mechanism, result: Compensation, readings: Readings,
             note += (": left out of these commands, which would be off by "
                      f"{_rms(own[0]) / length:.3g} {model.units.length} with it and are by "
                      f"{_rms(plain[0]) / length:.3g} without, over these readings")
-            result, own = replace(bare, sigma_position=result.sigma_position,
-                                  sigma_rotation=result.sigma_rotation), plain
+            result, own = replace(result, **{name: getattr(bare, name) for name in OWN}), plain
         else:
             note += "; what that changes at the targets is in the uncertainty"
+    result = refused(result, dict.fromkeys(
+        np.flatnonzero(sent(result) & ~np.isfinite(own[0] + own[1])).tolist(), UNREACHED))
     before = _expected(machines, weight, result.q_nominal, result, targets)
     return replace(result, position_before=before[0], rotation_before=before[1],
                    sigma_position=np.hypot(result.sigma_position, own[0]),

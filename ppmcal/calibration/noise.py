@@ -8,16 +8,23 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtr, chdtrc
+from scipy.special import chdtrc
 
-from ppmcal.calibration.fit import Fit, FitOptions, directions, prediction_covariance
+from ppmcal.calibration.fit import (
+    Fit,
+    FitOptions,
+    directions,
+    prediction_covariance,
+    values_fitted,
+)
 from ppmcal.calibration.gauss_newton import least_squares, prior_square
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.least_squares import qr_factor
+from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, qr_factor
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, svd
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.repeats import repeats
 
 log = logging.getLogger(__package__)
 
@@ -161,11 +168,34 @@ OVERSTATED = 0.5
 """A stated noise is too large to be harmless where residuals are below this part of it."""
 
 
+LARGER, SMALLER, AGREES = "larger", "smaller", "agrees"
+"""What residuals may be against the stated noise."""
+
+
+def noise_state(ratio: float | None, p: float | None) -> str:
+    """Return whether residuals are larger or smaller than the stated noise, or agree with it.
+
+    The one place that decides it. A failed check has a probability: few degrees of freedom make
+    any ratio possible.
+
+    Args:
+        ratio: rms of the residuals over the stated noise.
+        p: chance of a larger chi-squared; None, or nan, where it cannot be told.
+    """
+    if ratio is None or p is None or np.isnan(p):
+        return AGREES
+    if p < FAILED_NOISE and ratio > 1.0:
+        return LARGER
+    return SMALLER if p > 1.0 - FAILED_NOISE and ratio < OVERSTATED else AGREES
+
+
 @dataclass(frozen=True)
 class Noise:
-    """Residuals against the stated noise.
+    """Residuals against the stated noise, and apart from it the errors against the tolerances.
 
-    ``sigma_ratio``: residual over stated noise; ``chi2_p``: chance of a larger chi-squared;
+    ``sigma_ratio``: residual over stated noise; ``chi2``, ``degrees``: of what no error of the
+    machine can explain; ``chi2_p``: chance of a larger one; ``prior_chi2``, ``prior_degrees``,
+    ``prior_p``: the same of the errors that were found against tolerances and noise;
     ``repeat_ratio``: scatter of repeats over stated noise, None without repeats; ``by_dataset``:
     ``sigma_ratio`` of each data set that has redundancy enough.
     """
@@ -177,17 +207,29 @@ class Noise:
     repeat_ratio: float | None
     repeat_degrees: int
     by_dataset: Mapping[str, float] = field(default_factory=dict)
+    prior_chi2: float = 0.0
+    prior_degrees: float = 0.0
+    prior_p: float = float("nan")
+
+    @property
+    def state(self) -> str:
+        """Whether the residuals are larger or smaller than the stated noise, or agree with it."""
+        return noise_state(self.sigma_ratio, self.chi2_p)
 
     @property
     def failed(self) -> bool:
         """Whether the residuals are larger than the stated noise can explain."""
-        return self.chi2_p < FAILED_NOISE and self.sigma_ratio > 1.0
+        return self.state == LARGER
 
     @property
     def overstated(self) -> bool:
         """Whether the residuals are far smaller than the stated noise would make them."""
-        chance = chdtr(self.degrees, self.chi2) if self.degrees > 0 else 1.0
-        return bool(chance < FAILED_NOISE and self.sigma_ratio < OVERSTATED)
+        return self.state == SMALLER
+
+    @property
+    def tight(self) -> bool:
+        """Whether the errors are larger than tolerances and noise can explain."""
+        return self.prior_p < FAILED_NOISE
 
     @property
     def unexplained(self) -> float:
@@ -208,12 +250,49 @@ class Noise:
         return max(1.0, self.sigma_ratio) if self.failed else 1.0
 
 
+KNOWN = 0.1
+"""A direction in which one tolerance moves the rows by less than this part of their noise is left
+to the noise."""
+
+
+def _split(fit: Fit) -> tuple[float, int, float, int]:
+    """Return chi-squared and degrees of freedom of the noise alone, then of the prior's part.
+
+    What no error of the machine can explain is noise alone; the rest of the minimum is how far the
+    errors are from nominal, against tolerances and noise. If both are right these are independent.
+    """
+    known = fit.reduced.triangle * fit.scale
+    u, s, vt = svd(known)
+    held = np.linalg.norm(vt * (fit.prior * fit.scale), axis=1)
+    taken = (s > KNOWN * held) & (s > SOLVE_TOLERANCE * s.max(initial=1e-300))
+    explained = float(np.sum((u[:, taken].T @ fit.reduced.right) ** 2))
+    square, degrees = fit.reduced.square - explained, fit.reduced.count - int(taken.sum())
+    every = fit.reduced.square + prior_square(fit.problem, fit.state, fit.prior)
+    seen = int(np.sum(directions(fit)[2]))
+    rest = fit.reduced.count + int(np.sum(fit.prior > 0.0)) - seen - degrees
+    return max(square, 0.0), degrees, max(every - square, 0.0), rest
+
+
+def noise_parts(fit: Fit) -> tuple[float, int]:
+    """Return chi-squared and degrees of freedom of what no error of the machine can explain."""
+    return _split(fit)[:2]
+
+
+def against_tolerances(noise: Noise, fit: Fit) -> Noise:
+    """Return the check with its prior's part as of a fit of which the noise was mended."""
+    _, _, chi2, degrees = _split(fit)
+    return replace(noise, prior_chi2=chi2, prior_degrees=degrees, prior_p=_chance(chi2, degrees))
+
+
+def _chance(chi2: float, degrees: int) -> float:
+    return float(chdtrc(degrees, chi2)) if degrees > 0 else float("nan")
+
+
 def noise_check(fit: Fit) -> Noise:
-    """Return chi-squared of data and prior, the noise ratio, and the scatter of repeats."""
-    priors = int(np.sum(fit.prior > 0.0))
+    """Return chi-squared of noise and prior, the noise ratio, and the scatter of repeats."""
     seen = int(np.sum(directions(fit)[2]))
     covariance = prediction_covariance(fit)
-    effective = float(np.sum((fit.reduced.triangle @ covariance) * fit.reduced.triangle))
+    effective = values_fitted(seen, np.diagonal(covariance), fit.prior)
     square, count = fit.reduced.square, fit.reduced.count
     if fit.problem.earlier is not None:
         # the ratio is that of the new rows
@@ -221,18 +300,17 @@ def noise_check(fit: Fit) -> Noise:
         missed, slope = fit.problem.earlier.rows(problem.mechanism, problem.free, fit.state.g)
         square, count = square - float(missed @ missed), count - missed.size
         effective -= float(np.sum((slope @ covariance[:free, :free]) * slope))
-    degrees = fit.reduced.count + priors - seen
-    chi2 = fit.reduced.square + prior_square(fit.problem, fit.state, fit.prior)
+    chi2, degrees, prior, prior_degrees = _split(fit)
     left = max(count - effective, 1e-9)
     ratio = float(np.sqrt(max(square, 0.0) / left))
     repeat, repeat_degrees = _repeats(fit)
-    p = float(chdtrc(degrees, chi2)) if degrees > 0 else float("nan")
     # one data set has the ratio of all; another pass over the rows tells several apart
     each = noise_ratios(fit)[0] if len(fit.problem.datasets) > 1 else np.array(
         [ratio if left >= LEAST else np.nan])
     own = {d.name: float(r) for d, r in zip(fit.problem.datasets, each, strict=True)
            if np.isfinite(r)}
-    return Noise(ratio, chi2, degrees, p, repeat, repeat_degrees, own)
+    return Noise(ratio, chi2, degrees, _chance(chi2, degrees), repeat, repeat_degrees, own, prior,
+                 prior_degrees, _chance(prior, prior_degrees))
 
 
 def _repeated(groups: NDArray[np.int64], keep: Bools) -> Bools:
@@ -244,12 +322,13 @@ def _repeated(groups: NDArray[np.int64], keep: Bools) -> Bools:
 
 
 def _repeats(fit: Fit) -> tuple[float | None, int]:
-    """Scatter within repeats of a pose over the stated noise, and its degrees of freedom."""
+    """Scatter within repeats over the stated noise, and its degrees of freedom."""
     square, degrees = 0.0, 0
     white: list[tuple[int, NDArray[np.int64], Array, Bools]] = []
-    again = [_repeated(d.groups, k) for d, k in zip(fit.problem.datasets, fit.keep, strict=True)]
+    same = [repeats(d) for d in fit.problem.datasets]
+    again = [_repeated(g, k) for g, k in zip(same, fit.keep, strict=True)]
     for rows in fit.problem.rows(fit.state, False, again):
-        groups = fit.problem.datasets[rows.dataset].groups[rows.index]
+        groups = same[rows.dataset][rows.index]
         white.append((rows.dataset, groups, rows.residual, rows.observed))
     for i in range(len(fit.problem.datasets)):
         parts = [(g, r, o) for d, g, r, o in white if d == i]

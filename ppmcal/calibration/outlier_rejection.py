@@ -15,6 +15,9 @@ from ppmcal.calibration.problem import State
 from ppmcal.calibration.unsolved_rows import NO_POSE
 from ppmcal.linalg import Array, Bools, finite_rows
 
+BETWEEN_ROUNDS = 5
+"""Iterations of the fit after each round, which starts next to its minimum."""
+
 
 def without_outliers(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
                      options: FitOptions) -> Fit:
@@ -28,17 +31,21 @@ def without_outliers(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]
     dropped = {(i, int(n)) for i, s in enumerate(suspects) for n in np.flatnonzero(s)}
     total = sum(int(k.sum()) for k in keep) + len(dropped)
     factor = 1.0
+    # the next round judges by a new fit anyway: one that wanders is not followed to its end
+    short = replace(options, iterations=min(options.most, BETWEEN_ROUNDS))
     for _ in range(total):
         found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
         factor = found.factor(keep)
         bad = worst(found, keep, factor)
         if not bad or len(dropped) >= total // 3:
             break
-        for i, n, _ in bad[:max(1, total // 50)]:
+        # the worst half of many: a round is a fit, and who does belong is taken back at the end
+        for i, n, _ in bad[:max(1, total // 50, len(bad) // 2)]:
             keep[i][n] = False
             dropped.add((i, n))
-        fit = fit_rows(fit.problem, fit.state, keep, reasons, fit.prior, options,
-                   fit.prior_scale)
+        fit = fit_rows(fit.problem, fit.state, keep, reasons, fit.prior, short, fit.prior_scale)
+    if not fit.converged and short.most < options.most:
+        fit = fit_rows(fit.problem, fit.state, keep, reasons, fit.prior, options, fit.prior_scale)
     if any(s.any() for s in suspects):
         fit = replace(fit, state=_found_again(fit, suspects, poses))
     return _readmit(fit, keep, reasons, dropped, factor, options)

@@ -105,6 +105,8 @@ def _freed(rows: Array, covariance: Array, used: Array) -> Array:
     weak = heavy[linalg.eigvalsh(of_residual[heavy])[:, 0] < ALONE]
     of_residual[weak] = np.eye(r.shape[1])
     squares = np.sum(r * linalg.solve(of_residual, r[..., None])[..., 0], axis=1)
+    # round-off of a covariance that spans too many digits: the residual as it is
+    squares = np.where(squares < 0.0, np.sum(r * r, axis=1), squares)
     squares[singular] = np.inf
     return np.asarray(squares)
 

@@ -30,12 +30,14 @@ def recorded_units(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[Mistak
         if not known.size or name in data.read.get("units", {}):
             continue    # a unit that the sidecar gives is believed
         if name == "temperature" or name.startswith("temperature_"):
-            unit = _temperature(known - ZERO_CELSIUS)
+            unit = _temperature(known - ZERO_CELSIUS, name == "temperature")
             if unit:
                 low, high = (f"{v:.4g}" for v in np.ptp(known) * np.array([0.0, 1.0])
                              + known.min() - ZERO_CELSIUS)
+                other = "K" if unit == "K" else "deg F"
                 yield Mistake("unit", (name,), f"{name} is {low} to {high}: no workshop in deg C, "
-                              f"but in {'K' if unit == 'K' else 'deg F'}"), name, unit
+                              f"but in {other}. Where a heated part is "
+                              f"measured, `units: {{{name}: C}}` in its sidecar says so"), name, unit
         elif name == "payload":
             most = float(np.median(known[known > 0.0])) if (known > 0.0).any() else 0.0
             if most > HEAVIEST * mechanism.reach:
@@ -43,13 +45,16 @@ def recorded_units(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[Mistak
                               "machine can bear in kg, but not in g"), name, "g"
 
 
-def _temperature(celsius: Array) -> str:
-    """Return the unit that the values, read as deg C, are likelier in; empty if none."""
+def _temperature(celsius: Array, room: bool) -> str:
+    """Return the unit that the values, read as deg C, are likelier in; empty if none.
+
+    ``room``: they are the room's. A sensor on a bed or a drive may well read 65 deg C.
+    """
     middle = float(np.median(celsius))
     if WORKSHOP[0] <= middle <= WORKSHOP[1] + 5.0:
         return ""
     for unit, other in (("K", middle - ZERO_CELSIUS), ("F", (middle - 32.0) / 1.8)):
-        if WORKSHOP[0] <= other <= WORKSHOP[1]:
+        if (room or unit == "K") and WORKSHOP[0] <= other <= WORKSHOP[1]:
             return unit
     return ""
 

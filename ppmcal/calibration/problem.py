@@ -72,6 +72,10 @@ class Problem:
     given: tuple[Environment, ...] | None = None
     earlier: Earlier | None = None
 
+    def alone(self, data: Dataset) -> Problem:
+        """Return the problem of one data set by itself, with a frame of its own."""
+        return replace(self, datasets=(data.alone(),), pivots=None, given=None, earlier=None)
+
     @cached_property
     def _layout(self) -> tuple[tuple[NuisanceColumns, ...], tuple[str, ...]]:
         return lay_out(self.mechanism, self.datasets, self.free, self.pivots)

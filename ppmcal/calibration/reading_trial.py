@@ -85,9 +85,9 @@ def find_misreading(problem: Problem, index: int, as_read: Trial, judge: Judge
         judge: gives what a problem leaves, from few rows.
     """
     data, mechanism = problem.datasets[index], problem.mechanism
-    if data.kind in SCALARS or data.commanded is not None or data.frame.same_as:
+    if data.kind in SCALARS or data.commanded is not None:
         return None
-    alone = replace(problem, datasets=(data,), pivots=None, given=None, earlier=None)
+    alone = problem.alone(data)
     good: list[Found] = []
     for ways in (_other_readings(alone), other_machines(alone)):
         good = [g for g in _judged(ways, judge) if g[2].times * FALLS <= as_read.times]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.fit import Fit, values_fitted
 from ppmcal.calibration.gauss_newton import least_squares, linearised, prior_square
 from ppmcal.calibration.observation import SCALARS, coordinates
 from ppmcal.calibration.problem import Problem, State
@@ -51,8 +51,8 @@ class RegistrationHint:
 
     ``dataset``: its index; ``what``: of :data:`OPEN`, or ``sessions``; ``before``, ``after``: rms
     of the data set's white residuals; ``position``: of its positions before and after, m;
-    ``square``, ``count``, ``columns``: sum of white squares of
-    all rows, how many values they have and how many columns were fitted, with it open; ``keep``:
+    ``square``, ``count``, ``fitted``: sum of white squares of
+    all rows, how many values they have and how many of these the fit takes, with it open; ``keep``:
     the rows behind these; ``opened``: the problem that has it open.
     """
 
@@ -63,7 +63,7 @@ class RegistrationHint:
     position: tuple[float, float]
     square: float
     count: int
-    columns: int
+    fitted: float
     keep: tuple[Bools, ...]
     opened: Problem
 
@@ -93,17 +93,17 @@ def opened(data: Dataset, what: Sequence[str], only: bool = False) -> Dataset:
     return replace(data, homing=homing, **new)
 
 
-def fall(before: float, after: float, count: int, columns: int, more: int) -> float:
+def fall(before: float, after: float, count: int, fitted: float, more: int) -> float:
     """Return by which part an error falls, 0 where that is too little or may be chance.
 
     Args:
         before: sum of white squares.
         after: the same with more open.
         count: values behind them.
-        columns: fitted columns after.
+        fitted: how many of them the fit takes after.
         more: by how many these are more than before.
     """
-    freedom = count - columns
+    freedom = count - fitted
     if more <= 0 or freedom <= 0 or before <= 0.0:
         return 0.0
     part = 1.0 - float(np.sqrt(max(after, 0.0) / before))
@@ -141,23 +141,23 @@ def _hints(fit: Fit, problem: Problem, state: State, keep: Sequence[Bools]
     before = sum(square, _Sum())
     now = before.white + prior_square(problem, state, _padded(problem, fit))
     for i, what, wider, there, rows in _variants(problem, state, keep):
-        prior, size = _padded(wider, fit), len(wider.columns)
-        more = size - len(problem.columns)
-        if not fall(now, _expected(wider, there, rows, prior), before.values, size, more):
+        prior, more = _padded(wider, fit), len(wider.columns) - len(problem.columns)
+        expected, fitted = _expected(wider, there, rows, prior)
+        if not fall(now, expected, before.values, fitted, more):
             continue
         after = _refitted(wider, there, rows, prior)
         if after is None:
             continue
         own = _squares(wider, after, rows)
         total = sum(own, _Sum())
-        part = fall(before.white, total.white, total.values, size, more)
+        part = fall(before.white, total.white, total.values, fitted, more)
         ends = square[i], sum(own[i:i + len(own) - len(square) + 1], _Sum())
         white, place = ([float(np.sqrt(a / max(b, 1))) for a, b in pairs] for pairs in (
             [(e.white, e.values) for e in ends], [(e.place, e.rows) for e in ends]))
         if part:
             yield part, RegistrationHint(
                 i, what, white[0], white[1], (place[0], place[1]), total.white, total.values,
-                size, tuple(keep), wider), after
+                fitted, tuple(keep), wider), after
 
 
 def _with_outliers(fit: Fit) -> list[Bools]:
@@ -223,10 +223,15 @@ def _by_session(problem: Problem, state: State, keep: Sequence[Bools], i: int
     return new, at, list(spread(list(keep), [keep[i][m] for m in masks]))
 
 
-def _expected(problem: Problem, state: State, keep: Sequence[Bools], prior: Array) -> float:
-    """Return the sum of squares of data and prior at the minimum of the linear problem."""
+def _expected(problem: Problem, state: State, keep: Sequence[Bools], prior: Array
+              ) -> tuple[float, float]:
+    """Return the sum of squares of data and prior at the minimum of the linear problem.
+
+    With it how many values a fit takes there.
+    """
     now = linearised(problem, state, keep, prior)
-    return now.square + prior_square(problem, state, prior) - now.small.step()[1]
+    return (now.square + prior_square(problem, state, prior) - now.small.step()[1],
+            values_fitted(*now.small.seen(), prior))
 
 
 def _refitted(problem: Problem, state: State, keep: Sequence[Bools], prior: Array

@@ -1,8 +1,9 @@
 """Commands that are safe to send: each better than none, and each come to on a safe way.
 
-A row is refused where its corrected command is predicted to be worse than the uncorrected one, the
-model's own uncertainty counted against it, and where the way to it from the last row that is not
-refused leaves limits, meets a singularity, or is a jump that the targets do not make.
+A row is refused where its corrected command is predicted to be worse than the uncorrected one, in
+position or in rotation and with what is not known in both errors, and where the way to it from the
+last row that is not refused leaves limits, meets a singularity, or is a jump that the targets do
+not make.
 """
 
 from __future__ import annotations
@@ -12,15 +13,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.compensation import Compensation
+from ppmcal.calibration.compensation import KINDS, NOTHING, Compensation
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.ways import Ways
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
 
-NOTHING = 1e-9
-"""Errors and steps below this part of the reach are arithmetic."""
+WORSE = 1.01
+"""Errors that differ by less are equal: the model's uncertainty is predicted linearly."""
 JUMP = 0.25
 """A correction may change from row to row by this part of the targets' own step in the joints."""
 MOST_AHEAD = 12
@@ -52,34 +53,31 @@ def sent(found: Compensation) -> Bools:
 def worse_rows(mechanism: Mechanism, found: Compensation) -> dict[int, str]:
     """Return the rows whose correction is predicted to be worse than none: index -> reason.
 
-    What is left and the model's standard deviation together are more than the error without
-    correction: of the position, or of the pose, rotations as arcs at the platform's joints. A
-    row of which it cannot be predicted what is left is among them.
+    By :data:`WORSE`, in position or in rotation; what is not known of the model is in the errors
+    with and without correction. A row of which it cannot be predicted what is left is among them.
     """
-    arc = mechanism.length_scale
-    before = found.position_before
-    after = _with_sigma(found.position_after, found.sigma_position)
-    turned = _with_sigma(found.rotation_after, found.sigma_rotation)
-    whole = np.hypot(before, arc * found.rotation_before), np.hypot(after, arc * turned)
-    least = NOTHING * mechanism.reach
-    with np.errstate(invalid="ignore"):
-        by_place = (after > before) & (after > least)
-        bad = sent(found) & (by_place | ((whole[1] > whole[0]) & (whole[1] > least)))
-    factor, unit = mechanism.units.factor("length"), mechanism.units.length
     unknown = np.flatnonzero(sent(found) & np.isnan(found.position_after))
     out = dict.fromkeys(unknown.tolist(), "what the correction leaves cannot be predicted: led "
                         "evenly from home, the joints meet a singularity or leave their reach")
-    for n in np.flatnonzero(bad):
-        old, new, what = ((before, after, "") if by_place[n] else
-                          (*whole, ", turns counted at the platform's joints"))
-        out[int(n)] = (f"the correction is predicted to be worse than none: {new[n] / factor:.3g} "
-                       f"{unit} with it, uncertainty included, {old[n] / factor:.3g} {unit} "
-                       f"without{what}")
+    for kind, quantity in reversed(KINDS.items()):
+        before, after = found.expected(kind)
+        after = np.where(np.isnan(after), getattr(found, f"{kind}_after"), after)
+        factor, unit = mechanism.units.factor(quantity), mechanism.units.name(quantity)
+        for n in np.flatnonzero(sent(found) & is_worse(mechanism, kind, before, after)).tolist():
+            out[n] = ("the correction is predicted to be worse than none: "
+                      f"{after[n] / factor:.3g} {unit} of {kind} with it, {before[n] / factor:.3g} "
+                      f"{unit} without, the model's uncertainty in both")
     return out
 
 
-def _with_sigma(left: Array, sigma: Array) -> Array:
-    return np.asarray(np.hypot(np.nan_to_num(left), np.nan_to_num(sigma)))
+def is_worse(mechanism: Mechanism, kind: str, before: Array, after: Array) -> Bools:
+    """Return where errors ``after`` correction are more than those ``before``, m or rad.
+
+    Of ``position`` or ``rotation``; below :data:`NOTHING`, or of nan, they are not.
+    """
+    least = NOTHING * (mechanism.reach if kind == "position" else 1.0)
+    with np.errstate(invalid="ignore"):
+        return np.asarray((after > WORSE * before) & (after > least))
 
 
 @dataclass(frozen=True)

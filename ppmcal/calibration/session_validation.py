@@ -49,20 +49,23 @@ def sessions_left_out(problem: Problem, options: FitOptions, keep: Sequence[Bool
         "fit of the others; the final fit uses all")
 
 
-def other_sessions(datasets: Sequence[Dataset], keep: Sequence[Bools]
+def other_sessions(datasets: Sequence[Dataset], keep: Sequence[Bools],
+                   judged: Sequence[Bools] | None = None
                    ) -> Iterator[tuple[tuple[Dataset, ...], list[Dataset]]]:
     """Yield for each session the data of all others, and its own; of one that is all: nothing.
 
     Args:
         datasets: the campaign.
         keep: rows that count (N,), by data set.
+        judged: rows that count where a session is what the others predict; None: the same.
     """
-    used = tuple(d.without(~k, LEFT_OUT) for d, k in zip(datasets, keep, strict=True))
+    used, own = (tuple(d.without(~k, LEFT_OUT) for d, k in zip(datasets, rows, strict=True))
+                 for rows in (keep, keep if judged is None else judged))
     masks = session_masks(datasets)
     for _, mask in masks if len(masks) > 1 else ():
         rest = tuple(_known_alone(d.take(~m), mask, datasets)
                      for d, m in zip(used, mask, strict=True) if not m.all())
-        yield rest, _taken(used, mask)
+        yield rest, _taken(own, mask)
 
 
 def _taken(datasets: Sequence[Dataset], mask: Sequence[Bools]) -> list[Dataset]:
@@ -80,6 +83,4 @@ def _taken(datasets: Sequence[Dataset], mask: Sequence[Bools]) -> list[Dataset]:
 def _known_alone(data: Dataset, mask: Sequence[Bools], datasets: Sequence[Dataset]) -> Dataset:
     """Return a data set with a frame of its own where that of a session left out was its."""
     gone = {d.name for d, m in zip(datasets, mask, strict=True) if m.all()}
-    if data.frame.same_as not in gone:
-        return data
-    return replace(data, frame=replace(data.frame, same_as=None, fitted=True))
+    return data.alone() if data.frame.same_as in gone else data

@@ -60,7 +60,7 @@ def find_small_misreading(fit: Fit, index: int, judge: Judge) -> Misreading | No
         judge: gives what a problem leaves after a short fit, from few rows.
     """
     data, mechanism = fit.problem.datasets[index], fit.problem.mechanism
-    if data.kind in SCALARS or data.commanded is not None or data.frame.same_as:
+    if data.kind in SCALARS or data.commanded is not None:
         return None
     problem = replace(fit.problem, earlier=None)
     as_read = _judged(problem, judge)
@@ -113,7 +113,7 @@ def _screened(fit: Fit, index: int) -> list[tuple[float, FileReading]]:
     keep = subsample([usable], ROWS)[0]
     if keep.sum() < 6:
         return []
-    alone = replace(fit.problem, datasets=(data,), given=(fit.problem.environments[index],),
+    alone = replace(fit.problem, datasets=(data.alone(),), given=(fit.problem.environments[index],),
                     pivots=(fit.problem.opens[index].about,), earlier=None)
     state = State(fit.state.g, (fit.state.registrations[index],), (fit.state.poses[index],))
     basis, now = _basis(alone, state, keep)

@@ -26,7 +26,7 @@ from ppmcal.calibration.extrapolation import from_home
 from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import Identifiability, identifiability
-from ppmcal.calibration.intervals import honest, in_words
+from ppmcal.calibration.intervals import by_noise, honest, in_words
 from ppmcal.calibration.left_out_rows import (
     DoubtfulStretch,
     LeftOut,
@@ -34,7 +34,14 @@ from ppmcal.calibration.left_out_rows import (
     left_out,
 )
 from ppmcal.calibration.measured_ranges import measured_by
-from ppmcal.calibration.noise import LEAST, Noise, noise_check, with_noise
+from ppmcal.calibration.noise import (
+    LEAST,
+    Noise,
+    against_tolerances,
+    noise_check,
+    with_noise,
+)
+from ppmcal.calibration.other_branch import branch_findings
 from ppmcal.calibration.outliers import GrossErrors, find_gross_errors
 from ppmcal.calibration.posterior import BENT, Posterior
 from ppmcal.calibration.rank import (
@@ -164,10 +171,11 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
                        GrossErrors((), {}, (), ()), notes),
              secondary("the shape of the flat", lambda: tuple(flats(raw)), (), notes))
     fit = with_noise(fit, inflation, options)
+    noise = against_tolerances(noise, fit)
     sessions, blocks = secondary("how far sessions, or stretches of rows, differ",
                                  lambda: honest(fit, inflation), (None, None), notes)
     wider = sessions or blocks
-    found = estimates(fit, rank, wider)
+    found = estimates(fit, rank, wider, by_noise(fit, options))
     mechanism = replace(with_estimates(fit, found), measured=measured_by(fit, noise))
     was = before(fit.problem, fit.keep)
     stood = {**registered(fit.problem, fit.state), **was.registrations}
@@ -239,6 +247,13 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    "is too large, in a wrong unit perhaps, so intervals are too wide"
                    + (" and the data count too little against the tolerances" if fit.prior.any()
                       else "") + "; correct it, or use --sigma estimated")
+    out += branch_findings(fit.problem, fit.state)
+    if noise.tight:
+        times = (noise.prior_chi2 / noise.prior_degrees) ** 0.5
+        out.append(f"the machine's errors are {times:.2g} times what tolerances and noise allow "
+                   f"(p = {noise.prior_p:.2g}): the tolerances are too tight, or something is "
+                   "missing in the model, so 95 % intervals hold less often; widen the tolerances "
+                   "or use --prior flat")
     out += in_words(fit, wider)
     far = far_from_nominal(found)
     if far:

@@ -13,6 +13,7 @@ from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import with_noise
 from ppmcal.calibration.observation import coordinates, noise
 from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.sessions import pose_labels
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.forward import moved
@@ -125,13 +126,18 @@ def register_only(problem: Problem, robust: bool = True) -> Fit:
 
 
 def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools]:
-    """Return which rows to hold out: whole commanded poses, seeded, by data set (N,)."""
+    """Return which rows to hold out: whole commanded poses, seeded, by data set (N,).
+
+    A pose that several files of one campaign have is held out of all of them.
+    """
     rng = np.random.default_rng(seed)
-    out = []
-    for data in datasets:
-        labels = np.unique(data.groups)
-        chosen = rng.permutation(labels)[:round(fraction * labels.size)]
-        out.append(np.isin(data.groups, chosen))
+    out, known, held = list[Bools](), np.zeros(0, np.int64), np.zeros(0, np.int64)
+    for own in pose_labels(datasets):
+        # a pose that another file of the campaign has too is held out there or nowhere
+        labels = np.setdiff1d(own, known)
+        known = np.union1d(known, labels)
+        held = np.union1d(held, rng.permutation(labels)[:round(fraction * labels.size)])
+        out.append(np.isin(own, held))
     return out
 
 

@@ -84,9 +84,8 @@ def wrong_parts(problem: Problem) -> tuple[Misreading, ...]:
     for data, part in right_parts(problem):
         if data.kind in SCALARS or data.commanded is not None or data.source in found:
             continue
-        alone = replace(problem, datasets=(data,), pivots=None, given=None, earlier=None)
         with suppress(PpmcalError):
-            one = _judged_by(alone, part)
+            one = _judged_by(problem.alone(data), part)
             found |= {data.source: one} if one else {}
     return tuple(found.values())
 

@@ -49,8 +49,8 @@ verbose_option = click.option(
     "long it took; -vv: each iteration too.")
 leave_out_option = click.option(
     "--leave-out", type=click.Choice(["session"]), default=None,
-    help="Predict each session (file, or label of a column `session`) by the others, in place of "
-    "held-out poses.")
+    help="Predict each session (label of a column `session`, or files of one campaign) by the "
+    "others, in place of held-out poses.")
 
 
 def refuse_two_holdouts(leave_out: str | None) -> None:
@@ -130,9 +130,28 @@ def cluster_options(function: F) -> F:
     return near(far(function))
 
 
-force_option = click.option("--force", is_flag=True,
-                            help="Write even where files are that this command did not write, or "
-                            "that were edited since; inputs are never replaced.")
+def _replace_option(name: str) -> Callable[[F], F]:
+    """Return the option to write where files are, whatever it is called; its value is ``force``."""
+    return click.option(name, "force", is_flag=True,
+                        help="Write even where files are that this command did not write, or "
+                        "that were edited since; inputs are never replaced.")
+
+
+def _refuse_force(_: click.Context, __: click.Parameter, given: bool) -> None:
+    """Refuse an option that was two (UsageError)."""
+    if given:
+        raise click.UsageError("--force is two options here: --overwrite replaces files, "
+                               "--regardless lifts a refusal.")
+
+
+def regardless_option(lifted: str) -> Callable[[F], F]:
+    """Return the option ``--regardless``, which lifts the refusals that are ``lifted``."""
+    own = click.option("--regardless", is_flag=True,
+                       help=f"Lift the refusal of {lifted}; ends with exit code 1 where there was "
+                       "one.")
+    gone = click.option("--force", "was_two", is_flag=True, hidden=True, expose_value=False,
+                        callback=_refuse_force, help="--overwrite, or --regardless.")
+    return lambda function: own(gone(function))
 
 
 def single_files(function: F) -> F:
@@ -151,11 +170,11 @@ def single_files(function: F) -> F:
     return cast(F, body)
 
 
-def out_option(default: str) -> Callable[[F], F]:
-    """Return the options ``--out``, with a default folder, and ``--force``.
+def out_option(default: str, replace: str = "--force") -> Callable[[F], F]:
+    """Return the options ``--out``, with a default folder, and ``replace``.
 
     The command's body runs as one run of :mod:`ppmcal.io.folder`: what it reads is never
-    replaced, and what it did not write only with ``--force``.
+    replaced, and what it did not write only with ``replace``.
     """
     def decorate(function: F) -> F:
         @functools.wraps(function)
@@ -163,10 +182,10 @@ def out_option(default: str) -> Callable[[F], F]:
             from ppmcal.io.folder import running
 
             name = click.get_current_context().command.name or ""
-            with running(name, out, force):
+            with running(name, out, force, option=replace):
                 return function(*args, out=out, **options)
 
-        return folder(force_option(cast(F, body)))
+        return folder(_replace_option(replace)(cast(F, body)))
 
     folder = click.option("--out", type=FOLDER, default=default, show_default=True,
                           help="Folder for the results.")

@@ -16,6 +16,7 @@ from ppmcal.cli.common import (
     finish,
     leave,
     out_option,
+    regardless_option,
 )
 
 
@@ -23,7 +24,9 @@ from ppmcal.cli.common import (
     "ppmcal compensate identified targets.csv --frame base"))
 @click.argument("model", type=MODEL)
 @click.argument("targets", type=FILE)
-@out_option("compensated")
+@out_option("compensated", "--overwrite")
+@regardless_option("a model whose residuals are far beyond the noise of its own measurements, and "
+                   "of corrections that are predicted to be worse than none")
 @click.option("--frame", metavar="NAME", default=None,
               help="Data set whose measuring frame the targets are in, or 'base' for platform "
               "poses in the base frame  [default: the model's only data set].")
@@ -39,19 +42,19 @@ from ppmcal.cli.common import (
               help="A condition of all targets that has no column, such as temperature=22.")
 @console_options
 def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge: Path | None,
-            approach: str, path: bool, assume: tuple[str, ...], console: Console) -> None:
+            approach: str, path: bool, assume: tuple[str, ...], regardless: bool,
+            console: Console) -> None:
     """Turn the wanted poses TARGETS into corrected commands of the identified MODEL.
 
     Rows outside limits, across singularities, far outside the measured volume, worse off with
     the correction than without, or not to be come to safely from the row before are refused, each
     with its reason. A model whose residuals are far beyond the noise of its own measurements is
-    refused as a whole, unless --force says so. Writes commands.csv and commands.json.
+    refused as a whole, unless --regardless says so. Writes commands.csv and commands.json.
     """
     from ppmcal.api.compensate import compensate
-    from ppmcal.io.folder import current
 
     result = compensate(model, targets, frame=frame, knowledge=knowledge, approach=approach,
-                        path=path, assume=_assumed(assume), regardless=current().force)
+                        path=path, assume=_assumed(assume), regardless=regardless)
     written = result.save(out)
     console.say(result.headline())
     for kind, size in result.record.predicted.items():
@@ -62,7 +65,8 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
         console.say("What is left is how well the measurements know the machine (1 sigma, in the "
                     f"frame of {result.frame or 'its base'})"
                     f"{', with what they leave unexplained' * unexplained}.")
-    console.warn_rows(result.notes, [f"row {n} refused: {r}" for n, r in result.refused])
+    console.warn_rows([*result.findings, *result.notes],
+                      [f"row {n} refused: {r}" for n, r in result.refused])
     finish(out, [p.name for p in written], console)
     console.summary(result.record.summary())
     leave(result.needs_a_look)

@@ -54,9 +54,11 @@ def command(out: Path, console: Console) -> None:
           out / "report"]),
     ]
     codes = {}
-    force = ["--force"] if click.get_current_context().params["force"] else []
+    replace = click.get_current_context().params["force"]
     for number, (question, step) in enumerate(steps, 1):
-        words = [str(w) for w in step] + (force if "--out" in step else [])
+        words = [str(w) for w in step]
+        if replace and "--out" in step:
+            words.append("--overwrite" if step[0] == "compensate" else "--force")
         console.say(f"\n[{number}/{len(steps)}] {question}")
         console.say(f"$ ppmcal {' '.join(words)}\n")
         with stage(words[0]):

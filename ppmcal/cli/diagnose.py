@@ -61,7 +61,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     measure next. Writes model.yaml, effects.csv, residuals.csv, diagnosis.json and the
     pictures gap.svg, actuators.svg, inputs.svg, ranking.svg and, where effects cannot be told
     apart, alternatives.svg. What is left of an unnamed or partly named disagreement is learned
-    as smooth functions, if unseen poses confirm them: terms.svg.
+    as smooth functions, if poses left out of the fits confirm them: terms.svg.
     """
     from ppmcal.api.diagnose import diagnose
     from ppmcal.calibration.misread import Misread

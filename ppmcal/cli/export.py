@@ -19,6 +19,7 @@ from ppmcal.cli.common import (
     leave,
     out_option,
     plain_table,
+    regardless_option,
 )
 
 if TYPE_CHECKING:
@@ -30,19 +31,24 @@ ROWS = 24
 
 
 @click.command("export", epilog=examples(
-    "ppmcal export klipper fitted-printer --old printer.cfg",
+    "ppmcal export klipper fitted-printer --old printer.cfg --write",
     "ppmcal export grid identified --poses targets.csv"))
 @click.argument("form", metavar="FORMAT", shell_complete=completion.exports)
 @click.argument("model", type=MODEL)
-@out_option("exported")
+@out_option("exported", "--overwrite")
+@regardless_option("a model whose residuals are far beyond the noise of its own measurements, and "
+                   "of numbers that are worse than the old ones")
 @click.option("--old", type=FILE, default=None,
               help="The controller's file in use, to predict the gain against  [default: the "
               "nominal values of MODEL].")
+@click.option("--write", is_flag=True,
+              help="Write a copy of --old with the new numbers as well (klipper), such as its own "
+              "reader takes them.")
 @click.option("--poses", type=FILE, default=None,
               help="Wanted poses, for formats that are tables of them.")
 @console_options
-def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | None,
-            console: Console) -> None:
+def command(form: str, model: Path, out: Path, old: Path | None, write: bool, poses: Path | None,
+            regardless: bool, console: Console) -> None:
     """Write MODEL as a controller's configuration takes it.
 
     FORMAT klipper: lines for the printer.cfg of a linear delta.
@@ -53,14 +59,13 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
 
     The file is read back, and the machine is driven through the controller's own arithmetic
     with the old and the new numbers; what the controller cannot express is listed with what
-    that costs. Refused, unless --force says so: a model whose residuals are far beyond the noise of
-    its own measurements, and numbers that are predicted to be worse than the old ones. Writes the
-    controller's file and export.json.
+    that costs. Refused, unless --regardless says so: a model whose residuals are far beyond the
+    noise of its own measurements, and numbers that are predicted to be worse than the old ones.
+    Writes the controller's file and export.json.
     """
     from ppmcal.api.export import export
-    from ppmcal.io.folder import current
 
-    result = export(form, model, old=old, poses=poses, regardless=current().force)
+    result = export(form, model, old=old, poses=poses, write=write, regardless=regardless)
     written = result.save(out)
     _show(result.record, console)
     console.warn(result.findings)
@@ -79,8 +84,8 @@ def _show(record: ExportRecord, console: Console) -> None:
                                   list(_numbers(record))[:ROWS], (1, 2, 3)))
     if len(record.parameters) > ROWS:
         console.say(f"... and {len(record.parameters) - ROWS} more, all in export.json.")
-    console.say(f"Error over {record.over}, if the model is exact; then what to expect with the "
-                "new numbers, the model's own uncertainty in it:")
+    console.say(f"Error over {record.over}, if the model is exact; then what to expect, the "
+                "model's own uncertainty in it:")
     console.table(_errors(record))
     console.say(record.predicted.sentence())
     for note in record.notes:
@@ -95,15 +100,17 @@ def _errors(record: ExportRecord) -> Table:
 
     rows = [[label, *(error_size(v, part.unit) or "unknown" for part in (e, e.rotation)
                       if part is not None for v in (part.rms, part.max))]
-            for label, e in (("old", record.gain.before), ("new, model exact", record.gain.after))]
-    after = record.predicted.after
-    turns = record.gain.after.rotation is not None
-    expected = [error_size(after.rms, after.unit) or "unknown", ""]
-    if turns:
-        turn = after.rotation
-        expected += [error_size(turn.rms, turn.unit) if turn else "unknown", ""]
-    return plain_table(["", "rms mm", "max mm", *(["rms deg", "max deg"] if turns else [])],
-                       [*rows, ["new, expected", *expected]], (1, 2, 3, 4))
+            for label, e in (("old, model exact", record.gain.before),
+                             ("new, model exact", record.gain.after))]
+    for label, size in (("old, expected", record.predicted.before),
+                        ("new, expected", record.predicted.after)):
+        expected = [error_size(size.rms, size.unit) or "unknown", ""]
+        if record.gain.after.rotation is not None:
+            turn = size.rotation
+            expected += [error_size(turn.rms, turn.unit) if turn else "unknown", ""]
+        rows.append([label, *expected])
+    turns = ["rms deg", "max deg"] * (record.gain.after.rotation is not None)
+    return plain_table(["", "rms mm", "max mm", *turns], rows, (1, 2, 3, 4))
 
 
 def _numbers(record: ExportRecord) -> Iterator[list[str]]:

@@ -89,6 +89,8 @@ def _show_noise(n: NoiseCheck, console: Console) -> None:
 
 def _show_parameters(record: IdentificationRecord, console: Console) -> None:
     """Print the parameters that moved farthest, in tolerances."""
+    from ppmcal.io.results.identification_wording import short_intervals
+
     free = [p for p in record.parameters if p.status != "fixed"]
     shown = sorted(free, key=lambda p: -abs(p.error or 0.0) / (p.tolerance or 1.0))[:12]
     if shown:
@@ -97,10 +99,12 @@ def _show_parameters(record: IdentificationRecord, console: Console) -> None:
             ["parameter", *["nominal"] * (not wider), "error", "+- 95 %", *["by noise"] * wider,
              "unit", "status"],
             [[p.name, *[number(p.nominal, 7)] * (not wider), number(p.error),
-              _half(p.sigma if p.sigma_sessions is None else p.sigma_sessions),
+              number(p.half, 3),
               *[_half(p.sigma)] * wider, p.unit,
               p.status + ", sessions disagree" * bool(p.disagree)] for p in shown],
             (1, 2, 3)))
+    for sentence in short_intervals(record.method):
+        console.say(f"{sentence}.")
     if len(free) > len(shown):
         console.say(f"The {len(shown)} largest errors against tolerance; all {len(free)} in "
                     "parameters.csv.")

@@ -23,9 +23,9 @@ from ppmcal.cli.common import (
 @click.argument("file", type=FILE)
 @out_option("imported")
 @click.option("--rods", multiple=True, metavar="MM|fixed|shared|single",
-              help="Length of the rods as you know it, mm; and rods as drawn, one length for all, "
-              "or one for each tower  [default: fixed without measured distances, else shared, or "
-              "single where they differ]. Repeat to give both.")
+              help="Length of the rods as you measured it, mm; and rods as drawn, one length for "
+              "all, or one for each tower  [default: shared, or single where they differ]. Repeat "
+              "to give both.")
 @click.option("--radius", type=float, default=None, metavar="MM",
               help="delta_radius (R of M665) as you measured it, mm: from the joints at a tower to "
               "those at the effector, seen from above  [default: as the file has it].")
@@ -35,7 +35,7 @@ from ppmcal.cli.common import (
               "Repeatable.")
 @click.option("--scale", type=click.Choice(["known", "unknown"]), default=None,
               help="Whether distances may be off all together, as on a printed part that shrank "
-              " [default: unknown where the rods are known].")
+              " [default: unknown where --rods MM is given].")
 @console_options
 def command(form: str, file: Path, out: Path, rods: tuple[str, ...], radius: float | None,
             mesh: tuple[str, ...], scale: str | None, console: Console) -> None:

@@ -85,8 +85,9 @@ def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, ro
                       [f"row {n}: {s}: {r}" for n, s, r in failed])
     finish(out, [p.name for p in written], console)
     lines = {"modes": len(result.table.status)} if all_modes else {}
-    console.summary({"format": "ppmcal/kinematics/1", "rows": result.asked, "not_ok": len(failed),
-                     **lines, "gimbal_lock": result.gimbal_lock, "provenance": result.provenance})
+    console.summary({"format": "ppmcal/kinematics-summary/1", "rows": result.asked,
+                     "not_ok": len(failed), **lines, "gimbal_lock": result.gimbal_lock,
+                     "provenance": result.provenance})
     if failed and len(failed) == result.asked and all(s in ("not converged", "singular")
                                            for _, s, _ in failed):
         raise click.exceptions.Exit(3)

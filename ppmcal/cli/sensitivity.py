@@ -76,7 +76,7 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     console.warn(result.findings)
     finish(out, [p.name for p in written], console)
     console.summary(result.record.entries())
-    leave(bool(result.findings))
+    leave(result.needs_a_look)
 
 
 def _ranking(found: Sensitivity) -> Table:

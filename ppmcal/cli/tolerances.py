@@ -78,7 +78,7 @@ def command(mech: Path, out: Path, accuracy: float | None, rotation: float | Non
     console.warn(result.findings)
     finish(out, [p.name for p in written], console)
     console.summary(result.record.entries())
-    leave(bool(result.findings))
+    leave(result.needs_a_look)
 
 
 def _tolerances_by_slot(console: Console, slots: ShownTable) -> None:

@@ -56,7 +56,7 @@ def command(model: Path, data: tuple[Path, ...], out: Path, against: tuple[Path,
                       seed=seed or 0, png=png)
     written = result.save(out)
     _show(result.record, console)
-    console.warn(result.findings)
+    console.warn([*result.mechanism.findings, *result.findings])
     finish(out, [p.name for p in written], console)
     console.summary(result.record.entries())
     leave(bool(result.findings))

@@ -90,15 +90,17 @@ class Exported:
     poses: Array | None = None
     uncertainty: PoseUncertainty = UNKNOWN
 
-    @property
-    def predicted(self) -> ErrorSummary | None:
-        """The error to expect with the new numbers: what they lack, and what the model lacks."""
+    def expected(self, errors: ErrorSummary) -> ErrorSummary | None:
+        """Return the error to expect with ``before`` or ``after``: what the model lacks is in both.
+
+        None: unknown.
+        """
         own = self.uncertainty
         if own.position is None:
             return None
-        turn = None if self.after.rotation_rms is None or own.rotation is None else float(
-            np.hypot(self.after.rotation_rms, own.rotation))
-        return ErrorSummary(float(np.hypot(self.after.rms, own.position)), np.nan, turn)
+        turn = None if errors.rotation_rms is None or own.rotation is None else float(
+            np.hypot(errors.rotation_rms, own.rotation))
+        return ErrorSummary(float(np.hypot(errors.rms, own.position)), np.nan, turn)
 
 
 class Exporter(Protocol):
@@ -151,7 +153,8 @@ def exporter(name: str) -> Exporter:
 
 def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> ExportRecord:
     """Return export.json of the machine ``name``."""
-    predicted = exported.predicted
+    before, after = (CommandErrors(rms=None, unit="mm") if e is None else e.rms_entry() for e in (
+        exported.expected(exported.before), exported.expected(exported.after)))
     return ExportRecord(
         format=ExportRecord.FORMAT, controller=exported.controller, name=name,
         units={"length": "mm", "angle": "deg"},
@@ -161,8 +164,7 @@ def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> E
         title=exported.title, said=exported.said, over=exported.over,
         predicted=PredictedErrors(
             format=exported.after.rms_entry(), model=exported.uncertainty.entry(),
-            after=(CommandErrors(rms=None, unit="mm") if predicted is None
-                   else predicted.rms_entry())),
+            before=before, after=after),
         exact=not exported.not_expressed, read_back=True,
         gain=Gain(before=exported.before.entry(), after=exported.after.entry()),
         not_expressed=tuple(

@@ -1,8 +1,9 @@
 """Klipper's ``printer.cfg`` of a linear delta: what it says, and lines to paste into it.
 
 Sections of ``key: value`` or ``key = value`` lines; ``#`` and ``;`` begin comments; lines that
-begin with ``#*#`` at the end hold what the printer saved itself, and win. Everything here is in
-the file's own units: mm, degrees, microsteps counted down from the endstop.
+begin with ``#*#`` at the end hold what the printer saved itself. A key that stands in the body as
+well, uncommented, is the body's: Klipper strips the saved one. Everything here is in the file's
+own units: mm, degrees, microsteps counted down from the endstop.
 """
 
 from __future__ import annotations
@@ -10,10 +11,11 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from ppmcal.controllers.klipper_lines import HEADER, ConfigLine, decoded, lines_of, unread
 from ppmcal.errors import BadInput
 from ppmcal.io.input_files import read_bytes
 from ppmcal.io.limits import CONFIG_BYTES
@@ -23,10 +25,12 @@ LARGEST = 1e9
 """mm, degrees, microsteps: no number of a printer is as large."""
 SMALLEST = 1e-6
 """None that has to be above 0 is as small."""
+GEOMETRY_KEYS = ("printer.delta_radius", *(f"stepper_{tower}.{key}" for tower in TOWERS
+                 for key in ("angle", "arm_length", "position_endstop")))
+"""``section.key`` of every number of a delta's geometry."""
 ANGLES = (210.0, 330.0, 90.0)
 DIGITS = 6
 """Decimals of what is written, as many as the firmware saves itself."""
-SAVED = "#*#"
 _NUMBER = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _MINE = re.compile(r"printer|stepper_.*|delta_calibrate")
 Triple = tuple[float, float, float]
@@ -34,24 +38,41 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class ConfigEntry:
-    """One value as text, the line that it stands in (from 1), and whether it was autosaved."""
+    """One value as text, the line that it stands in (from 1), and whether it was autosaved.
+
+    ``source``: the file of that line.
+    """
 
     text: str
     line: int
     saved: bool = False
+    source: str = ""
 
 
 @dataclass(frozen=True)
 class Config:
-    """A configuration file: section -> key -> entry; ``includes`` are not followed.
+    """A configuration file: section -> key -> entry, as Klipper takes them.
 
-    ``text``: the whole file.
+    Attributes:
+        includes: files that it includes and that are not followed; files: those that are.
+        body: its lines above the ``#*#`` block, included ones in place.
+        hidden: section -> key -> saved entry over which one in the body wins.
+        unread: why Klipper reads nothing of the ``#*#`` lines, empty where it does.
     """
 
     source: str
     sections: Mapping[str, Mapping[str, ConfigEntry]]
     includes: tuple[str, ...] = ()
-    text: str = ""
+    files: tuple[str, ...] = ()
+    body: tuple[ConfigLine, ...] = ()
+    hidden: Mapping[str, Mapping[str, ConfigEntry]] = field(default_factory=dict)
+    unread: str = ""
+
+    def as_saved(self) -> Config:
+        """Return the file with what the printer saved in front of its body: a result."""
+        both = {name: {**keys, **self.hidden.get(name, {})}
+                for name, keys in self.sections.items()}
+        return replace(self, sections=both)
 
     def section(self, name: str) -> Mapping[str, ConfigEntry]:
         """Return a section.
@@ -60,8 +81,8 @@ class Config:
             BadInput: it is not there.
         """
         if name not in self.sections:
-            more = (f" It may be in {', '.join(self.includes)}, which is not followed: put its "
-                    "lines into this file" if self.includes else "")
+            more = (f" It may be in {', '.join(self.includes)}, which is not beside it: put the "
+                    "file there, or its lines into this one" if self.includes else "")
             raise BadInput(f"there is no section [{name}]", self.source,
                            "Give the printer.cfg of a delta printer, with [printer], [stepper_a], "
                            f"[stepper_b] and [stepper_c].{more}")
@@ -71,7 +92,8 @@ class Config:
         """Return the place of a key for messages."""
         entry = self.sections.get(section, {}).get(key)
         line = "" if entry is None else f"line {entry.line}: "
-        return f"{self.source}: {line}[{section}] {key}"
+        source = self.source if entry is None else entry.source or self.source
+        return f"{source}: {line}[{section}] {key}"
 
     def numbers(self, section: str, key: str, count: int) -> tuple[float, ...]:
         """Return the ``count`` numbers of a key, separated by commas."""
@@ -130,41 +152,47 @@ def read_config(path: str | os.PathLike[str]) -> Config:
     Raises:
         BadInput: not a text file, or not of this syntax where it matters.
     """
-    data = read_bytes(Path(path), CONFIG_BYTES)
-    if b"\0" in data:
-        raise BadInput("is not a text file", str(path), "Give the printer.cfg of a printer")
-    return parse_config(data.decode("utf-8-sig", errors="replace"), str(path))
+    text = decoded(read_bytes(Path(path), CONFIG_BYTES), str(path))
+    return parse_config(text, str(path), Path(path))
 
 
-def parse_config(text: str, source: str) -> Config:
-    """Return the sections of ``text``; later values win, and the autosaved ones last."""
+def parse_config(text: str, source: str, path: Path | None = None) -> Config:
+    """Return the sections of ``text``: later values win, and the body over what was saved.
+
+    ``path``: where the file stands, to follow what it includes beside it; None follows nothing.
+    """
+    lines = lines_of(text, source, path)
+    sections = _sections(lines.body)
+    hidden: dict[str, dict[str, ConfigEntry]] = {}
+    for name, saved in _sections(lines.block, late=True).items():
+        own = sections.setdefault(name, {})
+        hidden[name] = {key: entry for key, entry in saved.items() if key in own}
+        own |= {key: entry for key, entry in saved.items() if key not in own}
+    return Config(source, sections, tuple(lines.unknown), tuple(lines.files), tuple(lines.body),
+                  hidden, unread(text))
+
+
+def _sections(lines: Sequence[ConfigLine], late: bool = False) -> dict[str, dict[str, ConfigEntry]]:
+    """Return section -> key -> entry of lines; ``late``: they were autosaved."""
     sections: dict[str, dict[str, ConfigEntry]] = {}
-    includes: list[str] = []
-    lines = list(enumerate(text.splitlines(), 1))
-    plain = [(n, line, False) for n, line in lines if not line.startswith(SAVED)]
-    saved = [(n, line[4:], True) for n, line in lines if line.startswith(SAVED)]
-    here, key, at_saved = "", "", False
-    for n, raw, late in plain + saved:
-        if late and not at_saved:
-            here, key, at_saved = "", "", True
-        line = _bare(raw)
+    here, key = "", ""
+    for raw in lines:
+        line = _bare(raw.text)
         if not line.strip():
             continue
-        header = re.match(r"\[([^]]*)\]", line)
+        header = HEADER.match(line)
         if header:
             here, key = header[1].strip(), ""
-            if here.startswith("include "):
-                includes.append(here.removeprefix("include ").strip())
-            else:
+            if here:
                 sections.setdefault(here, {})
         elif line[0] in " \t" and here and key:
             old = sections[here][key]
-            sections[here][key] = ConfigEntry(f"{old.text} {line.strip()}".strip(), old.line, late)
+            sections[here][key] = replace(old, text=f"{old.text} {line.strip()}".strip())
         elif here in sections:
-            key, value = _pair(line, here, f"{source}: line {n}")
+            key, value = _pair(line, here, f"{raw.source}: line {raw.number}")
             if key:
-                sections[here][key] = ConfigEntry(value, n, late)
-    return Config(source, sections, tuple(includes), text)
+                sections[here][key] = ConfigEntry(value, raw.number, late, raw.source)
+    return sections
 
 
 def _bare(line: str) -> str:

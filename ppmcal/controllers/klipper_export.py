@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,6 @@ from ppmcal.controllers.export import Exported, Number
 from ppmcal.controllers.klipper import MM
 from ppmcal.controllers.klipper_config import (
     TOWERS,
-    Config,
     DeltaGeometry,
     format_geometry,
     parse_config,
@@ -19,11 +18,12 @@ from ppmcal.controllers.klipper_config import (
     read_geometry,
 )
 from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, project
+from ppmcal.controllers.klipper_patch import patched
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording import some
 
 CONFIG = "klipper.cfg"
+COPY = "printer.cfg"
 
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
@@ -38,9 +38,9 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
                        "This is a fault of ppmcal; do not use them")
     refuse_endstops(found.new.endstops, mechanism.source)
     before, after = keys(found.old), keys(found.new)
-    held = [] if present is None else _autosaved(present, after)
-    advice = [f"Change these in the #*# lines of {old}, which win over all others: "
-              f"{some(held, CONFIG)}."] if held else []
+    advice = [] if old is None else [
+        f"Paste the lines of {CONFIG} into {old}, above its #*# lines and below all other "
+        "sections: there they win; or --write makes such a copy."]
     return Exported(
         "klipper", "Klipper", {CONFIG: text},
         f"Klipper's numbers hold {'all of the geometry' if found.exact else 'most of it, fitted'}",
@@ -54,12 +54,25 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         np.pad(found.points, ((0, 0), (0, 3))))
 
 
+def patch(exported: Exported, old: Path) -> Exported:
+    """Return the export with a copy of the ``printer.cfg`` that holds the new numbers.
+
+    Raises:
+        BadInput, NoResult: there is no such copy.
+    """
+    numbers = {n.name: n.new for n in exported.numbers}
+    text, told = patched(old, numbers, read_geometry(parse_config(exported.files[CONFIG], CONFIG)))
+    advice = (f"The {COPY} written is a copy of {old} with the new numbers in its #*# lines"
+              f"{f'; {told}' if told else ''}. Keep the old one, put the copy in its place, and "
+              "restart.")
+    return replace(exported, files={**exported.files, COPY: text}, advice=(advice,))
+
+
 def _comment(found: Export[DeltaGeometry], name: str) -> str:
     lines = [f"{name}: error if the model is exact {found.after.words()}, before "
              f"{found.before.words()}.",
-             "Paste above the #*# lines of printer.cfg, below the sections of the same names (the",
-             "later value wins). Where #*# lines name the same keys, put the numbers there: they",
-             "win over all others."]
+             "Paste above the #*# lines of printer.cfg, below all other sections: there they win",
+             "over earlier values, over those of included files, and over the #*# lines."]
     return "\n".join([*lines, *(f"Cannot be expressed: {one.what}." for one in found.not_expressed),
                       *(f"Note: {note}." for note in found.notes)])
 
@@ -86,10 +99,3 @@ def keys(geometry: DeltaGeometry) -> dict[str, float]:
                 f"stepper_{tower}.arm_length": geometry.arms[i],
                 f"stepper_{tower}.position_endstop": geometry.endstops[i]}
     return out
-
-
-def _autosaved(config: Config, names: Iterable[str]) -> list[str]:
-    """Return which ``section.key`` stand in the lines that the printer saved itself."""
-    split = ((name, *name.split(".")) for name in names)
-    return [name for name, section, key in split
-            if key in config.sections.get(section, {}) and config.sections[section][key].saved]

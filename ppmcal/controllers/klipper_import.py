@@ -11,6 +11,7 @@ import numpy as np
 
 from ppmcal.controllers.klipper import MM, travel
 from ppmcal.controllers.klipper_config import (
+    GEOMETRY_KEYS,
     LARGEST,
     TOWERS,
     Config,
@@ -27,6 +28,7 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io.input_files import read_bytes
 from ppmcal.linalg import Array
 
+_GEOMETRY = tuple(name.split(".") for name in GEOMETRY_KEYS)
 PROBES = ("probe", "bltouch", "smart_effector")
 """Sections that hold a probe's offsets."""
 FLAT_ROW = 0.05
@@ -53,16 +55,17 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
     if "kinematics" not in config.section("printer"):
         raise BadInput("is missing", config.at("printer", "kinematics"),
                        "Only linear delta printers are read: `kinematics: delta`")
-    geometry = read_geometry(config)
-    nominal = read_nominal(config, geometry, rods, radius)
+    geometry, result = read_geometry(config), read_geometry(config.as_saved())
+    nominal = read_nominal(config, result, rods, radius)
     a, b, c = (read_step(config, f"stepper_{t}") for t in TOWERS)
     heights = [_travelled(row, (a, b, c)) for kind in ("height", "manual_height")
                for row in read_rows(config, kind, ("pos",))]
     distances = [_travelled(row, (a, b, c))
                  for row in read_rows(config, "distance", ("pos1", "pos2"))]
     beds = tuple(_mesh(config, geometry, name) for name in meshes)
-    findings = [f"[include {name}] is not followed: what stands there is not known"
-                for name in config.includes]
+    findings = [f"[include {name}] is not beside the file, and not followed: what stands there is "
+                "not known" for name in config.includes]
+    findings += _overruled(config)
     if not heights and not beds:
         held = ", ".join(_mesh_names(config))
         findings.append("the file holds no measured heights: run DELTA_CALIBRATE and SAVE_CONFIG "
@@ -72,15 +75,38 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
         findings.append(f"{len(heights)} heights cannot tell 6 parameters apart: measure more")
     findings += [*nominal.findings, *(f for bed in beds for f in bed.findings)]
     return Printer(str(path), geometry, (a, b, c), nominal, _saved(config), tuple(heights),
-                   tuple(distances), beds, tuple(findings))
+                   tuple(distances), beds, tuple(findings), result, config.files)
 
 
 def _saved(config: Config) -> bool:
     """Return whether the printer saved numbers of its geometry itself."""
-    keys = {"delta_radius", "angle", "arm_length", "position_endstop"}
-    names = ("printer", *(f"stepper_{t}" for t in TOWERS))
-    return any(entry.saved for name in names
-               for key, entry in config.sections.get(name, {}).items() if key in keys)
+    sections = config.as_saved().sections
+    return any(key in sections.get(section, {}) and sections[section][key].saved
+               for section, key in _GEOMETRY)
+
+
+def _equal(one: str, two: str) -> bool:
+    """Return whether two texts are one number."""
+    if _NUMBERS.fullmatch(one) and _NUMBERS.fullmatch(two):
+        return float(one) == float(two)
+    return one == two
+
+
+def _overruled(config: Config) -> list[str]:
+    """Return what to say of saved numbers that the firmware does not take."""
+    if config.unread:
+        return [f"Klipper reads nothing of the #*# lines: {config.unread}. What they hold is taken "
+                "here as saved; the printer prints without it"]
+    out = []
+    for section, key in _GEOMETRY:
+        saved = config.hidden.get(section, {}).get(key)
+        now = config.sections.get(section, {}).get(key)
+        if saved is not None and now is not None and not _equal(now.text, saved.text):
+            out.append(f"[{section}] {key} {now.text} (line {now.line}) wins over the {saved.text} "
+                       f"that the printer saved (line {saved.line})")
+    return [f"{out[0]}{f', and so do {len(out) - 1} more' if out[1:] else ''}: Klipper takes what "
+            "stands above the #*# lines, so it does not print with its calibration. Comment them "
+            "out there, or `ppmcal export klipper ... --write`"] if out else []
 
 
 def _mesh_names(config: Config) -> list[str]:

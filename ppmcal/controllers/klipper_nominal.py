@@ -14,12 +14,12 @@ import numpy as np
 from ppmcal.controllers.klipper_config import (
     ANGLES,
     LARGEST,
-    SAVED,
     TOWERS,
     Config,
     DeltaGeometry,
     Triple,
 )
+from ppmcal.controllers.klipper_lines import HEADER
 from ppmcal.controllers.printer import (
     FAR,
     LEAST_OFFSET,
@@ -38,17 +38,16 @@ SKEW = 5.0
 _LINE = re.compile(r"(?P<out>[#;]*)\s*(?P<key>[A-Za-z_]+)\s*[:=]\s*"
                    r"(?P<value>[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)"
                    r"\s*(?:[#;].*)?$", re.ASCII)
-_HEADER = re.compile(r"\[([^]]*)\]")
 _COMMENT, _BODY, _SAVED = "a comment", "the file", "the saved calibration"
 
 
 def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = None,
                  given: float | None = None) -> Nominal:
-    """Return the nominal geometry of a printer that prints with ``active``.
+    """Return the nominal geometry of a printer whose last calibration gave ``active``.
 
     Args:
         config: its file.
-        active: its numbers, saved ones first.
+        active: its numbers, saved ones before those in its body.
         rods: the rods' length as the user knows it, mm.
         given: delta_radius as the user knows it, mm.
 
@@ -77,7 +76,7 @@ def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = Non
         geometry, {"delta_radius": radius_from, "rods": arms_from, "endstops": ends_from},
         np.inf if radius_from == _SAVED else tolerance(LEAST_RADIUS, abs(radius - active.radius)),
         np.inf if ends_from == _SAVED else tolerance(LEAST_OFFSET, apart),
-        LEAST_RODS if known else WIDE_RODS, known, tuple(findings))
+        WIDE_RODS if rods is None else LEAST_RODS, known, rods is not None, tuple(findings))
 
 
 def _radius(config: Config, body: _Body, active: DeltaGeometry, findings: list[str]
@@ -103,10 +102,8 @@ def _body(config: Config) -> tuple[_Body, list[str]]:
     out: _Body = {}
     several: dict[str, list[float]] = {}
     section = ""
-    for line in config.text.splitlines():
-        if line.startswith(SAVED):
-            continue
-        header = _HEADER.match(line)
+    for line in (one.text for one in config.body):
+        header = HEADER.match(line)
         if header:
             section = header[1].strip()
             continue

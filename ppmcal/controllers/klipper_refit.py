@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 import yaml
 
-from ppmcal.calibration.fit import FitOptions
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.controllers.klipper import MM
@@ -43,19 +43,50 @@ def refit(printer: Printer) -> DeltaGeometry | None:
     """
     if len(printer.heights) < 6:
         return None
-    own = replace(printer, nominal=replace(printer.nominal, geometry=printer.geometry))
-    text = machine_yaml(own, "single" if printer.distances else "fixed")
+    own = replace(printer, nominal=replace(printer.nominal, geometry=printer.calibration))
+    found = _fitted(own, "single" if printer.distances else "fixed")
+    return None if found is None else _geometry(found)
+
+
+def size_sentence(printer: Printer) -> str:
+    """Return both readings of a printer's size: by its distances, and by its rods.
+
+    A longer rod and distances that are all too small fit the same touches. Empty where there are
+    too few touches or distances.
+    """
+    if len(printer.heights) < 6 or len(printer.distances) < 3:
+        return ""
+    by_rods, by_parts = (_fitted(printer, rods, scale) for rods, scale in (
+        ("fixed", "unknown"), ("shared", "known")))
+    if by_rods is None or by_parts is None:
+        return ""
+    rods = sum(_geometry(by_parts).arms) / len(TOWERS)
+    meant = printer.nominal.geometry.arms
+    own = f"{meant[0]:.6g}" if len(set(meant)) == 1 else "as long as the file says"
+    return (f"Size: the rods' length and the scale of the distances are one direction. If the "
+            f"distances are true, the rods are {rods:.2f} mm; if the rods are {own}"
+            f"{' mm' if len(set(meant)) == 1 else ''}, the distances show "
+            f"{by_rods.state.registrations[1].scale:.5f} of true lengths (a printed part shrinks, "
+            "0.992 to 0.998)")
+
+
+def _fitted(printer: Printer, rods: str, scale: str = "known") -> Fit | None:
+    """Return a fit without prior of the nominal printer to its touches, None where none is had."""
     try:
-        mechanism = read_mechanism(yaml.safe_load(text))
-        found = identify(Problem(mechanism, _data(printer, mechanism), mechanism.free),
+        mechanism = read_mechanism(yaml.safe_load(machine_yaml(printer, rods)))
+        found = identify(Problem(mechanism, _data(printer, mechanism, scale), mechanism.free),
                          FitOptions("flat", robust=False))
     except PpmcalError:
         return None
-    if not found.converged:
-        return None
-    v = dict(zip(mechanism.names, found.state.g.tolist(), strict=True))
+    return found if found.converged else None
+
+
+def _geometry(found: Fit) -> DeltaGeometry:
+    """Return a fit in Klipper's numbers."""
+    names = found.problem.mechanism.names
+    v = dict(zip(names, found.state.g.tolist(), strict=True))
     radius = v["delta_radius"] / MM
-    arms = [v[f"{t}.length"] / MM for t in TOWERS]
+    arms = [v[f"{t}.length" if f"{t}.length" in v else "rod"] / MM for t in TOWERS]
     turns = [float(np.degrees(v[f"{t}.base.point.angle"])) for t in TOWERS]
     ends = [v[f"{t}.offset"] / MM - float(np.sqrt(a**2 - radius**2))
             for t, a in zip(TOWERS, arms, strict=True)]
@@ -65,22 +96,24 @@ def refit(printer: Printer) -> DeltaGeometry | None:
                          (ends[0], ends[1], ends[2]))
 
 
-def _data(printer: Printer, mechanism: Mechanism) -> tuple[Dataset, ...]:
+def _data(printer: Printer, mechanism: Mechanism, scale: str) -> tuple[Dataset, ...]:
     share = len(printer.distances) / (MEASURE_WEIGHT * len(printer.heights)) or 1.0
     q = [f"q_{t}" for t in TOWERS]
     out = [_one(mechanism, "heights", ["height", *q], printer.heights, {
         "kind": "plane", "sigma": {"height": ONE / float(np.sqrt(share))}})]
     if printer.distances:
         out.append(_one(mechanism, "distances", ["distance", *q, *(f"to_{c}" for c in q)],
-                        printer.distances, {"kind": "distance", "sigma": {"distance": ONE}}))
+                        printer.distances, {"kind": "distance", "sigma": {"distance": ONE}}, scale))
     return tuple(out)
 
 
 def _one(mechanism: Mechanism, name: str, header: Sequence[str],
-         rows: Sequence[Sequence[float]], instrument: Mapping[str, object]) -> Dataset:
+         rows: Sequence[Sequence[float]], instrument: Mapping[str, object], scale: str = "known"
+         ) -> Dataset:
     columns = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
     side = sidecar_of({"name": name, "instrument": instrument, "frame": "known",
-                       "target": "known"}, mechanism)
+                       "target": "known", **({} if scale == "known" else {"scale": scale})},
+                      mechanism)
     return dataset_of(as_table(columns, (), name, LABELS.__contains__), side, name, mechanism)
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from ppmcal.controllers.klipper_config import DeltaGeometry, Triple
 
 LEAST_RADIUS, LEAST_OFFSET, LEAST_RODS = 1.0, 1.0, 0.3
-"""Tolerances, mm: how far a radius, an endstop and a rod are from what their owner wrote."""
+"""Tolerances, mm: how far a radius, an endstop and a measured rod are from what is said."""
 WIDE_RODS = 2.0
-"""Tolerance of rods of which only a saved calibration says anything, mm."""
+"""Tolerance of rods that nobody measured, mm: a drawing's, or what a calibration saved."""
 FAR = 5.0
 """A radius or endstop that the printer is farther from than this, mm, was never its own."""
 
@@ -24,6 +24,7 @@ class Nominal:
         origin: where radius, angles, rods and endstops are from, in words.
         radius, offset, rods: tolerances, mm; inf where nothing is known.
         rods_known: whether the rods are from another source than a saved calibration.
+        rods_stated: whether the user gave them.
         findings: what the user must look at.
     """
 
@@ -31,8 +32,9 @@ class Nominal:
     origin: dict[str, str]
     radius: float = LEAST_RADIUS
     offset: float = LEAST_OFFSET
-    rods: float = LEAST_RODS
+    rods: float = WIDE_RODS
     rods_known: bool = True
+    rods_stated: bool = False
     findings: tuple[str, ...] = ()
 
 
@@ -65,6 +67,8 @@ class Printer:
         distances: measured, and carriages at both ends, mm, (M, 7).
         meshes: beds that were probed with ``geometry``.
         findings: what the user must look at.
+        result: what a calibration saved, where that is not what it prints with.
+        included: other files that were read.
     """
 
     source: str
@@ -76,11 +80,18 @@ class Printer:
     distances: tuple[tuple[float, ...], ...] = ()
     meshes: tuple[Mesh, ...] = ()
     findings: tuple[str, ...] = field(default=())
+    result: DeltaGeometry | None = None
+    included: tuple[str, ...] = ()
+
+    @property
+    def calibration(self) -> DeltaGeometry:
+        """What its last calibration saved, mm and degrees."""
+        return self.geometry if self.result is None else self.result
 
     @property
     def calibrated(self) -> bool:
         """Whether it saved numbers that are not those it was meant to have."""
-        return self.saved and self.geometry != self.nominal.geometry
+        return self.saved and self.calibration != self.nominal.geometry
 
 
 def offsets(geometry: DeltaGeometry) -> Triple:

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from ppmcal.controllers.klipper_config import TOWERS, DeltaGeometry
-from ppmcal.controllers.printer import Printer, offsets
+from ppmcal.controllers.printer import Nominal, Printer, offsets
 from ppmcal.io import csv_text
 from ppmcal.io.yaml import printable
 from ppmcal.model.limbs.spatial import PUS
@@ -25,22 +25,23 @@ SAVED = "saved.yaml"
 
 
 def rods_of(printer: Printer, wanted: str | None) -> str:
-    """Return how rods are fitted: ``wanted``, or what the measurements allow."""
+    """Return how rods are fitted: ``wanted``, or as many lengths as the file has.
+
+    Touches hardly tell their length; then it stays where it is, and what its tolerance leaves open
+    is in every promise.
+    """
     if wanted is not None:
         return wanted
-    arms = printer.nominal.geometry.arms
-    if not printer.distances and printer.nominal.rods_known:
-        return "fixed"
-    return "shared" if len(set(arms)) == 1 else "single"
+    return "shared" if len(set(printer.nominal.geometry.arms)) == 1 else "single"
 
 
 def scale_of(printer: Printer, wanted: str | None) -> str:
     """Return whether distances may be off all together: ``wanted``, or what leaves a size.
 
-    A printed part shrinks. Where the rods are known, they hold the machine's size; where not,
-    the part has to.
+    A printed part shrinks. Where the user has measured the rods, they hold the machine's size;
+    where not, the part has to: a length on a drawing does not outweigh a caliper.
     """
-    return wanted or ("unknown" if printer.nominal.rods_known else "known")
+    return wanted or ("unknown" if printer.nominal.rods_stated else "known")
 
 
 def files(printer: Printer, rods: str, scale: str = "known", choose: bool = False
@@ -113,13 +114,22 @@ units: {{length: mm, angle: deg}}   # of every number in this file
 motion: translational             # a pose is x, y, z of the nozzle, the bed is z = 0
 limbs:
 """
+    offset = _size(_offset_tolerance(nominal))
     tail = f"""\
 home: {{pose: {{x: 0, y: 0, z: 0}}}}
-# one standard deviation each of: delta_radius, angles, endstops (offset), rods
-tolerances: {{point: {_size(nominal.radius)}, angle: 0.5, offset: {_size(nominal.offset)}, \
+# one standard deviation each of: delta_radius, angles, offset (endstops and rods), rods
+tolerances: {{point: {_size(nominal.radius)}, angle: 0.5, offset: {offset}, \
 length: {_size(nominal.rods)}}}
 """
     return head + "".join(_tower(printer, i, rods) for i in range(3)) + tail
+
+
+def _offset_tolerance(nominal: Nominal) -> float:
+    """Return the tolerance of offset, mm: the endstop's, and what a longer rod adds to it."""
+    arm, radius = max(nominal.geometry.arms), nominal.geometry.radius
+    longer = nominal.rods * arm / math.sqrt(arm**2 - radius**2)
+    return math.ceil(10.0 * math.hypot(nominal.offset, longer)) / 10.0 if math.isfinite(
+        nominal.offset) else nominal.offset
 
 
 def _size(tolerance: float) -> str:
@@ -128,8 +138,8 @@ def _size(tolerance: float) -> str:
 
 def saved_yaml(printer: Printer, rods: str) -> str:
     """Return the printer with the numbers that it saved itself, to compare with."""
-    own = replace(printer, nominal=replace(printer.nominal, geometry=printer.geometry))
-    each = "single" if rods == "shared" and len(set(printer.geometry.arms)) > 1 else rods
+    own = replace(printer, nominal=replace(printer.nominal, geometry=printer.calibration))
+    each = "single" if rods == "shared" and len(set(printer.calibration.arms)) > 1 else rods
     text = machine_yaml(own, each)
     return ("# With the numbers that the printer saved itself: a result, to be compared with\n"
             "# (`ppmcal validate identified DATA --against saved.yaml`), never a nominal.\n"
@@ -141,7 +151,7 @@ _OPTIONAL = """\
 # (`--free` chooses by hand): the rods' lengths, then towers that lean
 optional: [["*.length"], ["*.base.direction.*"]]
 """
-_RODS = {"fixed": "fixed, as\n# heights alone hardly tell their length; measured distances do.",
+_RODS = {"fixed": "fixed,\n# as if they were known exactly.",
          "shared": "one length for\n# all, fitted; it takes distances to know it.",
          "single": "one length for\n# each tower, fitted; it takes distances to know them."}
 

@@ -15,6 +15,8 @@ from ppmcal.controllers.klipper_import import in_rows
 from ppmcal.controllers.printer import (
     LEAST_OFFSET,
     LEAST_RADIUS,
+    LEAST_RODS,
+    WIDE_RODS,
     Mesh,
     Nominal,
     Printer,
@@ -74,7 +76,8 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
                               "rods": "--rods" if rods else where,
                               "endstops": where},
                       tolerance(LEAST_RADIUS, abs(meant.radius - now.radius)),
-                      tolerance(LEAST_OFFSET, apart))
+                      tolerance(LEAST_OFFSET, apart),
+                      WIDE_RODS if rods is None else LEAST_RODS, True, rods is not None)
     if any(active.tilt):
         findings.append(f"A{active.tilt[0]:g} B{active.tilt[1]:g} of M666 tilt the bed: the "
                         "touches are taken with it, the machine has it in its endstops")

@@ -59,6 +59,7 @@ from ppmcal.diagnosis.verdict import (
     next_step,
     not_predicted,
     refuse_unconverged,
+    refuse_unredundant,
 )
 from ppmcal.model.dataset import Dataset
 from ppmcal.wording.progress import begin
@@ -89,6 +90,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
         whole = identify(settled, options.fit)
         training, held = training_part(whole, options)
         found = found_in(training, options)
+    refuse_unredundant(found)
     wanders = found.last.wanders
     begin("confirming in all rows")
     found, final = confirm(found, whole, options)
@@ -164,7 +166,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
         next_step, found.last, others, verdict, options.seed, gap),
         nothing("these measurements do not tell what to measure next", joints), beside)
     return Diagnosis(
-        verdict, effects if named else (),
+        verdict, _over_all(found, effects) if named else (),
         tables.possible(found, effects, verdict, lasting.lost), left, start, gap, places,
         tables.candidates(found, effects if named else (), lasting.lost),
         _untestable(found), tables.swallowed(whole, final),
@@ -256,6 +258,14 @@ def _effects(found: Found, alternatives: Alternatives, survive: Mapping[int, Sur
                 (*(r.odds for r in others), *(np.nan for _ in alike)), hypothesis,
                 survives=survive.get(i)))
     return tuple(out)
+
+
+def _over_all(found: Found, effects: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
+    """Return the effects with the chance over all that was tried, not that of each alone."""
+    told = found.first.search.over_all
+    return tuple(replace(e, p_value=probability(told(e.log_p)), log_p=told(e.log_p),
+                         survives=e.survives and replace(
+                             e.survives, log_p=told(e.survives.log_p))) for e in effects)
 
 
 def _of(hypothesis: Hypothesis, added: Sequence[Added]) -> list[Added]:

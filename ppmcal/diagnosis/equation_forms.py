@@ -79,7 +79,7 @@ class Equation(LearnedCurve):
 
     Attributes:
         stability: in what part of the bootstraps each product was chosen again (F,).
-        after: rms over the noise in poses that no fit has seen, with it in place of the term;
+        after: rms over the noise in poses left out of the fits, with it in place of the term;
             nan before that is known.
     """
 

@@ -1,4 +1,4 @@
-"""Learned terms as short equations, where these do as well in poses that no fit has seen.
+"""Learned terms as short equations, where these do as well in poses left out of the fits.
 
 Sparse regression of what is left, free of geometry, named effects and the other terms, on forms of
 the term's own inputs (Brunton et al. 2016, SINDy), with the threshold of learned terms for every
@@ -209,10 +209,7 @@ def _stability(seen: Visible, columns: Array, target: Array, products: Sequence[
 
 def _poses(seen: Visible) -> Ints:
     """Return the commanded pose of each value (n,), numbered through all data sets."""
-    system = seen.system
-    label = np.stack([system.dataset, system.group])
-    found = np.unique(label, axis=1, return_inverse=True)[1].reshape(-1)
-    return np.repeat(found, system.residual.shape[1])
+    return np.repeat(seen.system.group, seen.system.residual.shape[1])
 
 
 def _sized(seen: Visible, term: Term, curve: LearnedCurve, target: Array,

@@ -18,6 +18,7 @@ from scipy.special import chdtri
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.gross_rows import rows_with_outliers, single_gross_rows
 from ppmcal.calibration.left_out_rows import thirds
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.response import Rows
@@ -74,8 +75,7 @@ def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockG
         noise: over the stated one.
         seed: of the bootstrap.
     """
-    # rows that looked like outliers without the effects are those that tell most
-    keep = after.keep
+    keep = compared_rows(before, after)
     seen = [_all_rows(fit, keep) for fit in (before, after)]
     out = []
     for by, folds in schemes(after.problem):
@@ -88,6 +88,17 @@ def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockG
             out.append(BlockGap(by, gap_of(old, new, noise, seed),
                                 gap_of(old, unsure, noise, seed).interval))
     return tuple(out)
+
+
+def compared_rows(before: Fit, after: Fit) -> list[Bools]:
+    """Return the rows (N,) of each data set on which two fits are compared, whoever misses them.
+
+    Rows that either left out as outliers are among them: those tell most. Only what is a gross
+    error whatever the geometry is not.
+    """
+    return [a & b & ~typo for a, b, typo in zip(
+        rows_with_outliers(before), rows_with_outliers(after), single_gross_rows(before),
+        strict=True)]
 
 
 def schemes(problem: Problem) -> Iterator[tuple[str, list[list[Bools]]]]:

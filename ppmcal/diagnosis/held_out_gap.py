@@ -1,4 +1,11 @@
-"""What is gone of the gap, on poses that no fit has seen."""
+"""What is gone of the gap, on poses that were held out of the fits.
+
+No row is left out because one of the two models misses it: what the model under test misses is
+what the gap is to show. A gross error is missed by both of them. Of such a row only the difference
+between the two counts: its errors are scaled, both alike, until the smaller one is as large as the
+largest that chance gives; what they then have in common beyond the noise is taken out of both. It
+cannot outweigh all other rows, and is no reason to prefer either model.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +13,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit, prediction_covariance
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.response import Rows
+from ppmcal.calibration.sessions import pose_labels
 from ppmcal.calibration.validation import fresh_state
-from ppmcal.linalg import Array, Ints
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
 
 DRAWS = 2000
@@ -20,7 +28,8 @@ TOGETHER = 2**19
 """So many poses are drawn together."""
 UNPREDICTED = 100.0
 """Variance of a prediction over that of the noise, beyond which it is none."""
-REJECT = 0.05
+CHANCE = 0.05
+"""How often noise alone makes the largest error of all rows larger than that of a gross row."""
 
 
 @dataclass(frozen=True)
@@ -62,11 +71,21 @@ class HeldOutErrors:
         return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
 
-def _errors(fit: Fit, held: Sequence[Dataset]) -> HeldOutErrors:
+def _predictor(fit: Fit, held: Sequence[Dataset]) -> tuple[Problem, State]:
+    """Return held-out rows as a problem, and its state as a fit predicts it."""
     about = tuple(o.about for o in fit.problem.opens)
     problem = replace(fit.problem, datasets=tuple(held), pivots=about)
-    state = fresh_state(problem, fit.state)
-    return errors_of(problem, ((r, r.residual) for r in problem.rows(state)),
+    return problem, fresh_state(problem, fit.state)
+
+
+def _errors(fit: Fit, held: Sequence[Dataset]) -> HeldOutErrors:
+    problem, state = _predictor(fit, held)
+    return _errors_at(fit, problem, state, None)
+
+
+def _errors_at(fit: Fit, problem: Problem, state: State, rows: Sequence[Bools] | None
+               ) -> HeldOutErrors:
+    return errors_of(problem, ((r, r.residual) for r in problem.rows(state, True, rows)),
                      prediction_covariance(fit))
 
 
@@ -80,19 +99,22 @@ def errors_of(problem: Problem, predicted: Iterable[tuple[Rows, Array]], covaria
         covariance: of the columns, of the fit that predicts them (C, C).
     """
     parts: list[list[Array]] = [[], [], [], []]
+    poses = pose_labels(problem.datasets)
     for rows, error in predicted:
         parts[0].append(np.sum(error**2, axis=1))
         parts[1].append(np.einsum("nmc,nmc->n", rows.jacobian @ covariance, rows.jacobian))
         parts[2].append(rows.observed.sum(axis=1).astype(float))
-        groups = problem.datasets[rows.dataset].groups[rows.index].astype(float)
-        parts[3].append(groups * len(problem.datasets) + rows.dataset)
+        parts[3].append(poses[rows.dataset][rows.index].astype(float))
     square, variance, count, label = (np.concatenate(p) if p else np.zeros(0) for p in parts)
     return HeldOutErrors(square, variance, count, label.astype(np.int64))
 
 
 def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, seed: int
                 ) -> Gap | None:
-    """Return the held-out gap, None if the held-out rows are not predictable.
+    """Return the held-out gap, None if no held-out row is predictable.
+
+    Rows at which the machine with the effects has no pose, where it has one without them, are
+    rows that they fail: the gap is of the others then, and is worse.
 
     Args:
         before: the fit without the effects.
@@ -101,10 +123,15 @@ def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, 
         noise: over the stated one.
         seed: of the bootstrap.
     """
-    old, new = _errors(before, held), _errors(after, held)
-    if old.square.size != new.square.size or new.square.size == 0:
+    parts = [(fit, *_predictor(fit, held)) for fit in (before, after)]
+    reached = [[finite_rows(p) for p in state.poses] for _, _, state in parts]
+    both = [a & b for a, b in zip(*reached, strict=True)]
+    if not any(rows.any() for rows in both):
         return None
-    return gap_of(old, new, noise, seed)
+    old, new = (_errors_at(*part, both) for part in parts)
+    gap = gap_of(old, new, noise, seed)
+    lost = any(bool((a & ~b).any()) for a, b in zip(*reached, strict=True))
+    return replace(gap, confirmed=False, worse=True) if lost else gap
 
 
 def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> Gap:
@@ -116,23 +143,21 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
         noise: over the stated one.
         seed: of the bootstrap.
     """
-    count = np.maximum(new.count, 1.0)
-    away = new.square / (noise**2 + new.variance / count)
-    # a gross error is far from the others; where half of the rows are far, the model is wrong
-    scale = max(1.0, float(np.median(away / chdtri(count, 0.5))))
-    good = chdtrc(count, away / scale) * new.square.size >= REJECT
-    # what neither fit can predict tells nothing of them
-    good &= np.maximum(old.variance, new.variance) / count <= UNPREDICTED * noise**2
-    if not good.any():
-        good = np.ones_like(good)
-    labels, group = np.unique(new.group[good], return_inverse=True)
+    count, own = np.maximum(new.count, 1.0), UNPREDICTED * noise**2
+    # rows that neither fit can predict tell nothing of them; what one of them cannot is its failing
+    told = np.minimum(old.variance, new.variance) / count <= own
+    if not told.any():
+        told = np.ones_like(told)
+    squares, variances = without_common_misses(old, new, noise, told)
+    labels, group = np.unique(new.group[told], return_inverse=True)
 
     def per_pose(values: Array) -> Array:
-        sums = np.bincount(group.reshape(-1), weights=values[good], minlength=labels.size)
+        sums = np.bincount(group.reshape(-1), weights=values[told], minlength=labels.size)
         return np.asarray(sums, dtype=np.float64)
 
-    table = np.stack([per_pose(v) for v in (old.square, new.square, old.variance, new.variance,
-                                            new.count)])
+    table = np.stack([per_pose(v) for v in (
+        # where a fit predicts nothing, its own doubt is no excuse
+        *squares, *(np.minimum(v, own * count) for v in variances), new.count)])
     whole = table.sum(axis=1)
     sums = _bootstrap(table, seed)
     closed, change = _closed(whole, noise), (sums[0] - sums[1]) / sums[4]
@@ -146,6 +171,28 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
     worse = bool(np.quantile(change, 0.975) < 0.0) or last**2 - first**2 > 1.0
     return Gap(noise, first, last, closed, interval, bool(np.quantile(change, 0.025) > 0.0),
                worse, int(labels.size))
+
+
+def without_common_misses(old: HeldOutErrors, new: HeldOutErrors, noise: float, told: Bools
+                          ) -> tuple[list[Array], list[Array]]:
+    """Return squared errors and variances (N,) of both models, less what both of them miss.
+
+    Args:
+        old: errors without the effects.
+        new: errors of the same rows with them.
+        noise: over the stated one.
+        told: rows that count (N,).
+    """
+    count, both = np.maximum(new.count, 1.0), (old, new)
+    away = np.minimum(*(e.square / (noise**2 + e.variance / count) for e in both))
+    # where both are far from half of the rows, it is not rows that are wrong
+    scale = max(1.0, float(np.median((away / chdtri(count, 0.5))[told])))
+    most = scale * chdtri(count, CHANCE / max(int(told.sum()), 1))
+    gross = away > most
+    squares = [np.where(gross, most / np.maximum(away, most), 1.0) * e.square for e in both]
+    common = np.where(gross, np.minimum(*squares) - scale * noise**2 * count, 0.0)
+    return ([s - np.maximum(common, 0.0) for s in squares],
+            [np.where(gross, 0.0, e.variance) for e in both])
 
 
 def _bootstrap(table: Array, seed: int) -> Array:

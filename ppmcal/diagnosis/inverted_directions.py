@@ -34,12 +34,16 @@ SURE_SIZE = 2.5
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Rows ``begin`` to ``end`` of a system, turned; the BIC change and sizes with them turned."""
+    """Rows ``begin`` to ``end`` of a system, turned, and what is left with them turned.
+
+    ``absent``: the BIC at best if some rows show nothing of the effect instead.
+    """
 
     begin: int
     end: int
     bic: float
     left: float
+    absent: float
     hypothesis: Hypothesis
 
 
@@ -61,7 +65,9 @@ def inverted_directions(found: Found, chosen: Sequence[Hypothesis]) -> Misreadin
         for stretch in _stretches(stage, hypothesis):
             if stretch.bic < (now if best is None else best.bic):
                 best = stretch
-    return None if best is None or not _clean(stage, best) else _told(found, best)
+    if best is None or best.absent <= best.bic or not _clean(stage, best):
+        return None     # in rows that do not show it at all, nothing has turned
+    return _told(found, best)
 
 
 def _clean(stage: Stage, stretch: _Stretch) -> bool:
@@ -84,12 +90,20 @@ def _stretches(stage: Stage, hypothesis: Hypothesis) -> Iterator[_Stretch]:
         sums = _Sums(stage, hypothesis)
         ends = np.append(rows, rows[-1] + 1)
         coarse = np.unique(ends[np.linspace(0, rows.size, min(ENDS, rows.size) + 1).astype(int)])
-        one = sums.best(coarse, coarse)
-        if one is not None:
-            step = max(1, rows.size // ENDS)
-            near = [np.intersect1d(ends, np.arange(at - step, at + step + 1)) for at in one[:2]]
-            begin, end, value, left = sums.best(*near) or one
-            yield _Stretch(begin, end, value, left, hypothesis)
+        turned, absent = (_nearer(sums, ends, coarse, shown) for shown in (-1.0, 0.0))
+        if turned is not None:
+            yield _Stretch(*turned, np.inf if absent is None else absent[2], hypothesis)
+
+
+def _nearer(sums: _Sums, ends: Ints, coarse: Ints, shown: float
+            ) -> tuple[int, int, float, float] | None:
+    """Return the best rows, as :meth:`_Sums.best` does: of a few ends, then of those around."""
+    one = sums.best(coarse, coarse, shown)
+    if one is None:
+        return None
+    step = max(1, (ends.size - 1) // ENDS)
+    near = [np.intersect1d(ends, np.arange(at - step, at + step + 1)) for at in one[:2]]
+    return sums.best(near[0], near[1], shown) or one
 
 
 class _Sums:
@@ -99,7 +113,8 @@ class _Sums:
         n, m = stage.system.residual.shape
         self.stage, self.hypothesis = stage, hypothesis
         columns = form_columns(stage, hypothesis)
-        self.length = np.linalg.norm(columns, axis=0)
+        length = np.linalg.norm(columns, axis=0)
+        self.length = np.where(length > 0.0, length, 1.0)
         unit = (columns / self.length).reshape(n, m, -1)
         free = stage.residual - stage.basis @ (stage.basis.T @ stage.residual)
         basis = stage.basis.reshape(n, m, -1)
@@ -110,15 +125,20 @@ class _Sums:
         self.right = running(np.einsum("nmk,nm->nk", unit, free.reshape(n, m)))
         self.hidden = running(np.einsum("nmr,nmk->nrk", basis, unit))
         self.square = float(free @ free)
-        self.gram = np.einsum("nmk,nml->kl", unit, unit)
+        self.own = running(np.einsum("nmk,nml->nkl", unit, unit))
 
-    def best(self, begins: Ints, ends: Ints) -> tuple[int, int, float, float] | None:
-        """Return the best rows to turn: first, last + 1, BIC, and the sum of squares left."""
+    def best(self, begins: Ints, ends: Ints, shown: float
+             ) -> tuple[int, int, float, float] | None:
+        """Return the best rows that show ``shown`` times the effect, -1 if they are turned.
+
+        First, last + 1, BIC, and the sum of squares left.
+        """
         b, e = (p.reshape(-1) for p in np.meshgrid(begins, ends, indexing="ij"))
         b, e = b[e - b >= FEWEST], e[e - b >= FEWEST]
-        right = self.right[-1] - 2.0 * (self.right[e] - self.right[b])
-        hidden = self.hidden[-1] - 2.0 * (self.hidden[e] - self.hidden[b])
-        inverse = linalg.pinv(self.gram - np.swapaxes(hidden, 1, 2) @ hidden, VISIBLE,
+        right = self.right[-1] - (1.0 - shown) * (self.right[e] - self.right[b])
+        hidden = self.hidden[-1] - (1.0 - shown) * (self.hidden[e] - self.hidden[b])
+        gram = self.own[-1] - (1.0 - shown**2) * (self.own[e] - self.own[b])
+        inverse = linalg.pinv(gram - np.swapaxes(hidden, 1, 2) @ hidden, VISIBLE,
                                  hermitian=True)
         value = np.einsum("pkl,pl->pk", inverse, right)
         left = self.square - np.sum(right * value, axis=1)
@@ -128,7 +148,8 @@ class _Sums:
         if not np.isfinite(left).any():
             return None
         i = int(np.argmin(left))
-        change = n * np.log(left[i] / self.square) + (right.shape[1] + 2.0) * np.log(n)
+        gain = np.log(max(left[i], 1e-300) / max(self.square, 1e-300))
+        change = n * gain + (right.shape[1] + 2.0) * np.log(n)
         return (int(b[i]), int(e[i]), bic(self.stage.search, ()) + float(change),
                 float(left[i]))
 

@@ -1,4 +1,4 @@
-"""Terms learned from what named effects leave, kept only where unseen rows agree.
+"""Terms learned from what named effects leave, kept only where held-out rows agree.
 
 Learned on the training rows, judged on the poses that were held out and on stretches of time and
 conditions left out in turn, then learned again from all rows. They claim no cause.
@@ -13,9 +13,10 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.sessions import pose_labels
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.equations import equations, sized_again
-from ppmcal.diagnosis.held_out_blocks import BlockGap, schemes
+from ppmcal.diagnosis.held_out_blocks import BlockGap, compared_rows, schemes
 from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, gap_of, measure_gap
 from ppmcal.diagnosis.learning import Learned, Term, learn, relearned
 from ppmcal.diagnosis.linear_system import INVISIBLE, MOST_ROWS, Whitening, build, range_basis
@@ -24,12 +25,13 @@ from ppmcal.diagnosis.result import LearnedTerms
 from ppmcal.diagnosis.term_candidates import (
     TermCandidate,
     Visible,
+    again,
     all_settings,
     candidates,
     slow_inputs,
 )
 from ppmcal.errors import PpmcalError
-from ppmcal.linalg import Array, Bools, finite_rows, subsample
+from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects.learned import learned_kind
 from ppmcal.model.mechanism import Mechanism, with_effect
@@ -45,12 +47,12 @@ AS_WELL = 0.05
 def learned_terms(base: Fit, whole: Fit, held: Sequence[Dataset], whitening: Whitening,
                   noise: float, seed: int, options: FitOptions, wandering: bool = False
                   ) -> LearnedTerms | None:
-    """Return what is learned beyond a fit, None where unseen rows do not confirm it.
+    """Return what is learned beyond a fit, None where held-out rows do not confirm it.
 
     Args:
         base: the fit of the training rows with the named effects.
         whole: the same of all rows.
-        held: rows that no fit has seen.
+        held: rows left out of the fits; what they confirm was chosen with them.
         whitening: of the residuals.
         noise: over the stated one.
         seed: of the bootstrap.
@@ -92,14 +94,15 @@ def _judged(base: Fit, whole: Fit, found: Learned, held: Sequence[Dataset], outl
         if gap is None or gap.worse or gap.after >= gap.before:
             return None
         learned, seen, final = _fitted(whole, _start(whole, outliers), chosen, whitening, options)
+        judged = _JudgedRows(whole, final, seen, learned.terms)
     except PpmcalError:
         return None
     if not gap.confirmed:
         # of a quarter of the poses few may be where the term is large: all of them, in turn
-        turns = _left_out(seen, learned.terms, _pose_folds(seen, seed), noise, seed)
+        turns = _left_out(judged, _pose_folds(seen, seed), noise, seed)
         if turns is None or not turns.confirmed:
             return None
-    blocks = tuple(_block_gaps(seen, learned.terms, noise, seed))
+    blocks = tuple(_block_gaps(judged, noise, seed))
     if any(b.gap.worse for b in blocks):
         return None
     short = _as_well(base, fit, trained, rows, gap, held, seed, options)
@@ -159,7 +162,12 @@ def _rows(before: Fit, after: Fit) -> list[Bools]:
 
 def visible(fit: Fit, keep: Sequence[Bools], whitening: Whitening) -> Visible:
     """Return rows of a fit with what geometry and effects cannot do there."""
-    system = build(fit.problem, fit.state, subsample(list(keep), MOST_ROWS))
+    return visible_at(fit, subsample(list(keep), MOST_ROWS), whitening)
+
+
+def visible_at(fit: Fit, rows: Sequence[Bools], whitening: Whitening) -> Visible:
+    """Return the same of all of some rows."""
+    system = build(fit.problem, fit.state, rows)
     basis = range_basis(whitening.apply(system.jacobian, system), INVISIBLE)
     residual = whitening.apply(system.residual[..., None], system)[:, 0]
     return Visible(system, whitening, basis, residual - basis @ (basis.T @ residual))
@@ -172,43 +180,78 @@ def with_terms(mechanism: Mechanism, found: Learned) -> Mechanism:
     return mechanism
 
 
-def _block_gaps(seen: Visible, terms: Sequence[Term], noise: float, seed: int
-                ) -> list[BlockGap]:
+class _JudgedRows:
+    """Rows on which terms are judged, and which of these they and geometry are solved for in.
+
+    Every row that can be compared, whether the terms miss it or not; rows that were left out as
+    outliers are predicted only.
+    """
+
+    def __init__(self, before: Fit, after: Fit, seen: Visible, terms: Sequence[Term]) -> None:
+        rows = compared_rows(before, after)
+        used = _chosen(seen, rows)
+        if sum(int(r.sum()) for r in rows) > sum(int(u.sum()) for u in used):
+            rows = [u | r for u, r in zip(used, subsample(rows, MOST_ROWS), strict=True)]
+            self.seen = visible_at(before, rows, seen.noise)
+            terms = [replace(t, candidate=again(self.seen, t.candidate)) for t in terms]
+        else:
+            self.seen = seen
+        system = self.seen.system
+        self.used: Bools = np.array([used[d][n] for d, n in zip(
+            system.dataset, system.row, strict=True)], dtype=bool)
+        self.terms = terms
+
+
+def _chosen(seen: Visible, like: Sequence[Bools]) -> list[Bools]:
+    """Return the rows (N,) of each data set that are in a system."""
+    out = [np.zeros_like(r) for r in like]
+    for d, n in zip(seen.system.dataset, seen.system.row, strict=True):
+        out[d][n] = True
+    return out
+
+
+def _block_gaps(judged: _JudgedRows, noise: float, seed: int) -> list[BlockGap]:
     """Return the gap over stretches of time and conditions left out, without and with the terms."""
-    found = [(by, _left_out(seen, terms, folds, noise, seed))
-             for by, folds in schemes(seen.system.problem)]
+    found = [(by, _left_out(judged, folds, noise, seed))
+             for by, folds in schemes(judged.seen.system.problem)]
     return [BlockGap(by, gap, gap.interval) for by, gap in found if gap is not None]
 
 
 def _pose_folds(seen: Visible, seed: int) -> list[list[Bools]]:
     """Return commanded poses put into folds at random: the rows of each (N,), by data set."""
-    data = seen.system.problem.datasets
-    labels = [np.unique(d.groups, return_inverse=True)[1].reshape(-1) for d in data]
     rng = np.random.default_rng(seed)
-    folds = [rng.permutation(np.arange(int(n.max(initial=0)) + 1) % FOLDS)[n] for n in labels]
+    fold: dict[int, int] = {}
+    folds = list[Ints]()
+    for own in pose_labels(seen.system.problem.datasets):
+        # a pose that another file of the campaign has too is in the same fold there
+        new = np.setdiff1d(own, list(fold))
+        fold |= zip(new.tolist(), rng.permutation(np.arange(new.size) % FOLDS).tolist(),
+                    strict=True)
+        folds.append(np.array([fold[label] for label in own.tolist()], dtype=np.int64))
     return [[f == k for f in folds] for k in range(FOLDS)]
 
 
-def _left_out(seen: Visible, terms: Sequence[Term], folds: Sequence[Sequence[Bools]],
-              noise: float, seed: int) -> Gap | None:
+def _left_out(judged: _JudgedRows, folds: Sequence[Sequence[Bools]], noise: float, seed: int
+              ) -> Gap | None:
     """Return the gap of rows that are left out in turn, without and with the terms.
 
     To first order: geometry and terms solved for without them, lengths and sizes kept.
     """
-    system = seen.system
+    seen, system = judged.seen, judged.seen.system
     shape = system.residual.shape
     white = seen.noise.apply(np.concatenate(
         [system.jacobian, system.residual[..., None]], axis=-1), system)
     z = np.concatenate([np.zeros((len(white), 0)), *(
-        t.candidate.columns @ (t.size * t.shape.root) for t in terms)], axis=1)
+        t.candidate.columns @ (t.size * t.shape.root) for t in judged.terms)], axis=1)
     flat = np.concatenate([white[:, :-1], z], axis=1)
     errors: list[tuple[HeldOutErrors, HeldOutErrors]] = []
     for fold in folds:
         mine = np.array([fold[d][n] for d, n in zip(system.dataset, system.row, strict=True)])
-        if not mine.any() or mine.all():
+        rest = judged.used & ~mine
+        if not mine.any() or not rest.any():
             continue
-        block = np.repeat(mine, shape[1])
-        pair = [_predicted(flat[:, :c], white[:, -1], block, white.shape[1] - 1)
+        block, known = (np.repeat(m, shape[1]) for m in (mine, rest))
+        pair = [_predicted(flat[:, :c], white[:, -1], block, known, white.shape[1] - 1)
                 for c in (white.shape[1] - 1, flat.shape[1])]
         errors.append((_errors(seen, pair[0], mine), _errors(seen, pair[1], mine)))
     if not errors:
@@ -217,16 +260,16 @@ def _left_out(seen: Visible, terms: Sequence[Term], folds: Sequence[Sequence[Boo
     return gap_of(old, new, noise, seed)
 
 
-def _predicted(columns: Array, residual: Array, block: Bools, free: int) -> Array:
-    """Return the residual (b,) of a block as the rest of the rows predicts it.
+def _predicted(columns: Array, residual: Array, block: Bools, known: Bools, free: int) -> Array:
+    """Return the residual (b,) of a block as the rows that are ``known`` predict it.
 
     The first ``free`` columns are as they come; the others are standard normal times sigma.
     """
-    rest = columns[~block]
+    rest = columns[known]
     normal = rest.T @ rest + np.diag(np.arange(columns.shape[1]) >= free).astype(float)
     w, v = linalg.eigh(normal)
     use = w > SEEN * max(float(w[-1]), 1e-300)
-    step = (v[:, use] / w[use]) @ (v[:, use].T @ (rest.T @ residual[~block]))
+    step = (v[:, use] / w[use]) @ (v[:, use].T @ (rest.T @ residual[known]))
     left = np.asarray(residual[block] - columns[block] @ step)
     # frame and target of a session left out are those of its own rows
     own = np.sum(rest[:, :free] ** 2, axis=0) <= SEEN * np.sum(columns[:, :free] ** 2, axis=0)

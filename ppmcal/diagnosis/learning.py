@@ -3,10 +3,11 @@
 With M what is free of geometry and named effects, r the white residual and C_j the columns of
 term j, M r = sum_j M C_j v_j + noise, v_j ~ N(0, sigma^2 size_j^2 K_j). K_j is a Matern kernel
 (5/2) over the nodes; its length and size maximise the marginal likelihood with sigma taken out
-(Rasmussen & Williams 2006, 5.4.1). What of a term geometry does as well is held at nothing
+(Rasmussen & Williams 2006, 5.4.1), the size with a prior: what tolerances make of the same
+coordinate. What of a term geometry does as well is held at nothing
 (Plumlee 2017): a sum over the rows that is zero, and so on, so that it moves no parameter's
-meaning. Terms are added one at a time while the likelihood grows by more than chance would give
-over all that were tried.
+meaning; and so is what moves the platform where the instrument is blind. Terms are added one at a
+time while the likelihood grows by more than chance would give over all that were tried.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ppmcal import linalg
 from ppmcal.diagnosis.adequacy import LEVEL
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
 from ppmcal.diagnosis.term_candidates import TermCandidate, Visible, again
+from ppmcal.errors import NoResult
 from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
 
@@ -54,6 +56,11 @@ class Shape:
     root: Array
     lost: Array
     held: Array
+
+    @property
+    def spread(self) -> float:
+        """Mean variance of the values at the nodes, for a size and a sigma of 1, SI."""
+        return float(np.mean(np.sum(self.root**2, axis=1)))
 
     def gauged(self, values: Array) -> Array:
         """Return values at the nodes (n,) less what geometry does as well."""
@@ -92,6 +99,7 @@ def learn(seen: Visible, tried: Sequence[TermCandidate], most: int = MOST_TERMS)
     """Return the terms that the rows ask for, None if none."""
     enough = float(np.log(max(len(tried), 1) / LEVEL))
     shapes = {id(c): shapes_of(c) for c in tried}
+    tried = [c for c in tried if shapes[id(c)]]
     terms: list[Term] = []
     gains: list[float] = []
     while len(terms) < most:
@@ -120,6 +128,8 @@ def relearned(seen: Visible, chosen: Sequence[TermCandidate]) -> Learned:
     shapes: dict[int, list[Shape]] = {}
     for candidate in (again(seen, c) for c in chosen):
         shapes[id(candidate)] = shapes_of(candidate)
+        if not shapes[id(candidate)]:
+            raise NoResult("nothing of a learned term shows in these rows")
         term, gain = _Rest(seen, terms).fitted(candidate, shapes[id(candidate)])
         terms.append(term)
         gains.append(gain)
@@ -149,11 +159,28 @@ def shapes_of(candidate: TermCandidate) -> list[Shape]:
         w, v = linalg.eigh(np.asarray(kernel, dtype=float))
         keep = w > 1e-10 * w[-1]
         root = v[:, keep] * (scale * np.sqrt(w[keep]))
+        shown = _without(_blind(candidate, root))
+        root = root @ shown
+        if not root.shape[1]:
+            continue
         lost, held = absorbed(candidate, root)
-        free = linalg.svd(held, full=True)[2][len(held):].T if len(held) else np.eye(root.shape[1])
-        back = (v[:, keep] / (scale * np.sqrt(w[keep]))).T
-        out.append(Shape(length, root @ free, root @ lost, held @ back))
+        back = shown.T @ (v[:, keep] / (scale * np.sqrt(w[keep]))).T
+        out.append(Shape(length, root @ _without(held), root @ lost, held @ back))
     return [s for s in out if s.root.shape[1]]
+
+
+def _without(held: Array) -> Array:
+    """Return the shapes z (r, r - d) that have nothing of what is ``held`` (d, r)."""
+    return linalg.svd(held, full=True)[2][len(held):].T if len(held) else np.eye(held.shape[1])
+
+
+def _blind(candidate: TermCandidate, root: Array) -> Array:
+    """Return how much each z has (d, r) of shapes that move the platform where rows are blind."""
+    moved = root.T @ candidate.moved @ root
+    metric = moved + UNSEEN * float(linalg.eigvalsh(moved)[-1]) * np.eye(len(moved))
+    blind = moved - root.T @ candidate.observed @ root
+    part, v = linalg.eigh(0.5 * (blind + blind.T), metric=metric)
+    return np.asarray(v[:, part > 1.0 - WEAK_SURVIVAL**2].T @ metric)
 
 
 def _matern(nodes: Array, length: float) -> Array:
@@ -227,9 +254,12 @@ class _Rest:
             spread = 1.0 + size[:, None] ** 2 * w
             gone = np.sum(size[:, None] ** 2 * right**2 / spread, axis=1)
             left = np.maximum(self.square - gone, 1e-9 * self.square)
+            sigma2 = left / freedom
             value = -0.5 * np.sum(np.log(spread), axis=1) - 0.5 * freedom * np.log(
                 left / self.square)
-            out.append(_Tried(shape.root @ v, w, right, size, value, left / freedom))
+            # its size is one that tolerances explain: normal, of their standard deviation
+            value -= 0.5 * size**2 * sigma2 * shape.spread / candidate.sigma**2
+            out.append(_Tried(shape.root @ v, w, right, size, value, sigma2))
         return out
 
 

@@ -104,6 +104,8 @@ def _wave(fit: Fit, system: System, rest: Array) -> int:
     place = pose_vector(np.concatenate([p.response.pose for p in system.firsts]))[:, :2]
     away = place - place.mean(axis=0)
     radius, angle = np.linalg.norm(away, axis=1), np.arctan2(away[:, 1], away[:, 0])
+    if not radius.max() > 0.0:
+        return 0    # one place again and again
     shares = {}
     for k in WAVES:
         wave = (radius / radius.max())[:, None] ** k * np.stack(

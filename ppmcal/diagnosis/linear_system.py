@@ -17,6 +17,7 @@ from ppmcal import linalg
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.response import Response
+from ppmcal.calibration.sessions import pose_labels
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.effects import Setting, Shift
 
@@ -129,13 +130,12 @@ def build(problem: Problem, state: State, keep: Sequence[Bools]) -> System:
 
 
 def _groups(problem: Problem, dataset: Ints, row: Ints) -> Ints:
-    """Return one label per commanded pose, different in different data sets (N,)."""
+    """Return one label per commanded pose, the same in files of one campaign (N,)."""
     label = np.zeros(dataset.size, dtype=np.int64)
-    for i, data in enumerate(problem.datasets):
+    for i, own in enumerate(pose_labels(problem.datasets)):
         mine = dataset == i
-        label[mine] = data.groups[row[mine]]
-    return np.asarray(np.unique(np.stack([dataset, label]), axis=1, return_inverse=True)[1]
-                      ).reshape(-1).astype(np.int64)
+        label[mine] = own[row[mine]]
+    return np.asarray(np.unique(label, return_inverse=True)[1]).reshape(-1).astype(np.int64)
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,10 @@ from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.wording import counted, shorter
 
-POSES = 150
+POSES, AGAIN = 150, 50
+"""So many poses are drawn from a range, and from the measured poses themselves."""
 WIDER = 0.25
-"""Poses are drawn from the measured range, wider by this part on each side."""
+"""The range is the measured one, and where that does not do, wider by this part on each side."""
 FEWEST_ROWS, MOST_ROWS = 4, 120
 """Where one row would do, it could be an outlier, and would be taken for one."""
 SETTLED = 2.0 * np.log(20.0)
@@ -81,9 +82,24 @@ def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) 
     """Return measurements that tell two hypotheses apart, ``a`` being likelier by ``odds``."""
     mechanism = stage.system.problem.mechanism
     rng = np.random.default_rng(seed)
+    inside = possible_rows(stage, rng, 0.0)
+    found = _told_apart(stage, a, b, odds, inside) if inside is not None else None
+    if found is not None and found.rows:
+        return found
     data = possible_rows(stage, rng)
     if data is None:
-        return nothing("no further pose is within reach", len(mechanism.actuators))
+        return found or nothing("no further pose is within reach", len(mechanism.actuators))
+    outside = _told_apart(stage, a, b, odds, data)
+    # nothing has been seen of either out there: told apart is what they should be, not how surely
+    return replace(outside, odds_after=min(outside.odds_after, float(np.exp(SETTLED / 2.0))),
+                   reason=f"{outside.reason}, some of them outside the measured range, where the "
+                          "model has not been seen to hold") if outside.rows else outside
+
+
+def _told_apart(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, data: Dataset
+                ) -> Proposal:
+    """Return those of some possible rows that tell two hypotheses apart."""
+    mechanism = stage.system.problem.mechanism
     old = _old_blocks(stage, a, b)
     new = _new_blocks(stage, a, b, data)
     if new is None:
@@ -122,22 +138,35 @@ def _remedy(a: Hypothesis, b: Hypothesis) -> str:
     return hints[0] if hints else "record what the two depend on separately"
 
 
-def possible_rows(stage: Stage, rng: np.random.Generator) -> Dataset | None:
-    """Return poses within and around the measured range, each under several settings."""
+def possible_rows(stage: Stage, rng: np.random.Generator, wider: float = WIDER) -> Dataset | None:
+    """Return poses in and around the measured range, each under several settings; None: none.
+
+    No nearer to a singularity than measured poses, but for that part, and with ``wider`` 0 within
+    the range of every joint too.
+    """
     problem = stage.system.problem
     first = problem.datasets[_template(stage)]
     if first.to_q is not None:
         return None
     seen = pose_vector(np.concatenate([p.response.pose for p in stage.system.parts]))
+    again = seen[rng.permutation(len(seen))[:AGAIN]]
     low, high = seen.min(axis=0), seen.max(axis=0)
-    wide = WIDER * (high - low)
-    tried = rng.uniform(low - wide, high + wide, (POSES, 6))
-    short = problem.mechanism.equations - len(problem.mechanism.actuators)
-    if short:
-        tried = seen[rng.integers(len(seen), size=POSES)]
+    wide = wider * (high - low)
+    tried = np.concatenate([rng.uniform(low - wide, high + wide, (POSES, 6)), again])
+    if problem.mechanism.equations > len(problem.mechanism.actuators):
+        tried = again
     bare = Model(replace(problem.mechanism, effects=()), stage.system.state.g)
     table = inverse_table(bare, tried)
     good = np.array([s == "ok" for s in table.status])
+    if not wider:
+        joints = np.concatenate([d.q for d in problem.datasets])
+        # the poses measured again are where the joints were but for noise and effects
+        apart = 1e-6 * np.ptp(joints, axis=0)
+        good &= np.all((np.nan_to_num(table.q, nan=np.inf) <= joints.max(axis=0) + apart)
+                       & (np.nan_to_num(table.q, nan=-np.inf) >= joints.min(axis=0) - apart),
+                       axis=1)
+    nearest = table.singular_value[-len(again):]
+    good &= table.singular_value >= (1.0 - wider) * np.nanmin(nearest, initial=np.inf)
     if not good.any():
         return None
     q, pose = table.q[good], table.pose[good]
@@ -183,8 +212,8 @@ def _settings(stage: Stage, n: int, rng: np.random.Generator) -> dict[str, Array
             way = out.get(f"dir_{name.removeprefix('vel_')}", np.repeat(signs, n))
             out[name] = way * np.repeat(np.where(levels > 0, speed.max(), speed.min()), n)
         elif name == "time":
-            out[name] = np.concatenate([np.full(n, seen.max() + 60.0 * (i + 1) * n)
-                                        for i in range(4)])
+            # they come after all others, nobody knows when: nothing is promised of the time between
+            out[name] = np.full(4 * n, seen.max())
         else:
             ends = (seen.min(), seen.max())
             out[name] = np.concatenate([

@@ -1,13 +1,15 @@
-"""What is named, on a day that no fit has seen: each session predicted by a fit of the others.
+"""What is named, on another day: each session predicted by a fit of the others.
+
+The session had its say in what is named, but none in the sizes that predict it.
 
 The machine with all that was found is fitted to the other sessions, and again without each effect
-and without any; frozen, each predicts the session left out. Only the registration is fitted there.
+and without any; frozen, each predicts the session left out, with the rows that the fit to all of
+them had left out as outliers. Only the registration is fitted there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.frozen_models import (
@@ -17,6 +19,7 @@ from ppmcal.calibration.frozen_models import (
     validated,
     with_and_without,
 )
+from ppmcal.calibration.gross_rows import rows_with_outliers
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.session_validation import other_sessions
@@ -38,9 +41,10 @@ def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, .
     problem = final.problem
     machine = problem.mechanism.with_values(final.state.g)
     out: list[Validated] = []
-    for rest, own in other_sessions(problem.datasets, final.keep):
+    for rest, own in other_sessions(problem.datasets, final.keep,
+                                    rows_with_outliers(final)):
         # heights and distances of one campaign are no days: neither tells of the other alone
-        days = [_on_its_own(d) for d in own if len(d) >= FEWEST and any(
+        days = [d.alone() for d in own if len(d) >= FEWEST and any(
             d.kind == r.kind for r in rest)]
         if not days:
             continue
@@ -57,13 +61,6 @@ def _fitted(machine: Mechanism, rest: Sequence[Dataset], options: FitOptions) ->
     """Return a machine identified from the other sessions."""
     found = identify(Problem(machine, tuple(rest), machine.free), options)
     return machine.with_values(found.state.g)
-
-
-def _on_its_own(data: Dataset) -> Dataset:
-    """Return a session with a frame of its own where it had that of other rows."""
-    if data.frame.same_as is None:
-        return data
-    return replace(data, frame=replace(data.frame, same_as=None, fitted=True))
 
 
 def confirmed(days: Sequence[Validated]) -> bool | None:

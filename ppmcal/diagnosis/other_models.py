@@ -31,7 +31,8 @@ def other_models(
     Args:
         whole: the fit of all rows without effects.
         stage: where the effects were chosen.
-        rivals: by named hypothesis; sets that cannot be fitted are left out.
+        rivals: by named hypothesis; sets that cannot be fitted are left out, and those at whose
+            fit an effect is beyond its physical range: no machine is so, and none is commanded so.
         options: of the fits.
     """
     out = []
@@ -42,8 +43,19 @@ def other_models(
             fit = with_mechanism(whole, mechanism, options) if named else whole
         except PpmcalError:
             continue
+        if beyond_physics(fit):
+            continue
         out.append(Reading(other.effect, other.instead, other.odds, fitted(fit), other.labels))
     return (*out, Reading("", "", 1.0, fitted(whole)))
+
+
+def beyond_physics(fit: Fit) -> bool:
+    """Whether an effect that a fit was free to size has a value outside its physical range."""
+    mechanism, free = fit.problem.mechanism, set(fit.problem.free)
+    return any(
+        not spec.low <= fit.state.g[effect.parameters[spec.name]] <= spec.high
+        for effect in mechanism.effects for spec in effect.kind.parameters(mechanism.motion)
+        if effect.parameters[spec.name] in free)
 
 
 def fitted(fit: Fit) -> Mechanism:

@@ -133,15 +133,15 @@ def _actuators(
 
 def _ranking(result: Diagnosis) -> tuple[Ranked, ...]:
     """Return the best hypotheses, those that were named first of all."""
-    stage = result.found.last
+    stage, told = result.found.last, result.found.first.search.over_all
     out = []
     if result.effects:
         alone = stage.search.values()
         out = [
             _ranked(
                 stage.hypotheses[i],
-                own_log_p(stage.search, stage.chosen, i),
-                float(alone[i]),
+                told(own_log_p(stage.search, stage.chosen, i)),
+                told(float(alone[i])),
                 "named",
             )
             for i in named_only(stage)
@@ -164,7 +164,8 @@ def _few_of_each(ranked: Sequence[Ranked]) -> list[Ranked]:
 def _one_alternative_each(result: Diagnosis, ranked: Sequence[Ranked]) -> list[Ranked]:
     """Keep one hypothesis of each alternative as such; the others of it show the same thing."""
     wanted = {a for e in result.effects for a in e.alternatives}
-    name = result.found.first.search.name
+    search = result.found.first.search
+    name = search.over_all(search.name)
     out = []
     for r in ranked:
         label = f"{r.kind} on {', '.join(r.on)}" if r.on else r.kind

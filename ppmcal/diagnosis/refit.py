@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import Fit, FitOptions, posterior
+from ppmcal.calibration.fit import Fit, FitOptions, posterior, residual_freedom
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.diagnosis.added_variable_test import log_p
@@ -28,6 +28,9 @@ from ppmcal.linalg import Array, Bools, finite_rows, subsample, unit_columns
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import EffectParameter
 from ppmcal.model.mechanism import Mechanism
+
+NEAR = 30
+"""Iterations of a fit that starts where one of the same measurements ended: at most so many."""
 
 
 def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
@@ -63,7 +66,12 @@ def of_rows(fit: Fit, rows: Sequence[Bools], options: FitOptions) -> Fit:
 
 
 def _near(problem: Problem, state: State, options: FitOptions) -> Fit:
-    """Fit from a state near by, or from scratch where rows get lost on the way."""
+    """Fit from a state near by, or from scratch where rows get lost on the way.
+
+    A fit that has not converged by :data:`NEAR` iterations wanders along a valley; it is given up
+    with what it reached, and the findings say so.
+    """
+    options = replace(options, iterations=min(options.most, NEAR))
     start = problem.solve(state)
     lost = any((finite_rows(old) & ~finite_rows(new)).any()
                for old, new in zip(state.poses, start.poses, strict=True))
@@ -145,7 +153,7 @@ def _against_zero(fit: Fit, covariance: Array, columns: Sequence[int]) -> float:
     if not np.isfinite(linear_part).all():
         return 0.0
     # residuals above the stated noise make everything less certain
-    ratio = max(1.0, fit.reduced.square / max(fit.reduced.count - fit.scale.size, 1))
+    ratio = max(1.0, fit.reduced.square / residual_freedom(fit))
     square = float(value @ linalg.pinv(linear_part, hermitian=True) @ value) / ratio
     return float(np.log(max(chdtrc(len(linear), square), 1e-300)))
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.fit import Fit, residual_freedom
 from ppmcal.calibration.problem import Problem, white_squares
 from ppmcal.calibration.registration_freedoms import (
     RegistrationHint,
@@ -62,11 +62,13 @@ def _worse(found: Diagnosis, hint: RegistrationHint) -> float:
     square, count = _squares(found.identification.fit, hint)
     other = hint.square * found.before.noise**2
     n = min(count, hint.count)
-    columns = len(found.identification.fit.problem.columns)
+    fit = found.identification.fit
+    fitted = fit.reduced.count - residual_freedom(fit)
     # the noise is that of the better of the two, the stated one at least
-    noise = max(1.0, min(square / count, other / hint.count))
+    noise = max(1.0, min(square / max(count - fitted, 1.0),
+                         other / max(hint.count - hint.fitted, 1.0)))
     return float((square / count - other / hint.count) * n / noise
-                 + (columns - hint.columns) * np.log(n))
+                 + (fitted - hint.fitted) * np.log(n))
 
 
 def _squares(fit: Fit, hint: RegistrationHint) -> tuple[float, int]:

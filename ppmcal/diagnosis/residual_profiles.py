@@ -62,9 +62,11 @@ class Binned:
     def strength(self, after: bool = False) -> float:
         """Return the mean square of the means over their standard errors: 1 for noise."""
         mean, half = (self.after, self.after_half) if after else (self.before, self.before_half)
-        if not mean.size:
+        # values that are the same to the last digit say nothing of their noise
+        seen = half > 1e-9 * np.abs(mean)
+        if not seen.any():
             return 0.0
-        return float(np.mean((1.96 * mean / np.maximum(half, 1e-300)) ** 2))
+        return float(np.mean((1.96 * mean[seen] / half[seen]) ** 2))
 
 
 def gather(before: Fit, after: Fit, rows: Sequence[Bools]

@@ -73,13 +73,13 @@ class Survival:
 class NamedEffect:
     """One effect that the data ask for.
 
-    ``parameters``: names in the model; ``p_value`` of it given the others, ``log_p`` its
-    logarithm; ``survival``: the part that geometry leaves; ``alternatives``: labels of other
-    families that the data cannot tell from it, with the odds for this one against each;
-    ``hypothesis``: the one that it came from, which may have a value for each of several
-    actuators; ``onset``: of an event, the row where it starts; ``sessions``: its size in each,
-    where there are several; ``survives``: whether it would stand if the rest were explained,
-    None where nothing is left.
+    ``parameters``: names in the model; ``p_value`` of it given the others: how often noise alone
+    shows as much of anything that was tried, ``log_p`` its logarithm; ``survival``: the part that
+    geometry leaves; ``alternatives``: labels of other families that the data cannot tell from it,
+    with the odds for this one against each; ``hypothesis``: the one that it came from, which may
+    have a value for each of several actuators; ``onset``: of an event, the row where it starts;
+    ``sessions``: its size in each, where there are several; ``survives``: whether it would stand
+    if the rest were explained, None where nothing is left.
     """
 
     kind: str
@@ -100,8 +100,9 @@ class NamedEffect:
 class Candidate:
     """One hypothesis of the library and what became of it.
 
-    ``log_p``: log of its p-value, of what is named given the others that are named, of all
-    else before anything was named; ``log_p_alone``: of everything before anything was named.
+    ``log_p``: log of its p-value, how often noise alone shows as much of anything that was tried;
+    of what is named given the others that are named, of all else before anything was named;
+    ``log_p_alone``: of everything before anything was named.
     ``status``: named, alternative, explained (by what was named), not needed, weakly testable,
     not testable. ``detectable``: the smallest value of its (first) parameter that these data
     would show 9 times in 10, SI; 0 where unknown.

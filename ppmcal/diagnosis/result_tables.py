@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -59,7 +59,13 @@ def candidates(found: Found, effects: Sequence[NamedEffect], lost: Sequence[Hypo
             status = "weakly testable"
         log_p = float(first.log_p[i])
         out.append(Candidate(hypothesis, log_p, log_p, survival, status, (), _detectable(first, i)))
-    return tuple(sorted(out, key=lambda c: (c.status != "named", c.log_p)))
+    return _over_all(first, sorted(out, key=lambda c: (c.status != "named", c.log_p)))
+
+
+def _over_all(stage: Stage, found: Iterable[Candidate]) -> tuple[Candidate, ...]:
+    """Return the same with the chance over all hypotheses that were tried."""
+    told = stage.search.over_all
+    return tuple(replace(c, log_p=told(c.log_p), log_p_alone=told(c.log_p_alone)) for c in found)
 
 
 Key = tuple[str, frozenset[str], bool]
@@ -105,7 +111,11 @@ def possible(found: Found, effects: Sequence[NamedEffect], verdict: str,
 
     ``lost``: what the data are consistent with, and would not stand if the rest were explained.
     """
-    stage = found.first
+    return _over_all(found.first, _possible(found.first, effects, verdict, lost))
+
+
+def _possible(stage: Stage, effects: Sequence[NamedEffect], verdict: str,
+              lost: Sequence[Hypothesis]) -> tuple[Candidate, ...]:
     gone = tuple(_consistent(stage, f) for f in lost)
     if verdict == "unnamed":
         gone += tuple(measured_against(stage))

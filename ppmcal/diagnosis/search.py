@@ -63,9 +63,19 @@ class Search:
             self._found[key].setflags(write=False)
         return self._found[key]
 
-    def calibrated(self, value: float) -> float:
-        """Return how often noise alone shows a log p as small as ``value`` somewhere."""
-        return float((np.sum(self.smallest <= value) + 1) / (self.smallest.size + 1))
+    def over_all(self, value: float) -> float:
+        """Return the log of how often noise alone shows a log p as small as ``value`` somewhere.
+
+        That is what is told: what is found has the smallest p of thousands. It is counted in the
+        simulated noise as far as that reaches; beyond the threshold for names it falls as the p of
+        one hypothesis does, as that of any number of them would.
+        """
+        if value <= self.name:
+            return float(np.log(NAME) + value - self.name)
+        if value <= self.detect:
+            return float(np.interp(value, [self.name, self.detect], np.log([NAME, DETECT])))
+        often = (np.sum(self.smallest <= value) + 1.0) / (self.smallest.size + 1.0)
+        return float(np.log(max(often, DETECT)))
 
 
 def by_size(hypotheses: Sequence[Hypothesis]) -> list[Group]:

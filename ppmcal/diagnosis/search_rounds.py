@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
-from ppmcal.calibration.gross_rows import gross_errors
+from ppmcal.calibration.gross_rows import single_gross_rows
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.validation import split
 from ppmcal.diagnosis.extended_model import Added, with_named
@@ -64,7 +62,7 @@ def training_part(whole: Fit, options: DiagnosisOptions) -> tuple[Fit, tuple[Dat
     if values < 2.0 * len(problem.columns) or not any(o.any() for o in out):
         return whole, ()
     held = tuple(d.take(o & usable(d) & ~typo) for d, o, typo in zip(
-        problem.datasets, out, _typed_wrong(whole), strict=True))
+        problem.datasets, out, single_gross_rows(whole), strict=True))
     return of_rows(whole, [~o for o in out], options.fit), held
 
 
@@ -81,7 +79,7 @@ def found_in(before: Fit, options: DiagnosisOptions) -> Found:
         return found
     begin("testing effects with the outliers")
     everything = [k | (o & ~typo) for k, o, typo in zip(
-        before.keep, before.outliers, _typed_wrong(before), strict=True)]
+        before.keep, before.outliers, single_gross_rows(before), strict=True)]
     other = _searched(before, everything, options)
     explained = sum(len(r) for r in other.after.reasons) < 0.5 * sum(
         len(r) for r in found.after.reasons)
@@ -133,16 +131,6 @@ def _refitted(found: Found, last: Stage, options: DiagnosisOptions) -> Found | N
     again = _at_fit(after, first, last, added, options)
     same = sorted(map(key_of, again.named)) == sorted(map(key_of, last.named))
     return Found(before, after, first, again if same else last, added)
-
-
-def _typed_wrong(fit: Fit) -> list[Bools]:
-    """Return rows (N,) of each data set that are gross errors while their neighbours are not."""
-    rows = [k | o for k, o in zip(fit.keep, fit.outliers, strict=True)]
-    out = []
-    for gross in gross_errors(fit.problem, fit.state, rows):
-        beside = np.convolve(gross, [1, 0, 1], mode="same") > 0 if gross.size > 1 else gross
-        out.append(gross & ~beside)
-    return out
 
 
 def _searched(before: Fit, keep: Sequence[Bools], options: DiagnosisOptions) -> Found:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.fit import Fit, residual_freedom
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.diagnosis.linear_system import MOST_ROWS, System, build
@@ -100,7 +100,7 @@ def _cut(fit: Fit, system: System, own: Sequence[int], masks: Sequence[Bools],
     gradient[:len(rest)] = 0.0
     left = len(rest)
     step = -(inverse @ gradient)[left:].reshape(len(seen), len(own))
-    noise = max(1.0, fit.reduced.square / max(fit.reduced.count - columns, 1))
+    noise = max(1.0, fit.reduced.square / residual_freedom(fit))
     covariance = inverse[left:, left:] * noise
     apart = _apart(step, covariance)
     size = scale[list(own)]

@@ -18,6 +18,7 @@ from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
 from ppmcal.diagnosis.adequacy import varies
 from ppmcal.diagnosis.linear_system import System, Whitening
+from ppmcal.diagnosis.observed_directions import ObservedMotion, joint_shifts, observed_motion
 from ppmcal.diagnosis.wandering import slow_waves
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting
@@ -36,8 +37,6 @@ PER_NODE = 3
 """Rows that a node must have, in the mean."""
 MARGIN = 0.005
 """The first and the last node are beyond the data by this part of their range."""
-FELT = 1e-9
-"""A term that moves the measured values by less than this part of what others do is not felt."""
 BEYOND = 30.0
 """A pose coordinate is an input where its range is so many times what residuals amount to."""
 PASSING = ("time",)
@@ -66,10 +65,7 @@ class Visible:
     @cached_property
     def by_joint(self) -> list[Array]:
         """Column (N, m) of one unit of each joint coordinate, by part of the system."""
-        return [_units(p.column, [
-            Shift({(i, "offset"): np.ones(len(p.response.pose))
-                   for i, limb in enumerate(p.setting.limbs) if limb.actuator == a})
-            for a in range(p.setting.turning.size)]) for p in self.system.parts]
+        return [_units(p.column, joint_shifts(p)) for p in self.system.parts]
 
     @cached_property
     def by_place(self) -> list[Array]:
@@ -84,12 +80,20 @@ def _units(column: Callable[[Shift], Array], shifts: Sequence[Shift]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class TermCandidate:
-    """A term that could be learned: a curve without values, the joints, its columns (n, K)."""
+    """A term that could be learned: a curve without values, the joints, its columns (n, K).
+
+    ``sigma``: how large tolerances make what it acts on, one standard deviation, SI. ``moved``,
+    ``observed`` (K, K): inner products of the platform's displacements by each, and of what rows
+    see of them.
+    """
 
     curve: LearnedCurve
     on: tuple[bool, ...]
     columns: Array
     free: Array
+    sigma: float
+    moved: Array
+    observed: Array
 
     @cached_property
     def gram(self) -> Array:
@@ -112,20 +116,44 @@ def candidates(seen: Visible, everywhere: Sequence[Setting], skipped: Container[
                ) -> list[TermCandidate]:
     """Return the terms that these rows could tell, those of joints first.
 
-    Terms that no measured coordinate feels are not among them.
+    A term that moves the platform where the instrument is blind is not among them.
 
     Args:
         seen: the rows.
         everywhere: all rows that the model has to hold in, for the nodes.
         skipped: inputs that are not to be tried.
     """
+    observed = observed_motion(seen.system)
     tried = [(curve, on, columns_of(seen, curve, on))
-             for curve, on in _forms(seen, everywhere, skipped)]
-    tried = [t for t in tried if np.isfinite(t[2]).all()]
-    # heights of a level plane say nothing of where along it the platform is
-    least = FELT * max((float(np.abs(c).max()) for *_, c in tried), default=0.0)
-    return [TermCandidate(curve, on, columns, without_range(columns, seen.basis))
-            for curve, on, columns in tried if np.abs(columns).max() > least]
+             for curve, on in _forms(seen, everywhere, skipped) if _is_seen(observed, curve, on)]
+    return [TermCandidate(curve, on, columns, without_range(columns, seen.basis),
+                          _by_tolerances(observed, curve, on), *_displacements(
+                              seen, observed, curve, on))
+            for curve, on, columns in tried if np.isfinite(columns).all()]
+
+
+def _displacements(seen: Visible, observed: ObservedMotion, curve: LearnedCurve,
+                   on: Sequence[bool]) -> tuple[Array, Array]:
+    """Return inner products (K, K) of displacements by the values at the nodes, whole and seen."""
+    weights = [curve.weights(p.setting) for p in seen.system.parts]
+    if curve.acts == JOINT:
+        return observed.grams(weights, on)
+    whole = sum((w.T @ w for w in weights), np.zeros((weights[0].shape[1],) * 2))
+    return whole, observed.seen[PLACE[curve.acts], PLACE[curve.acts]] * whole
+
+
+def _is_seen(observed: ObservedMotion, curve: LearnedCurve, on: Sequence[bool]) -> bool:
+    """Return whether rows see the motion that a term makes."""
+    if curve.acts == JOINT:
+        return observed.joint_seen(on)
+    return observed.place_seen(PLACE[curve.acts])
+
+
+def _by_tolerances(observed: ObservedMotion, curve: LearnedCurve, on: Sequence[bool]) -> float:
+    """Return how large tolerances make what a term acts on, one standard deviation, SI."""
+    if curve.acts == JOINT:
+        return float(np.sqrt(np.mean(observed.joint_sigma[np.array(on)] ** 2)))
+    return float(observed.place_sigma[PLACE[curve.acts]])
 
 
 def again(seen: Visible, term: TermCandidate) -> TermCandidate:

@@ -42,6 +42,21 @@ def refuse_unconverged(fit: Fit) -> None:
         "coordinate, or free fewer parameters (--free)")
 
 
+def refuse_unredundant(found: Found) -> None:
+    """Refuse a diagnosis of values that geometry alone reproduces, whatever they are.
+
+    Raises:
+        NoResult: no degree of freedom is left that could show what is missing.
+    """
+    if found.first.search.test.freedom > 0:
+        return
+    data = found.before.problem.datasets
+    raise NoResult(
+        f"geometry explains each of these {counted(found.first.system.count, 'value')} exactly, "
+        "whatever is measured: nothing is left that could show a missing effect",
+        ", ".join(d.source for d in data), "Measure more poses, or free fewer parameters (--free)")
+
+
 def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[NamedEffect],
            out: LeftOut, blocks: Sequence[BlockGap], imitated: bool) -> str:
     """Return the verdict.

@@ -20,11 +20,10 @@ from ppmcal.diagnosis.linear_system import TOGETHER, System, Whitening, plain, r
 from ppmcal.errors import LinearAlgebraError
 from ppmcal.linalg import Array, unit_columns
 from ppmcal.model.effects import GEOMETRY
+from ppmcal.model.repeats import repeats
 
 SIGNIFICANT = 1e-3
 """A covariance or correlation is whitened away where chance would show it this rarely."""
-SAME, SAME_TEMPERATURE = 0.02, 0.05
-"""Repeats may differ in speed and load by this part of the largest, and by so many K."""
 MOST = 0.4
 """Candidate columns take at most this part of the freedom when noise is estimated."""
 
@@ -54,14 +53,12 @@ def pure_error(system: System) -> PureError | None:
 
 def _environments(system: System) -> NDArray[np.int64] | None:
     """Return one label per pose and environment (N,); different ones hide no effect."""
-    keys = [system.group.astype(float), system.dataset.astype(float)]
-    for name in ("approach", "velocity", "temperature", "wrench"):
-        values = np.concatenate([np.asarray(getattr(p.response.rows, name)).reshape(
-            p.at.stop - p.at.start, -1) for p in system.firsts])
-        step = SAME_TEMPERATURE if name == "temperature" else SAME * max(
-            float(np.max(np.abs(np.nan_to_num(values)), initial=0.0)), 1e-12)
-        keys += list(np.round(np.nan_to_num(values / step, nan=-1e9)).T)
-    label = np.unique(np.stack(keys), axis=1, return_inverse=True)[1].reshape(-1)
+    own = np.zeros(system.dataset.size, dtype=np.int64)
+    for i, data in enumerate(system.problem.datasets):
+        mine = system.dataset == i
+        own[mine] = repeats(data)[system.row[mine]]
+    label = system.dataset * (int(own.max(initial=0)) + 1) + own
+    label = np.unique(label, return_inverse=True)[1].reshape(-1)
     return np.asarray(label, dtype=np.int64) if label.max() + 1 < label.size else None
 
 

@@ -127,6 +127,8 @@ class CompensateOptions(Strict):
     """Targets are visited in their order: judge the ways between them too  [default: true]."""
     assume: dict[str, Number] | None = None
     """Conditions of all targets that have no column, such as {temperature: 22}."""
+    regardless: Flag | None = None
+    """Lift the refusals of a model that misses its data, and of corrections worse than none."""
 
 
 class OptionsFile(Strict):

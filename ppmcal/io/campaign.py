@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
+from ppmcal.calibration.sessions import as_campaigns
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.copies import without_shared
 from ppmcal.io.dataset_reader import read_dataset
@@ -40,19 +39,27 @@ def joined(data: Sequence[Dataset]) -> tuple[Dataset, ...]:
                            f"{by_name[d.name].source})", d.source,
                            "Give each sidecar its own `name`, and each file only once")
         by_name[d.name] = d
-    before = np.cumsum([0, *(int(d.rows.max(initial=0)) for d in data)])
-    return without_shared([replace(d, frame=_resolve(d, by_name), before=int(b))
-                           for d, b in zip(data, before[:-1], strict=True)])
+    return as_campaigns(without_shared([replace(d, frame=_resolve(d, by_name)) for d in data]))
 
 
 def _resolve(data: Dataset, by_name: dict[str, Dataset]) -> Unknown:
     frame, seen = data.frame, [data.name]
     while frame.same_as is not None:
-        place = f"{sidecar_path(Path(by_name[seen[-1]].source))}: frame.same_as"
+        source = Path(by_name[seen[-1]].source)
+        # a table that is in memory has no file
+        side = sidecar_path(source) if source.suffix else f"sidecar of {source}"
+        place = f"{side}: frame.same_as"
+        others = [n for n in by_name if n not in seen]
+        if frame.same_as == seen[-1]:
+            raise BadInput("a data set has its own frame, this names itself", place,
+                           "Write `frame: unknown`, or name another data set" + (
+                               f": {', '.join(others)}" if others else ""))
+        if frame.same_as not in by_name and not others:
+            raise BadInput(f"unknown data set '{frame.same_as}': there is no other one", place,
+                           f"Give '{frame.same_as}' too, or write `frame: unknown`")
         if frame.same_as not in by_name:
-            error = unknown("data set", frame.same_as, by_name, place)
-            raise BadInput(error.what, place, f"{error.mend} Give the other file on the command "
-                                              "line too")
+            error = unknown("data set", frame.same_as, others, place)
+            raise BadInput(error.what, place, f"{error.mend} Give the other file too")
         if frame.same_as in seen:
             raise BadInput(f"the data sets refer to each other in a circle "
                            f"({' -> '.join([*seen, frame.same_as])})", place,

@@ -11,17 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from decimal import Decimal
 
 import numpy as np
 
 from ppmcal.calibration.observation import SCALARS
+from ppmcal.calibration.same_rows import step_of
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.measurement_columns import row_list
 from ppmcal.io.pose_fields import COORDINATES
-from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.repeats import NO_INFLUENCE, identical_rows
 from ppmcal.wording import counted
 
 BY_CHANCE = 1e-4
@@ -29,46 +30,8 @@ BY_CHANCE = 1e-4
 ALWAYS = 10
 """Where so many repeats or more, and all there are, equal the first of their pose, the noise is far
 below the steps or there is none: one of them tells what all do."""
-LOOKED_AT, FEWEST = 2000, 3
+FEWEST = 3
 REASON = "equal to an earlier row in every digit: a copy is no repeat"
-NO_INFLUENCE = ("time",)
-"""Columns that a copy need not share."""
-
-
-def step_of(values: Array) -> float:
-    """Return the largest step of which all differences of values (N,) are multiples, 0 for none.
-
-    >>> step_of(np.array([0.5, 0.75, 1.5]))
-    0.25
-    """
-    known = np.unique(values[np.isfinite(values)])
-    if known.size > LOOKED_AT:
-        known = known[np.unique(np.linspace(0, known.size - 1, LOOKED_AT).astype(int))]
-    noise = 1e-12 * float(np.abs(known).max(initial=0.0))
-    gaps = np.diff(known)
-    gaps = gaps[gaps > noise]
-    if not gaps.size:
-        return last_digit(float(known[0])) if known.size else math.inf
-    step = float(gaps.min())
-    while step > 100.0 * noise:
-        rest = np.abs(gaps - np.round(gaps / step) * step)
-        # a quotient carries the round-off of the step as often as it goes into the gap
-        left = rest[rest > np.minimum(noise * np.maximum(1.0, gaps / step), 0.02 * step)]
-        if not left.size:
-            return step
-        step = float(left.min())
-    return 0.0
-
-
-def last_digit(value: float) -> float:
-    """Return the place of a number's last digit, inf for 0, which may be any.
-
-    >>> last_digit(37.25), last_digit(1200.0)
-    (0.01, 100.0)
-    """
-    if value == 0.0:
-        return math.inf
-    return float(Decimal(1).scaleb(int(Decimal(repr(value)).normalize().as_tuple().exponent)))
 
 
 def chance_of_equal(step: float, sigma: float) -> float:
@@ -134,10 +97,10 @@ def _sigmas(data: Dataset) -> Array:
 
 def _scatter(data: Dataset, values: Array) -> Array:
     """Return the scatter of repeats that differ (m,), nan without any."""
-    place = _numbered(_conditions(data))
+    place = identical_rows(_conditions(data))
     if np.array_equal(place, np.arange(len(data))):
         return np.full(values.shape[1], np.nan)
-    whole = _numbered(np.column_stack([_conditions(data), values]))
+    whole = identical_rows(np.column_stack([_conditions(data), values]))
     _, first = np.unique(whole, return_index=True)
     _, label, count = np.unique(place[first], return_inverse=True, return_counts=True)
     several = count[label] > 1
@@ -158,27 +121,15 @@ def _conditions(data: Dataset) -> Array:
     return np.asarray(np.nan_to_num(np.concatenate(parts, axis=1), nan=0.5, posinf=0, neginf=0))
 
 
-def _numbered(rows: Array) -> Ints:
-    """Return the index of the first row that each row (N, c) is equal to, bit by bit (N,)."""
-    bits = np.ascontiguousarray(rows + 0.0).view(np.uint64)
-    odd = np.random.default_rng(1).integers(1, 2**63, bits.shape[1], dtype=np.uint64) | np.uint64(1)
-    mixed = (bits ^ (bits >> np.uint64(29))) * odd
-    _, first, label = np.unique((mixed ^ (mixed >> np.uint64(32))).sum(axis=1),
-                                return_index=True, return_inverse=True)
-    found = first[label.reshape(-1)]
-    # a row that only shares the sum with another stands for itself
-    return np.where(np.all(bits[found] == bits, axis=1), found, np.arange(len(rows)))
-
-
 def copied(data: Dataset) -> Bools:
     """Return which rows (N,) are copies of an earlier one; ``data.chance`` says what is odd."""
     values = _values(data)
     told = _conditions(data)
-    whole = _numbered(np.column_stack([told, np.nan_to_num(values, nan=0.5)]))
+    whole = identical_rows(np.column_stack([told, np.nan_to_num(values, nan=0.5)]))
     out = whole < np.arange(len(data))
     if not out.any():
         return out
-    repeats = _numbered(told) < np.arange(len(data))
+    repeats = identical_rows(told) < np.arange(len(data))
     moving = np.any(np.nanmax(np.where(np.isfinite(values), values, -np.inf), axis=0)
                     > np.nanmin(np.where(np.isfinite(values), values, np.inf), axis=0))
     always = moving and repeats.sum() >= ALWAYS and np.array_equal(repeats, out)
@@ -220,7 +171,7 @@ def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
                     for d in (other, data)]
             if rows[0].shape[1] != rows[1].shape[1]:
                 continue
-            again = _numbered(np.concatenate(rows))[len(other):] < len(other)
+            again = identical_rows(np.concatenate(rows))[len(other):] < len(other)
             if again.any() and again.sum() * max(data.chance, other.chance) < BY_CHANCE:
                 if again.all():
                     raise BadInput(f"holds no row that {other.source} does not hold too, equal in "

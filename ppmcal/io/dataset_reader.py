@@ -41,6 +41,7 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.repeats import commanded_poses
 from ppmcal.units import Units
 from ppmcal.wording.progress import stage
 
@@ -112,19 +113,23 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
     extra_columns = further_columns(table, mechanism, joint)
     approach, more = _approach(file, table)
     to_q = second_joints(table, mechanism, joint, file.instrument.kind)
+    labels = _groups(table)
+    groups = commanded_poses(labels, q, (to_q, commanded), sigma_actuator,
+                             file.instrument.kind == "plane")
     data = Dataset(
         name=file.name or Path(source).stem, source=source, kind=file.instrument.kind,
         rows=np.arange(1, len(table) + 1, dtype=np.int64), q=q, commanded=commanded,
         position=seen.position, rotation=seen.rotation, value=seen.value, to_q=to_q,
         sigma_position=seen.sigma_position, sigma_rotation=seen.sigma_rotation,
-        sigma_value=seen.sigma_value, sigma_actuator=sigma_actuator, groups=_groups(table),
+        sigma_value=seen.sigma_value, sigma_actuator=sigma_actuator, groups=groups,
         columns=extra_columns, sessions=_sessions(table),
         frame=frame_of(file.frame, mechanism.motion, units, side),
         target=point_of(file.target, mechanism.motion, units, side),
         target_rotation=rotation_of(file.target_rotation, units, side),
         scale=scale_of(file.scale, file.instrument.kind, side),
         estimated=file.instrument.sigma.estimated, homing=file.homing,
-        approach=approach, findings=tuple(findings + list(seen.findings) + more),
+        approach=approach, findings=(*findings, *seen.findings, *more,
+                                     *_contradicted(labels, groups, source)),
         extra=_fixed_point(file, to_q, mechanism, units, side), units=units,
         convention=convention, read=file.read.model_dump(exclude_unset=True),
         headers=headers)
@@ -205,6 +210,20 @@ def _groups(table: Table) -> NDArray[np.int64]:
     start = np.arange(n, dtype=np.int64)
     start[~alone] = where[first][inverse]
     return np.asarray(np.unique(start, return_inverse=True)[1], dtype=np.int64)
+
+
+def _contradicted(labels: NDArray[np.int64], groups: NDArray[np.int64], source: str) -> list[str]:
+    """Return that rows (N,) of one label are of different poses by their joints, if some are."""
+    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    apart = np.flatnonzero(groups != groups[first[inverse.reshape(-1)]])
+    if not apart.size:
+        return []
+    count, other = np.unique(labels[apart]).size, int(apart[0])
+    earlier = int(first[inverse.reshape(-1)[other]])
+    reused = "one label stands" if count == 1 else f"{count} of {first.size} labels stand"
+    return [f"{source}, column pose: {reused} for different joint values (first at rows "
+            f"{earlier + 1} and {other + 1}); such rows are no repeats, and count as poses of "
+            "their own. Give each commanded pose a label of its own."]
 
 
 def _sessions(table: Table) -> tuple[str, ...] | None:

@@ -29,7 +29,7 @@ from ppmcal.io.folder_record import (
 )
 from ppmcal.io.stage import Staging, settle, staged
 
-MEND = "Name another folder in --out, or replace with --force"
+MEND = "Name another folder in --out, or replace with {}"
 SHOWN = 3
 Identity = tuple[int, int]
 
@@ -48,6 +48,7 @@ class Run:
         typed: the command line that does the same  [default: that of the process].
         stage: where its files are prepared, which keeps other runs out of ``--out``.
         source: provenance of what it writes, as far as that is known.
+        option: what a message names to replace what it did not write.
     """
 
     command: str = ""
@@ -58,14 +59,15 @@ class Run:
     doomed: dict[Identity, str] = field(default_factory=dict)
     stage: Staging | None = None
     source: dict[str, Any] = field(default_factory=dict)
+    option: str = "--force"
 
 
 _RUN: ContextVar[Run | None] = ContextVar("run", default=None)
 
 
 @contextmanager
-def running(command: str, folder: Path | None, force: bool = False, typed: str = ""
-            ) -> Iterator[Run]:
+def running(command: str, folder: Path | None, force: bool = False, typed: str = "",
+            option: str = "--force") -> Iterator[Run]:
     """Begin a run that will write into ``folder``: what is read from now on is its input.
 
     Nobody else writes there until it ends. Without ``folder`` it writes single files.
@@ -76,7 +78,7 @@ def running(command: str, folder: Path | None, force: bool = False, typed: str =
             edited since.
     """
     with staged(folder, command) if folder else nullcontext() as stage:
-        run = Run(command, force, typed, stage=stage)
+        run = Run(command, force, typed, stage=stage, option=option)
         if folder:
             check_folder(folder, run)
             for name, written in (read_record(folder) or {}).items():
@@ -174,15 +176,15 @@ def check_folder(folder: Path, run: Run) -> None:
     known, owners = read_record(folder), owners_of(folder)
     if known is None and held:
         raise BadInput(f"holds files that ppmcal did not write, or an older version of it "
-                       f"({_some(held)})", str(folder), MEND)
+                       f"({_some(held)})", str(folder), MEND.format(run.option))
     if held and owners and run.command not in owners:
         raise BadInput(f"holds results of another command, {', '.join(owners)} ({_some(held)})",
-                       str(folder), MEND)
+                       str(folder), MEND.format(run.option))
     edited = [n for n, w in (known or {}).items() if w.command == run.command
               and _is_there(folder / n) and digest_of(folder / n) != w.digest]
     if edited:
         raise BadInput(f"{_some(edited)} {'were' if len(edited) > 1 else 'was'} edited since "
-                       "ppmcal wrote it", str(folder), MEND)
+                       "ppmcal wrote it", str(folder), MEND.format(run.option))
 
 
 def check_files(folder: Path, names: Iterable[str], run: Run) -> None:
@@ -198,10 +200,10 @@ def check_files(folder: Path, names: Iterable[str], run: Run) -> None:
         written = known.get(name)
         if written is None:
             raise BadInput("was there before, and ppmcal did not write it", str(folder / name),
-                           MEND)
+                           MEND.format(run.option))
         if written.command != run.command:
             raise BadInput(f"was written by another command, {written.command}",
-                           str(folder / name), MEND)
+                           str(folder / name), MEND.format(run.option))
 
 
 def refuse_inputs(folder: Path, names: Iterable[str], run: Run) -> list[str]:

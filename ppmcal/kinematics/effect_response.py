@@ -12,7 +12,7 @@ from ppmcal import linalg
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.loads import limb_forces, loads
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import (
     Dataset,
     Environment,
@@ -34,7 +34,9 @@ from ppmcal.model.parameters import Parameter
 
 ROUNDS = 40
 SETTLED = 1e-12
-"""Loads and slots belong together: they change by less than this part of the reach."""
+"""Loads, slots and poses belong together: they change by less than this part of the reach."""
+NO_FACTOR = 1e-8
+"""Of the reach, the root of round-off: smaller moves do not tell whether they become smaller."""
 
 
 def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
@@ -46,7 +48,7 @@ def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
                        whole.approach == "sequence")
     place = seen.place if data.place is None or seen.place is None else seen.place[data.place]
     found = replace(environment(data.columns, mechanism.actuators, mechanism.gravity, data.q),
-                    row=data.rows.astype(float) + data.before, history=seen.history, place=place,
+                    row=data.numbers().astype(float), history=seen.history, place=place,
                     touch=np.full(len(data), data.kind == "plane"))
     visited = data.directions()
     if visited is not None:
@@ -223,17 +225,57 @@ def shifted(model: Model, environment: Environment, q: Array, pose: Array) -> Mo
     """
     if not model.mechanism.effects:
         return model
-    now = _shifted(model, environment, q, pose)
+    now = shifted_once(model, environment, q, pose)
     if any(e.kind.uses_load for e in model.mechanism.effects):
-        for _ in range(ROUNDS):
-            before, now = now, _shifted(now, environment, q, pose)
-            if _apart(before, now) < SETTLED * model.mechanism.reach:
-                break
+        now = _settled(now, environment, q, pose)
     return now
 
 
-def _shifted(model: Model, environment: Environment, q: Array, pose: Array) -> Model:
-    """Return the model with its effects, loads being those of ``model`` as it is."""
+def _settled(now: Model, environment: Environment, q: Array, pose: Array) -> Model:
+    """Repeat loads and slots until they belong together; rows that will not have unknown slots."""
+    reach = now.mechanism.reach
+    last, lost = np.full(len(q), np.inf), np.zeros(len(q), dtype=bool)
+    for left in range(ROUNDS - 1, -1, -1):
+        before, now = now, shifted_once(now, environment, q, pose)
+        change = slots_apart(before, now, len(q))
+        lost |= hopeless(change, last, SETTLED * reach, left, reach)
+        last = change
+        if not np.any((change > SETTLED * reach) & ~lost):
+            break
+    if not lost.any() or now.shift is None:
+        return now
+    slots = {s: np.where(lost, np.nan, v) for s, v in now.shift.slots.items()}
+    return replace(now, shift=replace(now.shift, slots=slots))
+
+
+def hopeless(change: Array, last: Array, limit: float, left: int, reach: float) -> Bools:
+    """Return which rows cannot settle in the rounds that are left (N,).
+
+    A fixed point that attracts is approached by the same factor in every round. A row whose
+    last factor would not bring it below the limit in twice the rounds that are left, or that
+    moved farther than in the round before, has no equilibrium.
+
+    Args:
+        change: by how much each row moved, m (N,), nan where it has no pose.
+        last: the same of the round before, inf in the first.
+        limit: below which a row has settled, m.
+        left: rounds.
+        reach: of the machine, m; of moves below the root of round-off no factor is told.
+    """
+    if not left:
+        return np.asarray(change > limit)
+    moves = (change > max(limit, NO_FACTOR * reach)) & np.isfinite(last)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        factor = np.where(moves, change / last, 0.0)
+        needed = np.log(limit / change) / np.log(factor)
+    return np.asarray(moves & ((factor >= 1.0) | (needed > 2.0 * left)))
+
+
+def shifted_once(model: Model, environment: Environment, q: Array, pose: Array) -> Model:
+    """Return the model with its effects, loads being those of ``model`` as it is.
+
+    One round of what :func:`shifted` repeats; arguments as there.
+    """
     at = setting(replace(model, shift=None), environment, q, pose, model)
     whole = total([t.shift for _, t in effect_terms(model.mechanism, model.parameters, at)])
     n = q.shape[0]
@@ -280,11 +322,14 @@ def final_shift(mechanism: Mechanism) -> Shift:
     return total([t.shift for e, t in terms if e.kind.onset and e.kind.instrument])
 
 
-def _apart(before: Model, now: Model) -> float:
-    """Return by how much slots of two shifted models differ at most."""
+def slots_apart(before: Model, now: Model, rows: int) -> Array:
+    """Return by how much slots of two shifted models differ at most, row by row (N,)."""
     old, new = (m.shift.slots if m.shift else {} for m in (before, now))
-    return max((float(np.max(np.abs(v - old[s])[np.isfinite(v)], initial=0.0)) if s in old
-                else np.inf for s, v in new.items()), default=0.0)
+    out = np.zeros(rows)
+    for slot, value in new.items():
+        change = np.abs(value - old[slot]) if slot in old else np.full(rows, np.inf)
+        out = np.maximum(out, np.where(np.isfinite(value), change, 0.0))
+    return out
 
 
 def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:

@@ -14,16 +14,19 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import shifted
+from ppmcal.kinematics.effect_response import (
+    ROUNDS,
+    SETTLED,
+    hopeless,
+    shifted,
+    shifted_once,
+    slots_apart,
+)
 from ppmcal.kinematics.forward import Forward, forward, moved, newton
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Environment, unknown_environment
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
-
-ROUNDS = 40
-SETTLED = 1e-12
-"""Equilibrium: joint values and poses change by less than this part of the reach."""
 
 
 def uses_load(mechanism: Mechanism) -> bool:
@@ -120,15 +123,25 @@ def _newton(model: Model, q: Array, closed: Array) -> Array:
 
 
 def _settle(model: Model, q: Array, rows: Environment, closed: Array) -> tuple[Array, Model]:
-    size = model.mechanism.reach
-    now = shifted(model, rows, q, closed)
-    change = np.full(q.shape[0], np.inf)
-    for _ in range(ROUNDS):
-        new = _newton(now, q, closed)
-        change = np.abs(cga.translation(new) - cga.translation(closed)).max(axis=1)
-        closed = new
-        now = shifted(now, rows, q, closed)
-        if not np.any(change[np.isfinite(change)] > SETTLED * size):
+    """Repeat closure and loads until they belong together; rows that will not become nan at once.
+
+    Only rows that still move are solved again, and loads once in each round: the cost is that of
+    the rows that need it.
+    """
+    reach = model.mechanism.reach
+    now, closed = shifted_once(model, rows, q, closed), closed.copy()
+    active = np.flatnonzero(finite_rows(closed))
+    last = np.full(q.shape[0], np.inf)
+    for left in range(ROUNDS - 1, -1, -1):
+        new = _newton(now.take(active), q[active], closed[active])
+        change = np.abs(cga.translation(new) - cga.translation(closed[active])).max(axis=1)
+        closed[active] = new
+        before, now = now, shifted_once(now, rows, q, closed)
+        change = np.maximum(change, slots_apart(before, now, q.shape[0])[active])
+        lost = hopeless(change, last[active], SETTLED * reach, left, reach)
+        last[active] = change
+        closed[active[lost]] = np.nan
+        active = active[(change > SETTLED * reach) & ~lost]   # no pose, nan, is not above it
+        if not active.size:
             break
-    unsettled = np.isfinite(change) & (change > SETTLED * size)
-    return np.where(unsettled[:, None], np.nan, closed), now
+    return closed, now

@@ -82,7 +82,7 @@ def home_attempt(mechanism: Mechanism) -> HomeAttempt:
             roots = np.repeat(nearest_joint(model, i, pose)[:, None], 2, axis=1)
         candidates = np.array([to_joint(model, i, roots[:, j])[0] for j in range(2)])
         side = _choose(mechanism, i, candidates)
-        candidates = _wrap(mechanism, limb.actuator, candidates, mechanism.home_q[limb.actuator])
+        candidates = wrapped(mechanism, limb.actuator, candidates, mechanism.home_q[limb.actuator])
         chosen.append(1 if side else -1)
         lacking.append(0.0 if reached else float(missing[0]))
         if np.isnan(q[limb.actuator]):
@@ -134,12 +134,12 @@ def _choose(mechanism: Mechanism, index: int, candidates: Array) -> int:
     given = mechanism.home_q[limb.actuator]
     ratio = limb.slots.values(mechanism.values).get("ratio", 1.0)
     if limb.branch is None and np.isfinite(given):
-        near = _wrap(mechanism, limb.actuator, candidates, given)
+        near = wrapped(mechanism, limb.actuator, candidates, given)
         return int(np.argmin(np.abs(near - given)))
     branch = (1 if limb.branch is None else limb.branch) * limb.kind.branch_sign
     if limb.kind.branch == "elbow":
         return int(branch > 0)
-    larger = int(np.argmax(_wrap(mechanism, limb.actuator, candidates, 0.0) * np.sign(ratio)))
+    larger = int(np.argmax(wrapped(mechanism, limb.actuator, candidates, 0.0) * np.sign(ratio)))
     return larger if branch > 0 else 1 - larger
 
 
@@ -149,7 +149,7 @@ def to_joint(model: Model, index: int, u: Array) -> Array:
     return np.asarray((u - v.get("offset", 0.0)) / v.get("ratio", 1.0), dtype=float)
 
 
-def _wrap(mechanism: Mechanism, actuator: int, q: Array, near: float) -> Array:
+def wrapped(mechanism: Mechanism, actuator: int, q: Array, near: float) -> Array:
     """Move revolute joint values by whole turns next to ``near`` (0 if unknown)."""
     if mechanism.actuator_quantity[actuator] != "angle":
         return q
@@ -181,7 +181,7 @@ def inverse(model: Model, pose: Array) -> Inverse:
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
     for i, limb in enumerate(mechanism.limbs):
         roots, missing = limb_roots(model, i, pose)
-        own = _wrap(mechanism, limb.actuator,
+        own = wrapped(mechanism, limb.actuator,
                     to_joint(model, i, roots[:, 1 if state.roots[i] > 0 else 0]),
                     state.q[limb.actuator])
         for n in np.flatnonzero(~np.isfinite(own)):

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import beyond, shifted
-from ppmcal.kinematics.equilibrium import ROUNDS, SETTLED, platform_pose, row_known
+from ppmcal.kinematics.effect_response import ROUNDS, SETTLED, beyond, shifted
+from ppmcal.kinematics.equilibrium import platform_pose, row_known
 from ppmcal.kinematics.forward import moved
 from ppmcal.kinematics.inverse import Inverse, home_state, inverse
 from ppmcal.kinematics.open_angles import solve_open_angles

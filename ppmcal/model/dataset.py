@@ -72,6 +72,9 @@ class Dataset:
         headers: our column -> the file's header, where they differ.
         chance: that two measurements of one pose agree in every digit, by noise and digits.
         before: rows of the campaign's files before this one.
+        moments: the rows' numbers on the time line of the campaign (N,); None: one after another,
+            see :meth:`numbers`.
+        campaign: what the files of one campaign have in common, a name; empty: it stands alone.
         whole: the data set before rows were taken out: they were visited all the same; None:
             itself. ``place``: where its rows are in that one (N,).
     """
@@ -111,6 +114,8 @@ class Dataset:
     headers: Mapping[str, str] = field(default_factory=dict)
     chance: float = 1.0
     before: int = 0
+    moments: Ints | None = None
+    campaign: str = ""
     whole: Dataset | None = None
     place: Ints | None = None
 
@@ -157,8 +162,20 @@ class Dataset:
             sigma_value=taken(self.sigma_value, keep), groups=self.groups[keep],
             columns={n: c[keep] for n, c in self.columns.items()}, sessions=sessions,
             visited=None if visited is None else visited[keep], unusable=unusable,
+            moments=None if self.moments is None else self.moments[keep],
             whole=self if self.whole is None else self.whole,
             place=np.arange(len(self))[keep] if self.place is None else self.place[keep])
+
+    def numbers(self) -> Ints:
+        """Return the rows' numbers through all files (N,); at one moment they are the same."""
+        return self.rows + self.before if self.moments is None else self.moments
+
+    def row_at(self, number: int) -> int:
+        """Return the row of the file that has a number on the time line, or the last before it."""
+        if self.moments is None:
+            return max(number - self.before, 1)
+        place = int(np.searchsorted(self.moments, number, side="right")) - 1
+        return int(self.rows[max(place, 0)])
 
     def noisier(self, factor: float) -> Dataset:
         """Return the data set with its standard deviations times ``factor``."""
@@ -176,6 +193,12 @@ class Dataset:
         old = self.unusable or ("",) * len(self)
         return replace(self, unusable=tuple(
             r or (reason if out else "") for r, out in zip(old, rows.tolist(), strict=True)))
+
+    def alone(self) -> Dataset:
+        """Return the data set with a frame of its own where it had that of another one."""
+        if self.frame.same_as is None:
+            return self
+        return replace(self, frame=replace(self.frame, same_as=None, fitted=True))
 
     def directions(self) -> Array | None:
         """Return the directions of approach that the order of the rows gives (N, k), or None."""

@@ -69,14 +69,14 @@ def _gain(r: ExportRecord) -> Section | None:
             part = _errors(r, stage, kind)
             values = [getattr(part, key) for key, _ in ERRORS]
             if any(number(v) is not None for v in values):
-                rows.append([words(f"{kind}, {name}{', model exact' * (stage == 'after')}"),
+                rows.append([words(f"{kind}, {name}, model exact"),
                              words(part.unit),
                              *(amount(v, error_size(v, part.unit) or "–") for v in values)])
-    after = r.predicted.after
-    for kind, size in (("position", after), ("rotation", after.rotation)):
-        if size is not None and number(size.rms) is not None:
-            rows.append([words(f"{kind}, new, expected"), words(size.unit),
-                         amount(size.rms, error_size(size.rms, size.unit)), amount(None, "")])
+    for label, whole in (("old", r.predicted.before), ("new", r.predicted.after)):
+        for kind, size in (("position", whole), ("rotation", whole.rotation)):
+            if size is not None and number(size.rms) is not None:
+                rows.append([words(f"{kind}, {label}, expected"), words(size.unit),
+                             amount(size.rms, error_size(size.rms, size.unit)), amount(None, "")])
     if not rows:
         return None
     over = f", over {r.over.rstrip('.')}" if r.over else ""

@@ -14,6 +14,7 @@ from ppmcal.io.results.diagnosis_wording import (
     actuators,
     gap_closed,
     group_name,
+    left_out_poses,
     name_of,
     together,
     worst_block,
@@ -55,8 +56,7 @@ def gap(record: DiagnosisRecord) -> Drawing | None:
                      "after" if n > 0 and step.what == "effect" else "before")
             for n, (step, value) in enumerate(steps)]
     if None not in ends:
-        rows.append(Row(f"Check on {held.poses} poses that no fit has seen" if held.poses else
-                        "Check on poses that no fit has seen", strong=True))
+        rows.append(Row(f"Check on {left_out_poses(held)}", strong=True))
         rows.append(_gap_row("geometry alone", ends[0] or 0.0, "before"))
         if record.effects:
             rows.append(_gap_row("geometry and what is named", ends[1] or 0.0, "after"))

@@ -22,7 +22,7 @@ TICKS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 150.0, 200.0, 300.0)
 
 
 def ranking(record: DiagnosisRecord) -> Drawing | None:
-    """Return how unlikely noise alone would show each hypothesis as strongly as the data do."""
+    """Return how unlikely noise alone would show any hypothesis as strongly as each is shown."""
     rows = [(r, -value) for r in record.plot_data.ranking if (value := number(
         r.log10_p if r.log10_p_alone is None else r.log10_p_alone)) is not None]
     if not rows:
@@ -66,9 +66,9 @@ def _given_others(entry: PlottedHypothesis, value: float) -> float | None:
 def _caption(record: DiagnosisRecord, rows: list[tuple[PlottedHypothesis, float]],
              limits: list[tuple[str, float, str]]) -> str:
     """Return what the bars and lines say, and why what passes may not be named."""
-    out = "Bars: how rarely noise alone looks so much like this effect."
+    out = "Bars: how rarely noise alone looks so much like anything that was tried."
     if limits:
-        out += " The lines allow for the many hypotheses that were tried"
+        out += " Beyond the lines that is rare enough"
         passing = max(v for _, v in rows) > min(v for _, v, _ in limits)
         if record.effects:
             out += "; what is named explains the others that pass"

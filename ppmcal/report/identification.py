@@ -12,7 +12,7 @@ from ppmcal.io.results.identification_parts import (
     ParameterEstimate,
     before_words,
 )
-from ppmcal.io.results.identification_wording import combination
+from ppmcal.io.results.identification_wording import combination, short_intervals
 from ppmcal.report.format import (
     NBSP,
     count,
@@ -116,12 +116,19 @@ def _noise_facts(noise: NoiseCheck) -> list[tuple[str, str]]:
         facts.append(("The same by file",
                       ", ".join(f"{n} {sig(v)}" for n, v in noise.by_dataset.items())))
     if noise.chi2 is not None:
-        facts.append(("χ² of data and prior", f"{sig(noise.chi2, 4)} with "
-                      f"{sig(noise.degrees, 4)} degrees of freedom, "
-                      f"{probability(noise.chi2_p)}".rstrip(", ")))
+        facts.append(("χ² of the noise", _chi2(noise.chi2, noise.degrees, noise.chi2_p)))
+    if noise.prior_chi2 is not None and noise.prior_degrees:
+        facts.append(("χ² of errors against tolerances",
+                      _chi2(noise.prior_chi2, noise.prior_degrees, noise.prior_p)))
     if noise.repeat_ratio is not None:
         facts.append(("Scatter of repeats over stated noise", sig(noise.repeat_ratio)))
     return facts
+
+
+def _chi2(value: float, degrees: float | None, p: float | None) -> str:
+    """Return a chi-squared in words."""
+    return f"{sig(value, 4)} with {sig(degrees, 4)} degrees of freedom, {probability(p)}".rstrip(
+        ", ")
 
 
 def _region(r: IdentificationRecord) -> str:
@@ -143,6 +150,7 @@ def parameters(r: IdentificationRecord) -> Section | None:
              "error against tolerance", "sigma by noise", "sigma, data only", "status"]
     note = ("Bars: error in tolerances, shaded: one to each side, ends: three; "
             "line: 95 % interval; red tip: beyond the end.")
+    note = " ".join([note, *(f"{t}." for t in short_intervals(r.method))])
     out = paragraph(note, "note") + table("", heads, [_row(p) for p in free], sort=True)
     if fixed:
         rows = [[dotted(p.name), amount(p.value, exact(p.value)), words(p.unit)] for p in fixed]
@@ -164,7 +172,7 @@ def _row(p: ParameterEstimate) -> list[Cell]:
             amount(value, to_sigma(value, sigma)), amount(low, interval),
             amount(p.error, to_sigma(p.error, sigma), bad=(p.tolerances or 0.0) > 3.0),
             amount(p.tolerance, exact(p.tolerance)),
-            Cell(error_bar(p.error, p.tolerance, p.sigma_sessions or sigma),
+            Cell(error_bar(p.error, p.tolerance, None if p.half is None else p.half / 1.96),
                  number(p.tolerances)),
             amount(sigma, sig(sigma, 2)), amount(p.sigma_data, sig(p.sigma_data, 2)),
             words(p.status + ", sessions disagree" * bool(p.disagree),

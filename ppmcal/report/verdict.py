@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from ppmcal.calibration.noise import LARGER
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import gap_closed, next_step
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
@@ -69,7 +70,7 @@ def _calibrated(one: Identified, d: DiagnosisRecord | None) -> Line:
     """Return whether the machine is calibrated, and by how much."""
     r, kind = one.record, main_kind(one)
     before, after, held = (figure(one, s, kind) for s in ("before", "after", "holdout"))
-    fine = noise_verdict(r.noise)[1] and (d is None or d.verdict in SETTLED)
+    fine = r.noise.state != LARGER and (d is None or d.verdict in SETTLED)
     if after.rms is None:
         return Line("Calibrated?", "Not known", "The folder does not say what is left.", "warn")
     unit = after.unit
@@ -94,6 +95,8 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
     r = one.record
     words, fine = noise_verdict(r.noise)
     parts = [typeset(words)] if words else []
+    if r.noise.tight:
+        parts.append("the errors are larger than the tolerances allow")
     if d is not None and d.effects:
         parts.append(gap_closed(d).rstrip("."))
     free = sum(p.status != "fixed" for p in r.parameters)
@@ -103,13 +106,28 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
     weak = [p for p in r.parameters if p.disagree]
     if weak:
         parts.append(f"sessions disagree on {count(len(weak), 'parameter')}")
+    size = _size(one)
+    parts += [size] if size else []
     text = "; ".join((p[:1].lower() if i else p[:1].upper()) + p[1:] for i, p in enumerate(parts))
-    sure = fine and not weak and (d is None or d.confirmed is not False or not d.effects)
+    sure = fine and not r.noise.tight and not weak and not size and (
+        d is None or d.confirmed is not False or not d.effects)
     if not parts:
         return Line("How sure?", "Not known", "The folder does not hold a check of the noise.",
                     "warn")
     return Line("How sure?", "Sure" if sure else "With doubts", f"{text}.",
                 "ok" if sure else "warn")
+
+
+def _size(one: Identified) -> str:
+    """Return what the machine's size rests on where that is little, else nothing."""
+    scale = one.record.identifiability.scale
+    kinds = {d.kind for d in one.record.datasets}
+    if scale is not None and scale.open and (scale.sigma is None or scale.prior_dominated):
+        return "how large the machine is rests on tolerances, not on these data"
+    if "distance" in kinds and not kinds - {"distance", "plane"}:
+        return ("how large the machine is rests on the measured distances alone: rods and the "
+                "scale of distances are one direction")
+    return ""
 
 
 def _next(one: Identified, d: DiagnosisRecord | None, state: State) -> Line:

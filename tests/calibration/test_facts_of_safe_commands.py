@@ -41,14 +41,16 @@ def machine(ratio: float = 1.0) -> Any:
         actuators=("leg1", "leg2", "arm"), actuator_quantity=("length", "length", "angle"),
         joint_units=((1e-3, "mm"), (1e-3, "mm"), (np.pi / 180.0, "deg")), reach=REACH, values=None,
         limbs=[limb(j) for j in range(3)], length_scale=0.5,
-        units=SimpleNamespace(factor=lambda quantity: 1e-3, length="mm"))
+        units=SimpleNamespace(factor=lambda quantity: 1e-3,
+                              name={"length": "mm", "angle": "mrad"}.get))
 
 
 def commands(q: Array, nominal: Array, **more: Any) -> Compensation:
     none = np.zeros(len(q))
     parts: dict[str, Any] = dict.fromkeys(
         ("position_before", "position_after", "rotation_before", "rotation_after",
-         "sigma_position", "sigma_rotation"), none) | more
+         "sigma_position", "sigma_rotation", "sigma_position_before", "sigma_rotation_before"),
+        none) | more
     pose = np.zeros((len(q), 6))
     return Compensation(q, nominal, pose, pose, pose, status=("ok",) * len(q),
                         reason=("",) * len(q), **parts)
@@ -99,29 +101,52 @@ def test_more_than_half_a_turn_is_the_long_way_round(turn: float, ratio: float, 
         f"arm would turn by {abs(turn * ratio):.4g} deg from row 1")
 
 
-def test_worse_is_worse_by_place_or_by_place_and_turn() -> None:
-    """Turns are arcs at half a metre. What is left and what is not known add as squares."""
-    before = commands(np.zeros((6, 3)), np.zeros((6, 3)), position_before=np.full(6, 5e-3),
-                      rotation_before=np.full(6, 8e-3),
-                      position_after=np.array([3e-3, 3e-3, 0.0, 0.0, np.nan, 5e-3]),
-                      sigma_position=np.array([4.1e-3, 3.9e-3, 5.1e-3, 0.0, 1e-4, np.nan]),
-                      rotation_after=np.array([0.0, 0.0, 0.0, 7e-3, np.nan, 8e-3]),
-                      sigma_rotation=np.array([0.0, 0.0, 0.0, 1.2e-2, 1e-4, np.nan]))
-    found = worse_rows(machine(), before)
-    assert sorted(found) == [0, 2, 3, 4]
-    assert "cannot be predicted" in found[4]
-    assert "5.08 mm with it" in found[0]
-    assert "5 mm without" in found[0]
-    assert f"{0.5e3 * np.hypot(7e-3, 1.2e-2):.3g} mm with it" in found[3]
-    assert f"{np.hypot(5.0, 4.0):.3g} mm without, turns counted" in found[3]
+def test_worse_is_worse_in_position_or_in_rotation_with_what_is_not_known_in_both() -> None:
+    """What is left and what is not known add as squares, with correction and without."""
+    n = 8
+    found = commands(
+        np.zeros((n, 3)), np.zeros((n, 3)), position_before=np.full(n, 3e-3),
+        rotation_before=np.full(n, 8e-3), sigma_position_before=np.full(n, 4e-3),
+        position_after=np.array([3e-3, 3e-3, 0.0, 0.0, np.nan, 5.04e-3, 0.0, 0.0]),
+        sigma_position=np.array([4.1e-3, 3.9e-3, 5.1e-3, 4e-3, 1e-4, 0.0, 4e-3, np.nan]),
+        rotation_after=np.array([0.0, 0.0, 0.0, 7e-3, np.nan, 0.0, 0.0, 8.1e-3]),
+        sigma_rotation=np.array([0.0, 0.0, 0.0, 5e-3, 1e-4, 0.0, 0.0, np.nan]))
+    refused_rows = worse_rows(machine(), found)
+    assert sorted(refused_rows) == [0, 2, 3, 4, 7]
+    assert "cannot be predicted" in refused_rows[4]
+    assert "5.08 mm of position with it, 5 mm without" in refused_rows[0]
+    assert f"{1e3 * np.hypot(7e-3, 5e-3):.3g} mrad of rotation with it, 8 mrad without" in (
+        refused_rows[3])
+    # the same model is not known to the same part, whatever is sent
+    doubtful = commands(np.zeros((2, 3)), np.zeros((2, 3)), position_before=np.full(2, 1e-3),
+                        sigma_position=np.full(2, 9e-3), sigma_position_before=np.full(2, 9e-3))
+    assert worse_rows(machine(), doubtful) == {}
 
 
 def test_arithmetic_is_not_worse_than_none() -> None:
-    size = NOTHING * REACH * np.array([0.9, 1.1])
-    found = commands(np.zeros((2, 3)), np.zeros((2, 3)), position_after=size)
+    size = NOTHING * np.array([0.9, 1.1])
+    found = commands(np.zeros((2, 3)), np.zeros((2, 3)), position_after=REACH * size)
     assert list(worse_rows(machine(), found)) == [1]
-    turned = commands(np.zeros((2, 3)), np.zeros((2, 3)), rotation_after=size / 0.5)
+    turned = commands(np.zeros((2, 3)), np.zeros((2, 3)), rotation_after=size)
     assert list(worse_rows(machine(), turned)) == [1]
+    # the uncertainty itself is predicted linearly: a hair more of it is none
+    for more, worse in ((1.009, []), (1.011, [0, 1])):
+        one = commands(np.zeros((2, 3)), np.zeros((2, 3)), sigma_position=np.full(2, more * 1e-3),
+                       sigma_position_before=np.full(2, 1e-3))
+        assert list(worse_rows(machine(), one)) == worse
+
+
+def test_what_is_told_of_commands_is_the_same_row_by_row_and_together() -> None:
+    """Error to expect: of uncorrected and corrected commands, the uncertainty in both."""
+    found = commands(np.zeros((2, 3)), np.zeros((2, 3)), position_before=np.array([3.0, 0.0]),
+                     sigma_position_before=np.array([4.0, 1.0]), sigma_position=np.full(2, 2.0))
+    before, after = found.expected("position")
+    assert before.tolist() == [5.0, 1.0] and after.tolist() == [2.0, 2.0]
+    assert found.rms("position") == (np.sqrt(13.0), 2.0, 2.0)
+    unknown = np.full(2, np.nan)
+    found = commands(np.zeros((2, 3)), np.zeros((2, 3)), position_before=np.full(2, 3.0),
+                     sigma_position_before=unknown, sigma_position=unknown)
+    assert found.rms("position") == (3.0, None, None)
 
 
 def test_a_refused_row_has_no_command_and_says_why() -> None:

@@ -101,7 +101,7 @@ def test_every_command_and_option_has_help(name):
             assert option.help, option.name
     names = {word for option in command.params for word in option.opts}
     assert {"--quiet", "--json"} <= names or name == "schema"    # JSON is all that it prints
-    assert ("--out" in names) == ("--force" in names)
+    assert ("--out" in names) == bool({"--force", "--overwrite"} & names)
     shown = ppmcal(name, "--help", expect=0).out
     assert max(map(len, shown.splitlines())) <= 80
 

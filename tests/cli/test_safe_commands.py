@@ -73,11 +73,14 @@ def test_a_model_that_misses_its_data_is_refused_with_exit_3(bench: Path, tmp_pa
     run = ppmcal(*args, "--out", str(tmp_path / "o"), cwd=bench, expect=3)
     said = " ".join(run.err.split())
     assert "misses the measurements that it was made from" in said
-    assert "times their noise" in said and "--force" in said and "--sigma estimated" in said
+    assert "times their noise" in said and "--regardless" in said and "--sigma estimated" in said
     assert not (tmp_path / "o").exists()
-    run = ppmcal(*args, "--out", str(tmp_path / "o"), "--force", cwd=bench)
-    assert run.code in (0, 1)
-    assert "--force" in run.out
+    # replacing files lifts nothing, and --force was both
+    ppmcal(*args, "--out", str(tmp_path / "o"), "--overwrite", cwd=bench, expect=3)
+    run = ppmcal(*args, "--out", str(tmp_path / "o"), "--force", cwd=bench, expect=2)
+    assert "--overwrite replaces files" in " ".join(run.err.split())
+    run = ppmcal(*args, "--out", str(tmp_path / "o"), "--regardless", cwd=bench, expect=1)
+    assert "--regardless" in run.out
     assert (tmp_path / "o").exists()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.controllers.klipper_config import DeltaGeometry
+from ppmcal.controllers.klipper_lines import BLOCK
 from ppmcal.io import read_campaign, read_mechanism
 
 DATA = Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data"))
@@ -49,7 +51,7 @@ def config(saved: DeltaGeometry, real: DeltaGeometry = REAL, *, arms: str = "#ar
     for tower in "abc":
         first = f"#position_endstop: 290.0\n{arms}\n" if tower == "a" else ""
         out += f"[stepper_{tower}]\nstep_distance: {STEP}\n{first}"
-    out += f"{extra}#*# <- SAVE_CONFIG ->\n#*# DO NOT EDIT\n#*# [printer]\n"
+    out += "\n".join([extra, *BLOCK, "#*# [printer]\n"])
     out += f"#*# delta_radius = {saved.radius:.6f}\n"
     for i, tower in enumerate("abc"):
         out += (f"#*#\n#*# [stepper_{tower}]\n#*# angle = {saved.angles[i]:.6f}\n"
@@ -159,6 +161,45 @@ def test_rods_that_are_none_are_refused(tmp_path: Path, rods: str, words: str) -
 # ---------------------------------------------------------------- noise, calipers
 
 
+def test_a_rod_on_a_drawing_does_not_outweigh_a_caliper(tmp_path: Path) -> None:
+    """The file says 300 mm, they are 304: told both ways, found, and never sure."""
+    real = DeltaGeometry(140.5, REAL.angles, (304.0,) * 3, REAL.endstops)
+    found = import_config("klipper", written(tmp_path, config(real, real, pairs=1.0, noise=0.01)))
+    assert found.scale == "known" and found.printer.nominal.geometry.arms == (300.0,) * 3
+    rods, shown = re.search(r"the rods are ([\d.]+) mm; if the rods are 300 mm, the distances show "
+                            r"([\d.]+) of", found.headline()).groups()
+    assert float(rods) == pytest.approx(304.0, abs=1.5) and float(shown) > 1.004
+    found.save(tmp_path / "imported")
+    names = [f"imported/{n}" for n in ("machine.yaml", "heights.csv", "distances.csv")]
+    ppmcal("identify", *names, cwd=tmp_path)
+    machine = read_mechanism(tmp_path / "identified" / "identified.yaml")
+    rod = 1e3 * machine.values[machine.names.index("rod")]
+    assert rod == pytest.approx(304.0, abs=1.5)
+    ppmcal("report", "identified", "--out", "r", cwd=tmp_path)
+    text = (tmp_path / "r" / "report.html").read_text()
+    assert "With doubts" in text and "rods and the scale of distances" in text
+    # rods that somebody measured hold the size, and the part gives way
+    stated = import_config("klipper", tmp_path / "printer.cfg", rods=304)
+    assert stated.scale == "unknown" and stated.printer.nominal.rods == 0.3
+
+
+def test_touches_alone_promise_no_more_than_the_rods_tolerance_lets_them(tmp_path: Path) -> None:
+    """The rods are 303 mm, the file says 300, and nothing measured a length."""
+    real = DeltaGeometry(REAL.radius, REAL.angles, (303.0,) * 3, REAL.endstops)
+    path = written(tmp_path, config(MEANT, real, noise=0.01))
+    import_config("klipper", path).save(tmp_path / "imported")
+    run = ppmcal("identify", "imported/machine.yaml", "imported/heights.csv", cwd=tmp_path)
+    words = " ".join(run.out.split())
+    assert "Scale: a distance of" in words and "constrained by the prior" in words
+    held = import_config("klipper", path, rods="fixed")
+    held.save(tmp_path / "held")
+    ppmcal("identify", "held/machine.yaml", "held/heights.csv", "--out", "exact", cwd=tmp_path)
+    told, exact = (ppmcal("export", "klipper", folder, "--out", f"of-{folder}", "--json",
+                          cwd=tmp_path).json["predicted"]["after"]["rms"]
+                   for folder in ("identified", "exact"))
+    assert told > 1.5 * exact
+
+
 def test_the_noise_is_estimated_unless_it_is_stated(tmp_path: Path) -> None:
     """Touches that scatter by 0.06 mm, with a sidecar that begins at 0.02."""
     written(tmp_path, config(REAL, noise=0.06))
@@ -203,7 +244,7 @@ def test_no_touch_pays_for_calipers(tmp_path: Path, pairs: float, bad: bool) -> 
     if bad:
         line = next(x for x in text.splitlines() if x.startswith("#*# height6 ="))
         text = text.replace(line, "#*# height6 = 0.5")
-    import_config("klipper", written(tmp_path, text), rods="shared", scale="known").save(
+    import_config("klipper", written(tmp_path, text), rods=(300, "shared"), scale="known").save(
         tmp_path / "o")
     for name in ("heights", "distances"):
         side = tmp_path / "o" / f"{name}.yaml"
@@ -405,7 +446,7 @@ def test_real_beds_come_out_as_the_steps_that_were_worked_out_of_them(tmp_path: 
 
 
 def test_a_radius_that_was_measured_by_hand_is_nominal(tmp_path: Path) -> None:
-    path = written(tmp_path, config(REAL, body="delta_radius: 100.0\n"))
+    path = written(tmp_path, config(REAL, body="#delta_radius: 100.0\n"))
     said = import_config("klipper", path)
     assert any("was never this printer's" in f for f in said.findings)
     found = import_config("klipper", path, radius=140.4)

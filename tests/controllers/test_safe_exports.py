@@ -88,7 +88,7 @@ def test_numbers_that_are_worse_than_the_old_ones_are_refused(tmp_path, monkeypa
             return replace(made, before=made.after, after=made.before)
 
     monkeypatch.setattr(face, "exporter", lambda name: Worse())
-    with pytest.raises(NoResult, match=r"worse than the old ones.*--force"):
+    with pytest.raises(NoResult, match=r"worse than the old ones.*--regardless"):
         ppmcal.export("grid", machine("3-RPR"))
     forced = ppmcal.export("grid", machine("3-RPR"), regardless=True)
     assert any("worse than the old ones" in f for f in forced.findings)

@@ -16,7 +16,6 @@ from scipy.stats import f as fisher
 
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
-from ppmcal.diagnosis import held_out_gap as gaps
 from ppmcal.diagnosis.added_variable_test import (
     AddedVariableTest,
     build_test,
@@ -31,7 +30,7 @@ from ppmcal.diagnosis.grids import usual_range
 from ppmcal.diagnosis.hypotheses import Library, united
 from ppmcal.diagnosis.linear_system import System, build
 from ppmcal.diagnosis.rivals import as_one, find, rivals
-from ppmcal.diagnosis.search import DETECT, NAME, null_scan, scan
+from ppmcal.diagnosis.search import DETECT, NAME, Search, null_scan, scan
 from ppmcal.diagnosis.selection import bic
 from ppmcal.diagnosis.stage import Stage, of_single, run_stage
 from ppmcal.diagnosis.whitening import estimate, heavy, pure_error, simulated
@@ -415,83 +414,6 @@ def test_kernel_test_false_alarms_and_power() -> None:
     assert np.mean([p_of(stage, shape) < 0.01 for _ in range(10)]) >= 0.9
 
 
-def gap_of(monkeypatch: pytest.MonkeyPatch, before: Array, after: Array, noise: float = 1.0,
-           variance: float = 0.0) -> gaps.Gap | None:
-    """Return the gap of white errors (poses, rows, values)."""
-    poses, rows, values = before.shape
-
-    def made(errors: Array) -> gaps.HeldOutErrors:
-        return gaps.HeldOutErrors(
-            np.sum(errors**2, axis=2).reshape(-1),
-            np.full(poses * rows, variance),
-            np.full(poses * rows, float(values)),
-            np.repeat(np.arange(poses), rows),
-        )
-
-    queue = [made(before), made(after)]
-    monkeypatch.setattr(gaps, "_errors", lambda fit, held: queue.pop(0))
-    nothing: Any = None
-    return gaps.measure_gap(nothing, nothing, (), noise, 3)
-
-
-def errors(seed: int, excess: float, poses: int = 60, noise: float = 1.0) -> Array:
-    rng = np.random.default_rng(seed)
-    return np.asarray(noise * rng.normal(size=(poses, 4, 3))
-                      + excess * rng.choice([-1.0, 1.0], size=(poses, 4, 3)))
-
-
-@pytest.mark.parametrize("noise", [1.0, 1.7])
-def test_gap_closed(monkeypatch: pytest.MonkeyPatch, noise: float) -> None:
-    before = errors(1, 3.0 * noise, noise=noise)
-    found = gap_of(monkeypatch, before, errors(2, 1.5 * noise, noise=noise), noise)
-    assert found is not None
-    assert found.before == pytest.approx(np.sqrt(10.0), rel=0.05)
-    assert found.after == pytest.approx(np.sqrt(1.0 + 1.5**2), rel=0.05)
-    assert found.closed == pytest.approx(0.5, abs=0.06)
-    assert found.interval is not None
-    assert found.interval[0] < 0.5 < found.interval[1]
-    assert found.interval[0] <= found.closed <= found.interval[1]
-    assert found.confirmed
-    assert found.poses == 60
-
-
-def test_gap_all_closed_and_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = gap_of(monkeypatch, errors(1, 3.0), errors(2, 0.0))
-    assert found is not None
-    assert found.closed is not None
-    assert found.closed > 0.9
-    assert found.confirmed
-    same = gap_of(monkeypatch, errors(1, 3.0), errors(1, 3.0))
-    assert same is not None
-    assert same.closed == pytest.approx(0.0, abs=1e-12)
-    assert not same.confirmed
-
-
-def test_gap_where_nothing_exceeds_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
-    quiet = 0.9 * errors(1, 0.0)
-    found = gap_of(monkeypatch, quiet, quiet)
-    assert found is not None
-    assert found.closed is None
-    assert found.interval is None
-    assert not found.confirmed
-
-
-def test_gap_allows_for_the_parameters_own_variance(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three values a row: a variance of 3 in a row is one noise square in each value."""
-    found = gap_of(monkeypatch, errors(1, 3.0), errors(2, 1.0), variance=3.0)
-    assert found is not None
-    assert found.closed is not None
-    assert found.closed > 0.85
-
-
-def test_gap_that_grows_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = gap_of(monkeypatch, errors(1, 1.0), errors(2, 3.0))
-    assert found is not None
-    assert found.closed is not None
-    assert found.closed < 0.0
-    assert not found.confirmed
-
-
 # --- rivals ---------------------------------------------------------------------------------------
 
 
@@ -610,3 +532,24 @@ def test_the_range_of_a_coefficient(traits: dict[str, Any], expected: tuple[floa
     """A kind that says no range has any; a reciprocal one is judged by its inverse."""
     found = usual_range(EffectParameter("k", "joint", **traits), 0.4)
     assert found == pytest.approx(expected)
+
+
+# --- p-values that are told -----------------------------------------------------------------------
+
+
+def test_a_chance_that_is_told_is_that_of_the_best_of_all() -> None:
+    """Of 3000 tests the smallest p is below 1e-4 in a quarter of all campaigns of noise."""
+    rng = np.random.default_rng(1)
+    tests, draws = 3000, 4000
+    smallest = np.log1p(-rng.random(draws) ** (1.0 / tests))
+    detect, name = np.quantile(smallest, [DETECT, NAME])
+    nothing: Any = None
+    search = Search(nothing, (), float(detect), float(name), smallest)
+    for p in (1e-3, 1e-4, 1e-5, 1e-7, 1e-30):
+        true = -np.expm1(tests * np.log1p(-p))
+        assert search.over_all(np.log(p)) == pytest.approx(np.log(true), abs=0.35), p
+    values = np.linspace(-80.0, 0.0, 500)
+    told = np.array([search.over_all(v) for v in values])
+    assert (np.diff(told) >= 0.0).all() and told[-1] == 0.0
+    assert (search.over_all(search.detect), search.over_all(search.name)) == pytest.approx(
+        (np.log(DETECT), np.log(NAME)))

@@ -31,6 +31,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis import diagnose as diagnosing
 from ppmcal.diagnosis.refit import of_rows
 from ppmcal.io import read_campaign, read_mechanism
+from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.model.dataset import Dataset
 
 SIDECAR = "s/measurements.yaml"
@@ -260,6 +261,34 @@ def test_a_pattern_is_told_as_what_it_is(plain: Fit, what: str) -> None:
     assert out.suspicious and out.share == 1.0 and out.p_value < module.LEVEL
     assert what in out.follows
     assert out.sentence.startswith(f"15 rows of {n} left out")
+
+
+@pytest.mark.parametrize("where", ["corner", "side", "joint"])
+def test_a_place_is_told_as_what_it_is(plain: Fit, where: str) -> None:
+    """Every row in one corner of the workspace: a reflection, an edge of the instrument's view."""
+    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
+    (data,), pose = plain.problem.datasets, pose_vector(plain.state.poses[0])
+    x, y = pose.T[:2]
+    has = {"corner": (x > np.median(x)) & (y <= np.median(y)), "side": y > np.quantile(y, 2 / 3),
+           "joint": data.q[:, 1] <= np.quantile(data.q[:, 1], 1 / 3)}[where]
+    each = replace(plain, problem=replace(plain.problem, datasets=(
+        replace(data, groups=np.arange(len(data))),)))
+    out = module.left_out(without(each, has))
+    assert out.suspicious and out.share == 1.0 and out.p_value < module.LEVEL
+    words = {"corner": ("x above", "y up to"), "side": ("highest third by y",),
+             "joint": ("lowest third by leg2",)}[where]
+    assert all(w in out.follows for w in words)
+    assert out.stretch is None
+
+
+def test_rows_of_one_pose_are_one_at_a_place(plain: Fit) -> None:
+    """A pose typed wrong takes all its rows with it: two such poses are near by chance."""
+    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
+    data, pose = plain.problem.datasets[0], pose_vector(plain.state.poses[0])
+    labels = data.groups[np.argsort(pose[:, 0], kind="stable")]
+    out = module.left_out(without(plain, np.isin(data.groups, list(dict.fromkeys(labels))[-3:])))
+    assert out.count == 12
+    assert "x" not in out.follows.split()
 
 
 def test_more_rows_than_gross_errors_explain(plain: Fit) -> None:

@@ -24,12 +24,15 @@ def main():
     words.add_argument("--seed", type=int, default=0)
     words.add_argument("--only", action="append", default=[], metavar="READER")
     words.add_argument("--commands", action="store_true", help="commands end to end, not readers")
+    words.add_argument("--campaigns", action="store_true", help="poor campaigns, end to end")
     words.add_argument("--json", dest="record", help="file for the figures")
     words.add_argument("--grow", action="store_true", help="keep what reached far in the corpus")
     words.add_argument("--show", action="store_true", help="print the errors in full")
     given = words.parse_args()
     if given.commands:
         from fuzz.commands import commands as made
+    elif given.campaigns:
+        from fuzz.campaigns import campaigns as made
     else:
         made = readers
     chosen = {n: r for n, r in made().items() if not given.only or n in given.only}

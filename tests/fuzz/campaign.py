@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from fuzz.judge import judged
-from fuzz.mutations import mutated, smaller
+from fuzz.mutations import fewer_rows, mutated, smaller
 from fuzz.readers import CORPUS, folder
 from fuzz.tracing import Lines
 
@@ -53,7 +53,8 @@ def fuzz(reader, seconds, seed, tally=None, lines=None, most=None, keep=()):
     stop, seeds = time.process_time() + seconds, list(reader.seeds)
     most = None if most is None else tally.inputs + most
     while time.process_time() < stop and (most is None or tally.inputs < most):
-        data = seeds.pop() if seeds else mutated(rng.choice(pool), pool, rng, form)
+        data = (seeds.pop() if seeds else reader.draw(rng) if reader.draw
+                else mutated(rng.choice(pool), pool, rng, form))
         if hash(data) in tally.fed:
             continue
         tally.fed.add(hash(data))
@@ -79,6 +80,8 @@ def minimised(reader, fault, data):
     def fails(shorter):
         return judged(reader.read, shorter, reader.seconds).fault == fault
 
+    if reader.draw:
+        return fewer_rows(data, fails, tries=15)
     # each try of a slow one costs seconds
     return smaller(data, fails, tries=15 if fault.startswith("slow") else 300)
 

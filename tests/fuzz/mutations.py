@@ -230,3 +230,29 @@ def smaller(data, still_fails, tries=300, seed=0):
                     data, again = shorter, True
                     break
     return data
+
+
+def fewer_rows(data, still_fails, tries=15):
+    """Return a case with fewer rows and columns that fails alike."""
+    while tries > 0:
+        for table in _with_less(json.loads(data)["table"]):
+            tries -= 1
+            shorter = json.dumps(json.loads(data) | {"table": table}).encode()
+            if still_fails(shorter):
+                data = shorter
+                break
+            if tries <= 0:
+                return data
+        else:
+            return data
+    return data
+
+
+def _with_less(table):
+    """Yield the columns without a half of their rows, and without one of them."""
+    n = max(map(len, table.values()), default=0)
+    if n > 1:
+        yield {name: values[:n // 2] for name, values in table.items()}
+        yield {name: values[n // 2:] for name, values in table.items()}
+    for left_out in table:
+        yield {name: values for name, values in table.items() if name != left_out}

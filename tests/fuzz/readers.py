@@ -64,6 +64,8 @@ class Reader:
     read: Callable[[bytes], object]
     seeds: tuple[bytes, ...]
     seconds: float = SECONDS
+    draw: Callable | None = None
+    """Makes an input with a random generator, where changed bytes would make none of use."""
 
     @property
     def form(self):

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ppmcal as face
-from ppmcal.io.copies import REASON, chance_of_equal, last_digit, step_of
+from ppmcal.calibration.same_rows import last_digit, step_of
+from ppmcal.io.copies import REASON, chance_of_equal
 from ppmcal.kinematics.inverse import home_state
 
 RNG = np.random.default_rng(3)

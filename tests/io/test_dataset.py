@@ -69,8 +69,8 @@ def test_harmless_differences(tmp_path, change):
 
 
 def test_rows_that_cannot_be_used(tmp_path):
-    d = dataset(tmp_path, "q_leg1,q_leg2,q_leg3,x,y,rz\n1,2,3,4,5,6\n1,,3,4,5,6\n1,2,3,,,\n"
-                          "1,2,3,,5,6\n")
+    d = dataset(tmp_path, "q_leg1,q_leg2,q_leg3,x,y,rz\n1,2,3,4,5,6\n1,,3,4,5,6\n9,2,3,,,\n"
+                          "7,2,3,,5,6\n")
     np.testing.assert_array_equal(d.rows, [1, 4])
     np.testing.assert_array_equal(d.groups, [0, 3])
     assert d.dropped == ((2, "a joint value is missing"), (3, "nothing was measured"))
@@ -85,13 +85,13 @@ def test_one_row_is_fine(tmp_path):
 
 def test_pose_labels(tmp_path):
     d = dataset(tmp_path, "pose,q_leg1,q_leg2,q_leg3,x,y,rz\n"
-                          "b,1,2,3,4,5,6\na,1,2,3,4,5,6\nb,1,2,3,4,5,6\n,1,2,3,4,5,6\n")
+                          "b,1,2,3,4,5,6\na,7,2,3,4,5,6\nb,1,2,3,4,5,6\n,8,2,3,4,5,6\n")
     np.testing.assert_array_equal(d.groups, [0, 1, 0, 2])
     d = dataset(tmp_path, "pose,q_leg1,q_leg2,q_leg3,x,y,rz\n"
-                          "b,1,2,3,4,5,6\nnan,1,2,3,4,5,6\nNaN,1,2,3,4,5,6\nnan,1,2,3,4,5,6\n")
+                          "b,1,2,3,4,5,6\nnan,7,2,3,4,5,6\nNaN,8,2,3,4,5,6\nnan,9,2,3,4,5,6\n")
     np.testing.assert_array_equal(d.groups, [0, 1, 2, 3])
     d = dataset(tmp_path, "pose,q_leg1,q_leg2,q_leg3,x,y,rz\n"
-                          "7,1,2,3,4,5,6\n2,1,2,3,4,5,6\n7,1,2,3,4,5,6\n,1,2,3,4,5,6\n")
+                          "7,1,2,3,4,5,6\n2,7,2,3,4,5,6\n7,1,2,3,4,5,6\n,8,2,3,4,5,6\n")
     np.testing.assert_array_equal(d.groups, [0, 1, 0, 2])
 
 
@@ -134,7 +134,7 @@ def test_commanded_coordinates_that_the_machine_does_not_have(tmp_path):
 
 
 def test_rows_whose_commanded_pose_is_incomplete(tmp_path):
-    d = dataset(tmp_path, "cmd_x,cmd_y,cmd_rz,x,y,rz\n1,2,3,4,5,6\n1,,3,4,5,6\n1,2,3,,,\n")
+    d = dataset(tmp_path, "cmd_x,cmd_y,cmd_rz,x,y,rz\n1,2,3,4,5,6\n1,,3,4,5,6\n9,2,3,,,\n")
     assert d.dropped == ((2, "a commanded coordinate is missing"), (3, "nothing was measured"))
     assert d.rows.tolist() == [1]
     with pytest.raises(BadInput, match="a commanded pose and a measurement"):

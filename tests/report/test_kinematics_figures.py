@@ -13,6 +13,7 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.path_rates import rates
 from ppmcal.kinematics.tables import pose_vector, velocity_table
 from ppmcal.report.collect import collect
+from ppmcal.report.format import sig
 from ppmcal.report.kinematics_figures import kinematics_figures
 from ppmcal.report.kinematics_motion import drawn_columns, motion_of
 from ppmcal.report.page import to_html
@@ -44,12 +45,22 @@ def test_a_planar_path_over_time_with_what_is_wrong_on_it():
         assert {"singular", "limits"} <= {name for _, name in drawing.key}
     assert "Red line: limit." in found["joints"][0].caption
     assert "Ring: outside" in found["joints"][0].caption
-    table = result.table
-    assert f"{np.nanmin(table.singular_value):.2g}"[:3] in (
-        found["singularity"][0].caption.replace("·10", "e"))
+    assert "Least " in found["singularity"][0].caption
+    assert "red: singular below it" in found["singularity"][0].caption
     for drawings in found.values():
         for drawing in drawings:
             assert drawing.svg().startswith("<svg")
+
+
+def test_the_least_distance_to_singularity_is_told():
+    """A path that keeps away from singularities: digits of one that ends in 0 are round-off."""
+    path = {name: values[5:] for name, values in spiral().items()}
+    result = face.inverse(CONFIGS / "3-RPR.yaml", path)
+    least = int(np.nanargmin(result.table.singular_value))
+    caption = figures(result)["singularity"][0].caption
+    assert result.table.singular_value[least] > 1e-3
+    assert f"Least {sig(result.table.singular_value[least])}, at " in caption
+    assert f" at {path['time'][least]:g} s." in caption
 
 
 def test_a_good_path_has_nothing_marked():

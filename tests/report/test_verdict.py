@@ -109,3 +109,14 @@ def test_names_in_links_are_one_of_a_kind():
     found = placed(chapters)
     assert [c.name for c in found] == ["calibration", "rows-3", "part"]
     assert [p.name for p in found[0].parts] == ["rows", "rows-2"]
+
+
+@pytest.mark.parametrize(("noise", "sure"), [
+    ({"sigma_ratio": 0.1, "chi2": 1.0, "degrees": 100.0, "chi2_p": 1.0}, "With doubts"),
+    ({"sigma_ratio": 0.3, "chi2": 0.6, "degrees": 3.0, "chi2_p": 0.89}, "Sure"),
+    ({"sigma_ratio": 1.0, "chi2_p": 0.4, "prior_p": 1e-10}, "With doubts")])
+def test_sigma_that_is_too_large_leaves_nothing_to_diagnose(noise, sure):
+    """Nor do few degrees of freedom, at which any ratio may be."""
+    found = lines(one(redundant=[], noise=noise))
+    assert [line.word for line in found] == ["Yes", sure, "Use it"]
+    assert "not noise" not in found[0].text

@@ -91,7 +91,8 @@ class DiagnosisRecord(Record):
                           rows=sum(int(k.sum()) for k in fit.keep)),
             noise=NoiseThresholds(
                 covariance_ratio=noise.scale, serial_correlation=noise.rho,
-                detect_p=float(np.exp(search.detect)), name_p=float(np.exp(search.name))),
+                detect_p=float(np.exp(search.over_all(search.detect))),
+                name_p=float(np.exp(search.over_all(search.name)))),
             localised=tuple(LocalisedResidual.of(p) for p in result.localised),
             not_testable=tuple(UntestableKind(kind=u.kind, missing=u.missing, reason=u.reason)
                                for u in result.untestable),
@@ -99,7 +100,8 @@ class DiagnosisRecord(Record):
             next_measurements=NextMeasurements(
                 reason=wanted.reason, file="next.csv" if wanted.rows else None, rows=wanted.rows,
                 odds_before=wanted.odds_before, odds_after=wanted.odds_after),
-            excluded=_left_out(result), findings=result.findings,
+            excluded=_left_out(result),
+            findings=(*result.identification.mechanism.findings, *result.findings),
             campaign=CampaignSummary.of(result.identification.campaign, units),
             other_models=tuple(OtherModel.of(name, other) for name, other in other_files(result)),
             sets=TriedSet.each(result),
@@ -109,7 +111,7 @@ class DiagnosisRecord(Record):
 
 
 def _confirmed(result: Diagnosis) -> bool | None:
-    """Return whether unseen sessions, or else held-out poses, bear the effects out."""
+    """Return whether sessions left out in turn, or else held-out poses, bear the effects out."""
     by_days = other_days.confirmed(result.days)
     return by_days if by_days is not None or result.gap is None else result.gap.confirmed
 

@@ -51,7 +51,8 @@ def effects_csv(result: Diagnosis) -> str:
     """Return effects.csv: one row per candidate, in the order of what became of it.
 
     ``p_value`` of what is named is that of diagnosis.json, given the others that are named;
-    ``p_value_alone`` is before anything was named, for every row.
+    ``p_value_alone`` is before anything was named, for every row. Both are how often noise alone
+    shows as much of anything that was tried.
     """
     mechanism, some, none = result.identification.mechanism, result.candidates, result.untestable
     unknown, blank = [np.nan] * len(none), [""] * len(none)

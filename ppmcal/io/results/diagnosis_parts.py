@@ -47,9 +47,11 @@ class EventRow(Part):
     def of(cls, result: Diagnosis, onset: Onset) -> EventRow:
         """Return the row within its own file."""
         datasets = result.identification.fit.problem.datasets
-        own = next(d for d in reversed(datasets) if d.before < onset.row)
-        return cls(value=onset.row - own.before, low=max(onset.low - own.before, 1),
-                   high=onset.high - own.before, dataset=own.name)
+        # of files with one time line the first that was at work then
+        after = [d for d in datasets if d.before < onset.row]
+        own = next(d for d in after if d.before == after[-1].before)
+        return cls(value=own.row_at(onset.row), low=own.row_at(onset.low),
+                   high=own.row_at(onset.high), dataset=own.name)
 
 
 def kind_of(label: str) -> str:
@@ -106,7 +108,8 @@ class EffectSurvival(Part):
 class DiagnosedEffect(Part):
     """An effect that the data name.
 
-    ``p_value`` given the other named ones; ``survival``: the part that geometry cannot imitate;
+    ``p_value`` given the other named ones: how often noise alone shows as much of anything that
+    was tried; ``survival``: the part that geometry cannot imitate;
     ``alternatives``: kinds that the data cannot tell from it, ``alternatives_on`` with their
     actuators, and the ``odds`` for the effect against each. ``derived`` is at ``mid_stroke``.
     ``sessions``: its size in each where there are several, ``same_in_sessions_p`` the p-value of
@@ -175,7 +178,7 @@ class ResidualAfter(Part):
 
 
 class HeldOutGap(Part):
-    """Residuals without and with the effects where no fit has seen them, over the noise.
+    """Residuals without and with the effects in rows left out of the fits, over the noise.
 
     ``closed`` = 1 - excess(after)/excess(before), with its 95 % ``interval``; ``rms_closed`` =
     1 - rms(after)/rms(before). ``blocks``: the same with a third of the rows left out in turn,
@@ -207,7 +210,10 @@ class FitRatios(Part):
 
 
 class NoiseThresholds(Part):
-    """What the noise is like, and the p-values below which effects are detected and named."""
+    """What the noise is like, and the p-values below which effects are detected and named.
+
+    All p-values of hypotheses are over all that were tried, not those of one alone.
+    """
 
     covariance_ratio: Shown | None = None
     serial_correlation: Shown | None = None

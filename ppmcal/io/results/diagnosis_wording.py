@@ -196,14 +196,23 @@ def gap_closed(record: DiagnosisRecord) -> str:
     before, after = finite(gap.before), finite(gap.after)
     if before is None or after is None:
         return ""
-    which = f"On {gap.poses} poses that no fit has seen" if gap.poses else "On held-out poses"
+    which = f"On {left_out_poses(gap)}"
     if not record.effects and abs(before - after) < 1e-9:
         return f"{which} the residuals are {_ratio(before)} times the noise."
-    text = f"{which} the residuals go from {_ratio(before)} to {_ratio(after)} times the noise"
+    text = (f"{which}, though not of the choice of names, the residuals go from {_ratio(before)} "
+            f"to {_ratio(after)} times the noise")
     closed = finite(gap.closed)
     if closed is None:
         return f"{text}; nothing exceeded the noise before."
     return f"{text}: {_percent(closed)} of what exceeds the noise is gone{_interval(gap)}."
+
+
+def left_out_poses(gap: HeldOutGap) -> str:
+    """Return ``16 poses left out of the fits``: those that sizes were not fitted to.
+
+    What is named, or learned, was chosen with their help, so they are not called unseen.
+    """
+    return f"{gap.poses or ''} poses left out of the fits".strip()
 
 
 def learned(record: DiagnosisRecord) -> list[str]:
@@ -234,7 +243,7 @@ def learned_name(record: DiagnosisRecord, entry: LearnedEntry) -> str:
 
 
 def learned_gap(record: DiagnosisRecord) -> str:
-    """Return what unseen poses say of all that was learned, empty where nothing was."""
+    """Return what held-out poses say of all that was learned, empty where nothing was."""
     if not record.learned:
         return ""
     gap = record.learned[0].gap
@@ -242,8 +251,9 @@ def learned_gap(record: DiagnosisRecord) -> str:
     if before is None or after is None:
         return ""
     tail = "" if closed is None else f": {_percent(closed)} of what exceeds the noise is gone"
-    return (f"With what was learned, residuals on {gap.poses} poses that no fit has seen go from "
-            f"{_ratio(before)} to {_ratio(after)} times the noise{tail}{_interval(gap)}.")
+    return (f"With what was learned, residuals on {left_out_poses(gap)}, though not of the choice "
+            f"of what is kept, go from {_ratio(before)} to {_ratio(after)} times the noise"
+            f"{tail}{_interval(gap)}.")
 
 
 def _look(entry: LearnedEntry) -> str:
@@ -255,9 +265,9 @@ def _look(entry: LearnedEntry) -> str:
 
 
 def unconfirmed(record: DiagnosisRecord) -> str:
-    """Return that what no fit has seen does not bear the effects out."""
-    return ("Sessions that no fit has seen do not bear the effects out." if record.validation else
-            "The held-out poses alone do not prove the improvement.")
+    """Return that what was left out of the fits does not bear the effects out."""
+    return ("Sessions left out of the fits in turn do not bear the effects out."
+            if record.validation else "The held-out poses alone do not prove the improvement.")
 
 
 def worst_block(record: DiagnosisRecord) -> str:

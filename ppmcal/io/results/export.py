@@ -79,10 +79,14 @@ class ModelUncertainty(Part):
 
 
 class PredictedErrors(Part):
-    """What is left with the new numbers, rms: of the format, of the model, and of both."""
+    """What is left with the new numbers, rms: of the format, of the model, and of both.
+
+    ``before``: with the old numbers, the model's own uncertainty in it as in ``after``.
+    """
 
     format: CommandErrors = CommandErrors()
     model: ModelUncertainty = ModelUncertainty()
+    before: CommandErrors = CommandErrors()
     after: CommandErrors = CommandErrors()
 
     def sentence(self) -> str:
@@ -95,8 +99,10 @@ class PredictedErrors(Part):
             return f"{text}unknown, as {self.model.reason or 'the file does not say it'}."
         base = self.model.frame in ("", "base")
         where = "the base frame" if base else f"the frame of {self.model.frame}"
+        old = (f"; with the old ones: {self.before.rms_words()}" if is_known(self.before.rms)
+               else "")
         return (f"{text}{self.model.rms_words()} (1 sigma, rms over the poses, in {where}). "
-                f"Predicted error with the new numbers: {self.after.rms_words()} rms.")
+                f"Predicted error with the new numbers: {self.after.rms_words()} rms{old}.")
 
 
 class Gain(Part):
@@ -171,11 +177,21 @@ class ExportRecord(Record):
     def attention(self) -> list[str]:
         """Return what the user must look at: what cannot be expressed, numbers that are worse."""
         out = self.lacking()
-        before, after = self.gain.before.rms, self.gain.after.rms
-        if before is not None and after is not None and after > before + NO_GAIN:
+        old, new = self.gain.before, self.gain.after
+        if old.rms is not None and new.rms is not None and new.rms > old.rms + NO_GAIN:
             out.append(f"the new {self.called} numbers are worse than the old ones over this "
                        "workspace")
+        elif old.rotation and new.rotation and _more(old.rotation.rms, new.rotation.rms):
+            out.append(f"the new {self.called} numbers are worse than the old ones in rotation, "
+                       f"if the model is exact: {_two_digits(new.rotation.rms or 0.0)} "
+                       f"{new.rotation.unit} rms with them, "
+                       f"{_two_digits(old.rotation.rms or 0.0)} without")
         return out
+
+
+def _more(old: float | None, new: float | None) -> bool:
+    """Whether a new error is more than an old one, and more than arithmetic."""
+    return old is not None and new is not None and new > max(old + NO_GAIN, LEAST)
 
 
 def _cost(entry: NotExpressedEntry) -> float:

@@ -10,7 +10,7 @@ from pydantic import Field
 from ppmcal.calibration.estimates import Estimate
 from ppmcal.calibration.freedom_choice import FreedomChoice
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
-from ppmcal.calibration.noise import Noise
+from ppmcal.calibration.noise import FAILED_NOISE, Noise, noise_state
 from ppmcal.calibration.posterior import of_data
 from ppmcal.calibration.session_knowledge import session_knowledge
 from ppmcal.calibration.summary import Dependence, Identification
@@ -75,6 +75,13 @@ class ParameterEstimate(Part):
                    disagree_p=e.p_value, disagree=e.disagree if e.by_session else None)
 
     @property
+    def half(self) -> float | None:
+        """Half of the 95 % interval, None without one."""
+        if self.low is not None and self.high is not None:
+            return 0.5 * (self.high - self.low)
+        return None if self.sigma is None else 1.96 * self.sigma
+
+    @property
     def tolerances(self) -> float | None:
         """How many tolerances the error is, None without one."""
         return abs(self.error) / self.tolerance if (
@@ -124,7 +131,7 @@ def before_words(before_is: str) -> str:
 
 
 class NoiseCheck(Part):
-    """Residuals against the stated noise: ratios and probabilities, all bare."""
+    """Residuals against the stated noise, errors against tolerances; all bare."""
 
     sigma_ratio: Finite | None = None
     chi2: Finite | None = None
@@ -133,11 +140,25 @@ class NoiseCheck(Part):
     repeat_ratio: Finite | None = None
     repeat_degrees: Whole | None = None
     by_dataset: Mapping[Text, Finite | None] = Field(default_factory=dict)
+    prior_chi2: Finite | None = None
+    prior_degrees: Finite | None = None
+    prior_p: Finite | None = None
+
+    @property
+    def state(self) -> str:
+        """Whether the residuals are larger or smaller than the stated noise, or agree with it."""
+        return noise_state(self.sigma_ratio, self.chi2_p)
+
+    @property
+    def tight(self) -> bool:
+        """Whether the errors are larger than tolerances and noise can explain."""
+        return self.prior_p is not None and self.prior_p < FAILED_NOISE
 
     @classmethod
     def of(cls, n: Noise) -> NoiseCheck:
         """Return the entry."""
         return cls(sigma_ratio=n.sigma_ratio, chi2=n.chi2, degrees=n.degrees, chi2_p=n.chi2_p,
+                   prior_chi2=n.prior_chi2, prior_degrees=n.prior_degrees, prior_p=n.prior_p,
                    repeat_ratio=n.repeat_ratio, repeat_degrees=n.repeat_degrees,
                    by_dataset=n.by_dataset)
 

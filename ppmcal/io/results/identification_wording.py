@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from ppmcal.calibration.noise import FAILED_NOISE, OVERSTATED
+from ppmcal.calibration.noise import LARGER, SMALLER
 from ppmcal.io.results.identification_parts import Combination, NoiseCheck
 from ppmcal.wording import counted
 
-FEW = 0.7
-MANY = 1.3
-"""Residuals outside of these ratios to the stated noise are told where no probability is."""
 TERMS = 6
 
 
@@ -19,14 +16,27 @@ def noise_verdict(noise: NoiseCheck) -> tuple[str, bool]:
         return "", True
     tail = ", ".join(([] if ratio is None else [f"ratio {ratio:.3g}"])
                      + ([] if p is None else [f"p = {p:.2g}"]))
-    high = ratio is None or ratio > 1.0
-    if (p is not None and p < FAILED_NOISE and high) or (p is None and (ratio or 0.0) > MANY):
+    state = noise.state
+    if state == LARGER:
         return (f"what remains is larger than the stated noise explains ({tail}): something is "
                 "missing in the model, or sigma is too small"), False
-    if ratio is not None and (ratio < FEW or (p is not None and p > 1.0 - FAILED_NOISE)):
+    if state == SMALLER:
         return (f"what remains is smaller than the stated noise ({tail}): sigma looks too "
-                "large"), ratio >= OVERSTATED
+                "large"), False
     return f"what remains agrees with the stated noise ({tail})", True
+
+
+SHORT = {
+    "gcv": "95 % intervals take the prior scale that cross-validation chose as known: in simulated "
+           "campaigns they held the truth 83 to 91 % of the time",
+    "damped": "95 % intervals do not count what damping leaves near nominal: in simulated "
+              "campaigns they held the truth 88 % of the time"}
+"""What the intervals of a method leave out, and how often they hold."""
+
+
+def short_intervals(method: str) -> list[str]:
+    """Return that the 95 % intervals of a method are too short, if they are."""
+    return [SHORT[method]] if method in SHORT else []
 
 
 def combination(entry: Combination) -> str:

@@ -40,7 +40,7 @@ class EquationTerm(Part):
 class LearnedEquation(Part):
     """The sum of ``terms``, in ``unit``, as ``text``; times the direction where ``by`` says so.
 
-    ``after``: rms over the noise in poses that no fit has seen, with it in the term's place.
+    ``after``: rms over the noise in poses left out of the fits, with it in the term's place.
     """
 
     text: Text = ""

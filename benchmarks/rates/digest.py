@@ -1,0 +1,44 @@
+"""What a study's figures rest on: a digest of the code that decides, whatever its comments say."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from pathlib import Path
+
+import ppmcal
+
+
+def engine_digest(packages: tuple[str, ...]) -> str:
+    """Return 12 hex digits that change with the code of the packages, not with words about it."""
+    root = Path(ppmcal.__file__).parent
+    total = hashlib.sha256()
+    for package in packages:
+        for path in sorted((root / package).rglob("*.py")):
+            total.update(path.relative_to(root).as_posix().encode())
+            total.update(code_of(path.read_text(encoding="utf-8")).encode())
+    return total.hexdigest()[:12]
+
+
+def code_of(source: str) -> str:
+    """Return a module's syntax tree as text, without docstrings, comments and layout."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            # strings that stand alone: docstrings, also below constants
+            node.body = [s for s in body if not (  # type: ignore[attr-defined]
+                isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant)
+                and isinstance(s.value.value, str))]
+    return unparsed(tree)
+
+
+def unparsed(tree: ast.AST) -> str:
+    """Return what `ast.dump` says, the same from Python 3.11 on (3.13 leaves empty lists out)."""
+    if not isinstance(tree, ast.AST):
+        if isinstance(tree, list):
+            return "[" + ",".join(unparsed(t) for t in tree) + "]"
+        return repr(tree)
+    fields = (f"{name}={unparsed(value)}" for name, value in ast.iter_fields(tree)
+              if value not in (None, []) and name != "type_params")
+    return f"{type(tree).__name__}({','.join(fields)})"

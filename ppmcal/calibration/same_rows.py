@@ -1,0 +1,116 @@
+"""Rows of two tables that say the same, within the digits that they are written with."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+
+from ppmcal.linalg import Array, Ints
+
+LOOKED_AT = 2000
+ROUND_OFF = 1e-9
+"""What units make of a number is exact to this part of a column's largest."""
+
+
+def step_of(values: Array) -> float:
+    """Return the largest step of which all differences of values (N,) are multiples, 0 for none.
+
+    >>> step_of(np.array([0.5, 0.75, 1.5]))
+    0.25
+    """
+    known = np.unique(values[np.isfinite(values)])
+    if known.size > LOOKED_AT:
+        known = known[np.unique(np.linspace(0, known.size - 1, LOOKED_AT).astype(int))]
+    noise = 1e-12 * float(np.abs(known).max(initial=0.0))
+    gaps = np.diff(known)
+    gaps = gaps[gaps > noise]
+    if not gaps.size:
+        return last_digit(float(known[0])) if known.size else math.inf
+    step = float(gaps.min())
+    while step > 100.0 * noise:
+        rest = np.abs(gaps - np.round(gaps / step) * step)
+        # a quotient carries the round-off of the step as often as it goes into the gap
+        left = rest[rest > np.minimum(noise * np.maximum(1.0, gaps / step), 0.02 * step)]
+        if not left.size:
+            return step
+        step = float(left.min())
+    return 0.0
+
+
+def last_digit(value: float) -> float:
+    """Return the place of a number's last digit, inf for 0, which may be any.
+
+    >>> last_digit(37.25), last_digit(1200.0)
+    (0.01, 100.0)
+    """
+    if value == 0.0:
+        return math.inf
+    return float(Decimal(1).scaleb(int(Decimal(repr(value)).normalize().as_tuple().exponent)))
+
+
+def tolerances(one: Array, two: Array, steps: tuple[Array, Array] | None = None) -> Array:
+    """Return how far a number of one table may be from the same number in the other (c,).
+
+    Half the step of the coarser one; 0 but for round-off where it is not told.
+
+    Args:
+        one: a table (N, c).
+        two: another (M, c) of the same columns.
+        steps: in which the columns of each are written (c,)  [default: as the numbers show].
+    """
+    if steps is None:
+        steps = (_steps(one), _steps(two))
+    both = np.concatenate([one, two])
+    size = np.abs(np.where(np.isfinite(both), both, 0.0)).max(axis=0, initial=0.0)
+    coarse = np.maximum(*(np.where(np.isfinite(s), s, 0.0) for s in steps))
+    return np.asarray(0.5 * coarse * (1.0 + 1e-6) + ROUND_OFF * np.maximum(size, 1e-300))
+
+
+def _steps(table: Array) -> Array:
+    """Return the steps of columns (c,), 0 where there is one number only: its digits tell none."""
+    return np.array([step_of(c) if np.ptp(c) > 0.0 else 0.0 for c in table.T])
+
+
+def partners(one: Array, two: Array, away: Array) -> tuple[Ints, Ints]:
+    """Return all pairs of rows that agree within ``away`` (c,): in ``one`` (P,), in ``two`` (P,).
+
+    Args:
+        one: a table (N, c) without nan.
+        two: another (M, c).
+        away: how far numbers of one column may be apart.
+    """
+    from scipy.spatial import cKDTree  # slow to import, asked of several files only
+
+    near: Any = cKDTree(one / away).query_ball_point(two / away, 1.0, p=np.inf)
+    count = np.array([len(n) for n in near], dtype=np.int64)
+    found = np.concatenate([np.zeros(0), *(np.asarray(n, dtype=float) for n in near)])
+    return found.astype(np.int64), np.repeat(np.arange(len(two)), count)
+
+
+def in_step(first: Ints, second: Ints, rows: int) -> Ints:
+    """Return the partner of each row of the second table (rows,), -1 for none, in rising order.
+
+    Of all ways to pair rows such that both tables go on, the one with most pairs (Hunt and
+    Szymanski, 1977).
+
+    >>> in_step(np.array([0, 2, 1, 2]), np.array([0, 1, 2, 3]), 5).tolist()
+    [0, -1, 1, 2, -1]
+    """
+    order = np.lexsort((-first, second))
+    ends, last = list[int](), list[int]()
+    before = np.full(order.size, -1)
+    for n, pair in enumerate(order.tolist()):
+        length = bisect_left(ends, int(first[pair]))
+        before[n] = last[length - 1] if length else -1
+        ends[length:length + 1] = [int(first[pair])]
+        last[length:length + 1] = [n]
+    out = np.full(rows, -1)
+    n = last[-1] if last else -1
+    while n >= 0:
+        out[second[order[n]]] = first[order[n]]
+        n = int(before[n])
+    return out

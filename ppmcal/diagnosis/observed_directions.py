@@ -1,0 +1,120 @@
+"""Which of the platform's motions an instrument sees, and how large tolerances make them.
+
+Touches of a flat say nothing of where along it the platform is, one mark nothing of turns about it.
+A term that moves the platform that way is no finding, however well its small part across explains
+what is left: commands would carry all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.calibration.tolerance_moves import as_pose, by_tolerances
+from ppmcal.diagnosis.linear_system import System, SystemPart
+from ppmcal.diagnosis.stage import WEAK_SURVIVAL
+from ppmcal.linalg import Array
+from ppmcal.model.effects import Shift
+
+HALF = 0.5
+"""A displacement has more than this part of its square in what is seen. Of an error that lies
+there, a term along a direction at an angle a to it corrects all and adds tan(a) of it across:
+beyond 45 deg the machine is worse off with the correction than without."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedMotion:
+    """What the rows of a system see of the platform's motion.
+
+    Attributes:
+        seen: projector on the directions that are seen, lengths and arcs (6, 6).
+        across: the platform's displacement with each joint (n, 6, k), by part of the system.
+        joints: of the platform's displacement with each joint (rms), the part that is seen (k,).
+        place_sigma: standard deviation of the pose by the tolerances (6,), m and rad.
+        joint_sigma: of each joint's coordinate, by what that displacement asks of it (k,).
+    """
+
+    seen: Array
+    across: tuple[Array, ...]
+    joints: Array
+    place_sigma: Array
+    joint_sigma: Array
+
+    def joint_seen(self, on: Sequence[bool]) -> bool:
+        """Whether an error of these joints shows: a joint moves the platform as its legs do."""
+        return bool((self.joints[np.array(on)] > WEAK_SURVIVAL).all())
+
+    def place_seen(self, coordinate: int) -> bool:
+        """Whether a displacement of the platform along a coordinate is mostly seen."""
+        return bool(self.seen[coordinate, coordinate] > HALF)
+
+    def grams(self, weights: Sequence[Array], on: Sequence[bool]) -> tuple[Array, Array]:
+        """Return inner products (K, K) of displacements by functions of joints, whole and seen.
+
+        ``weights``: the functions of the rows (n, K), or by joint (n, k, K), by part.
+        """
+        count = weights[0].shape[-1]
+        whole, seen = np.zeros((count, count)), np.zeros((count, count))
+        for across, weight in zip(self.across, weights, strict=True):
+            moved = np.zeros((*across.shape[:2], count))
+            for a in np.flatnonzero(on):    # those of others may be outside of its range
+                own = weight if weight.ndim == 2 else weight[:, a]
+                moved += across[..., a, None] * own[:, None]
+            whole += _gram(moved)
+            seen += _gram(self.seen @ moved)
+        return whole, seen
+
+
+def _gram(moved: Array) -> Array:
+    flat = moved.reshape(-1, moved.shape[-1])
+    return np.asarray(flat.T @ flat)
+
+
+def observed_motion(system: System) -> ObservedMotion:
+    """Return what rows see of the platform's motion; lengths and arcs at the platform's joints."""
+    mechanism = system.problem.mechanism
+    metric = np.array([1.0] * 3 + [mechanism.length_scale] * 3)
+    seen = _seen(system, metric)
+    displaced, asked, by_tolerance = [], [], []
+    for part in system.parts:
+        pose = as_pose(part.response)
+        joints = np.stack([pose.column(s) for s in joint_shifts(part)], axis=-1)
+        across = metric[:, None] * joints
+        displaced.append(across)
+        sigma = by_tolerances(pose, mechanism)
+        by_tolerance.append(np.sum(sigma**2, axis=2))
+        asked.append(np.sum((linalg.pinv(across) @ (metric[:, None] * sigma)) ** 2, axis=2))
+    whole = np.concatenate(displaced)
+    felt, size = (np.sum(m**2, axis=(0, 1)) for m in (seen @ whole, whole))
+    return ObservedMotion(
+        seen, tuple(displaced), np.sqrt(felt / np.maximum(size, 1e-300)),
+        *(np.sqrt(np.mean(np.concatenate(v), axis=0)) for v in (by_tolerance, asked)))
+
+
+def _seen(system: System, metric: Array) -> Array:
+    """Return the projector (6, 6) on the directions in which measured values look.
+
+    Each value looks along one, however exact it is. A direction that is met at
+    :data:`WEAK_SURVIVAL` of what the best one is, or less, is blind.
+    """
+    total = np.zeros((6, 6))
+    dof = np.isin(np.arange(6), system.problem.mechanism.dof)
+    for part in system.parts:
+        seen = part.response.seen
+        looks = np.where(dof, seen.by_poses[part.response.end] / metric, 0.0)[seen.observed]
+        length = np.linalg.norm(looks, axis=-1, keepdims=True)
+        looks = looks / np.where(length > 0.0, length, 1.0)
+        total += looks.T @ looks
+    w, v = linalg.eigh(total)
+    use = w > WEAK_SURVIVAL**2 * max(float(w[-1]), 1e-300)
+    return np.asarray(v[:, use] @ v[:, use].T)
+
+
+def joint_shifts(part: SystemPart) -> list[Shift]:
+    """Return the shifts of one unit of each joint coordinate, in the rows of a part."""
+    count = len(part.response.pose)
+    return [Shift({(i, "offset"): np.ones(count) for i, limb in enumerate(part.setting.limbs)
+                   if limb.actuator == a}) for a in range(part.setting.turning.size)]

@@ -1,0 +1,137 @@
+"""Which rows measure the same again: one commanded pose, and then one environment as well.
+
+A label says which rows are meant to be of one pose; the joints say which are. Rows of one pose
+differ by whatever acts on them (direction of approach, load, temperature), which is no noise:
+what repeats are to tell of the noise, rows of one pose *and* one environment tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ppmcal.linalg import Array, Ints
+from ppmcal.model.dataset import Dataset
+
+RESOLVED, TOUCHED = 1e-3, 1e-2
+"""Joints of one pose agree within this part of their range over the file; the second of touches of
+a flat, of which the joints hold the noise."""
+DIGITS = 1e-5
+"""Joints that hardly move in the whole file agree within this part of their largest value."""
+NOISES = 6.0
+"""Joints of one pose are within so many times the stated noise of the drives."""
+SAME, SAME_TEMPERATURE = 0.02, 0.05
+"""Repeats may differ in speed and load by this part of the largest, and by so many K."""
+NO_INFLUENCE = ("time",)
+"""Columns that repeats, and copies, need not share."""
+
+
+def commanded_poses(labels: Ints, q: Array, others: Sequence[Array | None], noise: Array,
+                    touched: bool) -> Ints:
+    """Return a label per commanded pose (N,), numbered in order of appearance.
+
+    Rows of one label whose joints differ by more than the controller resolves are of different
+    poses. Rows whose joints agree in every digit are of one pose, whatever their labels.
+
+    Args:
+        labels: as the file has them, numbered in order of appearance (N,).
+        q: joint values (N, k).
+        others: what else the machine was told, second joints or a commanded pose (N, m), or None.
+        noise: standard deviation of the joints (k,), unit of q.
+        touched: the rows are touches of a flat: joints are what was measured, so that equal ones
+            are not one pose for it.
+    """
+    told = np.concatenate([q, *(o for o in others if o is not None)], axis=1)
+    out = labels
+    if np.unique(labels).size < labels.size:
+        for column, sigma in zip(told.T, [*noise, *np.zeros(told.shape[1] - noise.size)],
+                                 strict=True):
+            out = _split(out, column, max(_resolved(column, touched), NOISES * float(sigma)))
+    if not touched:
+        out = _merged(out, identical_rows(told))
+    return out if np.array_equal(out, labels) else _in_order(out)
+
+
+def _resolved(column: Array, touched: bool) -> float:
+    """Return by how much joint values (N,) of one pose may differ."""
+    known = column[np.isfinite(column)]
+    if not known.size:
+        return np.inf
+    return max((TOUCHED if touched else RESOLVED) * float(np.ptp(known)),
+               DIGITS * float(np.abs(known).max()))
+
+
+def repeats(data: Dataset) -> Ints:
+    """Return a label per commanded pose and environment (N,): rows of one differ by noise alone.
+
+    The environment is the session, the direction of approach, velocities, loads and temperatures:
+    every recorded column but the time.
+    """
+    out = data.groups
+    if np.unique(out).size == out.size:
+        return out
+    keys = [c for n, c in sorted(data.columns.items()) if n not in NO_INFLUENCE]
+    warm = [n.startswith("temperature") for n in sorted(data.columns) if n not in NO_INFLUENCE]
+    ways = data.directions()
+    if ways is not None:
+        keys += list(ways.T)
+        warm += [False] * ways.shape[1]
+    if data.sessions is not None:
+        keys.append(np.unique(np.array(data.sessions), return_inverse=True)[1].astype(float))
+        warm.append(False)
+    for values, temperature in zip(keys, warm, strict=True):
+        largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
+        out = _split(out, values, SAME_TEMPERATURE if temperature else SAME * largest)
+    return out
+
+
+def _split(label: Ints, values: Array, step: float) -> Ints:
+    """Return labels (N,) that tell rows apart whose values (N,) are a step or more apart."""
+    known = np.isfinite(values)
+    low = np.full(int(label.max(initial=0)) + 1, np.inf)
+    np.minimum.at(low, label[known], values[known])
+    part = np.zeros(label.size, dtype=np.int64)
+    if 0.0 < step < np.inf:
+        part[known] = 1 + np.floor((values[known] - low[label[known]]) / step).astype(np.int64)
+    else:
+        part[known] = 1
+    mixed = label * (int(part.max(initial=0)) + 1) + part
+    return np.asarray(np.unique(mixed, return_inverse=True)[1], dtype=np.int64).reshape(-1)
+
+
+def _merged(label: Ints, same: Ints) -> Ints:
+    """Return labels (N,) that are one where ``same`` (N,) is, and so on from row to row."""
+    if np.unique(same).size == same.size:
+        return label
+    out = label
+    while True:
+        by_same = np.full(same.size, out.size)
+        np.minimum.at(by_same, same, out)
+        by_label = np.full(int(out.max()) + 1, out.size)
+        np.minimum.at(by_label, out, by_same[same])
+        new = by_label[out]
+        if np.array_equal(new, out):
+            return out
+        out = new
+
+
+def _in_order(label: Ints) -> Ints:
+    """Return labels (N,) numbered in order of appearance."""
+    _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
+    return np.asarray(np.argsort(np.argsort(first))[inverse.reshape(-1)], dtype=np.int64)
+
+
+def identical_rows(rows: Array) -> Ints:
+    """Return the index of the first row that each row (N, c) is equal to, bit by bit (N,).
+
+    nan is equal to nan.
+    """
+    bits = np.ascontiguousarray(np.where(np.isnan(rows), np.nan, rows) + 0.0).view(np.uint64)
+    odd = np.random.default_rng(1).integers(1, 2**63, bits.shape[1], dtype=np.uint64) | np.uint64(1)
+    mixed = (bits ^ (bits >> np.uint64(29))) * odd
+    _, first, label = np.unique((mixed ^ (mixed >> np.uint64(32))).sum(axis=1),
+                                return_index=True, return_inverse=True)
+    found = first[label.reshape(-1)]
+    # a row that only shares the sum with another stands for itself
+    return np.where(np.all(bits[found] == bits, axis=1), found, np.arange(len(rows)))

@@ -1,0 +1,45 @@
+"""Rows that do not show a backlash, against rows whose directions are written the other way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from controllers.test_printer_import import MEANT, REAL, config, down, written
+from helpers.commands import ppmcal
+
+from ppmcal.api.import_ import import_config
+from ppmcal.controllers.printer_files import files
+
+BACKLASH = 0.034
+QUIET = slice(80, 110)
+"""Rows in which the backlash is another."""
+
+
+def bed(folder: Path, there: float) -> None:
+    """A bed of 11 by 11 touches, to and fro, with ``there`` times the backlash in some rows."""
+    rng = np.random.default_rng(3)
+    side = np.linspace(-80.0, 80.0, 11)
+    x, y = np.meshgrid(side, side)
+    x[1::2] = x[1::2, ::-1]
+    way = np.repeat(np.where(np.arange(11) % 2, -1.0, 1.0), 11)
+    size = np.full(way.size, BACKLASH)
+    size[QUIET] *= there
+    point = np.column_stack([x.ravel(), y.ravel(), rng.normal(0.0, 0.012, way.size)])
+    rows = np.column_stack([np.zeros(way.size), down(REAL, point) + (way * size)[:, None], way])
+    folder.mkdir()
+    texts = files(import_config("klipper", written(folder, config(MEANT))).printer, "fixed")
+    (folder / "machine.yaml").write_text(texts["machine.yaml"])
+    np.savetxt(folder / "bed.csv", rows, delimiter=",", comments="", fmt="%.6f",
+               header="height,q_a,q_b,q_c,dir_x")
+    (folder / "bed.yaml").write_text(texts["heights.yaml"].replace(
+        "frame: known", "frame: unknown"))
+
+
+@pytest.mark.parametrize(("there", "refused"), [(0.0, False), (-1.0, True)])
+def test_a_backlash_that_is_gone_in_some_rows_is_no_misreading(tmp_path: Path, there: float,
+                                                              refused: bool) -> None:
+    bed(tmp_path / "b", there)
+    run = ppmcal("diagnose", "machine.yaml", "bed.csv", cwd=tmp_path / "b")
+    assert ("has the other sign" in " ".join(run.err.split())) == refused, run.err

@@ -1,0 +1,267 @@
+"""What the held-out rows say of two models, whichever of them misses a row."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.diagnoses import DATA, simulate
+
+from ppmcal.calibration.fit import OUTLIER, Fit, FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.validation import fresh_state
+from ppmcal.diagnosis import other_models
+from ppmcal.diagnosis.held_out_blocks import block_gaps
+from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, gap_of, measure_gap
+from ppmcal.diagnosis.next_experiment import WIDER, possible_rows
+from ppmcal.diagnosis.stage import run_stage
+from ppmcal.io import read_campaign, read_mechanism
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.tables import forward_table
+from ppmcal.linalg import Array
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.effects import effect_kinds
+from ppmcal.model.mechanism import Given, with_effect
+
+
+def made(errors: Array, variance: float = 0.0) -> HeldOutErrors:
+    """Return white errors (poses, rows, values) as held-out errors."""
+    poses, rows, values = errors.shape
+    return HeldOutErrors(np.sum(errors**2, axis=2).reshape(-1), np.full(poses * rows, variance),
+                         np.full(poses * rows, float(values)), np.repeat(np.arange(poses), rows))
+
+
+def gap(before: Array, after: Array, noise: float = 1.0, variance: float = 0.0) -> Gap:
+    return gap_of(made(before, variance), made(after, variance), noise, 3)
+
+
+def errors(seed: int, excess: float, poses: int = 60, noise: float = 1.0) -> Array:
+    rng = np.random.default_rng(seed)
+    return np.asarray(noise * rng.normal(size=(poses, 4, 3))
+                      + excess * rng.choice([-1.0, 1.0], size=(poses, 4, 3)))
+
+
+def rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@pytest.mark.parametrize("noise", [1.0, 1.7])
+def test_gap_closed(noise: float) -> None:
+    found = gap(errors(1, 3.0 * noise, noise=noise), errors(2, 1.5 * noise, noise=noise), noise)
+    assert found.before == pytest.approx(np.sqrt(10.0), rel=0.05)
+    assert found.after == pytest.approx(np.sqrt(1.0 + 1.5**2), rel=0.05)
+    assert found.closed == pytest.approx(0.5, abs=0.06)
+    assert found.interval is not None
+    assert found.interval[0] < 0.5 < found.interval[1]
+    assert found.interval[0] <= found.closed <= found.interval[1]
+    assert found.confirmed
+    assert found.poses == 60
+
+
+def test_gap_all_closed_and_none() -> None:
+    found = gap(errors(1, 3.0), errors(2, 0.0))
+    assert found.closed is not None
+    assert found.closed > 0.9
+    assert found.confirmed
+    same = gap(errors(1, 3.0), errors(1, 3.0))
+    assert same.closed == pytest.approx(0.0, abs=1e-12)
+    assert not same.confirmed
+
+
+def test_gap_where_nothing_exceeds_the_noise() -> None:
+    quiet = 0.9 * errors(1, 0.0)
+    found = gap(quiet, quiet)
+    assert found.closed is None
+    assert found.interval is None
+    assert not found.confirmed
+
+
+def test_gap_allows_for_the_parameters_own_variance() -> None:
+    """Three values a row: a variance of 3 in a row is one noise square in each value."""
+    found = gap(errors(1, 3.0), errors(2, 1.0), variance=3.0)
+    assert found.closed is not None
+    assert found.closed > 0.85
+
+
+def test_gap_that_grows_is_not_closed() -> None:
+    found = gap(errors(1, 1.0), errors(2, 3.0))
+    assert found.closed is not None
+    assert found.closed < 0.0
+    assert not found.confirmed
+    assert found.worse
+
+
+@pytest.mark.parametrize(("poses", "size"), [(4, 8.0), (8, 10.0), (1, 40.0), (20, 6.0)])
+def test_rows_that_the_model_under_test_misses_count(poses: int, size: float) -> None:
+    """Failures at a few poses are failures, however far off and however good it is elsewhere."""
+    before = 1.16 * errors(1, 0.0)
+    after = errors(1, 0.0)
+    after[:poses] += size
+    found = gap(before, after)
+    assert found.before == pytest.approx(rms(before), rel=0.02)
+    assert found.after == pytest.approx(rms(after), rel=0.02)
+    assert found.worse
+    assert not found.confirmed
+
+
+def test_rows_that_only_the_old_model_misses_count() -> None:
+    """What the effect explains at a few poses is what it is there for."""
+    before, after = errors(1, 0.0), errors(1, 0.0)
+    before[:8] += 10.0
+    found = gap(before, after)
+    assert found.before == pytest.approx(rms(before), rel=0.02)
+    assert found.after == pytest.approx(rms(after), rel=0.02)
+    assert found.confirmed
+
+
+@pytest.mark.parametrize("size", [10.0, 50.0, 5e3])
+@pytest.mark.parametrize("share", [3, 24])
+def test_gross_errors_decide_nothing(size: float, share: int) -> None:
+    """What both models miss by far is no reason to prefer one of them, nor hides the others."""
+    rng = np.random.default_rng(7)
+    before, after = errors(1, 1.0), errors(2, 0.0)
+    clean = gap(before, after)
+    gross = rng.choice([-size, size], size=(share, 1, 3))
+    for e in (before, after):
+        e[5:5 + share, :1] += gross
+    found = gap(before, after)
+    assert found.confirmed
+    assert not found.worse
+    assert found.before == pytest.approx(clean.before, rel=0.1)
+    assert found.after == pytest.approx(clean.after, rel=0.1)
+    # and of two models that are as good as each other neither is better
+    same = gap(after, after[:, ::-1][:, [3, 1, 2, 0]])
+    assert not same.confirmed
+    assert not same.worse
+
+
+def test_failures_count_where_both_models_miss() -> None:
+    """A row that the old model misses too is no reason to forgive the new one."""
+    before, after = errors(1, 0.0), errors(1, 0.0)
+    before[:8] += 4.0
+    after[:8] += 10.0
+    found = gap(before, after)
+    assert found.worse
+    assert not found.confirmed
+    assert found.after**2 - found.before**2 > 3.0
+
+
+def test_both_models_are_treated_alike() -> None:
+    """With the two exchanged, what was before is after, to the last digit."""
+    rng = np.random.default_rng(3)
+    a, b = errors(1, 1.0) * rng.standard_t(2.0, (60, 4, 1)), errors(2, 2.0)
+    one, other = gap(a, b), gap(b, a)
+    assert (one.before, one.after) == (other.after, other.before)
+
+
+def test_a_row_that_the_new_model_is_unsure_of_counts() -> None:
+    """A candidate cannot rid itself of rows by knowing little of them, nor excuse others so."""
+    before, after = made(errors(1, 0.0)), made(errors(1, 0.0))
+    after.square[:16] += 900.0
+    after.variance[:16] = 1e6
+    found = gap_of(before, after, 1.0, 3)
+    assert found.after > 2.0
+    assert found.worse
+
+
+# --- the rows of fits -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Fit, tuple[Dataset, ...]]:
+    """Return a fit of most of a small campaign, and the rest of its rows."""
+    folder = tmp_path_factory.mktemp("held")
+    simulate(folder, "3-RPR", [], count=40, approach="one")
+    mechanism = read_mechanism(folder / "m.yaml")
+    (data,) = read_campaign([folder / DATA], mechanism)
+    part = np.arange(len(data)) % 4 > 0
+    fit = identify(Problem(mechanism, (data.take(part),), mechanism.free))
+    return fit, (data.take(~part),)
+
+
+def missing(fit: Fit, rows: list[int]) -> Fit:
+    """Return a fit that misses some rows, by its geometry, and has left them out for that."""
+    keep = fit.keep[0].copy()
+    keep[rows] = False
+    return replace(fit, keep=(keep,), reasons=(dict.fromkeys(rows, f"{OUTLIER}: far away"),))
+
+
+def test_blocks_hold_the_rows_that_the_new_fit_left_out(
+        fitted: tuple[Fit, tuple[Dataset, ...]]) -> None:
+    fit, _ = fitted
+    poses = np.unique(fit.problem.datasets[0].groups).size
+    for pair in ((fit, missing(fit, [3, 8, 13])), (missing(fit, [3, 8, 13]), fit)):
+        for block in block_gaps(*pair, 1.0, 0):
+            assert block.gap.poses == poses
+
+
+def test_a_machine_without_a_pose_at_held_out_rows_is_worse(
+        fitted: tuple[Fit, tuple[Dataset, ...]]) -> None:
+    """A row that the candidate cannot even reach is no row less to be judged by."""
+    fit, held = fitted
+    same = measure_gap(fit, fit, held, 1.0, 0)
+    assert same is not None and not same.worse and same.before == same.after
+    # legs so much shorter that the lowest poses have none
+    g = fit.state.g.copy()
+    names = fit.problem.mechanism.names
+    lengths = [i for i, n in enumerate(names) if n.endswith(".offset")]
+    g[lengths] -= 0.05
+    short = replace(fit, state=replace(fit.state, g=g))
+    reached = fresh_state(replace(fit.problem, datasets=held), short.state).poses[0]
+    assert 0 < np.isfinite(reached).all(axis=1).sum() < len(reached)
+    gap = measure_gap(fit, short, held, 1.0, 0)
+    assert gap is not None and gap.worse and not gap.confirmed
+
+
+# --- what is written for others to use ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("expansion", "told"), [(12e-6, True), (55e-6, False)])
+def test_a_rival_that_no_machine_is_is_not_written(
+        fitted: tuple[Fit, tuple[Dataset, ...]], monkeypatch: pytest.MonkeyPatch,
+        expansion: float, told: bool) -> None:
+    """An expansion beyond that of any material: `compensate` could not even read the file."""
+    fit, _ = fitted
+    machine = with_effect(fit.problem.mechanism, effect_kinds()["leg_thermal"], (True,) * 3,
+                          {"expansion": Given(expansion, free=True)})
+    ended = replace(fit, problem=replace(fit.problem, mechanism=machine, free=machine.free),
+                    state=replace(fit.state, g=np.append(fit.state.g, [expansion, 0.0])))
+    assert len(ended.state.g) == len(machine.parameters)
+    search = SimpleNamespace(hypotheses=[SimpleNamespace(anonymous=False)])
+    rival: Any = SimpleNamespace(search=search, chosen=(0,), effect="leg_thermal", instead="gain",
+                                 odds=2.0, labels=("leg_thermal",))
+    monkeypatch.setattr(other_models, "effect_sets", lambda stage, rivals: [rival])
+    monkeypatch.setattr(other_models, "with_named", lambda m, search, named: (machine, ()))
+    monkeypatch.setattr(other_models, "with_mechanism", lambda whole, m, options: ended)
+    nothing: Any = None
+    found = other_models.other_models(fit, nothing, {}, FitOptions())
+    assert [r.effect for r in found] == (["leg_thermal", ""] if told else [""])
+
+
+def test_what_to_measure_next_is_where_the_machine_was_seen(
+        fitted: tuple[Fit, tuple[Dataset, ...]]) -> None:
+    """Within the measured range of coordinates and joints, and away from dead points."""
+    fit, _ = fitted
+    problem = fit.problem
+    stage = run_stage(fit.problem, fit.state, fit.keep, 1, ("gain",), 50)
+    rows = possible_rows(stage, np.random.default_rng(1), 0.0)
+    assert rows is not None and len(rows) > 50
+    q = np.concatenate([d.q for d in problem.datasets])
+    assert (rows.q >= q.min(axis=0) - 1e-9).all() and (rows.q <= q.max(axis=0) + 1e-9).all()
+    bare = Model(fit.problem.mechanism, fit.state.g)
+
+    def stiffness(joints: Array) -> Array:
+        return forward_table(bare, joints).singular_value
+
+    measured = stiffness(q)
+    assert stiffness(rows.q).min() >= 0.99 * np.nanmin(measured)
+    wide = possible_rows(stage, np.random.default_rng(1))
+    assert wide is not None
+    assert stiffness(wide.q).min() >= 0.99 * (1.0 - WIDER) * np.nanmin(measured)
+    for data in (rows, wide):
+        time = data.columns.get("time")
+        assert time is None or time.max() <= problem.datasets[0].columns["time"].max()
