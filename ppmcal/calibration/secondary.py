@@ -11,6 +11,7 @@ import numpy as np
 from ppmcal.errors import PpmcalError
 
 T = TypeVar("T")
+S = TypeVar("S")
 log = logging.getLogger(__package__)
 NOTE = "left out: "
 """How a note begins."""
@@ -18,7 +19,7 @@ FAILURES = (PpmcalError, ArithmeticError, np.linalg.LinAlgError)
 """What data can make of an analysis; anything else is a fault of the program."""
 
 
-def secondary(what: str, make: Callable[[], T], instead: T, notes: list[str]) -> T:
+def secondary(what: str, make: Callable[[], T], instead: S, notes: list[str]) -> T | S:
     """Return what an analysis beside a result gives; where it fails, ``instead``, and note it.
 
     Args:
