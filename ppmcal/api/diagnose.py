@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar
 
-from ppmcal.api.identify import left_over, with_unit_findings
+from ppmcal.api.identify import (
+    FREEDOMS,
+    MISSING,
+    PATTERN,
+    TOLERATED,
+    left_over,
+    with_unit_findings,
+)
 from ppmcal.api.inputs import (
     Machine,
     Measurements,
@@ -25,6 +32,7 @@ from ppmcal.calibration.misread import Misread, misreading_sentence
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.read_rightly import refuse_before_fit
+from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.sessions import one_session, session_masks
 from ppmcal.calibration.summary import Identification
 from ppmcal.calibration.tolerated_noise import noise_beyond_tolerances
@@ -144,8 +152,10 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
     with with_unit_findings(machine, datasets) as units:
         begin("comparing the measurements with the nominal machine")
         refuse_before_fit(problem, every_column=True)
-        problem, choice = with_chosen_freedoms(problem, FitOptions(),
-                                               [d.estimated for d in datasets])
+        extra = list[str]()
+        problem, choice = secondary(
+            FREEDOMS, partial(with_chosen_freedoms, problem, FitOptions(),
+                              [d.estimated for d in datasets]), (problem, None), extra)
         found, told = diagnose_with_own_noise(problem, DiagnosisOptions(
             0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
             by_session=bool(leave_out)))
@@ -153,10 +163,11 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         note(line)
     begin("judging the campaign")
     fit = found.identification.fit
-    campaign = weak_campaign(fit, seed)
-    asked = [*left_over(found.before, seed),
-             *noise_beyond_tolerances(fit, [d.estimated for d in datasets])]
-    found = replace(found, findings=(*units, *asked, *found.findings),
+    campaign = secondary(MISSING, lambda: weak_campaign(fit, seed), None, extra)
+    asked = [*secondary(PATTERN, partial(left_over, found.before, seed), [], extra),
+             *secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
+                 fit, [d.estimated for d in datasets])), [], extra)]
+    found = replace(found, findings=(*units, *asked, *found.findings, *extra),
                     identification=replace(found.identification, campaign=campaign))
     found = replace(found, proposal=with_poses(found.proposal, campaign))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)

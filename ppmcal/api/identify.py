@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.read_rightly import refuse_after_fit, refuse_before_fit
 from ppmcal.calibration.registration_freedoms import hint_sentences, registration_hints
+from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.summary import Identification, report
 from ppmcal.calibration.tolerated_noise import noise_beyond_tolerances
 from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
@@ -49,6 +51,11 @@ from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import begin, heard, silent
+
+FREEDOMS, MISSING, PATTERN, TOLERATED = (
+    "whether some parameters should be one", "which poses are missing",
+    "whether residuals have a pattern", "whether the tolerances are kept")
+"""What is told beside a fit."""
 
 
 @recorded
@@ -111,7 +118,10 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         begin("comparing the measurements with the nominal machine")
         refuse_before_fit(problem)
         begin("choosing what to fit")
-        problem, choice = with_chosen_freedoms(problem, options, _estimated(problem, sigma))
+        extra = list[str]()
+        problem, choice = secondary(
+            FREEDOMS, partial(with_chosen_freedoms, problem, options, _estimated(problem, sigma)),
+            (problem, None), extra)
         begin("fitting")
         fit, odd, told = _fit(problem, options, sigma)
         begin("looking for wrong rows")
@@ -121,19 +131,23 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         if chosen == "prior":
             refuse_other_machine(found.fit)
     begin("judging the campaign")
-    campaign = weak_campaign(found.fit, seed)
+    campaign = secondary(MISSING, lambda: weak_campaign(found.fit, seed), None, extra)
     # what an earlier calibration knew may be all that so few poses lack
     asked = [] if before is not None or not problem.free else list(too_few(fit))
     if chosen == "prior":
-        asked += hint_sentences(found.fit, registration_hints(found.fit))
-    asked += left_over(fit, seed)
+        asked += secondary("what else the registration might fit",
+                           lambda: hint_sentences(found.fit, registration_hints(found.fit)), [],
+                           extra)
+    asked += secondary(PATTERN, lambda: left_over(fit, seed), [], extra)
     if before is not None:
-        notes += odd + carried_on(fit, before, options)
-    asked += noise_beyond_tolerances(fit, _estimated(problem, sigma))
+        notes += odd + secondary("how far the machine has changed",
+                                 lambda: carried_on(fit, before, options), [], extra)
+    asked += secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
+        fit, _estimated(problem, sigma))), [], extra)
     told += [*scale_sentences(found), *([choice_sentence(choice)] if choice else [])]
-    found = replace(found, findings=(*notes, *units, *asked, *found.findings), earlier=before,
-                    campaign=campaign)
-    return IdentificationResult(source, tuple(found.findings), found, chosen, tuple(told),
+    whole = replace(found, findings=(*notes, *units, *asked, *found.findings, *extra),
+                    earlier=before, campaign=campaign)
+    return IdentificationResult(source, tuple(whole.findings), whole, chosen, tuple(told),
                                 choice)
 
 

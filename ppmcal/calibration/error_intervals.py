@@ -6,6 +6,8 @@ registration to the same rows took of the errors is given back by its degrees of
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.special import bdtr, ndtr, stdtrit
 
@@ -15,6 +17,8 @@ SURE = 0.95
 FEWEST = 3
 """Poses below which no interval is told."""
 DRAWS = 2000
+AT_ONCE = 1_000_000
+"""Drawn poses that are held at once: draws of more are made anew for each machine."""
 LONGEST = 10.0
 """Of the logarithm: an interval that reaches farther tells nothing, and is none."""
 
@@ -70,15 +74,22 @@ class RmsDraws:
     """Draws of poses with replacement, the same for all machines that are held side by side."""
 
     def __init__(self, groups: Ints, seed: int) -> None:
-        """Draw the poses of rows (R,)."""
-        self.groups = groups
+        """Draw from the poses of rows (R,)."""
+        self.groups, self.seed = groups, seed
         self.poses = np.unique(groups).size
-        self._drawn = np.random.default_rng(seed).integers(self.poses, size=(DRAWS, self.poses))
+
+    def _blocks(self) -> Iterator[Ints]:
+        """Yield the poses of some draws (d, G), each time the same; never many at once."""
+        rng = np.random.default_rng(self.seed)
+        size = max(1, AT_ONCE // self.poses)
+        for begin in range(0, DRAWS, size):
+            yield rng.integers(self.poses, size=(min(size, DRAWS - begin), self.poses))
 
     def rms(self, squares: Array) -> Array:
         """Return the rms of squared errors (R,) in every draw (D,)."""
         sums, counts = _by_pose(squares, self.groups)
-        return np.asarray(np.sqrt(sums[self._drawn].sum(axis=1) / counts[self._drawn].sum(axis=1)))
+        return np.concatenate([np.sqrt(sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1))
+                               for drawn in self._blocks()])
 
     def interval(self, values: Array) -> tuple[float, float]:
         """Return the 95 % interval of draws (D,), widened as few poses scatter less than they are.

@@ -196,13 +196,14 @@ def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior:
     steep wall at second order; one straight step runs into the wall, the next one off it.
 
     The noise of joints is carried over to what is measured by the geometry, and moves with it:
-    chi-squared falls where that makes it larger, which no step goes for. So at the end, less than
-    the noise from it, a step may raise it; there it counts that hardly a step is left.
+    chi-squared falls where that makes it larger, which no step goes for, and steps may end where
+    it is not least. So there a step may raise it that leaves hardly another one to take.
     """
     if not solved(trial, keep):
         return None
     there = linearised(problem, trial, keep, prior, weights, now.reduced is None)
-    if now.promise < now.scatter and there.promise < SETTLING * now.promise:
+    by_joints = any(np.any(d.sigma_actuator > 0.0) for d in problem.datasets)
+    if by_joints and there.promise < SETTLING * now.promise:
         return trial
     trial = problem.moved(trial, there.small.step()[0])
     return trial if cost(problem, trial, keep, prior, weights) < before else None

@@ -29,10 +29,12 @@ from ppmcal.calibration.observation import coordinates, shown
 from ppmcal.calibration.outlier_rejection import left_out_by_files, without_outliers
 from ppmcal.calibration.outliers import huber_weights
 from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.registration_starts import loss, opened_in_turn
 from ppmcal.calibration.regularization import damped, gcv_scale
 from ppmcal.calibration.unsolved_rows import NO_POSE, with_unsolved
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import stage
 
 MANY_ROWS, FEW_ROWS = 8000, 3000
@@ -48,6 +50,9 @@ def identify(problem: Problem, options: FitOptions | None = None, start: State |
              near: bool = False, at_minimum: bool = False) -> Fit:
     """Fit the free parameters and open frames to the data.
 
+    Where no start is given and the fit does not come to its minimum, or fits no geometry, another
+    start of the frames is tried, and the better fit returned.
+
     Args:
         problem: machine, data and free parameters.
         options: method and its settings.
@@ -60,8 +65,33 @@ def identify(problem: Problem, options: FitOptions | None = None, start: State |
         [PPM] did not converge.
     """
     options = options or FitOptions()
+    if start is not None or options.method == "damped":
+        return _fitted(problem, options, start or problem.start(), near, at_minimum)
+    state = problem.start()
+    fit = _fitted(problem, options, state, near, at_minimum)
+    if problem.free and fit.converged:
+        return fit
+    registrations = _stepwise(problem, state, options.robust)
+    if registrations is None:
+        return fit
+    state = problem.solve(replace(state, registrations=registrations))
+    other = _fitted(problem, options, state, near, at_minimum)
+    return min((fit, other), key=lambda f: loss(f, options.robust))
+
+
+def _stepwise(problem: Problem, state: State, robust: bool) -> tuple[Registration, ...] | None:
+    """Return another start for frames and targets, found with one thing open after another."""
+    keep = _usable(problem, state)[0]
+    if sum(int(k.sum()) for k in keep) > MANY_ROWS:
+        problem, state = _thinned(problem, state, keep)
+        keep = _usable(problem, state)[0]
+    return opened_in_turn(problem, state, keep, robust)
+
+
+def _fitted(problem: Problem, options: FitOptions, state: State, near: bool, at_minimum: bool
+            ) -> Fit:
+    """Fit from one start; arguments and errors as :func:`identify`."""
     prior = prior_weights(problem, options.method)
-    state = start or problem.start()
     keep, reasons = _usable(problem, state)
     _enough(problem, keep)
     suspects = [np.zeros_like(k) for k in keep]

@@ -52,18 +52,15 @@ from ppmcal.calibration.rank import (
     unidentifiable,
     whole_rank,
 )
+from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.session_validation import sessions_left_out
 from ppmcal.calibration.validation import Residuals, held_out, on_other, residuals
-from ppmcal.errors import LinearAlgebraError
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.wording import counted
-
-BEYOND = 1e3
-"""Residuals so many times the stated noise: it is the noise that is wrong."""
 
 
 @dataclass(frozen=True)
@@ -166,42 +163,58 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     Raises:
         BadInput, NoResult: as :func:`ppmcal.calibration.session_validation.sessions_left_out`.
     """
-    noise = noise_check(fit)
+    noise, notes = noise_check(fit), list[str]()
     inflation = noise.inflation
     rank, total, redundant = rank_of(fit)
-    wrong = find_gross_errors(fit), tuple(flats(fit))
+    raw = fit
+    wrong = (secondary("what left-out rows would change", lambda: find_gross_errors(raw),
+                       GrossErrors((), {}, (), ()), notes),
+             secondary("the shape of the flat", lambda: tuple(flats(raw)), (), notes))
     fit = with_noise(fit, inflation, options)
     noise = against_tolerances(noise, fit)
-    try:
-        sessions, blocks = honest(fit, inflation)
-    except LinearAlgebraError as error:
-        if noise.sigma_ratio < BEYOND:
-            raise
-        raise LinearAlgebraError(
-            f"the intervals could not be had: the residuals are {noise.sigma_ratio:.3g} times the "
-            "stated noise", mend="State the sigma that the instrument has") from error
+    sessions, blocks = secondary("how far sessions, or stretches of rows, differ",
+                                 lambda: honest(fit, inflation), (None, None), notes)
     wider = sessions or blocks
     found = estimates(fit, rank, wider, by_noise(fit, options))
     mechanism = replace(with_estimates(fit, found), measured=measured_by(fit, noise))
     was = before(fit.problem, fit.keep)
     stood = {**registered(fit.problem, fit.state), **was.registrations}
-    if leave_out:
-        held, note = sessions_left_out(fit.problem, options, fit.keep, inflation)
-    elif other:
-        held, note = on_other(fit, other)
-    else:
-        held, note = held_out(fit, options, holdout, seed, inflation) if holdout > 0 else (
-            {}, "nothing held out")
-    after, out = residuals(fit.problem, fit.state), left_out(fit)
+    held, note = _held(fit, options, holdout, seed, other, leave_out, inflation, notes)
+    after = residuals(fit.problem, fit.state)
+    out = secondary("what left-out rows have in common", lambda: left_out(fit),
+                    LeftOut(0, 0, False, "", 0.0, 1.0), notes)
     index = observability(rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep))
+    told = _findings(fit, noise, inflation, found, out, wider)
+    open_ = secondary("what the data leave open", lambda: identifiability(fit),
+                      Identifiability(None, ()), notes)
+    sets = secondary("what the data see only together",
+                     lambda: unidentifiable(rank, fit.problem.columns), (), notes)
+    doubtful = secondary("where the machine may be another",
+                         lambda: doubtful_stretches(fit, after, out), (), notes)
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         wider.covariance if wider and wider.differ else prediction_covariance(fit), inflation,
-        was.residuals, stood, after, held, note,
-        (*_findings(fit, noise, inflation, found, out, wider), *unchecked(fit, total)),
-        identifiability(fit), wrong[0], unidentifiable(rank, fit.problem.columns), wrong[1],
-        _unexplained(after.figures(fit.keep), noise), doubtful=doubtful_stretches(fit, after, out),
-        sessions=sessions, blocks=blocks)
+        was.residuals, stood, after, held, note, (*told, *unchecked(fit, total), *notes),
+        open_, wrong[0], sets, wrong[1], _unexplained(after.figures(fit.keep), noise),
+        doubtful=doubtful, sessions=sessions, blocks=blocks)
+
+
+def _held(fit: Fit, options: FitOptions, holdout: float, seed: int, other: Sequence[Dataset],
+          leave_out: str, inflation: float, notes: list[str]
+          ) -> tuple[Mapping[str, Mapping[str, float]], str]:
+    """Return the figures on rows that a fit had not seen, and how they were had.
+
+    What was asked for by name is no extra: where it fails, so does the command.
+    """
+    if leave_out:
+        return sessions_left_out(fit.problem, options, fit.keep, inflation)
+    if other:
+        return on_other(fit, other)
+    if holdout <= 0.0:
+        return {}, "nothing held out"
+    return secondary("the prediction of held-out poses",
+                     lambda: held_out(fit, options, holdout, seed, inflation),
+                     ({}, "no fit without the held-out poses"), notes)
 
 
 def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict[str, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.read_rightly import refuse_after_fit
+from ppmcal.calibration.secondary import NOTE, secondary
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.calibration.summary import report
 from ppmcal.diagnosis import result_tables as tables
@@ -34,6 +36,7 @@ from ppmcal.diagnosis.imitation import imitated, left_over
 from ppmcal.diagnosis.inverted_directions import inverted_directions
 from ppmcal.diagnosis.learned_terms import learned_terms, with_terms
 from ppmcal.diagnosis.localization import Place, localise
+from ppmcal.diagnosis.next_experiment import nothing
 from ppmcal.diagnosis.onsets import refined, with_onsets
 from ppmcal.diagnosis.other_days import other_days, worse_days
 from ppmcal.diagnosis.other_models import other_models
@@ -117,7 +120,10 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
     if out.follows and not (out.of_travel and left.p_value < LEVEL):
         left = replace(left, follows=f"rows that {out.follows}", p_value=min(
             out.p_value, left.p_value))
-    blocks = block_gaps(whole, final, _noise(found), options.seed) if final and effects else ()
+    beside = list[str]()
+    blocks = secondary("the gap on stretches of rows", partial(
+        block_gaps, whole, final, _noise(found), options.seed), (), beside) if (
+            final and effects) else ()
     if options.by_session:
         gap = next((b.gap for b in blocks if b.by == SESSION), None)
     verdict = decide(found, left, start, effects, out, blocks,
@@ -125,19 +131,21 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
     told = findings(whole, final or whole, left, effects, gap, out,
                     not_predicted(blocks, left, start))
     if final is not None:
-        effects, apart = with_sessions(final, effects)
+        effects, apart = secondary("the size of effects in each session",
+                                   partial(with_sessions, final, effects), (effects, []), beside)
         told += apart
     if odd is not None:
         told.append(implausible_words(found, odd))
     named = verdict in NAMED
     if final is None or not named:
         final = whole
-    days = _days(final, options)
+    days = secondary("the prediction of each session", partial(_days, final, options), (), beside)
     told += worse_days(days)
     terms = None
     if verdict in LEARNED_AFTER:
         begin("learning what is left")
-        terms = _terms(found, final, held, named, wanders, options)
+        terms = secondary("what is left, learned", partial(
+            _terms, found, final, held, named, wanders, options), None, beside)
     reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed)
     refuse_other_machine(reported.fit)
     far = "" if named else far_from_nominal(reported.estimates)
@@ -145,16 +153,23 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
         told.append(far)
         # a geometry that nobody has built absorbs whatever is wrong
         verdict = "unnamed" if verdict == "none" else verdict
+    beside += [f for f in reported.findings if f.startswith(NOTE)]
+    readings = secondary("the machine under each other reading", partial(
+        _others, whole, found, others, terms, options), (), beside) if (
+            named or verdict == "weak") else ()
+    places = secondary("where residuals are", partial(_places, found, named, options.seed), (),
+                       beside)
+    joints = len(whole.problem.mechanism.actuators)
+    proposed = secondary("which measurements come next", partial(
+        next_step, found.last, others, verdict, options.seed, gap),
+        nothing("these measurements do not tell what to measure next", joints), beside)
     return Diagnosis(
         verdict, _over_all(found, effects) if named else (),
-        tables.possible(found, effects, verdict, lasting.lost), left, start, gap,
-        _places(found, named, options.seed),
+        tables.possible(found, effects, verdict, lasting.lost), left, start, gap, places,
         tables.candidates(found, effects if named else (), lasting.lost),
         _untestable(found), tables.swallowed(whole, final),
-        reported.fit if final is whole and not terms else whole, reported, found,
-        next_step(found.last, others, verdict, options.seed, gap),
-        tuple(told), blocks, _others(whole, found, others, terms, options) if named or (
-            verdict == "weak") else (), terms, days)
+        reported.fit if final is whole and not terms else whole, reported, found, proposed,
+        (*told, *beside), blocks, readings, terms, days)
 
 
 def _days(final: Fit, options: DiagnosisOptions) -> tuple[Validated, ...]:

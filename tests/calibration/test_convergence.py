@@ -13,6 +13,7 @@ from ppmcal.calibration.fit import Fit, FitOptions, posterior
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import normal_step, parameter_scale
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.registration_starts import loss
 from ppmcal.io import read_mechanism, read_scenario
 
 
@@ -48,3 +49,26 @@ def test_noise_of_joints_that_moves_with_the_geometry_does_not_hide_the_minimum(
     away = (other.state.g - fit.state.g)[free] / np.sqrt(np.diagonal(posterior(fit)))[:len(free)]
     assert other.converged
     assert np.max(np.abs(away)) < 1e-3
+
+
+def hardly_turning(seed: int, joints: float) -> Problem:
+    """A planar machine that misses by centimetres, whose platform turns by half a degree."""
+    mechanism = read_mechanism(ROOT / "configs" / "3-RPR.yaml")
+    scenario = read_scenario(ROOT / "configs" / "scenarios" / "3-RPR.yaml", mechanism)
+    poses = replace(scenario.poses, swing=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.01]))
+    made = run(mechanism, replace(scenario, poses=poses, error_scale=30.0, target=np.zeros(3),
+                                  sigma_actuator=np.full(3, joints)), seed)
+    return replace(made.problem, free=())
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_a_registration_with_more_open_never_fits_worse(seed: int) -> None:
+    """The closed form of frame and target together is decimetres off, of the frame alone not."""
+    wide = hardly_turning(seed, 1e-3)
+    data = wide.datasets[0]
+    target = replace(data.target, fitted=False)
+    narrow = replace(wide, datasets=(replace(data, target=target),))
+    for robust in (False, True):
+        before, after = (identify(p, FitOptions(method="flat", robust=robust))
+                         for p in (narrow, wide))
+        assert loss(after, robust) < (0, loss(before, robust)[1] * (1.0 + 1e-6))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.stats import binom
 
+from ppmcal.calibration import error_intervals
 from ppmcal.calibration.error_intervals import RmsDraws, quantile_interval, rms_interval
 
 POSES = (6, 12, 40)
@@ -98,3 +101,21 @@ def test_the_ends_of_a_quantile_are_the_ranks_of_the_binomial_distribution():
         found = quantile_interval(np.arange(1.0, poses + 1.0), np.arange(poses), 0.95)
         want = [r if 1 <= r <= poses else np.nan for r in ranks]
         np.testing.assert_array_equal(found, want, f"{poses} poses")
+
+
+def test_draws_of_many_poses_take_little_memory_and_are_the_same(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    poses = 20_000
+    squares = np.random.default_rng(1).chisquare(2.0, poses)
+    groups = np.arange(poses)
+    monkeypatch.setattr(error_intervals, "DRAWS", 100)
+    whole = RmsDraws(groups, 3).rms(squares)
+    monkeypatch.setattr(error_intervals, "AT_ONCE", 60_000)
+    draws = RmsDraws(groups, 3)
+    tracemalloc.start()
+    some = draws.rms(squares)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    np.testing.assert_array_equal(some, whole)
+    # of all draws at once, indices alone would take sixteen megabytes
+    assert peak < 4e6

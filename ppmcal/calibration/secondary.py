@@ -1,0 +1,39 @@
+"""What is told beside a result: an analysis that fails is left out, and a note says so."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+
+from ppmcal.errors import PpmcalError
+
+T = TypeVar("T")
+S = TypeVar("S")
+log = logging.getLogger(__package__)
+NOTE = "left out: "
+"""How a note begins."""
+FAILURES = (PpmcalError, ArithmeticError, np.linalg.LinAlgError)
+"""What data can make of an analysis; anything else is a fault of the program."""
+
+
+def secondary(what: str, make: Callable[[], T], instead: S, notes: list[str]) -> T | S:
+    """Return what an analysis beside a result gives; where it fails, ``instead``, and note it.
+
+    Args:
+        what: the analysis, as it is named to a user.
+        make: the analysis.
+        instead: what counts as nothing found.
+        notes: to which the note is added.
+    """
+    try:
+        return make()
+    except FAILURES as error:
+        log.info("%s is left out", what, exc_info=True)
+        reason = error.what if isinstance(error, PpmcalError) else str(error)
+        reason = reason or type(error).__name__
+        # what linear algebra could not give is called by the same name
+        notes.append(NOTE + (reason if reason.startswith(what) else f"{what} ({reason})"))
+        return instead
