@@ -23,6 +23,7 @@ from ppmcal.calibration.least_squares import (
 )
 from ppmcal.calibration.normal_equations import normal_sums, row_squares
 from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.work import another_step
 from ppmcal.linalg import Array, Bools
 from ppmcal.wording.progress import note
 
@@ -153,6 +154,8 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
                 end = problem.moved(state, step)
                 return Minimum(end if solved(end, keep) else state, now.reduced, count, True,
                                summed)
+            if not another_step():
+                return _given_up(problem, state, keep, prior, rough, count, summed)
             trial = problem.moved(state, step)
             better: State | None = trial
             if cost(problem, trial, keep, prior, weights) >= before:

@@ -23,6 +23,7 @@ from ppmcal.calibration.read_rightly import refuse_after_fit
 from ppmcal.calibration.secondary import NOTE, secondary
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.calibration.summary import report
+from ppmcal.calibration.work import bounded
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.adequacy import LEVEL, remainder
@@ -64,6 +65,14 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.wording.progress import begin
 
 
+MOST_STEPS = 400
+"""Steps that the fits of one search may try together; a quarter of that is much."""
+ENDED = (f"the search was ended after {MOST_STEPS} steps of its fits, which wander: what was named "
+         "by then is told as far as its fit had got, and rivals, learned terms and what to measure "
+         "next may be missing; state what is known (stiffness, load) in the mechanism file, or "
+         "try fewer kinds")
+
+
 def diagnose(problem: Problem, options: DiagnosisOptions | None = None
              ) -> Diagnosis:
     """Find what is missing in the machine's model, add it, and say how sure that is.
@@ -75,7 +84,15 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
     Raises:
         BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
     """
-    options = options or DiagnosisOptions()
+    with bounded(MOST_STEPS) as work:
+        found = _diagnosed(problem, options or DiagnosisOptions())
+    if not work.ended:
+        return found
+    return replace(found, findings=(*found.findings, ENDED))
+
+
+def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
+    """Find what is missing, with as many steps of fits as there are."""
     begin("fitting geometry")
     whole = identify(with_whole_rows(problem), options.fit)
     refuse_unconverged(whole)

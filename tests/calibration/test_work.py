@@ -1,0 +1,45 @@
+"""The bound on the work of a search: in steps, shared by its fits, and said where it is met."""
+
+from __future__ import annotations
+
+import ppmcal
+from ppmcal.calibration.fit import FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.work import another_step, bounded
+from ppmcal.diagnosis import diagnose as diagnosis
+from ppmcal.diagnosis.diagnose import DiagnosisOptions
+
+
+def campaign():
+    machine = ppmcal.load(ppmcal.shipped("3-RPR"))
+    run = ppmcal.simulate(machine, ppmcal.shipped("3-RPR", scenario=True), seed=4)
+    return Problem(machine, tuple(run.data), machine.free)
+
+
+def test_all_fits_inside_share_the_steps():
+    with bounded(3) as work:
+        assert [another_step() for _ in range(4)] == [True, True, True, False]
+        assert work.ended
+    assert another_step()
+
+
+def test_a_fit_without_a_step_left_ends_where_it_is():
+    problem = campaign()
+    whole = identify(problem, FitOptions())
+    with bounded(1) as work:
+        short = identify(problem, FitOptions())
+    assert work.ended and not short.converged and whole.converged
+    assert short.reduced.square > whole.reduced.square
+
+
+def test_a_search_that_runs_out_of_steps_ends_with_a_result_that_says_so(monkeypatch):
+    problem = campaign()
+    options = DiagnosisOptions(draws=200)
+    assert diagnosis.ENDED not in diagnosis.diagnose(problem, options).findings
+    with bounded(10**6) as work:
+        diagnosis._diagnosed(problem, options)
+    needed = work.most - work.left
+    monkeypatch.setattr(diagnosis, "MOST_STEPS", max(needed - 1, 1))
+    found = diagnosis.diagnose(problem, options)
+    assert diagnosis.ENDED in found.findings
