@@ -64,7 +64,6 @@ from ppmcal.diagnosis.verdict import (
 from ppmcal.model.dataset import Dataset
 from ppmcal.wording.progress import begin
 
-
 MOST_STEPS = 400
 """Steps that the fits of one search may try together; a quarter of that is much."""
 ENDED = (f"the search was ended after {MOST_STEPS} steps of its fits, which wander: what was named "
