@@ -259,7 +259,8 @@ def fit_of(values: Sequence[float], count: int = 40, square: float = 20.0,
     return SimpleNamespace(
         problem=SimpleNamespace(mechanism=mechanism, free=tuple(range(len(values)))),
         state=SimpleNamespace(g=np.array(values)), scale=np.ones(len(values)),
-        reduced=SimpleNamespace(square=square, count=count))
+        prior=np.zeros(len(values)), reduced=SimpleNamespace(
+            square=square, count=count, triangle=np.eye(len(values))))
 
 
 def test_the_size_of_an_effect_against_zero_is_a_chi_squared() -> None:

@@ -249,8 +249,9 @@ def test_tails_without_skewness_are_normal_and_of_equal_figures_none() -> None:
 # --- rows ----------------------------------------------------------------------------------------
 
 def test_poses_of_files_are_labelled_apart() -> None:
-    problem: Any = SimpleNamespace(datasets=(SimpleNamespace(groups=np.array([3, 1, 3, 0])),
-                                             SimpleNamespace(groups=np.array([3, 0]))))
+    problem: Any = SimpleNamespace(datasets=(
+        SimpleNamespace(groups=np.array([3, 1, 3, 0]), campaign="", name="a"),
+        SimpleNamespace(groups=np.array([3, 0]), campaign="", name="b")))
     found = _groups(problem, np.array([0, 0, 1, 0, 1]), np.array([0, 2, 0, 1, 1]))
     assert found.shape == (5,)
     same = found[:, None] == found

@@ -238,16 +238,19 @@ def test_values_that_were_not_measured_are_no_residuals() -> None:
 
 def test_repeats_are_of_one_pose_and_one_environment() -> None:
     """Within a fiftieth of the largest speed or load, and a twentieth of a kelvin."""
-    system = system_of(velocity=np.outer([1.0, 1.0, 0.9, 1.0, 1.0, 1.0], [1.0, -1.0]),
-                       temperature=20.0 + np.array([0.0, 0.0, 0.0, 0.3, 0.0, 0.0]),
-                       wrench=np.outer([50.0] * 4 + [55.0, 50.0], [0, 0, -1.0, 0, 0, 0]))
-    system.group, system.dataset = np.zeros(6, dtype=int), np.zeros(6, dtype=int)
+    columns = {"vel_leg1": np.array([1.0, 1.0, 0.9, 1.0, 1.0, 1.0]),
+               "temperature": 20.0 + np.array([0.0, 0.0, 0.0, 0.3, 0.0, 0.0]),
+               "payload": np.array([5.0] * 4 + [5.5, 5.0])}
+    data = SimpleNamespace(groups=np.zeros(6, dtype=int), columns=columns, sessions=None,
+                           directions=lambda: None)
+    system: Any = SimpleNamespace(dataset=np.zeros(6, dtype=int), row=np.arange(6),
+                                  problem=SimpleNamespace(datasets=(data,)))
     label = whitening._environments(system)
     assert label is not None
     same = label[:, None] == label
     assert same[0].tolist() == [True, True, False, False, False, True]
     assert (same.sum(axis=1) == [3, 3, 1, 1, 1, 3]).all()
-    system.group = np.arange(6)
+    data.groups = np.arange(6)
     assert whitening._environments(system) is None
 
 

@@ -217,7 +217,8 @@ def test_a_bootstrap_is_drawn_poses_summed(poses: int) -> None:
 
 def rows_of(count: int, load: Array | None = None, sessions: list[str] | None = None) -> Problem:
     """Return what thinning asks of a problem: rows with a load and in sessions, of six values."""
-    data = SimpleNamespace(name="a", kind="pose", sessions=sessions, __len__=lambda: count)
+    data = SimpleNamespace(name="a", kind="pose", sessions=sessions, campaign="",
+                           __len__=lambda: count)
     wrench = np.zeros((count, 6))
     wrench[:, 2] = 0.0 if load is None else load
 
