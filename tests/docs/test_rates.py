@@ -1,0 +1,73 @@
+"""Rates that the docs state are of this version's engine and of seeds that nobody had looked at."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from helpers.paths import ROOT
+from rates.digest import code_of, engine_digest
+from rates.studies import STUDIES, filled
+from rates.tables import FOLDER, TABLES
+from study_runner import read
+
+BY_NAME = {s.name: s for s in STUDIES}
+MADE = re.compile(r"Version \S+, engine (\w{12}) \([\w/, ]+\), seeds? ([\d, ]+)")
+RATE = re.compile(r"\d %? ?\(\d+(\.\d+)? ?(-|to) ?\d+(\.\d+)?\)")
+NOT_YET = "Not yet measured for this version: `make rates` does it."
+"""What stands in a table's place until it has been."""
+PLACES = [(study.name, page, name) for study in STUDIES for page, names in study.pages.items()
+          for name in names]
+
+
+def block(page: str, name: str) -> str:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return text.split(f"<!-- rates: {name} -->")[1].split("<!-- end of rates -->")[0]
+
+
+@pytest.mark.parametrize(("study", "page", "name"), PLACES)
+def test_the_engine_has_not_changed_since_the_study(study, page, name):
+    """``make rates`` with seeds that nobody has looked at; then list the old ones as looked at."""
+    made = MADE.search(block(page, name))
+    digest = made[1] if made else ""
+    assert digest == engine_digest(BY_NAME[study].engine) or block(page, name).strip() == NOT_YET
+
+
+@pytest.mark.parametrize(("study", "page", "name"), PLACES)
+def test_no_seed_of_a_study_had_been_looked_at(study, page, name):
+    text = (ROOT / "docs/diagnosis.md").read_text(encoding="utf-8")
+    looked = text[text.index("Seeds that were looked at"):].split("\n\n")[0]
+    spans = [(int(a), int(b or a)) for a, b in re.findall(r"(\d+)(?: to (\d+))?", looked)]
+    made = MADE.search(block(page, name))
+    for seed in made[2].split(",") if made else ():
+        assert not any(a <= int(seed) <= b for a, b in spans), seed
+
+
+@pytest.mark.parametrize("name", list(TABLES))
+def test_a_table_is_that_of_its_campaigns(name):
+    if not (FOLDER / "about.json").exists():
+        table = NOT_YET
+    else:
+        about = json.loads((FOLDER / "about.json").read_text(encoding="utf-8"))
+        table = TABLES[name](read(FOLDER / "campaigns.csv"), about)
+    for page, names in BY_NAME["diagnosis"].pages.items():
+        if name in names:
+            assert block(page, name).strip() == table.strip()
+
+
+@pytest.mark.parametrize("page", sorted({page for _, page, _ in PLACES}))
+def test_no_table_of_rates_of_another_version_stands_beside_them(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for _, where, name in PLACES:
+        if where == page:
+            text = filled(text, name, "")
+    assert not [line for line in text.splitlines() if line.startswith("|") and RATE.search(line)]
+
+
+def test_the_digest_sees_code_and_no_words():
+    plain = "LIMIT = 3\ndef f(a):\n    return a + LIMIT\n"
+    told = ('"""Of f."""\n\nLIMIT = 3\n"""Of what."""\n\n'
+            'def f(a):  # adds\n    "Doc."\n    return a + LIMIT\n')
+    assert code_of(plain) == code_of(told)
+    assert code_of(plain) != code_of(plain.replace("3", "4"))
