@@ -19,6 +19,8 @@ from ppmcal.errors import LinearAlgebraError
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
+LinAlgError = np.linalg.LinAlgError
+"""What NumPy and SciPy raise where nothing here stands between: for those who have to catch it."""
 
 
 def finite_rows(rows: Array) -> Bools:

@@ -8,6 +8,7 @@ an unknown frame may be renumbered in several ways that cannot be told apart, no
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +33,8 @@ FALLS = 4.0
 """A reading has to lower the gap by this factor."""
 LANDS = 5.0
 """And to leave no more than so many times what noise and tolerances explain,"""
+WITHIN = 2.0
+"""A machine off by its tolerances leaves no more than so many times what they and noise explain."""
 LEFT = 0.05
 """and no more than this part of how far the measurements go."""
 
@@ -74,6 +77,15 @@ class Misreading:
 Judge = Callable[[Problem, float], Trial]
 
 
+def with_all_tolerances(problem: Problem) -> Problem:
+    """Return the problem with every parameter free that has a tolerance, also what is fixed.
+
+    What a fit may change is the user's choice, and says nothing of what is off in the machine.
+    """
+    own = {i for i, p in enumerate(problem.mechanism.parameters) if p.prior_sigma}
+    return replace(problem, free=tuple(sorted(own | set(problem.free))))
+
+
 def find_misreading(problem: Problem, index: int, as_read: Trial, judge: Judge
                     ) -> Misreading | None:
     """Return how one data set is to be read, None where no other reading explains it.
@@ -89,7 +101,7 @@ def find_misreading(problem: Problem, index: int, as_read: Trial, judge: Judge
         return None
     alone = problem.alone(data)
     good: list[Found] = []
-    for ways in (_other_readings(alone), other_registrations(alone, 0), other_machines(alone)):
+    for ways in (_other_readings(alone), _registrations(alone, judge), other_machines(alone)):
         good = [g for g in _judged(ways, judge) if g[2].times * FALLS <= as_read.times]
         if good:
             break
@@ -192,6 +204,14 @@ def other_registrations(problem: Problem, index: int) -> Iterator[Way]:
         datasets = tuple(other if i == index else d for i, d in enumerate(problem.datasets))
         yield None, tuple(Mistake(*_registered(key)) for key in keys), replace(
             problem, datasets=datasets, pivots=None, given=None, earlier=None)
+
+
+def _registrations(alone: Problem, judge: Judge) -> Iterator[Way]:
+    """Yield :func:`other_registrations` of a file that tolerances do not explain as it is read."""
+    with suppress(PpmcalError):
+        if judge(with_all_tolerances(alone), 0.0).times <= WITHIN:
+            return
+    yield from other_registrations(alone, 0)
 
 
 def _registered(key: str) -> tuple[str, tuple[str, ...], str]:

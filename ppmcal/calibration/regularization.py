@@ -13,7 +13,9 @@ from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.least_squares import column_scale, normal_step, qr_factor
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.rank import RANK_TOLERANCE
-from ppmcal.linalg import Array, Bools, range_basis, svd, unit_columns, without_range
+from ppmcal.calibration.unsolved_rows import NO_POSE
+from ppmcal.errors import NoResult
+from ppmcal.linalg import Array, Bools, finite_rows, range_basis, svd, unit_columns, without_range
 from ppmcal.model.dataset import Dataset
 from ppmcal.wording import counted
 from ppmcal.wording.progress import note
@@ -21,6 +23,8 @@ from ppmcal.wording.progress import note
 DAMPED_ITERATIONS, SOON = 6000, 60
 """Iterations of the damped scheme at most, and how many more are worth their time once the
 residuals are no more than the noise."""
+MOST_LOST = 0.5
+"""A step after which more than this part of the rows has no pose leads nowhere."""
 LIKE_NOISE = 0.05
 """Residuals are no more than the noise where chance gives a larger chi-squared this often."""
 
@@ -69,7 +73,10 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
 
     It ends sooner after ``options.iterations``, or where the residuals are no more than the
     noise and convergence is far off (Morozov's discrepancy principle): going on would fit
-    noise. :attr:`Fit.stopped` says so.
+    noise. :attr:`Fit.stopped` says so. Rows that lose their pose on the way are left out.
+
+    Raises:
+        NoResult: most of them do.
     """
     unit = replace(problem, datasets=tuple(unit_noise(d) for d in problem.datasets))
     count = len(problem.free)
@@ -84,6 +91,7 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
         step = np.asarray(linalg.lstsq(matrix, plain.triangle.T @ plain.right, rcond=1e-15)[0],
                           dtype=np.float64)
         state = problem.moved(state, step)
+        _refuse_astray(problem, state, keep, iteration)
         reduced, plain = qr_factor(problem, state, keep), qr_factor(unit, state, keep)
         note(f"iteration {iteration}, chi-squared {reduced.square:.6g}")
         left, _ = normal_step(unit, state, plain, none).step()
@@ -98,8 +106,24 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
             break
     if options.iterations and not (converged or stopped):
         stopped = f"after {counted(iteration, 'iteration')}, as asked"
-    return Fit(problem, state, reduced, none, column_scale(problem), tuple(keep),
-               iteration, converged, stopped=stopped, reasons=tuple(reasons))
+    lost = [k & ~finite_rows(p) for k, p in zip(keep, state.poses, strict=True)]
+    return Fit(problem, state, reduced, none, column_scale(problem),
+               tuple(k & ~gone for k, gone in zip(keep, lost, strict=True)),
+               iteration, converged, stopped=stopped, reasons=tuple(
+                   {**why, **dict.fromkeys(np.flatnonzero(gone).tolist(), NO_POSE)}
+                   for why, gone in zip(reasons, lost, strict=True)))
+
+
+def _refuse_astray(problem: Problem, state: State, keep: Sequence[Bools], iteration: int) -> None:
+    """Refuse a machine at which most of the rows in use have no pose: nothing is left to fit."""
+    rows = sum(int(k.sum()) for k in keep)
+    lost = sum(int((~finite_rows(p[k])).sum()) for k, p in zip(keep, state.poses, strict=True))
+    if lost > MOST_LOST * rows:
+        raise NoResult(f"the damped scheme went astray: after {counted(iteration, 'iteration')} "
+                       f"{lost} of {rows} rows have no pose",
+                       ", ".join(d.source for d in problem.datasets),
+                       "Look for values typed wrong, which this scheme does not leave out, or use "
+                       "the prior (--method prior)")
 
 
 def _hopeless(away: float, before: float, iterations: int) -> bool:

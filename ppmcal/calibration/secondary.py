@@ -6,16 +6,15 @@ import logging
 from collections.abc import Callable
 from typing import TypeVar
 
-import numpy as np
-
 from ppmcal.errors import PpmcalError
+from ppmcal.linalg import LinAlgError
 
 T = TypeVar("T")
 S = TypeVar("S")
 log = logging.getLogger(__package__)
 NOTE = "left out: "
 """How a note begins."""
-FAILURES = (PpmcalError, ArithmeticError, np.linalg.LinAlgError)
+FAILURES = (PpmcalError, ArithmeticError, LinAlgError)
 """What data can make of an analysis; anything else is a fault of the program."""
 
 

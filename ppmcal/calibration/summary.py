@@ -52,15 +52,19 @@ from ppmcal.calibration.rank import (
     unidentifiable,
     whole_rank,
 )
-from ppmcal.calibration.secondary import secondary
+from ppmcal.calibration.secondary import FAILURES, secondary
 from ppmcal.calibration.session_validation import sessions_left_out
 from ppmcal.calibration.validation import Residuals, held_out, on_other, residuals
+from ppmcal.errors import LinearAlgebraError
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.wording import counted
+
+BEYOND = 1e3
+"""Residuals so many times the stated noise: where that drowns all else, the noise is wrong."""
 
 
 @dataclass(frozen=True)
@@ -162,6 +166,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
 
     Raises:
         BadInput, NoResult: as :func:`ppmcal.calibration.session_validation.sessions_left_out`.
+        LinearAlgebraError: the stated noise cannot be meant, see :func:`_differences`.
     """
     noise, notes = noise_check(fit), list[str]()
     inflation = noise.inflation
@@ -172,8 +177,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
              secondary("the shape of the flat", lambda: tuple(flats(raw)), (), notes))
     fit = with_noise(fit, inflation, options)
     noise = against_tolerances(noise, fit)
-    sessions, blocks = secondary("how far sessions, or stretches of rows, differ",
-                                 lambda: honest(fit, inflation), (None, None), notes)
+    sessions, blocks = _differences(fit, noise, notes)
     wider = sessions or blocks
     found = estimates(fit, rank, wider, by_noise(fit, options))
     mechanism = replace(with_estimates(fit, found), measured=measured_by(fit, noise))
@@ -197,6 +201,28 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
         was.residuals, stood, after, held, note, (*told, *unchecked(fit, total), *notes),
         open_, wrong[0], sets, wrong[1], _unexplained(after.figures(fit.keep), noise),
         doubtful=doubtful, sessions=sessions, blocks=blocks)
+
+
+def _differences(fit: Fit, noise: Noise, notes: list[str]
+                 ) -> tuple[Disagreement | None, Disagreement | None]:
+    """Return how far sessions, and stretches of rows, differ; see :func:`honest`.
+
+    Where that drowns in round-off because the data are better than anything else, as exact ones
+    are, it is left out. Where it does because the stated noise is nowhere near what the fit
+    leaves, there is no interval to tell, and it is the noise that has to be mended.
+
+    Raises:
+        LinearAlgebraError: residuals are far beyond the stated noise.
+    """
+    if noise.sigma_ratio < BEYOND:
+        return secondary("how far sessions, or stretches of rows, differ",
+                         lambda: honest(fit, noise.inflation), (None, None), notes)
+    try:
+        return honest(fit, noise.inflation)
+    except FAILURES as error:
+        raise LinearAlgebraError(
+            f"the intervals could not be had: the residuals are {noise.sigma_ratio:.3g} times the "
+            "stated noise", mend="State the sigma that the instrument has") from error
 
 
 def _held(fit: Fit, options: FitOptions, holdout: float, seed: int, other: Sequence[Dataset],

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import pdtrc
 
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.same_rows import partners, step_of, tolerances
@@ -193,6 +192,8 @@ def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
 
 def _copied_count(again: Bools, chance: float) -> bool:
     """Whether honest rows (N,), all of them repeats, would hardly agree so often."""
+    from scipy.special import pdtrc  # reading files needs no scipy
+
     return bool(pdtrc(again.sum() - 1.0, again.size * chance) < BY_CHANCE)
 
 

@@ -46,12 +46,19 @@ FILES = {
     "check": "mine.yaml --draw mine.yaml",
 }
 """Those that write single files, in a way that would replace what is there."""
+TWO = {"compensate", "export"}
+"""Those that lift a refusal too, with --regardless: what replaces files is --overwrite there."""
 SLOW = {"tolerances", "workspace", "plan", "diagnose", "demo", "batch", "validate", "compare",
         "stiffness"}
 
 
 def slowly(names: object) -> list[object]:
     return [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in list(names)]
+
+
+def replacing(name: str) -> str:
+    """Return the option of a command to write where files are."""
+    return "--overwrite" if name in TWO else "--force"
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +91,8 @@ def test_a_folder_with_other_work_is_refused(name: str, here: Path) -> None:
     before = tree(here)
     run = ppmcal(name, *shlex.split(FOLDERS[name]), "--out", "mine", cwd=here, expect=2)
     assert "notes0.txt, notes1.txt, notes2.txt and 2 more" in " ".join(run.err.split())
-    assert "--force" in run.err and "--out" in run.err
+    assert f"{replacing(name)}." in run.err and "--out" in run.err
+    assert ("--force" in run.err) == (name not in TWO) and "--regardless" not in run.err
     assert not run.out and tree(here) == before
 
 
@@ -133,9 +141,27 @@ def test_no_force_replaces_an_input(name: str, here: Path) -> None:
     for target in names:
         (here / "o" / target).hardlink_to(inputs[-1])
     before = {path: path.read_bytes() for path in inputs}
-    run = ppmcal(*words, "--out", "o", "--force", cwd=here, expect=2)
+    run = ppmcal(*words, "--out", "o", replacing(name), cwd=here, expect=2)
     assert "is an input of this run" in " ".join(run.err.split())
     assert {path: path.read_bytes() for path in inputs} == before
+
+
+@pytest.mark.parametrize("name", sorted(TWO))
+def test_what_lifts_a_refusal_replaces_nothing(name: str, here: Path) -> None:
+    """--force did both: it is refused with its two successors, and --overwrite replaces."""
+    (here / "mine").mkdir()
+    (here / "mine" / "notes.txt").write_text("mine")
+    before = tree(here)
+    words = [name, *shlex.split(FOLDERS[name]), "--out", "mine"]
+    run = ppmcal(*words, "--force", cwd=here, expect=2)
+    assert "--overwrite replaces files, --regardless lifts a refusal" in " ".join(run.err.split())
+    assert not run.out and tree(here) == before
+    run = ppmcal(*words, "--regardless", cwd=here, expect=2)
+    assert "holds files that ppmcal did not write" in " ".join(run.err.split())
+    assert not run.out and tree(here) == before
+    assert ppmcal(*words, "--overwrite", cwd=here).code in (0, 1)
+    assert (here / "mine" / RECORD).is_file()
+    assert (here / "mine" / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -367,27 +367,26 @@ def test_offset_and_ratio_become_scale_and_home_offset(tmp_path: Path) -> None:
                        "offset": {"value": 1501, "nominal": 1500}},
               "leg4": {"ratio": {"value": -4.99, "nominal": -5}, "offset": 4000},
               "leg5": {"joint2": {"z": 0.3}, "joint3": {"z": 0.2}},
-              "leg6": {"branch": -1, "offset": {"value": 0.7, "nominal": 0}}}
+              "leg6": {"ratio": -1, "offset": {"value": 4500.7, "nominal": 4500}}}
     limits = {f"leg{i}": [1900, 3400] for i in (1, 2, 5)}
     path = changed(tmp_path, change, {"limits": limits}, base=0.5, platform=0.3)
     run = ppmcal("export", "linuxcnc", path, cwd=tmp_path, expect=0)
     base, platform, ini = written(tmp_path / "exported")
     true = centres(path, "value")
-    r0, o0 = np.array([1, 1, 10, -5, 1, 1]), np.array([0, 0, 1500, 4000, 0, 0])
-    r, o = np.array([1, 1, 10.02, -4.99, 1, 1]), np.array([1.5, 0, 1501, 4000, 0.5, 0.7])
-    side = np.array([1, 1, 1, 1, 1, -1])
-    switch = np.array([40.0, 2000, 60, 300, 2100, -2500])      # q at the home switches
-    offset_now = side * (r0 * switch + o0)                     # HOME_OFFSET in use
+    r0, o0 = np.array([1, 1, 10, -5, 1, -1]), np.array([0, 0, 1500, 4000, 0, 4500])
+    r, o = np.array([1, 1, 10.02, -4.99, 1, -1]), np.array([1.5, 0, 1501, 4000, 0.5, 4500.7])
+    switch = np.array([40.0, 2000, 60, 300, 2100, 2000])       # q at the home switches
+    offset_now = r0 * switch + o0                              # HOME_OFFSET in use
     offset_new = np.array([f * h + d for (f, d), h in zip(ini, offset_now, strict=True)])
     for p in PLACES:
         j = by_hand(base, platform, p[:3], Rotation.from_rotvec(p[3:]).as_matrix())
         # from the switch, SCALE counts for each mm; one count is one 1000th of q
-        counts = 1000 / (side * r0) / [f for f, _ in ini] * (j - offset_new)
+        counts = 1000 / r0 / [f for f, _ in ini] * (j - offset_new)
         q = switch + counts / 1000
-        at = where(*true, side * (r * q + o), p)
+        at = where(*true, r * q + o, p)
         assert np.max(np.abs(at - p)[:3]) < 2e-5 and np.max(np.abs(at - p)[3:]) < 2e-8
     assert ini[1] == (1.0, 0.0) and ini[0] == (1.0, 1.5) and ini[4] == (1.0, 0.5)
-    assert ini[5] == (1.0, -0.7) and ini[2][0] == 1.002
+    assert ini[5] == (1.0, 0.7) and ini[2][0] == 1.002
     said = " ".join(run.out.split())
     assert "joints 0, 2, 3, 4, 5 as joints.ini says" in said and "driven lines went" in said
     home = by_hand(base, platform, np.array([0, 0, 2000.0]), np.eye(3))

@@ -185,7 +185,8 @@ SCENARIOS = [
     ("approach", "approach: both", "approach: columns", "approach", "sequence"),
     ("payload", "[0, 20]", "[0, -20]", "conditions.payload", "kg"),
     ("temperature", "mean: 20", "mid: 20", "conditions.temperature", "mean, swing"),
-    ("seed", "seed: 7", "seed: -7", "seed", "0 or more"),
+    ("seed", "seed: 7", "seed: -7", "seed",
+     "-7 is not a seed. Write a whole number from 0 to 9007199254740992."),
     ("file", "{circle: {center: {x: 500, y: 290, rz: 10}, radius: 80, count: 30, "
      "swing: {rz: 5}}}", "{file: no.csv}", "no.csv", "no such file"),
     ("helix", "{circle: {center: {x: 500, y: 290, rz: 10}, radius: 80, count: 30, "
