@@ -43,7 +43,9 @@ def stale(data: Dataset, mechanism: Mechanism) -> tuple[Bools, tuple[Mistake, ..
     same_pose, pose_step = _steps(measured * scale)
     same_joints, joint_step = _steps(data.q)
     next_to = np.append(False, np.diff(data.rows) == 1)
-    same_group = np.append(False, np.diff(data.groups) == 0)
+    # by the file: joint values that stay are what makes rows of one pose otherwise
+    labels = data.groups if data.labels is None else data.labels
+    same_group = np.append(False, np.diff(labels) == 0)
     moved = _moved(joint_step)
     resting = _same_at_rest(measured, np.isfinite(joint_step) & ~moved & next_to)
     why = ", although the machine had moved"

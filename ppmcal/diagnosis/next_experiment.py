@@ -33,8 +33,10 @@ WIDER = 0.25
 """Poses are drawn from the measured range, wider by this part on each side."""
 FEWEST_ROWS, MOST_ROWS = 4, 120
 """Where one row would do, it could be an outlier, and would be taken for one."""
-SETTLED = 2.0 * np.log(20.0)
-"""Rivals count as told apart at odds of 20 to 1: twice the log-likelihood ratio."""
+ODDS = 20.0
+"""Rivals count as told apart at these odds."""
+SETTLED = 2.0 * np.log(ODDS)
+"""The same as twice the log-likelihood ratio."""
 SURE = 1.645
 """Quantile of the chance, 95 %, that the measurements' own noise does not prevent it."""
 
@@ -107,7 +109,7 @@ def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) 
     measured = np.concatenate([d.q for d in stage.system.problem.datasets])
     if np.any((data.q[rows] < measured.min(axis=0)) | (data.q[rows] > measured.max(axis=0))):
         # nothing has been seen of either out there: told apart is what they should be, not how far
-        after = min(after, float(np.exp(SETTLED / 2.0)))
+        after = min(after, ODDS)
         reason += (", some of them outside the measured range, where the model has not been seen "
                    "to hold")
     return Proposal(reason, data.q[rows], pose, needed, odds, after)

@@ -50,6 +50,7 @@ class Dataset:
         sigma_value: of ``value`` (N,).
         sigma_actuator: noise of the joints, by actuator (k,), 0 where none; unit of q.
         groups: integer label per commanded pose (repeats share it), (N,).
+        labels: the same as the file itself says, whatever the joints are (N,); None: as groups.
         columns: further columns by name in SI: ``dir_leg1``, ``vel_leg1``,
             ``temperature``, ``payload``, ``time``, ``fx`` ...; (N,) each, nan = missing.
         sessions: label per row, or None.
@@ -99,6 +100,7 @@ class Dataset:
     frame: Unknown
     target: Unknown
     target_rotation: Unknown
+    labels: NDArray[np.int64] | None = None
     scale: Unknown = Unknown(False, np.ones(1))
     estimated: bool = False
     homing: str = "shared"
@@ -160,6 +162,7 @@ class Dataset:
             sigma_position=taken(self.sigma_position, keep),
             sigma_rotation=taken(self.sigma_rotation, keep),
             sigma_value=taken(self.sigma_value, keep), groups=self.groups[keep],
+            labels=None if self.labels is None else self.labels[keep],
             columns={n: c[keep] for n, c in self.columns.items()}, sessions=sessions,
             visited=None if visited is None else visited[keep], unusable=unusable,
             moments=None if self.moments is None else self.moments[keep],
