@@ -25,15 +25,12 @@ from ppmcal.calibration.reading_candidates import (
 )
 from ppmcal.calibration.reading_search import SHIFTS, search_readings
 from ppmcal.calibration.reading_trial import (
-    WITHIN,
     Judge,
     Misreading,
     Trial,
     Way,
     other_machines,
-    other_registrations,
     telling,
-    with_all_tolerances,
 )
 from ppmcal.calibration.readings import FileReading, JointReading
 from ppmcal.errors import PpmcalError
@@ -70,16 +67,11 @@ def find_small_misreading(fit: Fit, index: int, judge: Judge) -> Misreading | No
     if as_read is None:
         return None
     found: list[tuple[Way, Trial]] = []
-    registrations = [*other_registrations(problem, index)]
-    # a machine off in what is not free looks as if it were measured from elsewhere
-    wide = _judged(with_all_tolerances(problem), judge, WITHIN) if registrations else None
-    least = min(as_read.after, wide.after) if wide else as_read.after
-    for ways, now in (((*_ways(fit, index), *other_machines(problem)), as_read.after),
-                      (registrations, least)):
-        for way in ways:
-            left = _judged(way[2], judge, max(NEAR, as_read.times))
-            if left is not None and left.after <= min(AT_NOISE, HALF * now):
-                found.append((way, left))
+    # a registration that was kept closed is told beside the fit, which stands without it
+    for way in (*_ways(fit, index), *other_machines(problem)):
+        left = _judged(way[2], judge, max(NEAR, as_read.times))
+        if left is not None and left.after <= min(AT_NOISE, HALF * as_read.after):
+            found.append((way, left))
     if not found:
         return None
     (reading, what, _), left = min(
