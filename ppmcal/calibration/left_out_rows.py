@@ -214,11 +214,14 @@ def _places(fit: Fit, index: int) -> Iterator[Found]:
     mechanism, data = fit.problem.mechanism, fit.problem.datasets[index]
     pose = pose_vector(fit.state.poses[index])
     low = ("lowest", "middle", "highest")
-    for what, values in (*((POSE_COORDINATES[c], pose[:, c]) for c in mechanism.dof),
-                         *zip(mechanism.actuators, data.q.T, strict=True)):
+    for what, values, joint in (
+            *((POSE_COORDINATES[c], pose[:, c], None) for c in mechanism.dof),
+            *((name, data.q[:, a], a) for a, name in enumerate(mechanism.actuators))):
         for mask, part in zip(thirds(values), low, strict=True):
             if mask.any():
-                yield f"are in the {part} third by {what}", mask, None
+                travel = None if joint is None else (
+                    joint, float(values[mask].min()), float(values[mask].max()))
+                yield f"are in the {part} third by {what}", mask, travel
     length = mechanism.units.factor("length")
     halves = []
     for c in (c for c in mechanism.dof if c < 3):

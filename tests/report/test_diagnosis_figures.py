@@ -479,8 +479,6 @@ def test_diagnosis_of_something_unknown(cases: Callable[[str], Case]) -> None:
     assert ratio == pytest.approx(white_ratio(case.result.found.before), rel=0.05)
     freedom = stage.system.count - stage.basis.shape[1]
     assert ratio > math.sqrt(chi2.isf(1e-3, freedom) / freedom)
-    # the rows that are left out of the fits have the kink as well, and none is left out there
-    assert case.record["gap"]["before"] > 2.0
     assert all(s["before"] == s["after"] for s in case.plot_data["series"])
     follows = case.record["remainder"]["follows"]
     assert f"What is left follows {follows}" in text
