@@ -7,7 +7,7 @@ import tempfile
 import time
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import bodies_study
@@ -16,6 +16,7 @@ import numpy as np
 import wild_diagnosis
 from bodies_world.cases import CASES as WORLDS
 from bodies_world.cases import campaign as world_campaign
+from bodies_world.machines import MACHINES
 from wild.cases import CASES
 from wild_diagnosis import GROUPS
 
@@ -38,11 +39,11 @@ class Job:
     machine: str
     own: int
     eta: float
-    detail: str = ""
+    detail: str
 
 
 @dataclass(frozen=True)
-class Line:
+class Line(Job):
     """What became of one campaign.
 
     ``group``: nothing, poor noise, one, several, event, memory, unknown; ``right``: every cause is
@@ -50,13 +51,6 @@ class Line:
     ``size``: mean number of names in a set, 0 where nothing is named.
     """
 
-    generator: str
-    study: int
-    case: str
-    machine: str
-    own: int
-    eta: float
-    detail: str
     group: str
     verdict: str
     named: str
@@ -71,7 +65,9 @@ def jobs(seeds: list[int], generators: list[str]) -> Iterator[Job]:
     """Yield the campaigns of all seeds, in turns: what is stopped early has seen every case."""
     for seed in seeds:
         if "bodies" in generators:
-            yield from (Job("bodies", seed, name, name.split("-")[0], seed, 0.0) for name in WORLDS)
+            yield from (Job("bodies", seed, name, machine, seed, 0.0, "")
+                        for name, world in WORLDS.items()
+                        for machine, body in MACHINES.items() if body is world.machine)
         if "wild" in generators:
             yield from _wild_jobs(seed)
         if "hidden" in generators:
@@ -89,7 +85,7 @@ def _wild_jobs(seed: int) -> Iterator[Job]:
             rng = np.random.default_rng([seed, own])
             eta = float(np.exp(rng.uniform(*np.log(ETA))))
             machine = case.machines[int(rng.integers(len(case.machines)))]
-            yield Job("wild", seed, name, machine, own, round(eta, 4))
+            yield Job("wild", seed, name, machine, own, round(eta, 4), "")
 
 
 def run(job: Job) -> Line | None:
@@ -102,8 +98,7 @@ def run(job: Job) -> Line | None:
         found = (_group(job), "fault", "", 0, 0, 0, 0.0)
     if found is None:
         return None
-    return Line(job.generator, job.study, job.case, job.machine, job.own, job.eta, job.detail,
-                *found, round(time.perf_counter() - start, 1))
+    return Line(*astuple(job), *found, round(time.perf_counter() - start, 1))
 
 
 def _group(job: Job) -> str:
