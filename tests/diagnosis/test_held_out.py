@@ -266,14 +266,15 @@ def test_what_to_measure_next_follows_the_last_row(tmp_path: Path) -> None:
     mechanism = read_mechanism(tmp_path / "m.yaml")
     (data,) = read_campaign([tmp_path / DATA], mechanism)
     fit = identify(Problem(mechanism, (data,), mechanism.free))
-    stage = run_stage(fit.problem, fit.state, fit.keep, 1, ("leg_thermal", "gain", "drift"), 50)
-    thermal, gain, drift = (next(h for h in stage.hypotheses if h.kind == kind and len(h.on) != 1)
-                            for kind in ("leg_thermal", "gain", "drift"))
-    found = propose(stage, thermal, gain, 1.5, 1)
+    kinds = ("leg_thermal", "base_thermal", "drift")
+    stage = run_stage(fit.problem, fit.state, fit.keep, 1, kinds, 50)
+    legs, base, drift = (next(h for h in stage.hypotheses if h.kind == kind and len(h.on) != 1)
+                         for kind in kinds)
+    found = propose(stage, legs, base, 1.5, 1)
     assert found.rows >= 4
     time = data.columns["time"]
     pace = float(np.median(np.diff(time)))
     assert found.columns["time"] == pytest.approx(
         time.max() + pace * np.arange(1, found.rows + 1))
     # what only time tells goes on after the last row, if it does: no more than 20 to 1
-    assert propose(stage, drift, gain, 1.5, 1).odds_after <= ODDS * (1.0 + 1e-9)
+    assert propose(stage, drift, base, 1.5, 1).odds_after <= ODDS * (1.0 + 1e-9)
