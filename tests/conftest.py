@@ -3,8 +3,8 @@
 import os
 import signal
 
-# one thread of BLAS, as the program takes itself: the tests run side by side, and small matrices are
-# slower with more; what the environment says is kept. Before anything loads NumPy
+# one thread of BLAS, as the program itself takes: workers run side by side, and more threads are
+# slower with small matrices; what the environment says is kept. Before anything loads NumPy
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
