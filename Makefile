@@ -29,11 +29,13 @@ $(VENV)/.docs: $(VENV)/.run
 demo: $(VENV)/.run
 	@$(BIN)/ppmcal demo --out $(OUT)
 
+# worksteal: neighbours stay with one worker, and what a file's tests share is made once
 test: $(VENV)/.test
-	@$(BIN)/python -m pytest -n auto --dist load -m "not slow"
+	@$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
-test-all: test
-	@$(BIN)/python -m pytest -n auto --dist load -m slow
+# one run: what slow and quick tests of a file share is made once
+test-all: $(VENV)/.test
+	@$(BIN)/python -m pytest -n auto --dist worksteal
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check ppmcal tests benchmarks docs
