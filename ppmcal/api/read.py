@@ -18,10 +18,11 @@ from ppmcal.api.result import Result
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table, csv_table
 from ppmcal.io.csv_writer import Content, csv_lines
-from ppmcal.io.dataset_reader import LABELS, dataset_of
+from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.foreign import ForeignTable, foreign_tables, refuse_unused
 from ppmcal.io.header_units import with_units
 from ppmcal.io.join import rows_of
+from ppmcal.io.measurement_columns import LABELS
 from ppmcal.io.output import origin_comment
 from ppmcal.io.pose_fields import QUATERNION
 from ppmcal.io.read_block import MATRIX, ReadFile

@@ -85,8 +85,8 @@ def joined(log: ForeignTable, lists: Sequence[ForeignTable], options: JoinOption
                 raise BadInput("there is one table, and nothing to put beside it", flag,
                                "Give a list of points too, or leave the option out")
         table, said = _from_first(log.table, log.clock)
-        own = pose_names(table) if "pose" in table.header else ()
-        table, named = with_targets(table, block.names, own)
+        called = pose_names(table) if "pose" in table.header else []
+        table, named = with_targets(table, block.names, called)
         return Joined(table, (), (*named, *said))
     points = _one_list(lists)
     by_time = options.by == "time" or options.interpolate or offset is not None

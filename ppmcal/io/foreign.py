@@ -19,7 +19,7 @@ from ppmcal.io.foreign_names import GROUPED, is_target, own_name, unit_in
 from ppmcal.io.header_units import bare_name, without_units, zone_of
 from ppmcal.io.input_files import first_bytes, read_bytes
 from ppmcal.io.klipper_log import klipper_log
-from ppmcal.io.measurement_columns import known_columns, translate_foreign
+from ppmcal.io.measurement_columns import known_columns, translate_foreign, without_strangers
 from ppmcal.io.point_list import with_header
 from ppmcal.io.read_block import FURTHER, MATRIX, ReadFile
 from ppmcal.io.reading import of_homogeneous, renamed, unit_of
@@ -130,6 +130,10 @@ def _understood(made: Recording, mechanism: Mechanism, read: ReadFile, side: str
                            or (why if name == header else "a usual heading"))
     back = dict(zip(theirs, table.header, strict=True))
     _tell_targets(names, origin, back, known)
+    if any(h.startswith(("q_", "cmd_")) and h in known for h in table.header):
+        # in our own names, as `check` and `identify` read it
+        kept = [n for n, h in zip(table.header, theirs, strict=True) if h not in names.values()]
+        without_strangers(replace(table, header=tuple(kept), numbers={}, text={}), mechanism, known)
     numbers = {own: table.numbers[back[h]] for own, h in names.items() if back[h] in table.numbers}
     text = {own: table.text[back[h]] for own, h in names.items() if back[h] in table.text}
     units = {own: headed[h] for own, h in names.items() if h in headed}
