@@ -31,7 +31,7 @@ from ppmcal.calibration.freedom_choice import (
     choice_sentence,
     with_chosen_freedoms,
 )
-from ppmcal.calibration.identifiability import predict_identifiability
+from ppmcal.calibration.identifiability import predict_identifiability, with_held
 from ppmcal.calibration.identify import identify as fitted
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.noise import noise_check, noise_sentences, with_estimated_noise
@@ -119,6 +119,7 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         refuse_before_fit(problem)
         begin("choosing what to fit")
         extra = list[str]()
+        as_filed = problem
         problem, choice = secondary(
             FREEDOMS, partial(with_chosen_freedoms, problem, options, _estimated(problem, sigma)),
             (problem, None), extra)
@@ -131,6 +132,11 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         if chosen == "prior":
             refuse_other_machine(found.fit)
     begin("judging the campaign")
+    held = set(as_filed.free) - set(problem.free)
+    if held:
+        found = replace(found, identifiability=secondary(
+            "what the data leave open", lambda: with_held(found.fit, held),
+            found.identifiability, extra))
     campaign = secondary(MISSING, lambda: weak_campaign(found.fit, seed), None, extra)
     # what an earlier calibration knew may be all that so few poses lack
     asked = [] if before is not None or not problem.free else list(too_few(fit))
