@@ -128,13 +128,14 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
 
 
 def _lacking(untestable: Sequence[UntestableKind]) -> list[str]:
-    """Return ``compliance, windup (need payload)``: the kinds by what they lack."""
-    kinds: dict[tuple[str, ...], list[str]] = {}
+    """Return ``compliance, windup (need payload)``: the kinds by what they lack, and where."""
+    kinds: dict[tuple[tuple[str, ...], str], list[str]] = {}
     for u in untestable:
-        kinds.setdefault(u.missing, []).append(u.kind)
+        where = f", {u.reason}" if u.reason.startswith("not recorded in ") else ""
+        kinds.setdefault((u.missing, where), []).append(u.kind)
     return [f"{', '.join(some)} (need{'s' if len(some) == 1 else ''} "
-            f"{', '.join(missing[:2])}{' ...' if len(missing) > 2 else ''})"
-            for missing, some in kinds.items()]
+            f"{', '.join(missing[:2])}{' ...' if len(missing) > 2 else ''}{where})"
+            for (missing, where), some in kinds.items()]
 
 
 def _where(result: Diagnosis) -> str:
