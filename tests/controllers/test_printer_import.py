@@ -259,7 +259,7 @@ def test_no_touch_pays_for_calipers(tmp_path: Path, pairs: float, bad: bool) -> 
     assert set(fit.reasons[0]) == ({6} if bad else set())
 
 
-@pytest.mark.parametrize("row", range(12))
+@pytest.mark.parametrize("row", [2, 7])    # 7 used to pass for noise
 def test_a_wrong_distance_does_not_pass_for_noise_of_its_file(tmp_path: Path, row: int) -> None:
     """Nine touches and twelve distances, noise estimated: one that is misread by 1 mm is named."""
     text = config(REAL, pairs=1.0, noise=0.03)
