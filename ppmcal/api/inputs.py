@@ -17,6 +17,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 
 from ppmcal.calibration.stale_rows import without_stale
+from ppmcal.calibration.unknown_directions import with_unknown_directions
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import provenance, read_campaign, read_mechanism
 from ppmcal.io.campaign import joined
@@ -248,6 +249,8 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
         raise BadInput("there are no measurements", "data", "Give a data set or a file, or several")
     if machine.effects and datasets:
         machine = with_strokes(machine, np.concatenate([d.q for d in datasets]))
+        datasets = with_unknown_directions(machine, datasets, [
+            environment_of(machine, d) for d in datasets])
         for d in datasets:
             refuse_unrecorded(machine, environment_of(machine, d),
                               f"the effects of {machine.source}", d.source,

@@ -120,7 +120,9 @@ def read(files: Path_ | Sequence[Path_], mechanism: Machine, *, sidecar: Path_ |
             that both saw.
         names: how points are called where several targets are on the platform, such as
             ``{pose}_{target}``: one measurement file for each target  [default: the sidecar's
-            ``read.names``].
+            ``read.names``; of ``Group::Point`` or columns for both the group is the pose and the
+            point the target, where points of the same names stand in several groups and the log
+            has no row of these names].
         units: length unit of points whose header names none  [default: the sidecar's].
         name: of the files that :meth:`ReadResult.save` writes, without their ends.
 

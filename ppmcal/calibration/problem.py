@@ -23,6 +23,7 @@ from ppmcal.calibration.observation import noise, view, white_measurements, whit
 from ppmcal.calibration.posterior import Earlier
 from ppmcal.calibration.registration import no_pose, start_registration, unscaled
 from ppmcal.calibration.response import Response, Rows
+from ppmcal.calibration.unknown_directions import direction_sigma
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
 from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
@@ -94,6 +95,14 @@ class Problem:
     def environments(self) -> tuple[Environment, ...]:
         """What effects depend on, by data set."""
         return self.given or tuple(environment_of(self.mechanism, d) for d in self.datasets)
+
+    @cached_property
+    def sigma_joints(self) -> tuple[Array, ...]:
+        """Noise of the joints by data set (k,), unit of q; sides that are not known are noise."""
+        if not any("dir" in e.kind.needs for e in self.mechanism.effects):
+            return tuple(d.sigma_actuator for d in self.datasets)
+        return tuple(np.hypot(d.sigma_actuator, direction_sigma(self.mechanism, e))
+                     for d, e in zip(self.datasets, self.environments, strict=True))
 
     def open_scale(self) -> Array:
         """Return one natural unit per open column (C - F,): 1e-3 of the reach, 1e-3 rad.
@@ -247,7 +256,7 @@ class Problem:
 
     def _chunk(self, i: int, data: Dataset, index: Ints, state: State, jacobian: bool) -> Rows:
         part, registration, motion = data.take(index), state.registrations[i], self.mechanism.motion
-        with_noise = bool(np.any(data.sigma_actuator > 0.0))
+        with_noise = bool(np.any(self.sigma_joints[i] > 0.0))
         asked = jacobian or with_noise
         rows = self._at(i, index)
 
@@ -284,7 +293,7 @@ class Problem:
                         full += own
             if jacobian:
                 self.opens[i].fill(full, seen)
-        sigma = np.tile(data.sigma_actuator, len(ends))
+        sigma = np.tile(self.sigma_joints[i], len(ends))
         white = whitener(seen, noise(part, motion),
                          np.concatenate(by_joint, axis=-1) if by_joint else None, sigma)
         full = np.where(seen.observed[..., None], full, 0.0)
