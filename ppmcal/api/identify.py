@@ -37,6 +37,7 @@ from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.noise import noise_check, noise_sentences, with_estimated_noise
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.pulled_apart import pulled_apart
 from ppmcal.calibration.read_rightly import refuse_after_fit, refuse_before_fit
 from ppmcal.calibration.registration_freedoms import hint_sentences, registration_hints
 from ppmcal.calibration.secondary import secondary
@@ -52,9 +53,10 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import begin, heard, silent
 
-FREEDOMS, MISSING, PATTERN, TOLERATED = (
-    "whether some parameters should be one", "which poses are missing",
-    "whether residuals have a pattern", "whether the tolerances are kept")
+APART, FREEDOMS, MISSING, PATTERN, TOLERATED = (
+    "whether instruments pull apart", "whether some parameters should be one",
+    "which poses are missing", "whether residuals have a pattern",
+    "whether the tolerances are kept")
 """What is told beside a fit."""
 
 
@@ -150,6 +152,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
                                  lambda: carried_on(fit, before, options), [], extra)
     asked += secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
         fit, _estimated(problem, sigma))), [], extra)
+    if sigma != "estimated":
+        asked += secondary(APART, lambda: pulled_apart(fit, problem.datasets), [], extra)
     told += [*scale_sentences(found), *([choice_sentence(choice)] if choice else [])]
     whole = replace(found, findings=(*notes, *units, *asked, *found.findings, *extra),
                     earlier=before, campaign=campaign)
