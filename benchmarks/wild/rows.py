@@ -88,7 +88,7 @@ def reversed_order(rng, paper: Paper) -> Blame:
 
 
 def approach_inverted(share: float):
-    """Direction columns with the wrong sign on the first part: on all rows it would be no mistake."""
+    """Direction columns with the wrong sign on the first part: of all rows it is no mistake."""
 
     def make(rng, paper):
         names = [n for n in paper.table if n.startswith("dir_")]

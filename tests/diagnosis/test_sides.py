@@ -128,9 +128,10 @@ def test_commands_make_up_for_a_reversal_on_either_side(tmp_path: Path, width: f
         for row in np.hstack([pose, way]).tolist()])
     ppmcal("compensate", "m.yaml", "t.csv", "--frame", "base", "--out", "c", cwd=tmp_path)
     sent = rows(tmp_path / "c/commands.csv")
-    write_csv(tmp_path / "q.csv", [
-        {f"q_leg{a + 1}": repr(float(number(r, f"q_leg{a + 1}") + 0.5 * width * w[a])) for a in range(3)}
-        for r, w in zip(sent, way, strict=True)])
+    q = [f"q_leg{a}" for a in (1, 2, 3)]
+    joints = np.array([[number(r, n) for n in q] for r in sent]) + 0.5 * width * way
+    write_csv(tmp_path / "q.csv", [dict(zip(q, map(repr, row), strict=True))
+                                   for row in joints.tolist()])
     ppmcal("kinematics", "forward", "bare.yaml", "q.csv", "--out", "k", cwd=tmp_path, expect=0)
     reached = np.array([[number(r, n) for n in ("x", "y", "rz")]
                         for r in rows(tmp_path / "k/kinematics.csv")])
