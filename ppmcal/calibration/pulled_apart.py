@@ -28,7 +28,7 @@ MOST_ROWS = 200
 
 
 @dataclass(frozen=True)
-class Instrument:
+class InstrumentRows:
     """The white rows of one kind of instrument, by the noise that its files stated.
 
     ``names``: of its data sets; ``rows``: Jacobian in natural units and the residual (n, C + 1);
@@ -39,14 +39,14 @@ class Instrument:
     rows: Array
     source: Array
 
-    def without(self, source: Array) -> Instrument:
+    def without(self, source: Array) -> InstrumentRows:
         """Return it without the values of one row (2,)."""
         stay = (self.source != source).any(axis=1)
-        return Instrument(self.names, self.rows[stay], self.source[stay])
+        return InstrumentRows(self.names, self.rows[stay], self.source[stay])
 
 
 @dataclass(frozen=True)
-class Split:
+class PulledApart:
     """How instruments pull apart.
 
     ``p_value``: chance of as much if one machine is behind all; ``noise``: of each alone over the
@@ -81,7 +81,7 @@ def pulled_apart(fit: Fit, stated: Sequence[Dataset]) -> list[str]:
     return [_sentence(fit, instruments, found)]
 
 
-def split(instruments: Sequence[Instrument], held: Array, draws: int = DRAWS) -> Split:
+def split(instruments: Sequence[InstrumentRows], held: Array, draws: int = DRAWS) -> PulledApart:
     """Return whether instruments pull apart.
 
     Args:
@@ -95,15 +95,15 @@ def split(instruments: Sequence[Instrument], held: Array, draws: int = DRAWS) ->
     noise = np.sqrt(own / freedom)
     degrees = _left(_stacked(instruments, noise), held)[1] - sum(d for _, d in alone)
     if degrees <= 0:
-        return Split(1.0, tuple(noise.tolist()))
+        return PulledApart(1.0, tuple(noise.tolist()))
     drawn = np.sqrt(own / np.random.default_rng(0).chisquare(freedom, (draws, own.size)))
     excess = [_left(_stacked(instruments, s), held)[0] - sum(
         chi2 / f**2 for (chi2, _), f in zip(alone, s, strict=True)) for s in drawn]
     p_value = float(np.mean(chdtrc(degrees, np.maximum(excess, 0.0))))
-    return Split(p_value, tuple(noise.tolist()))
+    return PulledApart(p_value, tuple(noise.tolist()))
 
 
-def _instruments(fit: Fit, factor: Sequence[float]) -> list[Instrument]:
+def _instruments(fit: Fit, factor: Sequence[float]) -> list[InstrumentRows]:
     """Return the rows in use by kind of instrument, white by the noise that was stated.
 
     Args:
@@ -122,11 +122,11 @@ def _instruments(fit: Fit, factor: Sequence[float]) -> list[Instrument]:
         source.setdefault(data.kind, []).append(
             np.stack([np.full(index.size, part.dataset), index], axis=1))
         names.setdefault(data.kind, {})[data.name] = None
-    return [Instrument(tuple(names[k]), np.concatenate(rows[k]), np.concatenate(source[k]))
+    return [InstrumentRows(tuple(names[k]), np.concatenate(rows[k]), np.concatenate(source[k]))
             for k in rows]
 
 
-def _stacked(instruments: Sequence[Instrument], noise: Sequence[float] | Array) -> Array:
+def _stacked(instruments: Sequence[InstrumentRows], noise: Sequence[float] | Array) -> Array:
     return np.concatenate([i.rows / s for i, s in zip(instruments, noise, strict=True)])
 
 
@@ -144,7 +144,8 @@ def _taken(s: Array, vt: Array, held: Array) -> Bools:
     return np.asarray((s > KNOWN * weight) & (s > SOLVE_TOLERANCE * s.max(initial=1e-300)))
 
 
-def _explained(instruments: Sequence[Instrument], held: Array, found: Split) -> Split:
+def _explained(instruments: Sequence[InstrumentRows], held: Array, found: PulledApart
+               ) -> PulledApart:
     """Return the split with the row without which the instruments agree best, where they do."""
     source = np.unique(np.concatenate([i.source for i in instruments]), axis=0)
     if len(source) > MOST_ROWS:
@@ -157,7 +158,7 @@ def _explained(instruments: Sequence[Instrument], held: Array, found: Split) -> 
     return replace(found, row=(int(source[best][0]), int(source[best][1])), without=chance[best])
 
 
-def _sentence(fit: Fit, instruments: Sequence[Instrument], found: Split) -> str:
+def _sentence(fit: Fit, instruments: Sequence[InstrumentRows], found: PulledApart) -> str:
     """Return what instruments say against each other, in units of the file."""
     names = [" and ".join(i.names) for i in instruments]
     values, sigma = zip(*(_alone(i.rows / s, fit) for i, s in

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ppmcal.calibration.noise import LEAST
-from ppmcal.calibration.pulled_apart import Instrument, split
+from ppmcal.calibration.pulled_apart import InstrumentRows, split
 
 COLUMNS = 6
 SIZES = {"heights": 9, "distances": 12}
@@ -13,7 +13,7 @@ HELD = np.full(COLUMNS, 1e-3)
 """Tolerances that rows outdo by far: what rows alone hold is compared."""
 
 
-def campaign(rng: np.random.Generator, noise: float, apart: float = 0.0) -> list[Instrument]:
+def campaign(rng: np.random.Generator, noise: float, apart: float = 0.0) -> list[InstrumentRows]:
     """Return two instruments; ``noise`` over the stated one, and how far their machines differ."""
     machine = rng.normal(size=COLUMNS)
     out = []
@@ -22,7 +22,7 @@ def campaign(rng: np.random.Generator, noise: float, apart: float = 0.0) -> list
         other = machine + n * apart * rng.normal(size=COLUMNS)
         seen = slope @ other + noise * rng.normal(size=size)
         source = np.stack([np.full(size, n), np.arange(size)], axis=1)
-        out.append(Instrument((name,), np.column_stack([slope, seen]), source))
+        out.append(InstrumentRows((name,), np.column_stack([slope, seen]), source))
     return out
 
 
