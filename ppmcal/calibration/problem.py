@@ -57,6 +57,24 @@ def white_squares(problem: Problem, state: State, keep: Sequence[Bools]) -> tupl
     return sum(square for square, _ in each), sum(count for _, count in each)
 
 
+def squares_by_noise_of(one: tuple[Problem, State], other: tuple[Problem, State],
+                        keep: Sequence[Bools]) -> float:
+    """Return the sum of white squares of ``one`` state, its rows weighted as at the ``other``.
+
+    The noise of joints is carried to the measured point by geometry and registration, and moves
+    with them: what two fits leave is compared by one noise or not at all.
+
+    Args:
+        one: whose residuals count; its data sets are the other's, whatever these leave open.
+        other: at which state they are whitened.
+        keep: rows (N,) by data set that have a pose in both.
+    """
+    (problem, state), (by, at) = one, other
+    pairs = zip(problem.rows(state, False, keep), by.rows(at, False, keep), strict=True)
+    return sum(float(np.sum((noise.whitener @ np.where(r.observed, r.raw, 0.0)[..., None])**2))
+               for r, noise in pairs)
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """A machine and its measurements.

@@ -155,6 +155,7 @@ def _effects(record: DiagnosisRecord) -> list[str]:
         onset,
         own_values,
         rivals,
+        side,
         survives,
         together,
     )
@@ -174,6 +175,8 @@ def _effects(record: DiagnosisRecord) -> list[str]:
                 + (f" at mid-stroke ({number(at.value)} {at.unit})." if at else ".")
                 for head, e in zip(heads, group, strict=True) if e.derived
                 for at in [e.mid_stroke]]
+        out += [f"  {line[0].upper() if line.startswith('the ') else line[0]}{line[1:]}"
+                for line in side(group)]
         if others := rivals(record, group[0]):
             out.append(f"  Cannot be told from: {some(others, 'effects.csv', joint='; ')}.")
         if stands := survives(group[0]):
