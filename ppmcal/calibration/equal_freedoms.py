@@ -14,7 +14,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.posterior import ROUND_OFF, Posterior, SessionKnowledge
-from ppmcal.linalg import Array, svd
+from ppmcal.linalg import Array, Bools, svd
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -46,7 +46,7 @@ def _held(mechanism: Mechanism, found: Posterior, both: Sequence[int], at: Array
         session=None if found.session is None else _session(found, found.session, goes, away, step))
 
 
-def _step(found: Posterior, goes: Array, away: Array) -> Array:
+def _step(found: Posterior, goes: Bools, away: Array) -> Array:
     """Return by how much the other parameters move (F',) as those that go are moved ``away``."""
     scale = found.scale[~goes]
     data = found.matrix[:, ~goes] * scale / found.inflation
@@ -58,7 +58,7 @@ def _step(found: Posterior, goes: Array, away: Array) -> Array:
     return np.asarray(scale * (inverse @ (data.T @ missed - pulled)))
 
 
-def _session(found: Posterior, known: SessionKnowledge, goes: Array, away: Array, step: Array
+def _session(found: Posterior, known: SessionKnowledge, goes: Bools, away: Array, step: Array
              ) -> SessionKnowledge:
     """Return what the data say beyond parameters, those that go held; the rest of it is noise."""
     count = goes.size

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.kinematics.closure import Model
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import some
@@ -71,10 +71,9 @@ def _ratios(mechanism: Mechanism) -> Array:
 
 
 def _words(mechanism: Mechanism, datasets: Sequence[Dataset], without: Sequence[int],
-           lacks: Array) -> str:
+           lacks: Bools) -> str:
     """Return on how many rows what goes with the direction is tested, and which files lack it."""
-    own = [f"dir_{a}" for a, gone in zip(mechanism.actuators, lacks.any(axis=0), strict=True)
-           if gone]
+    own = [f"dir_{a}" for i, a in enumerate(mechanism.actuators) if lacks[:, i].any()]
     with_ = [d for i, d in enumerate(datasets) if i not in without]
     by_axis = [c for c in ("dir_x", "dir_y", "dir_z") if any(c in d.columns for d in with_)]
     columns = by_axis or own
