@@ -47,7 +47,7 @@ from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io import unit_findings
-from ppmcal.io.copies import without_shared
+from ppmcal.io.copies import without_known, without_shared
 from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -111,6 +111,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
     source = source_of("identify", inputs, seed)
     if before is not None:
         refuse_twice(before, source)
+        datasets, other = (without_known(d, machine.actuators, before.known, before.source)
+                           for d in (datasets, other))
     chosen = "flat" if prior == "flat" else method
     options = FitOptions(chosen, damping, not keep_outliers and method != "damped", iterations)
     problem = Problem(machine, datasets, machine.free, earlier=before.data() if before else None)

@@ -33,8 +33,10 @@ from ppmcal.calibration.frozen_models import (
 )
 from ppmcal.calibration.secondary import secondary
 from ppmcal.errors import unknown
-from ppmcal.io.results.own_calibration import seen_before
+from ppmcal.io.results.known_rows import rows_behind
+from ppmcal.io.results.own_calibration import rows_seen, seen_before
 from ppmcal.io.results.validation import ValidationRecord, model_sentence
+from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import begin, heard, silent
 
@@ -107,31 +109,33 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
     inputs = [*mechanism.inputs, *_beside(model, against),
               *(i for o in others for i in o.mechanism.inputs), *data_files(datasets)]
     source = source_of("validate", list(dict.fromkeys(inputs)), seed)
-    findings = (*odd, *_fitted_to(model, against, source["inputs"], [d.source for d in datasets]),
+    rivals = {o.label: o.mechanism for o in others if o.label in {str(p) for p in against}}
+    findings = (*odd, *_fitted_to(model, rivals, source["inputs"], datasets, whole),
                 *(f for d in datasets for f in d.findings), *notes)
     record = ValidationRecord.of_validation(found, noise, mechanism.name, mechanism.units,
                                             source, findings)
     return ValidationResult(source, record.findings, mechanism, found, tuple(noise), record, png)
 
 
-def _fitted_to(model: Machine | CalibratedMachine, against: Sequence[Path_],
-               inputs: Mapping[str, str], tables: Sequence[str]) -> list[str]:
-    """Return which of the measurements are no test of a machine, for it was fitted to them."""
-    out = []
+def _fitted_to(model: Machine | CalibratedMachine, others: Mapping[str, Mechanism],
+               inputs: Mapping[str, str], datasets: Sequence[Dataset], mechanism: Mechanism
+               ) -> list[str]:
+    """Return which of the measurements are no test of a machine, for it was fitted to them.
+
+    ``others``: further machines by path.
+    """
+    seen = list[tuple[str, list[tuple[str, str]]]]()
+    paths = list[tuple[str, Path, Mechanism]]()
     if isinstance(model, CalibratedMachine):
-        own = {d.source for d in model.identification.fit.problem.datasets}
-        seen = [("the model", [t for t in tables if t in own])]
-        paths = list[tuple[str, Path]]()
-    else:
-        seen = []
-        paths = [("the model", Path(model))] if isinstance(model, str | Path) else []
-    for name, path in [*paths, *((str(p), Path(p)) for p in against)]:
+        seen.append(("the model", rows_seen(datasets, mechanism,
+                                            rows_behind(model.identification))))
+    elif isinstance(model, str | Path):
+        paths.append(("the model", Path(model), mechanism))
+    for name, path, machine in [*paths, *((p, Path(p), m) for p, m in others.items())]:
         if (beside := _calibration(path)) is not None:
-            seen.append((name, seen_before(beside, inputs, tables)))
-    for name, these in seen:
-        out += [f"{t}: {name} was fitted to these measurements: they are no test of it, and its "
-                "errors look smaller than they are" for t in these]
-    return out
+            seen.append((name, seen_before(beside, inputs, datasets, machine)))
+    return [f"{table}: {name} was fitted to {rows}: they are no test of it, and its "
+            "errors look smaller than they are" for name, these in seen for table, rows in these]
 
 
 def _calibration(path: Path) -> Path | None:

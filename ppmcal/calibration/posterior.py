@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import linalg
+from ppmcal.calibration.same_rows import KnownRows
 from ppmcal.linalg import Array, range_basis, svd, unit_columns, without_range
 from ppmcal.model.mechanism import Mechanism
 
@@ -112,6 +113,7 @@ class Posterior:
         inputs: content hash -> name of the measurement tables behind it.
         source: the file.
         session: what the data say beyond its parameters; None where a file does not hold it.
+        known: rows by which copies of those tables are told.
     """
 
     places: tuple[int, ...]
@@ -124,6 +126,7 @@ class Posterior:
     inputs: Mapping[str, str]
     source: str
     session: SessionKnowledge | None = None
+    known: tuple[KnownRows, ...] = ()
 
     def data(self) -> Earlier:
         """Return the data's part, without the prior."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import Any
 
@@ -17,6 +18,41 @@ MOST_STEPS, WHOLE = 1e11, 1e-3
 """Of a number of so many steps, or fewer, double precision says within this whether it is whole."""
 ROUND_OFF = 1e-9
 """What units make of a number is exact to this part of a column's largest."""
+KEPT, CARRIED = 1000, 5000
+"""Rows of a table by which a copy of it is told later on, and of all the tables behind a fit."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownRows:
+    """Rows of a data set that a calibration has used, all or some evenly spread, SI.
+
+    Attributes:
+        source: the table's name.
+        kind: of instrument.
+        count: rows that the table had.
+        chance: that two measurements of one pose agree in every digit.
+        columns: names, ``q_leg1`` ... ``x`` ... (c,).
+        table: what was told and measured (n, c), nan where not.
+    """
+
+    source: str
+    kind: str
+    count: int
+    chance: float
+    columns: tuple[str, ...]
+    table: Array
+
+    @property
+    def whole(self) -> bool:
+        """Whether all rows of the table are here."""
+        return len(self.table) == self.count
+
+    def thinned(self, most: int) -> KnownRows:
+        """Return at most so many rows, evenly spread."""
+        if len(self.table) <= most:
+            return self
+        rows = np.unique(np.linspace(0, len(self.table) - 1, most).astype(int))
+        return replace(self, table=self.table[rows])
 
 
 def step_of(values: Array) -> float:

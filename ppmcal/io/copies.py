@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.observation import SCALARS
-from ppmcal.calibration.same_rows import partners, step_of, tolerances
+from ppmcal.calibration.same_rows import KEPT, KnownRows, partners, step_of, tolerances
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.measurement_columns import row_list
@@ -174,8 +174,7 @@ def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
             if rows[0].shape[1] != rows[1].shape[1]:
                 continue
             again = identical_rows(np.concatenate(rows))[len(other):] < len(other)
-            if data.kind not in SCALARS and not again.all():
-                # a height is mostly 0: where it was touched has to agree in every digit
+            if not again.all():
                 one, two = rows
                 again[partners(one, two, tolerances(one, two))[1]] = True
             if again.any() and _copied_count(again, max(data.chance, other.chance)):
@@ -188,6 +187,74 @@ def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
                     "too, equal within their digits: copies are no repeats; each counts once."))
         done.append(data)
     return tuple(done)
+
+
+def known_rows(data: Dataset, actuators: Sequence[str]) -> KnownRows:
+    """Return the rows by which copies of a data set are told when its table is gone.
+
+    Joint values or commanded poses, and what was measured; :data:`KEPT` rows at most.
+    """
+    columns, table = _told(data, actuators)
+    return KnownRows(data.source, data.kind, len(data), data.chance, columns, table).thinned(KEPT)
+
+
+def _told(data: Dataset, actuators: Sequence[str]) -> tuple[tuple[str, ...], Array]:
+    """Return names and values (N, c), SI, of what a data set was told and measured."""
+    if data.commanded is not None:
+        parts = [(f"cmd_{n}", c) for n, c in zip(COORDINATES, data.commanded.T, strict=True)]
+    else:
+        parts = [(f"q_{a}", c) for a, c in zip(actuators, data.q.T, strict=True)]
+    if data.to_q is not None:
+        parts += [(f"to_q_{a}", c) for a, c in zip(actuators, data.to_q.T, strict=True)]
+    parts += list(zip((*COORDINATES, "value"), _values(data).T, strict=True))
+    parts = [(name, column) for name, column in parts if np.isfinite(column).any()]
+    return tuple(n for n, _ in parts), np.column_stack([c for _, c in parts])
+
+
+def among(data: Dataset, actuators: Sequence[str], known: KnownRows) -> Bools:
+    """Return which rows (N,) are copies of known ones, within their digits; none by chance."""
+    again = np.zeros(len(data), dtype=bool)
+    columns, table = _told(data, actuators)
+    if data.kind != known.kind or columns != known.columns or not len(known.table):
+        return again
+    one, two = (np.nan_to_num(t, nan=0.5) for t in (known.table, table))
+    again[partners(one, two, tolerances(one, two))[1]] = True
+    if again.any() and _copied_count(again, max(data.chance, known.chance)):
+        return again
+    return np.zeros_like(again)
+
+
+def count_among(data: Dataset, actuators: Sequence[str], known: Sequence[KnownRows]
+                ) -> tuple[int, bool]:
+    """Return how many rows are copies of known ones, and whether there may be more of them."""
+    again = [(among(data, actuators, k), k.whole) for k in known]
+    some = np.any([a for a, _ in again], axis=0) if again else np.zeros(len(data), dtype=bool)
+    return int(some.sum()), any(a.any() and not whole for a, whole in again)
+
+
+def without_known(several: Sequence[Dataset], actuators: Sequence[str],
+                  known: Sequence[KnownRows], where: str) -> tuple[Dataset, ...]:
+    """Return data sets without the rows that a calibration (``where``) has used already.
+
+    Raises:
+        BadInput: one that has no row of its own, or copies among more rows than were kept.
+    """
+    out = list[Dataset]()
+    for data in several:
+        for seen in known:
+            again = among(data, actuators, seen)
+            if not again.any():
+                continue
+            if again.all() or not seen.whole:
+                rows = "all rows" if again.all() else "rows"
+                raise BadInput(f"is in that calibration already: {rows} stand in {seen.source} "
+                               "too, equal within their digits", data.source,
+                               "Give new measurements only, or leave out --keep")
+            data = _left_out(data, again, (
+                f"{data.source}: {counted(int(again.sum()), 'row')} stand in {seen.source} too, "
+                f"which {where} has used already, equal within their digits: each counts once."))
+        out.append(data)
+    return tuple(out)
 
 
 def _copied_count(again: Bools, chance: float) -> bool:

@@ -2,6 +2,7 @@
 
 import csv
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ppmcal as face
-from ppmcal.calibration.same_rows import last_digit, step_of
-from ppmcal.io.copies import REASON, chance_of_equal
+from ppmcal.calibration.same_rows import KEPT, last_digit, step_of
+from ppmcal.errors import BadInput
+from ppmcal.io.copies import REASON, chance_of_equal, count_among, known_rows, without_known
 from ppmcal.kinematics.inverse import home_state
+from ppmcal.model.dataset import Dataset
 
 RNG = np.random.default_rng(3)
 TIMES = 20
@@ -312,3 +315,125 @@ def test_a_copy_in_fewer_digits_or_other_units_counts_once(bench, change, units)
     _, second = face.read_data(bench / "mine.yaml", first, path)
     assert len(second) == 4
     assert any("within their digits" in f for f in second.findings)
+
+
+# --- copies of what an earlier calibration was fitted to --------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def calibrated(bench, tmp_path_factory):
+    """Return a calibration of the bench's machine whose table is gone since."""
+    folder = tmp_path_factory.mktemp("calibrated")
+    path = written(bench, measured(bench), "gone")
+    ppmcal("identify", bench / "mine.yaml", path, "--holdout", 0, "--out", folder / "i")
+    path.unlink()
+    return folder / "i"
+
+
+def in_fewer_digits(row):
+    return {k: f"{float(v):.3f}" if k in ("x", "y", "rz") else v for k, v in row.items()}
+
+
+COPIES = [(dict, "mm"), (in_fewer_digits, "mm"), (as_inches, "in")]
+
+
+def copy_of(bench, table, name, change, units):
+    """Write rows as another program would: other line ends, digits, or units."""
+    side = yaml.safe_load((bench / "simulated" / "measurements.yaml").read_text())
+    sigma = {**side["instrument"]["sigma"]}
+    if units == "in":
+        sigma["position"] /= 25.4
+    path = written(bench, [change(r) for r in table], name,
+                   units={"length": units, "angle": "deg"},
+                   instrument={**side["instrument"], "sigma": sigma}, frame="unknown")
+    path.write_bytes(path.read_bytes().replace(b"\r\n", b"\n").replace(b"\n", b"\r\n") + b"\r\n")
+    return path
+
+
+def other_rows(bench, folder, seed, count):
+    """Return rows of another day of the same machine."""
+    ppmcal("simulate", bench / "mine.yaml", bench / "mine.scenario.yaml", "--seed", seed,
+           "--out", folder / "other", expect=0)
+    return rows(folder / "other" / "measurements.csv")[:count]
+
+
+@pytest.mark.parametrize(("change", "units"), COPIES)
+def test_a_copy_is_not_carried_on(bench, calibrated, tmp_path, change, units):
+    path = copy_of(bench, measured(bench), "kept", change, units)
+    run = ppmcal("identify", bench / "mine.yaml", path, "--start", calibrated, "--keep",
+                 "--out", tmp_path / "no", expect=2)
+    assert "is in that calibration already" in " ".join(run.err.split())
+
+
+@pytest.mark.parametrize(("change", "units"), COPIES)
+def test_a_copy_is_no_test_of_a_calibration(bench, calibrated, tmp_path, change, units):
+    plain, new = measured(bench), other_rows(bench, tmp_path, 11, 12)
+    path = copy_of(bench, plain, "unseen", change, units)
+    run = ppmcal("validate", calibrated, path, "--out", tmp_path / "v", "--json", expect=1)
+    assert any("the model was fitted to these measurements" in f for f in run.json["findings"])
+    path = copy_of(bench, new, "new", change, units)
+    run = ppmcal("validate", calibrated, path, "--out", tmp_path / "w", "--json")
+    assert not any("was fitted to" in f for f in run.json["findings"])
+    path = copy_of(bench, [*new, *plain[:7]], "some", change, units)
+    run = ppmcal("validate", calibrated, path, "--out", tmp_path / "u", "--json", expect=1)
+    assert any("the model was fitted to 7 of these 19 rows" in f for f in run.json["findings"])
+
+
+def test_only_new_rows_of_a_file_that_grew_are_carried_on(bench, calibrated, tmp_path):
+    plain, new = measured(bench), other_rows(bench, tmp_path, 11, 20)
+    grown = copy_of(bench, [*plain, *new], "grown", in_fewer_digits, "mm")
+    alone = copy_of(bench, new, "alone", in_fewer_digits, "mm")
+    first, second = (ppmcal("identify", bench / "mine.yaml", path, "--start", calibrated, "--keep",
+                            "--holdout", 0, "--out", tmp_path / path.stem, "--json").json
+                     for path in (grown, alone))
+    assert any(f"{len(plain)} rows stand in" in f for f in first["findings"])
+    for a, b in zip(first["parameters"], second["parameters"], strict=True):
+        assert a["value"] == pytest.approx(b["value"], rel=1e-9, abs=1e-9)
+        assert a["sigma"] == b["sigma"] or a["sigma"] == pytest.approx(b["sigma"], rel=1e-6)
+    # what was carried on is remembered too
+    run = ppmcal("identify", bench / "mine.yaml", grown, "--start", tmp_path / "alone", "--keep",
+                 "--out", tmp_path / "no", expect=2)
+    assert "is in that calibration already" in " ".join(run.err.split())
+
+
+def test_the_record_of_rows_is_bounded_and_still_tells_a_copy():
+    rng = np.random.default_rng(5)
+    q, pose = rng.uniform(0.3, 0.9, (30_000, 3)), np.zeros((30_000, 6))
+    pose[:, :2] = rng.uniform(-0.2, 0.2, (30_000, 2))
+    data = replace(Dataset.of_poses("day", q, pose, (1e-5, 1e-4), True), chance=1e-9)
+    known = known_rows(data, ("a", "b", "c"))
+    assert len(known.table) == KEPT and not known.whole
+    assert count_among(data, ("a", "b", "c"), [known]) == (KEPT, True)
+    other = replace(data, position=data.position + 1e-5)
+    assert count_among(other, ("a", "b", "c"), [known]) == (0, False)
+    with pytest.raises(BadInput, match="in that calibration already"):
+        without_known([data], ("a", "b", "c"), [known], "i")
+
+
+@pytest.mark.parametrize(("kind", "height"), [("fewer", None), ("inches", None), ("inches", 0.0)])
+def test_copied_heights_are_told_within_their_digits(printer, kind, height):
+    table = touches(printer, 40, 1, np.random.default_rng(2), digits=4, height=height)
+    data = of_probe(printer, table)
+    known = known_rows(data, face.load(printer / "mine.yaml").actuators)
+    digits, factor, units = (2, 1.0, "mm") if kind == "fewer" else (6, 25.4, "in")
+    again = [{k: f"{float(v) / factor:.{digits if k == 'height' or factor > 1 else 4}f}"
+              for k, v in r.items()} for r in table]
+    write_csv(printer / "again.csv", again)
+    (printer / "again.yaml").write_text(yaml.safe_dump({
+        **SIDE, "units": {"length": units, "angle": "deg"},
+        "instrument": {"kind": "plane", "sigma": {"height": 0.01 / factor}}}))
+    copy = read(printer, printer / "again.csv")
+    assert count_among(copy, face.load(printer / "mine.yaml").actuators, [known]) == (40, False)
+    with pytest.raises(BadInput, match="within its digits"):
+        face.read_data(printer / "mine.yaml", printer / "touches.csv", printer / "again.csv")
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_honest_heights_of_another_day_are_no_copies(printer, seed):
+    """The same places, probed again, in coarse digits."""
+    rng = np.random.default_rng(seed)
+    table = touches(printer, 40, 1, rng)
+    again = [{**r, "height": f"{rng.normal() * 0.01:.2f}"} for r in table]
+    actuators = face.load(printer / "mine.yaml").actuators
+    known = known_rows(of_probe(printer, table), actuators)
+    assert count_among(of_probe(printer, again), actuators, [known]) == (0, False)

@@ -41,6 +41,7 @@ from ppmcal.io.results.identification_tables import (
     residuals_csv,
     table_units,
 )
+from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
 from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, UnitNames, Whole
 from ppmcal.io.results.units import Numbers
 from ppmcal.kinematics.partial_pose import pose_vector
@@ -60,7 +61,8 @@ class IdentificationRecord(Record):
     left out that the model misses; ``campaign``: poses too weak for what was fitted, with those
     that are missing in next.csv; ``freedoms``: which optional ones were kept;
     ``measured_volume``: coordinate -> (low, high); ``earlier``: content hash -> name of the
-    tables behind a calibration carried on; ``column_units``: of the CSV files beside it, by file,
+    tables behind a calibration carried on; ``known_rows``: of all tables behind this one, by which
+    copies of them are told; ``column_units``: of the CSV files beside it, by file,
     empty for bare numbers.
     """
 
@@ -98,6 +100,7 @@ class IdentificationRecord(Record):
     measured_volume: Mapping[Text, Numbers] = Field(default_factory=dict)
     provenance: Provenance = Provenance()
     earlier: Mapping[Text, Text] = Field(default_factory=dict)
+    known_rows: tuple[RowsOfTable, ...] = ()
     covariance: CovarianceEntry | None = None
 
     @classmethod
@@ -134,11 +137,12 @@ class IdentificationRecord(Record):
             units=UnitNames.of(units), column_units=table_units(fit.problem),
             measured_volume=_volume(result),
             provenance=Provenance.model_validate(provenance), **carried,
+            known_rows=tuple(RowsOfTable.of_rows(k, mechanism) for k in rows_behind(result)),
             covariance=CovarianceEntry.of(result))
 
     def summary(self) -> dict[str, Any]:
-        """Return the content without the covariance."""
-        return {k: v for k, v in self.entries().items() if k != "covariance"}
+        """Return the content without the covariance and the rows of the tables."""
+        return {k: v for k, v in self.entries().items() if k not in ("covariance", "known_rows")}
 
     def files(self, result: Identification) -> dict[str, Content]:
         """Return file name -> text of everything that identify writes of its ``result``."""

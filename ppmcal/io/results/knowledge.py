@@ -12,6 +12,7 @@ import numpy as np
 from ppmcal.calibration.compensation import Knowledge
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.posterior import Posterior, SessionKnowledge, Sight
+from ppmcal.calibration.same_rows import KnownRows
 from ppmcal.calibration.session_knowledge import SESSION
 from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord
@@ -114,6 +115,7 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
         value = _values(record, names)
         inputs = tables_of(record)
         session = _session(covariance.session, mechanism, names)
+        rows = known_in(record, mechanism)
     except _Incomplete as error:
         raise _no_such(path, AGAIN) from error
     of_machine(names, mechanism, path)
@@ -124,7 +126,8 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
     factor = np.array([column_factor(mechanism, n) for n in names])
     return Posterior(tuple(mechanism.names.index(n) for n in names), value * factor,
                      known.matrix / factor, known.right, known.tolerance * factor,
-                     known.scale * factor, known.inflation, inputs, str(path), session)
+                     known.scale * factor, known.inflation, inputs, str(path), session,
+                     rows)
 
 
 def refuse_twice(before: Posterior, source: Mapping[str, Any]) -> None:
@@ -326,6 +329,18 @@ def _values(record: IdentificationRecord, names: Sequence[str]) -> Array:
     if len(set(names)) != len(names) or np.any(np.abs(value) >= LONGEST):
         raise _Incomplete
     return value
+
+
+def known_in(record: IdentificationRecord, mechanism: Mechanism) -> tuple[KnownRows, ...]:
+    """Return rows of the tables behind a calibration, SI; none in files of older versions.
+
+    Raises:
+        ValueError: they are no numbers.
+    """
+    try:
+        return tuple(r.known(mechanism) for r in record.known_rows)
+    except ValueError as error:
+        raise _Incomplete from error
 
 
 def tables_of(record: IdentificationRecord) -> dict[str, str]:

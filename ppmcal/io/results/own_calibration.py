@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from ppmcal.calibration.same_rows import KnownRows
 from ppmcal.errors import PpmcalError
+from ppmcal.io.copies import count_among
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.knowledge import read_identification, tables_of
+from ppmcal.io.results.knowledge import known_in, read_identification, tables_of
 from ppmcal.io.results.units import column_factor
+from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import number
 
+ALL = "these measurements"
 APART = 3.0
 """Standard deviations between two readings of one campaign that are not remarkable."""
 TURNED = ("direction", "axis")
@@ -40,13 +44,31 @@ def of_other_values(record: IdentificationRecord, mechanism: Mechanism) -> str:
     return words
 
 
-def seen_before(path: Path, inputs: Mapping[str, str], tables: Iterable[str]) -> list[str]:
-    """Return which of ``tables`` an identification.json was fitted to, by their content.
+def seen_before(path: Path, inputs: Mapping[str, str], datasets: Sequence[Dataset],
+                mechanism: Mechanism) -> list[tuple[str, str]]:
+    """Return to which of ``datasets`` an identification.json was fitted: name, and how far.
 
-    ``inputs``: SHA-256 of each file by name. Empty where there is no such file to read.
+    By the file's content (``inputs``: SHA-256 by name), or row by row, within their digits. Empty
+    where there is no such file to read.
     """
     try:
-        known = tables_of(read_identification(path))
+        record = read_identification(path)
+        tables, known = tables_of(record), known_in(record, mechanism)
     except (PpmcalError, ValueError):
         return []
-    return [t for t in tables if inputs.get(t) in known]
+    whole = [d for d in datasets if inputs.get(d.source) in tables]
+    rest = [d for d in datasets if d not in whole]
+    return [(d.source, ALL) for d in whole] + rows_seen(rest, mechanism, known)
+
+
+def rows_seen(datasets: Sequence[Dataset], mechanism: Mechanism, known: Sequence[KnownRows]
+              ) -> list[tuple[str, str]]:
+    """Return which data sets have known rows, within their digits: name, and how many."""
+    out = []
+    for data in datasets:
+        count, more = count_among(data, mechanism.actuators, known)
+        if count:
+            least = "at least " if more else ""
+            out.append((data.source, ALL if count == len(data) else
+                        f"{least}{count} of these {len(data)} rows"))
+    return out
