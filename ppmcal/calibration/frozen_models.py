@@ -18,6 +18,7 @@ from ppmcal.calibration.error_intervals import RmsDraws, quantile_interval, rms_
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
+from ppmcal.calibration.other_assembly import in_other_assembly
 from ppmcal.calibration.problem import Problem, squares_by_noise_of, white_squares
 from ppmcal.calibration.registration_freedoms import OPEN as OPEN
 from ppmcal.calibration.registration_freedoms import OPENED, fall, is_open, opened
@@ -78,6 +79,8 @@ class Validated:
         fitted: what the registration fitted, of :data:`OPEN`.
         demanded: those of them that neither file nor user asked for.
         errors: by machine, the reference first.
+        elsewhere: of the judged rows, how many the reference machine closes in another assembly
+            mode near what was measured.
     """
 
     name: str
@@ -86,6 +89,7 @@ class Validated:
     fitted: tuple[str, ...]
     demanded: tuple[str, ...]
     errors: tuple[ModelError, ...]
+    elsewhere: int = 0
 
 
 def with_and_without(mechanism: Mechanism) -> list[FrozenModel]:
@@ -171,7 +175,8 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
     found = [residuals(f.problem, f.state) for f in fits]
     errors = tuple(_error(m.label, r, rows, f) for m, r, f in zip(models, found, fits, strict=True))
     return Validated(data.name, data.source, (int(rows.sum()), len(whole)), (*asked, *demanded),
-                     demanded, _compared(errors, data.groups[rows], seed))
+                     demanded, _compared(errors, data.groups[rows], seed),
+                     int((in_other_assembly(fits[0]) & rows).sum()))
 
 
 def _typed_right(models: Sequence[FrozenModel], data: Dataset) -> Dataset:

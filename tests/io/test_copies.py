@@ -317,7 +317,7 @@ def test_a_copy_in_fewer_digits_or_other_units_counts_once(bench, change, units)
     assert any("within their digits" in f for f in second.findings)
 
 
-# --- copies of what an earlier calibration was fitted to --------------------------------------------
+# --- copies of what an earlier calibration was fitted to -----------------------------------------
 
 
 @pytest.fixture(scope="module")

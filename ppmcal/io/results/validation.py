@@ -94,7 +94,10 @@ class NoiseUsed(Part):
 
 
 class ValidatedDataset(Part):
-    """One data set; ``fitted``: what of the registration, ``demanded`` by the data alone."""
+    """One data set; ``fitted``: what of the registration, ``demanded`` by the data alone.
+
+    ``elsewhere``: so many rows were measured in another assembly mode than home's.
+    """
 
     name: Text = ""
     source: Text = ""
@@ -104,6 +107,7 @@ class ValidatedDataset(Part):
     demanded: tuple[Text, ...] = ()
     noise: NoiseUsed | None = None
     errors: tuple[PredictedError, ...] = ()
+    elsewhere: Whole = 0
 
     @classmethod
     def of(cls, found: Validated, units: Units, noise: DayNoise | None = None
@@ -113,7 +117,8 @@ class ValidatedDataset(Part):
                    fitted=found.fitted, demanded=found.demanded,
                    noise=None if noise is None else NoiseUsed.of(noise, units),
                    errors=tuple(PredictedError.of(e, units, n == 0)
-                                for n, e in enumerate(found.errors)))
+                                for n, e in enumerate(found.errors)),
+                   **({"elsewhere": found.elsewhere} if found.elsewhere else {}))
 
 
 class ValidationRecord(Record):
@@ -196,10 +201,17 @@ def noise_sentence(data: ValidatedDataset) -> str:
 
 
 def model_sentence(data: ValidatedDataset) -> str:
-    """Return how well the model predicts a data set."""
+    """Return how well the model predicts a data set.
+
+    Rows of another assembly mode are no residuals, nor is their error the model's.
+    """
     first = data.errors[0] if data.errors else PredictedError()
     sizes = [_with_interval(s) for s in (first.position, first.rotation)
              if s and s.rms is not None]
+    if data.elsewhere:
+        return (f"{data.name}: {data.elsewhere} of {data.rows} rows were measured in another "
+                "assembly mode than home's, the other way the limbs close at the same joint "
+                f"values: {' and '.join(sizes)} is how far apart these are, no error of the model.")
     times = "" if first.noise is None or data.noise is None else (
         f", {number(first.noise, 2)} times the noise")
     return f"{data.name}: the model misses by {' and '.join(sizes)}{times}."
@@ -230,7 +242,12 @@ def misled(datasets: Sequence[ValidatedDataset]) -> list[str]:
     out = []
     for data in datasets:
         times = data.errors[0].noise if data.errors else None
-        if times is not None and times > MISSED:
+        if data.elsewhere:
+            out.append(f"{data.name}: {data.elsewhere} of {data.rows} rows were measured in "
+                       "another assembly mode than home's: set `home` in the machine file to a "
+                       "pose of theirs, or leave them out; nothing else here is to be read as an "
+                       "error of the model")
+        elif times is not None and times > MISSED:
             out.append(f"{data.name}: {number(times, 2)} times the noise: measurements of another "
                        "machine, or of one that has changed")
         for e in data.errors:

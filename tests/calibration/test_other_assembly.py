@@ -1,0 +1,67 @@
+"""Rows measured in another assembly mode are told as that, not as an error of the model."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.paths import ROOT
+
+from ppmcal.calibration.day_noise import with_day_noise
+from ppmcal.calibration.frozen_models import FrozenModel, validated
+from ppmcal.design.assembly_modes import assembly_modes
+from ppmcal.io import read_mechanism
+from ppmcal.io.results.validation import ValidationRecord, misled, model_sentence
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.model.dataset import Dataset
+
+SIGMA = (1e-5, 1e-5)
+
+
+def measured(mechanism, mode, seed=3, count=12):
+    """Return poses near home, or the mode farthest from home's at the same joint values."""
+    model, rng = Model(mechanism), np.random.default_rng(seed)
+    size = np.zeros(6)
+    size[list(mechanism.dof)] = [0.02 if c < 3 else 0.03 for c in mechanism.dof]
+    poses = pose_motor(mechanism.home_pose + size * rng.uniform(-1.0, 1.0, (count, 6)))
+    q = inverse(model, poses).q
+    if mode == "other":
+        found = [assembly_modes(model, row).motors for row in q]
+        poses = np.stack([m[np.argmax(np.linalg.norm(m - own, axis=1))]
+                          for m, own in zip(found, poses, strict=True)])
+    seen = pose_vector(poses)
+    for c in set(range(6)) - set(mechanism.dof):
+        seen[:, c] = np.nan if mechanism.motion == "planar" else seen[:, c]
+    return Dataset.of_poses("day", q, seen, SIGMA, False)
+
+
+def judged(mechanism, data):
+    """Return the record's data set."""
+    days, noise = with_day_noise([mechanism], [data], [])
+    found = validated([FrozenModel("model", mechanism)], days, ())
+    return ValidationRecord.of_validation(found, noise, "m", mechanism.units, {}, ()).datasets[0]
+
+
+@pytest.mark.parametrize("name", ["3-RPR", "delta-linear"])
+def test_rows_of_another_assembly_mode_are_no_residuals(name):
+    mechanism = read_mechanism(ROOT / "configs" / f"{name}.yaml")
+    day = judged(mechanism, measured(mechanism, "other"))
+    assert day.elsewhere == day.rows == 12
+    assert "the model misses" not in model_sentence(day)
+    assert "12 of 12 rows were measured in another assembly mode" in model_sentence(day)
+    told = misled([day])
+    assert any("set `home`" in f for f in told) and not any("another machine" in f for f in told)
+    day = judged(mechanism, measured(mechanism, "own"))
+    assert not day.elsewhere and "the model misses by" in model_sentence(day)
+    assert not misled([day])
+
+
+def test_a_machine_that_is_far_off_is_in_no_other_assembly_mode():
+    """Marks a fifth of the machine away from where any mode has them."""
+    mechanism = read_mechanism(ROOT / "configs" / "3-RPR.yaml")
+    data = measured(mechanism, "own")
+    far = replace(data, position=data.position + [0.2 * mechanism.length_scale, 0.0, 0.0])
+    day = judged(mechanism, far)
+    assert not day.elsewhere and "the model misses by" in model_sentence(day)
+    assert any("another machine" in f for f in misled([day]))
