@@ -26,7 +26,6 @@ from ppmcal.controllers.linuxcnc_hal import STRUTS, HexapodGeometry, Joint, Poin
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
-from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import U
 from ppmcal.model.limbs.spatial import UPS
@@ -41,8 +40,8 @@ class Legs:
         base, platform: joint centres (6, 3), with the shift of joint 1.
         ratio, offset: (6,), u = ratio q + offset.
         along, beside: (6,): the strut is hypot(u + along, beside) long; joints 2 and 3 that stand
-            off their places by that much along the driven line, and beside it.
-        side: sign of u + along at home (6,).
+            off their places by that much along the driven line, and beside it. u + along is
+            positive, as the reader takes no branch of a strut but 1.
         actuator: column of q (6,).
     """
 
@@ -52,7 +51,6 @@ class Legs:
     offset: Array
     along: Array
     beside: Array
-    side: Array
     actuator: NDArray[np.int64]
 
 
@@ -136,7 +134,6 @@ def legs_of(mechanism: Mechanism) -> Legs:
                        f"genhexkins takes six limbs {UPS.name} with `motion: spatial`, each "
                        "with its own actuator")
     model = Model(mechanism)
-    u = [float(model.joint_coordinate(i, home_state(mechanism).q[None])[0]) for i in range(STRUTS)]
     rows = []
     for i, limb in enumerate(limbs):
         v = model.limb_values[i]
@@ -146,10 +143,9 @@ def legs_of(mechanism: Mechanism) -> Legs:
                       for x in (0.0, 1.0))
         along = float(start @ (end - start))
         beside = float(np.linalg.norm(start - along * (end - start)))
-        rows.append([*base, *platform, v.get("ratio", 1.0), v.get("offset", 0.0), along, beside,
-                     np.sign(u[i] + along)])
+        rows.append([*base, *platform, v.get("ratio", 1.0), v.get("offset", 0.0), along, beside])
     t = np.array(rows)
-    return Legs(t[:, :3], t[:, 3:6], t[:, 6], t[:, 7], t[:, 8], t[:, 9], t[:, 10],
+    return Legs(t[:, :3], t[:, 3:6], t[:, 6], t[:, 7], t[:, 8], t[:, 9],
                 np.array([limb.actuator for limb in limbs], dtype=np.int64))
 
 
@@ -176,7 +172,7 @@ def genhexkins_setting(drive: LinuxcncDrive, geometry: HexapodGeometry | None = 
 def right_shift(drive: LinuxcncDrive, stretch: Array) -> Array:
     """Return the shift (6,), m, with which joint positions are u + along of the machine."""
     legs, was = drive.legs, drive.nominal
-    return legs.side * (legs.offset + legs.along - stretch * (was.offset + was.along))
+    return np.asarray(legs.offset + legs.along - stretch * (was.offset + was.along))
 
 
 def points(values: Array) -> Points:
@@ -213,5 +209,5 @@ def reached(drive: LinuxcncDrive, setting: GenhexkinsSetting, pose: Array) -> Ar
     was = drive.nominal
     present = (j - setting.shift) / setting.stretch * drive.unit
     q = np.zeros_like(j)
-    q[:, drive.legs.actuator] = (was.side * present - was.offset - was.along) / was.ratio
+    q[:, drive.legs.actuator] = (present - was.offset - was.along) / was.ratio
     return forward(Model(drive.mechanism), q).pose
