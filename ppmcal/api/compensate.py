@@ -34,6 +34,7 @@ from ppmcal.calibration.safe_commands import (
     unsafe_ways,
     worse_rows,
 )
+from ppmcal.calibration.secondary import secondary
 from ppmcal.errors import BadInput, NoResult, unknown
 from ppmcal.io import read_poses
 from ppmcal.io.poses import PoseTable
@@ -176,7 +177,11 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
         _refuse_worse(result, worse, machine.source)
         found = refused(found, worse)
     found = refused(found, unsafe_ways(machine, found)) if path else found
-    notes += [*told, *_doubts(found, machine, known), *_beyond(found, machine, known, poses, path)]
+    beside = list[str]()
+    notes += [*told, *secondary("where the model is doubtful", lambda: _doubts(
+        found, machine, known), [], beside), *secondary(
+        "where commands go beyond what was measured", lambda: [*_beyond(
+            found, machine, known, poses, path)], [], beside), *beside]
     return replace(result, findings=tuple(lifted), compensation=found, notes=tuple(notes))
 
 

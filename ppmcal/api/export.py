@@ -10,8 +10,9 @@ from typing import ClassVar
 from ppmcal.api.inputs import Machine, Path_, files_of, load, recorded, source_of
 from ppmcal.api.own_data import refuse_missed
 from ppmcal.api.result import Result
+from ppmcal.calibration.secondary import secondary
 from ppmcal.controllers.export import Exported, Exporter, exporter, record_of
-from ppmcal.controllers.model_uncertainty import KNOWLEDGE, pose_uncertainty
+from ppmcal.controllers.model_uncertainty import KNOWLEDGE, UNKNOWN, pose_uncertainty
 from ppmcal.controllers.pose_errors import MM
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io.csv_writer import Content, csv_text
@@ -84,12 +85,15 @@ def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ 
                          None if poses is None else Path(poses))
     if write:
         made = _copied(writer, form, made, old)
-    made = replace(made, uncertainty=pose_uncertainty(machine, made.poses, source_file))
+    notes = list[str]()
+    sure = secondary("how well the model is known", lambda: pose_uncertainty(
+        machine, made.poses, source_file), UNKNOWN, notes)
+    made = replace(made, uncertainty=replace(sure, reason=notes[0]) if notes else sure)
     _refuse_worse(made, machine.source, regardless)
     known = source_file.with_name(KNOWLEDGE) if made.uncertainty.frame else None
     source = source_of("export", [*machine.inputs, *files_of(old, poses, known)], None)
     record = record_of(made, machine.name, source)
-    return ExportResult(source, (*warned, *record.attention()), machine, made, record)
+    return ExportResult(source, (*warned, *notes, *record.attention()), machine, made, record)
 
 
 def _copied(writer: Exporter, form: str, made: Exported, old: Path_ | None) -> Exported:

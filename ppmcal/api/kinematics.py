@@ -17,10 +17,17 @@ from ppmcal.api.inputs import (
     source_of,
 )
 from ppmcal.api.kinematics_result import KinematicsResult
-from ppmcal.api.kinematics_uncertainty import Solve, SolvedRows, carried, model_sigma
+from ppmcal.api.kinematics_uncertainty import (
+    CarriedKnowledge,
+    Solve,
+    SolvedRows,
+    carried,
+    model_sigma,
+)
 from ppmcal.api.result import Progress
 from ppmcal.calibration.kinematics_sigma import PoseRows
 from ppmcal.calibration.observation import stretched
+from ppmcal.calibration.secondary import secondary
 from ppmcal.design.every_mode import every_mode
 from ppmcal.design.intersection import forward_by_intersection
 from ppmcal.errors import BadInput, unknown
@@ -30,6 +37,11 @@ from ppmcal.io.poses import Given
 from ppmcal.io.results.kinematics import (
     ModeColumns,
     PoseFormat,
+)
+from ppmcal.io.results.kinematics_uncertainty import (
+    COVARIANCE,
+    KinematicsUncertainty,
+    ModelSigma,
 )
 from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
@@ -51,6 +63,9 @@ from ppmcal.wording.progress import heard, silent
 
 WHICH = ("inverse", "forward", "velocity")
 OWNER = "the machine's effects"
+HOW_SURE = "how well the model is known"
+UNKNOWN = ModelSigma(entry=KinematicsUncertainty(source=COVARIANCE))
+"""Where that could not be had."""
 
 
 def inverse(mechanism: Machine, poses: Any, *, tool: str | Sequence[float] | None = None,
@@ -168,14 +183,21 @@ def kinematics(which: str, mechanism: Machine, table: Any, *,
     elif asked[0] is not None:
         pose = tool_poses(Model(machine), found.pose, asked[0])
     form = PoseFormat(asked[0], pose, asked[1], method if which == "forward" else "")
-    known = carried(machine)
+    notes = list[str]()
     seen = machine.registrations[dataset] if dataset is not None else Registration() if (
         asked[0] is None) else PoseConvention(asked[0]).registration
-    sure = model_sigma(machine, SolvedRows(which, PoseRows(found.pose, found.q, rows), seen,
-                                           dataset or "", solve), known)
+    solved = SolvedRows(which, PoseRows(found.pose, found.q, rows), seen, dataset or "", solve)
+    known, sure = secondary(HOW_SURE, lambda: _sure(machine, solved), (None, UNKNOWN), notes)
     source = source_of("kinematics", [*machine.inputs, *files_of(table),
                                       *(known.files if known else ())], used)
-    return KinematicsResult(source, (), machine, which, found, form, given, modes, sure, pictures)
+    return KinematicsResult(source, tuple(notes), machine, which, found, form, given, modes, sure,
+                            pictures)
+
+
+def _sure(machine: Mechanism, solved: SolvedRows) -> tuple[CarriedKnowledge | None, ModelSigma]:
+    """Return what is known of the model, and how well that knows its kinematics."""
+    known = carried(machine)
+    return known, model_sigma(machine, solved, known)
 
 
 def _refuse_options(which: str, tool: object, method: str, dataset: str | None, all_modes: bool

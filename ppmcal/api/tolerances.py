@@ -10,6 +10,7 @@ import numpy as np
 
 from ppmcal.api.inputs import Machine, Path_, files_of, load, place_of, recorded, source_of
 from ppmcal.api.result import Progress, Result
+from ppmcal.calibration.secondary import secondary
 from ppmcal.design.error_jacobian import Poses, covariance, root_sum_square
 from ppmcal.design.error_sources import Source, geometry_only, natural_units, sources
 from ppmcal.design.error_sources import tolerances as stated_tolerances
@@ -149,11 +150,16 @@ def solve(mechanism: Mechanism, job: TolerancesJob) -> ToleranceResult:
     fleet = Fleet(nominal, free, chosen.drawn, tasks, setup)
     judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.scheduler)
     home = Poses(home_state(machine).q[None], machine.home[None], tasks.tool)
-    index = root_sum_square(covariance(Model(machine), home, free, unit))[0][0]
+
+    def deviation() -> float | None:
+        index = root_sum_square(covariance(Model(machine), home, free, unit))[0][0]
+        return None if demand.position is None else demand.position / float(index)
+
+    mean = secondary("the mean deviation at home", deviation, None, notes)
+    expected = secondary("what the linear model expects after calibration",
+                         lambda: _expected(setup, tasks), None, notes)
     return ToleranceResult(machine, found, demand, tau, job.method, fleet, judged,
-                  check(fleet, judged.built),
-                  None if demand.position is None else demand.position / float(index),
-                  _expected(setup, tasks), tuple(notes))
+                           check(fleet, judged.built), mean, expected, tuple(notes))
 
 
 def _demand(machine: Mechanism, job: TolerancesJob) -> Demand:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -30,6 +31,7 @@ from ppmcal.calibration.frozen_models import (
     validated,
     with_and_without,
 )
+from ppmcal.calibration.secondary import secondary
 from ppmcal.errors import unknown
 from ppmcal.io.results.own_calibration import seen_before
 from ppmcal.io.results.validation import ValidationRecord, model_sentence
@@ -95,17 +97,18 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
     mechanism, datasets = prepared(mechanism, data, "none")
     words = _words(register)
     models = with_and_without(mechanism)
+    notes = list[str]()
     begin("looking at the noise")
     days, noise = with_day_noise([replace(models[n].mechanism, free=whole.free)
-                                  for n in sorted({0, len(models) - 1})], datasets)
+                                  for n in sorted({0, len(models) - 1})], datasets, notes)
     begin("predicting with and without each effect")
-    others, odd = _others(whole, model, against)
-    found = validated([*models, *others], days, words, seed)
+    others, odd = _others(whole, model, against, notes)
+    found = validated([*models, *others], days, words, seed, notes)
     inputs = [*mechanism.inputs, *_beside(model, against),
               *(i for o in others for i in o.mechanism.inputs), *data_files(datasets)]
     source = source_of("validate", list(dict.fromkeys(inputs)), seed)
     findings = (*odd, *_fitted_to(model, against, source["inputs"], [d.source for d in datasets]),
-                *(f for d in datasets for f in d.findings))
+                *(f for d in datasets for f in d.findings), *notes)
     record = ValidationRecord.of_validation(found, noise, mechanism.name, mechanism.units,
                                             source, findings)
     return ValidationResult(source, record.findings, mechanism, found, tuple(noise), record, png)
@@ -155,15 +158,16 @@ def _words(register: Sequence[str] | str | None) -> tuple[str, ...] | None:
     return tuple(w for w in words if w != "none")
 
 
-def _others(mechanism: Mechanism, model: Machine | CalibratedMachine, against: Sequence[Path_]
-            ) -> tuple[list[FrozenModel], list[str]]:
+def _others(mechanism: Mechanism, model: Machine | CalibratedMachine, against: Sequence[Path_],
+            notes: list[str]) -> tuple[list[FrozenModel], list[str]]:
     """Return the other machines to judge: without effects and fitted again, nominal, as given."""
-    out, odd = [], []
+    out, odd = list[FrozenModel](), []
     beside = None if isinstance(model, CalibratedMachine | Mechanism | Mapping) else Path(
         model) / "without_effects.yaml" if Path(model).is_dir() else Path(model).with_name(
             "without_effects.yaml")
     if mechanism.effects and beside is not None and beside.is_file():
-        out.append(FrozenModel("geometry fitted alone", load(beside)))
+        bare = secondary("the machine fitted without effects", partial(load, beside), None, notes)
+        out += [FrozenModel("geometry fitted alone", bare)] if bare is not None else []
     if np.any(mechanism.nominals != mechanism.values):
         out.append(FrozenModel("nominal", mechanism.nominal()))
     for path in against:

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc, ndtr
 
 from ppmcal.calibration.common_misfit import DifferenceNoise, noise_between
+from ppmcal.calibration.equal_freedoms import with_equal_freedoms
 from ppmcal.calibration.explanations import (
     CHANGED,
     VISIBLE,
@@ -31,6 +32,7 @@ from ppmcal.calibration.joint_rows import joint_rows
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.pose_difference import PoseDifference, pose_difference
 from ppmcal.calibration.posterior import Earlier, Posterior, of_data
+from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.session_knowledge import session_knowledge
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array, eigh
@@ -120,9 +122,10 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
                      "and changes look smaller than they are")
     only = {mechanism.names[p] for p in set(old.places) ^ set(new.places)}
     if only:
-        notes.append(f"free in only one of the two, and taken as it is in the newer: "
-                     f"{', '.join(sorted(only))}")
-    found = _compared(mechanism, old, new, common)
+        notes.append(f"free in only one of the two, and compared as if it were in neither: "
+                     f"{', '.join(sorted(only))}; identify both with the same --free to be surer")
+        old, new = with_equal_freedoms(mechanism, old, new)
+    found = _compared(mechanism, old, new, common, notes)
     poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES) for c in POSE_COORDINATES],
                      axis=-1)
     # a machine of fewer actuators than coordinates does not reach poses drawn at random
@@ -130,19 +133,23 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
         value = mechanism.values[list(old.places)]
         here = [old.places.index(p) for p in common]
         value[here] = found.new
-        noise = np.zeros((DRAWS, value.size))
-        noise[:, here] = _drawn(found.covariance, DRAWS, rng)
-        found = replace(found, pose_difference=pose_difference(
-            mechanism, Earlier(old.places, old.matrix, old.right, old.value), value, poses, noise))
+
+        def apart() -> PoseDifference | None:
+            noise = np.zeros((DRAWS, value.size))
+            noise[:, here] = _drawn(found.covariance, DRAWS, rng)
+            return pose_difference(mechanism, Earlier(old.places, old.matrix, old.right, old.value),
+                                   value, poses, noise)
+
+        moved = secondary("how far the platform has moved", apart, None, notes)
+        return replace(found, pose_difference=moved), notes
     return found, notes
 
 
-def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list[int]
-              ) -> Comparison:
+def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list[int],
+              notes: list[str]) -> Comparison:
     noise = noise_between(old, new)
     rows = joint_rows(mechanism, old, new, noise)
     names, scale = [mechanism.names[p] for p in common], rows.scale
-    candidates = explanations(mechanism, names, rows.candidates)
     place = {n: c for c, n in enumerate([*(mechanism.names[p] for p in new.places),
                                          *rows.candidates])}
 
@@ -156,7 +163,13 @@ def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list
         return _chance(square, freedom, noise.degrees)
 
     count = rows.misfit.size + (0.0 if new.session is None else new.session.degrees)
-    found, left = best_of(candidates, [block(e) for e in candidates], rows.misfit, count, chance)
+
+    def named() -> tuple[list[TakenExplanation], Array]:
+        candidates = explanations(mechanism, names, rows.candidates)
+        return best_of(candidates, [block(e) for e in candidates], rows.misfit, count, chance)
+
+    # whether all together have changed is told without a name for it
+    found, left = secondary("what has changed", named, ([], rows.misfit), notes)
     here = [new.places.index(p) for p in common]
     covariance = rows.covariance()[np.ix_(here, here)]
     value, explained = new.value[here], np.zeros(len(common))

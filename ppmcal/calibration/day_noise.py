@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import chdtrc
@@ -24,6 +25,7 @@ from ppmcal.calibration.noise import (
 )
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.registration_freedoms import OPEN, OPENED, opened
+from ppmcal.calibration.secondary import secondary
 from ppmcal.errors import PpmcalError
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -91,9 +93,13 @@ def _noisier(check: Noise) -> bool:
     return bool(ratio > 1.0 and chdtrc(degrees, degrees * ratio**2) < FAILED_NOISE)
 
 
-def with_day_noise(machines: Sequence[Mechanism], datasets: Sequence[Dataset]
+def with_day_noise(machines: Sequence[Mechanism], datasets: Sequence[Dataset], notes: list[str]
                    ) -> tuple[list[Dataset], list[DayNoise]]:
-    """Return data sets with the noise that they are judged by, and where it is from."""
-    found = [day_noise(machines, d) for d in datasets]
+    """Return data sets with the noise that they are judged by, and where it is from.
+
+    ``notes``: to which is added where it could not be looked at, and is as stated.
+    """
+    found = [secondary(f"the noise that {d.name} shows", partial(day_noise, machines, d),
+                       DayNoise(1.0, float("nan"), STATED), notes) for d in datasets]
     return [replace(d.noisier(n.factor), estimated=False)
             for d, n in zip(datasets, found, strict=True)], found

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import compress
 
 import numpy as np
@@ -17,9 +18,10 @@ from ppmcal.calibration.error_intervals import RmsDraws, quantile_interval, rms_
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem, white_squares
+from ppmcal.calibration.problem import Problem, squares_by_noise_of, white_squares
 from ppmcal.calibration.registration_freedoms import OPEN as OPEN
 from ppmcal.calibration.registration_freedoms import OPENED, fall, is_open, opened
+from ppmcal.calibration.secondary import FAILURES, secondary
 from ppmcal.calibration.validation import Residuals, register_only, residuals
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
@@ -117,7 +119,8 @@ def _labels(effects: Sequence[Effect], actuators: Sequence[str]) -> list[str]:
 
 
 def validated(models: Sequence[FrozenModel], datasets: Sequence[Dataset],
-              register: Sequence[str] | None = None, seed: int = 0) -> tuple[Validated, ...]:
+              register: Sequence[str] | None = None, seed: int = 0, notes: list[str] | None = None
+              ) -> tuple[Validated, ...]:
     """Return how well machines predict data sets.
 
     Args:
@@ -126,11 +129,28 @@ def validated(models: Sequence[FrozenModel], datasets: Sequence[Dataset],
         register: what to fit of :data:`OPEN`; None: what the files leave open, and what the data
             of all machines demand beyond that.
         seed: of the bootstrap.
+        notes: to which is added which of the other machines is left out, for it could not be
+            judged; None: none may be.
 
     Raises:
-        BadInput: fewer than three rows that every machine can predict.
+        BadInput: fewer than three rows that every machine, or the first, can predict.
     """
-    return tuple(_validated(models, data, register, seed) for data in datasets)
+    return tuple(_with_the_others(models, data, register, seed, notes) for data in datasets)
+
+
+def _with_the_others(models: Sequence[FrozenModel], data: Dataset, register: Sequence[str] | None,
+                     seed: int, notes: list[str] | None) -> Validated:
+    """Return a data set as predicted by the first machine, and by those others that can."""
+    try:
+        return _validated(models, data, register, seed)
+    except FAILURES:
+        if notes is None:
+            raise
+        # judged by the same rows, any of them can be the reason: each is tried with the first
+        able = [m for m in models[1:] if secondary(
+            f"{m.label}, as a prediction of {data.name}",
+            partial(_validated, (models[0], m), data, register, seed), None, notes) is not None]
+        return _validated((models[0], *able), data, register, seed)
 
 
 def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[str] | None,
@@ -204,11 +224,18 @@ def _demanded(models: Sequence[FrozenModel], data: Dataset
 
 
 def _gain(before: Fit, after: Fit) -> float:
-    """Return by which part the error falls, 0 where that is too little or may be chance."""
+    """Return by which part the error falls, 0 where that is too little or may be chance.
+
+    Both errors are weighted by the noise at the wider registration, by which it is the minimum:
+    each by its own, a wider one could seem to fit worse.
+    """
     more = len(after.problem.columns) - len(before.problem.columns)
-    a, b = (white_squares(f.problem, f.state, [finite_rows(p) for p in f.state.poses])
-            for f in (before, after))
-    return fall(a[0], b[0], a[1], len(after.problem.columns), more)
+    rows = [finite_rows(p) & finite_rows(q) for p, q in
+            zip(before.state.poses, after.state.poses, strict=True)]
+    wide = after.problem, after.state
+    square, count = white_squares(*wide, rows)
+    narrow = squares_by_noise_of((before.problem, before.state), wide, rows)
+    return fall(narrow, square, count, len(after.problem.columns), more)
 
 
 def _error(label: str, found: Residuals, rows: Bools, fit: Fit) -> ModelError:

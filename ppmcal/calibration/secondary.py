@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 from ppmcal.errors import PpmcalError
@@ -14,8 +14,11 @@ S = TypeVar("S")
 log = logging.getLogger(__package__)
 NOTE = "left out: "
 """How a note begins."""
-FAILURES = (PpmcalError, ArithmeticError, LinAlgError)
-"""What data can make of an analysis; anything else is a fault of the program."""
+FAILURES = (PpmcalError, ArithmeticError, ValueError, LinAlgError)
+"""What data can make of an analysis, ValueError: numbers that a library does not take.
+
+Anything else is a fault of the program.
+"""
 
 
 def secondary(what: str, make: Callable[[], T], instead: S, notes: list[str]) -> T | S:
@@ -36,3 +39,16 @@ def secondary(what: str, make: Callable[[], T], instead: S, notes: list[str]) ->
         # what linear algebra could not give is called by the same name
         notes.append(NOTE + (reason if reason.startswith(what) else f"{what} ({reason})"))
         return instead
+
+
+def pictures_beside(makers: Mapping[str, Callable[[], T]]) -> dict[str, T]:
+    """Return pictures beside a result, by file; one that cannot be drawn is left out.
+
+    The result is made by then and takes no note any more: a warning says it.
+    """
+    notes = list[str]()
+    found = {name: secondary(f"the picture {name}", make, None, notes)
+             for name, make in makers.items()}
+    for line in notes:
+        log.warning("%s", line)
+    return {name: made for name, made in found.items() if made is not None}

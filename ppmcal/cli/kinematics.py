@@ -71,7 +71,7 @@ def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, ro
     console.say(result.headline())
     if result.gimbal_lock:
         console.say(f"{counted(result.gimbal_lock, 'row')}: {LOCKED}.")
-    console.warn_rows(result.mechanism.findings,
+    console.warn_rows([*result.mechanism.findings, *result.findings],
                       [f"row {n}: {s}: {r}" for n, s, r in failed])
     finish(out, [p.name for p in written], console)
     lines = {"modes": len(result.table.status)} if all_modes else {}
@@ -81,4 +81,4 @@ def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, ro
     if failed and len(failed) == result.asked and all(s in ("not converged", "singular")
                                            for _, s, _ in failed):
         raise click.exceptions.Exit(3)
-    leave(bool(failed))
+    leave(bool(failed or result.findings))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from html import escape
 from urllib.parse import quote
 
 import numpy as np
 
 from ppmcal.calibration.before import DEFINITION
+from ppmcal.calibration.secondary import secondary
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord, needing_a_look
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes
@@ -17,7 +19,7 @@ from ppmcal.report.batch_changes import changes, effect_changes
 from ppmcal.report.batch_common import common_effects, common_parameters, common_sentences
 from ppmcal.report.format import count, listed, typeset
 from ppmcal.report.html import Cell, amount, figures, paragraph, table, words
-from ppmcal.report.section import Section, filled, page
+from ppmcal.report.section import Section, chapter, filled, page
 from ppmcal.units import LENGTHS
 
 PLOTTED = 40
@@ -37,13 +39,17 @@ def batch_page(records: Sequence[CampaignRecord]) -> str:
     several = len(designs) > 1
     chapters = [c for name, some in designs.items() for c in
                 ([Section(name or "Machines", parts=_design(some))] if several else _design(some))]
-    chapters += filled([_failed(failed), changes([r for r in records if r.command == "compare"]),
+    compared = [r for r in records if r.command == "compare"]
+    chapters += filled([_failed(failed), chapter("What has changed", lambda: changes(compared)),
                         _campaigns(own)])
     machines = len({r.machine for r in own})
     lead = [f"{count(len(own), 'campaign')} of {count(machines, 'machine')}: "
             f"{sum(r.exit_code == 0 for r in own)} done without findings, "
             f"{sum(r.exit_code == 1 for r in own)} to look at, {len(failed)} failed."]
-    common = [s for some in designs.values() for s in common_sentences(some)]
+    left_out = list[str]()
+    common = [s for some in designs.values() for s in secondary(
+        "what machines have in common", partial(common_sentences, some), [], left_out)]
+    lead += dict.fromkeys(left_out)
     return page(title=f"Batch: {count(machines, 'machine')}", lead=[*lead, *common],
                 look=[typeset(t) for t in needing_a_look(records)],
                 folders=count(len(own), "campaign"), chapters=chapters)
@@ -53,8 +59,11 @@ def _design(records: Sequence[CampaignRecord]) -> tuple[Section, ...]:
     """Return the sections about the machines of one design."""
     latest = [r for r in last_of_each(records) if r.command != "compare"]
     ranked = ranking(latest)
-    return filled([_ranking(ranked, latest), common_effects(records), common_parameters(records),
-                   effect_changes(records)])
+    return filled([
+        _ranking(ranked, latest),
+        chapter("Effects in common", lambda: common_effects(records)),
+        chapter("Parameters in common", lambda: common_parameters(records)),
+        chapter("Effects over time", lambda: effect_changes(records))])
 
 
 def last_of_each(records: Sequence[CampaignRecord]) -> list[CampaignRecord]:

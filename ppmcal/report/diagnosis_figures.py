@@ -6,8 +6,9 @@ older version, or cut down) does not hold what it shows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+from ppmcal.calibration.secondary import pictures_beside
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_plots import PlottedStep
 from ppmcal.io.results.diagnosis_wording import (
@@ -35,12 +36,16 @@ LONG_ODDS = 150.0
 
 def pictures(record: DiagnosisRecord) -> dict[str, list[Drawing]]:
     """Return file name without ending -> pictures on that sheet."""
-    found: dict[str, Sequence[Drawing | None]] = {
-        "gap": [gap(record)], "actuators": [by_actuator(record)],
-        "inputs": input_pictures(record), "ranking": [ranking(record)],
-        "alternatives": [confusion(record)], "terms": term_pictures(record)}
+    found = pictures_beside(_makers(record))
     drawn = {name: [p for p in some if p is not None] for name, some in found.items()}
     return {name: some for name, some in drawn.items() if some}
+
+
+def _makers(record: DiagnosisRecord) -> dict[str, Callable[[], Sequence[Drawing | None]]]:
+    return {
+        "gap": lambda: [gap(record)], "actuators": lambda: [by_actuator(record)],
+        "inputs": lambda: input_pictures(record), "ranking": lambda: [ranking(record)],
+        "alternatives": lambda: [confusion(record)], "terms": lambda: term_pictures(record)}
 
 
 def gap(record: DiagnosisRecord) -> Drawing | None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
+from ppmcal.calibration.secondary import pictures_beside
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.io.results.kinematics import KinematicsRecord
-from ppmcal.io.results.validation import ValidationRecord
+from ppmcal.io.results.validation import ValidatedDataset, ValidationRecord
 from ppmcal.plotting.canvas import Drawing, sheet
 from ppmcal.plotting.style import png as to_png
 from ppmcal.plotting.svg import svg
@@ -29,33 +31,45 @@ TITLES = {"gap": "How the gap closes", "ranking": "What could be missing",
 
 def validation_files(record: ValidationRecord, png: bool = False) -> dict[str, str | bytes]:
     """Return file name -> SVG text, and PNG bytes where wanted, of a validation's pictures."""
-    drawings = [p for d in record.datasets if (p := picture(d)) is not None]
-    return _sheets({"validation": drawings} if drawings else {},
+    return _sheets(_of_days("validation", record.datasets),
                    f"{record.name or 'ppmcal'}: {lead(record)}", png)
 
 
 def diagnosis_files(record: DiagnosisRecord, png: bool = False) -> dict[str, str | bytes]:
     """Return file name -> SVG text, and PNG bytes where wanted, of a diagnosis's pictures."""
-    days = [p for d in record.validation if (p := picture(d)) is not None]
-    return _sheets({**pictures(record), **({"days": days} if days else {})},
+    return _sheets({**pictures(record), **_of_days("days", record.validation)},
                    f"{record.name or 'ppmcal'}: {headline(record)}", png)
+
+
+def _of_days(name: str, days: Sequence[ValidatedDataset]) -> dict[str, list[Drawing]]:
+    """Return the pictures of predicted data sets under a name, nothing where there are none."""
+    found = pictures_beside({name: lambda: [p for d in days if (p := picture(d)) is not None]})
+    return {n: drawings for n, drawings in found.items() if drawings}
 
 
 def kinematics_pictures(record: KinematicsRecord, columns: Mapping[str, Any], name: str
                         ) -> dict[str, bytes]:
     """Return file name -> PNG of a table of kinematics; ``columns``: of kinematics.csv (N,)."""
-    found = kinematics_figures(record, drawn_columns(columns))
+    found = pictures_beside({"of the path": lambda: kinematics_figures(
+        record, drawn_columns(columns))}).get("of the path", {})
     head = f"{name}: {record.which} kinematics"
-    return {f"{key}.png": to_png(sheet(head, drawings), dpi=72.0 * PNG_SCALE)
-            for key, drawings in found.items()}
+    return pictures_beside({f"{key}.png": partial(_png, head, drawings)
+                            for key, drawings in found.items()})
+
+
+def _png(title: str, drawings: Sequence[Drawing]) -> bytes:
+    return to_png(sheet(title, drawings), dpi=72.0 * PNG_SCALE)
+
+
+def _svg(name: str, title: str, drawings: Sequence[Drawing]) -> str:
+    return svg(sheet(title, drawings), TITLES[name], " ".join(p.description for p in drawings))
 
 
 def _sheets(found: Mapping[str, Sequence[Drawing]], title: str, png: bool
             ) -> dict[str, str | bytes]:
-    out: dict[str, str | bytes] = {}
+    makers: dict[str, Callable[[], str | bytes]] = {}
     for name, drawings in found.items():
-        drawn = sheet(title, drawings)
-        out[f"{name}.svg"] = svg(drawn, TITLES[name], " ".join(p.description for p in drawings))
+        makers[f"{name}.svg"] = partial(_svg, name, title, drawings)
         if png:
-            out[f"{name}.png"] = to_png(drawn, dpi=72.0 * PNG_SCALE)
-    return out
+            makers[f"{name}.png"] = partial(_png, title, drawings)
+    return pictures_beside(makers)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ from ppmcal.report.records import (
     ResidualRows,
 )
 from ppmcal.report.residuals import used, white
-from ppmcal.report.section import Section, filled, page
+from ppmcal.report.section import Section, chapter, filled, page
 from ppmcal.report.truth import stray_note
 from ppmcal.report.validation import lead as validation_lead
 from ppmcal.report.validation import validation_section
@@ -60,31 +61,43 @@ def to_html(data: ReportData) -> str:
 
 def chapters(data: ReportData) -> list[Section]:
     """Return the chapters of the page, what is most asked for first."""
-    out = [diagnosis_section(d) for d in data.diagnosed]
-    several = len(data.identified) > 1
-    for n, one in enumerate(data.identified):
-        days = listed([d.name for d in one.record.datasets], 2)
-        name = ": ".join(filter(None, [f"Calibration of {one.name}", days])) if several else (
-            "Calibration")
-        found = identified_section(one, n, name, part("tiles", _tiles(one)))
-        drawn = Section("The machine", machine_section(one, n, data.diagnosed,
-                                                       len(data.identified)))
-        parts = filled([drawn, *found.parts])
-        out.append(replace(found, parts=tuple(
-            replace(p, folded=p.folded or (several and i >= FEW)) for i, p in enumerate(parts))))
-    out += [validation_section(v) for v in data.validated]
-    out += [compensation_section(r, units_of(r, data)) for r in data.compensated]
-    out += [kinematics_section(r) for r in data.kinematics]
-    out += [design_section(d, len(data.designed) + len(data.identified) > 1)
+    out = [chapter(f"Diagnosis in {d.folder}", partial(diagnosis_section, d))
+           for d in data.diagnosed]
+    out += [chapter(f"Calibration in {one.folder}", partial(_calibration, one, n, data))
+            for n, one in enumerate(data.identified)]
+    out += [chapter(f"Validation in {v.folder}", partial(validation_section, v))
+            for v in data.validated]
+    out += [chapter(f"Commands in {r.folder}", partial(
+        lambda r: compensation_section(r, units_of(r, data)), r)) for r in data.compensated]
+    out += [chapter(f"Kinematics in {r.folder}", partial(kinematics_section, r))
+            for r in data.kinematics]
+    several = len(data.designed) + len(data.identified) > 1
+    out += [chapter(f"Error analysis in {d.folder}", partial(design_section, d, several))
             for d in data.designed]
-    out += [other_section(o) for o in data.others]
-    out += [comparison_section(o) for o in data.compared]
-    out += [export_section(o) for o in data.exported]
+    out += [chapter(f"Output in {o.folder}", partial(other_section, o)) for o in data.others]
+    out += [chapter(f"Comparison in {c.folder}", partial(comparison_section, c))
+            for c in data.compared]
+    out += [chapter(f"Export in {e.folder}", partial(export_section, e)) for e in data.exported]
     compared = {c.truth for c in data.comparisons}
-    out += [truth_section(c) for c in data.comparisons]
-    out += [simulation_section(s, stray_note(s, data.identified)) for s in data.simulated
-            if s.folder not in compared]
-    return [*out, _provenance(data)]
+    out += [chapter(f"Truth in {c.truth}", partial(truth_section, c)) for c in data.comparisons]
+    out += [chapter(f"Simulation in {s.folder}", partial(
+        lambda s: simulation_section(s, stray_note(s, data.identified)), s))
+        for s in data.simulated if s.folder not in compared]
+    return [*out, chapter("Where this comes from", lambda: _provenance(data))]
+
+
+def _calibration(one: Identified, n: int, data: ReportData) -> Section:
+    """Return the chapter about a calibration, the machine drawn in it."""
+    days = listed([d.name for d in one.record.datasets], 2)
+    several = len(data.identified) > 1
+    name = ": ".join(filter(None, [f"Calibration of {one.name}", days])) if several else (
+        "Calibration")
+    found = identified_section(one, n, name, part("tiles", _tiles(one)))
+    drawn = chapter("The machine", lambda: Section(
+        "The machine", machine_section(one, n, data.diagnosed, len(data.identified))))
+    return replace(found, parts=tuple(
+        replace(p, folded=p.folded or (several and i >= FEW))
+        for i, p in enumerate(filled([drawn, *found.parts]))))
 
 
 def title(data: ReportData) -> str:

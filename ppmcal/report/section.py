@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 from markupsafe import Markup
 
 from ppmcal import __version__
-from ppmcal.report.html import part, plot_scripts, template_text, whole_page
+from ppmcal.calibration.secondary import secondary
+from ppmcal.report.html import bullets, part, plot_scripts, template_text, whole_page
 from ppmcal.report.machine_scene import machine_css, page_scripts
+
+C = TypeVar("C")
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,17 @@ class Section:
 def filled(parts: Iterable[Section | None]) -> tuple[Section, ...]:
     """Return the parts that hold something."""
     return tuple(p for p in parts if p is not None and (p.body or p.parts))
+
+
+def chapter(title: str, make: Callable[[], C]) -> C | Section:
+    """Return a chapter of a page; where it cannot be made, one that says so.
+
+    ``title``: what it is called then. The other chapters stand whatever one of them meets.
+    """
+    notes = list[str]()
+    failed = Section(title)
+    found = secondary(f"the chapter {title}", make, failed, notes)
+    return replace(failed, body=bullets(notes)) if found is failed else found
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ def fails(*args: Any, **options: Any) -> Any:
     raise LinearAlgebraError("an extra that had no answer")
 
 
-@pytest.mark.parametrize("error", [BadInput("no"), ZeroDivisionError("no"),
+@pytest.mark.parametrize("error", [BadInput("no"), ZeroDivisionError("no"), ValueError("no"),
                                    np.linalg.LinAlgError("no")])
 def test_what_fails_is_left_out_and_noted(error: Exception) -> None:
     def make() -> int:

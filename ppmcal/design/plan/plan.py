@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.rank import analyse, observability
+from ppmcal.calibration.secondary import secondary
 from ppmcal.design.plan import information as accuracy
 from ppmcal.design.plan.candidate_poses import Candidates, Region, draw, evenly, listed, region_of
 from ppmcal.design.plan.d_optimal import Design, Rules, exchange, greedy, log_det, pruned
@@ -135,15 +137,18 @@ def _planned(space: _PoseSpace, options: PlanOptions, aims: _Aims, wanted: float
                 _blocks(space.columns, chosen))
     rows = np.array(chosen, dtype=np.int64)[way.order]
     reached, about = _reached(whole, chosen, nested, tasks, wanted)
-    seen, better = _against(whole, chosen, [r[:count] for r in strangers])
+    notes = list[str]()
+    seen, better = secondary("the comparison with random poses", lambda: _against(
+        whole, chosen, [r[:count] for r in strangers]), ({}, np.nan), notes)
     return Plan(
         whole.problem.mechanism, space.instrument, pool, _open_ended(space.nominal), whole, rows,
         {n: c[rows] for n, c in space.columns.items()},
         Design.of(whole, rows.tolist()).losses(), way, chosen, nested,
         _mean([accuracy.curve(whole, r, tasks) for r in strangers]),
-        _best(whole, order, chosen, rules, rng, tasks, least), least, pays,
+        _best(whole, order, chosen, rules, rng, tasks, least, notes), least, pays,
         accuracy.limit(whole, tasks), reached, about, seen, better, aims.count, aims.left_out,
-        space.region is not None and count <= MOST_REFINED, _unused(space, options.asked))
+        space.region is not None and count <= MOST_REFINED, _unused(space, options.asked),
+        tuple(notes))
 
 
 def _size(space: _PoseSpace, options: PlanOptions, rules: Rules, tasks: tuple[Array, Array]
@@ -222,15 +227,21 @@ def _drawn(
 
 
 def _best(whole: CandidateInformation, order: Sequence[int], chosen: Sequence[int], rules: Rules,
-          rng: np.random.Generator, tasks: tuple[Array, Array], least: int
+          rng: np.random.Generator, tasks: tuple[Array, Array], least: int, notes: list[str]
           ) -> tuple[tuple[int, float, float], ...]:
-    """Return accuracy of exchanged designs: the plan's size, half and twice of it."""
+    """Return accuracy of exchanged designs: the plan's size, half and twice of it.
+
+    Designs of the other sizes are for comparison: one that fails is left out, and noted.
+    """
     count = len(chosen)
     sizes = sorted({max(least, count // 2), count, min(2 * count, len(order))})
     out = []
     for size in sizes:
-        rows = chosen if size == count else exchange(whole, order[:size],
-                                                          rules.sized(whole, size), rng, 2)
+        rows = chosen if size == count else secondary(
+            f"a plan of {size} measurements", partial(exchange, whole, order[:size],
+                                                      rules.sized(whole, size), rng, 2), (), notes)
+        if not rows:
+            continue
         position, rotation = accuracy.spreads(
             whole.information(np.array(rows, dtype=np.int64))[None], tasks)
         out.append((size, float(position[0]), float(rotation[0])))

@@ -33,11 +33,12 @@ class Plan:
             whether that is an extrapolation.
         observability: O1 to O5 of the plan, and the mean of random designs of the same size.
         efficiency: (det of the plan over that of random ones)^(1/parameters), information per
-            row.
+            row; nan, and no observability, where that comparison is left out.
         tasks: number of task poses; tasks_left_out: reason -> number of the user's that the
             machine cannot take.
         refined: whether the chosen poses were moved in small steps.
         unused: settings that were given and that nothing depends on.
+        notes: comparisons that are left out.
     """
 
     mechanism: Mechanism
@@ -64,3 +65,4 @@ class Plan:
     tasks_left_out: Mapping[str, int]
     refined: bool
     unused: tuple[str, ...]
+    notes: tuple[str, ...] = ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
+from ppmcal.calibration.secondary import pictures_beside
 from ppmcal.design.plan.result import Plan
 from ppmcal.io import csv_text
 from ppmcal.io.results.design import ShownTable
@@ -101,4 +102,5 @@ class PlanRecord(Record):
         poses = pose_table(plan)
         return {"poses.csv": csv_text(list(poses), list(poses.values())),
                 "accuracy.csv": table_text(accuracy_table(plan), plan.mechanism.units),
-                PICTURE: accuracy_picture(plan, wanted), self.FILE: self.text()}
+                **pictures_beside({PICTURE: lambda: accuracy_picture(plan, wanted)}),
+                self.FILE: self.text()}

@@ -105,7 +105,7 @@ def accuracy_rows(plan: Plan) -> ShownTable:
 
 def observability_rows(plan: Plan) -> ShownTable:
     """Return the observability indices of this plan and of random ones."""
-    names = list(plan.observability["planned"])
+    names = list(plan.observability.get("planned", ()))
     return ShownTable(
         title="Observability of the measurements, without tolerances", columns=("poses", *names),
         rows=tuple((which, *(_short(values[k]) for k in names))

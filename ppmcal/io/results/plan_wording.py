@@ -21,13 +21,13 @@ SHOWN = 6
 def sentences(plan: Plan, wanted: float | None, notes: Sequence[str]) -> list[str]:
     """Return the result in sentences, the most important first."""
     return [measurements(plan), accuracy(plan), *_reached(plan, wanted), diminishing_returns(plan),
-            observability(plan), *effects(plan), *settings(plan), route(plan), instrument(plan),
+            *observability(plan), *effects(plan), *settings(plan), route(plan), instrument(plan),
             candidates(plan), *_undetermined(plan), *_open_ended(plan), *notes]
 
 
 def findings(plan: Plan, wanted: float | None) -> list[str]:
     """Return what the user must look at."""
-    out = []
+    out = list(plan.notes)
     if wanted is not None and plan.reached is None:
         length, unit = _length(plan)
         left = plan.limit[0]
@@ -112,12 +112,14 @@ def diminishing_returns(plan: Plan) -> str:
             f"lowers that error by {PAYS:.0%} or more.{fewest}")
 
 
-def observability(plan: Plan) -> str:
-    """Return how the information compares with random poses."""
+def observability(plan: Plan) -> list[str]:
+    """Return how the information compares with random poses, nothing where that is left out."""
+    if not plan.observability:
+        return []
     o = [plan.observability[k]["O1"] for k in ("planned", "random")]
-    return (f"Observability O1: {o[0]:.3g}; {o[1]:.3g} for as many random poses. With the "
+    return [f"Observability O1: {o[0]:.3g}; {o[1]:.3g} for as many random poses. With the "
             f"tolerances in, the information on the parameters is {plan.efficiency:.2g} times "
-            "theirs (p-th root of the determinant).")
+            "theirs (p-th root of the determinant)."]
 
 
 def settings(plan: Plan) -> list[str]:

@@ -185,7 +185,7 @@ class SensitivityRecord(Record):
             "linearity.csv": table_text(linearity_table(found), units)}
         if listed and len(found.table.status) * len(found.sources) <= MOST_ENTRIES:
             out["jacobian.csv"] = table_text(jacobian_table(found), units)
-        return {**out, **dict(pictures(found, grid)), self.FILE: self.text()}
+        return {**out, **pictures(found, grid), self.FILE: self.text()}
 
 
 def _units(found: Sensitivity, grid: Grid | None) -> dict[str, str]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from ppmcal.calibration.secondary import pictures_beside
 from ppmcal.design.error_jacobian import Poses, determinants, error_jacobian
 from ppmcal.design.error_sources import Source
 from ppmcal.design.sensitivity import Sensitivity
@@ -160,26 +162,29 @@ def jacobian_table(found: Sensitivity) -> list[Column]:
                   for row, c in enumerate(POSE_COORDINATES) if row in found.mechanism.dof]
 
 
-def pictures(found: Sensitivity, grid: Grid | None) -> Iterator[tuple[str, bytes]]:
-    """Yield (file, PNG): maps over a grid, and the linearity curve."""
+def pictures(found: Sensitivity, grid: Grid | None) -> dict[str, bytes]:
+    """Return file -> PNG: maps over a grid, and the linearity curve."""
     from ppmcal.plotting.curves import draw_curves
     from ppmcal.plotting.maps import draw_map
 
+    makers: dict[str, Callable[[], bytes]] = {}
     if grid is not None:
         at = np.where(finite_rows(found.table.pose)[:, None],
                       pose_motor(np.nan_to_num(found.table.pose)), np.nan)
         side = determinants(Model(found.mechanism), found.table.q, at)
         for one in maps(found, grid):
-            yield f"map_{one.name}.png", draw_map(found.mechanism, grid, one,
-                                                  side.reshape(grid.shape))
+            makers[f"map_{one.name}.png"] = partial(draw_map, found.mechanism, grid, one,
+                                                    side.reshape(grid.shape))
     units = found.mechanism.units
     curve = in_units(linearity_table(found), units)
     what = " and ".join(found.asked.together) or "every error at once, in the worst direction"
-    yield "linearity.png", draw_curves(
-        LINEARITY, f"{what}, {size_unit(found)}", f"displacement of the tool, {units.length}",
+    makers["linearity.png"] = partial(
+        draw_curves, LINEARITY, f"{what}, {size_unit(found)}",
+        f"displacement of the tool, {units.length}",
         [("linear", curve["size"], curve["linear"]),
          ("nonlinear", curve["size"], curve["exact"]),
          ("difference", curve["size"], curve["difference"])], True, True)
+    return pictures_beside(makers)
 
 
 def captions(found: Sensitivity, grid: Grid | None) -> dict[str, str]:

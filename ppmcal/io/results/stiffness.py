@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from ppmcal.calibration.secondary import pictures_beside
 from ppmcal.design.stiffness import Principal
 from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
@@ -169,5 +171,6 @@ def pictures(study: StiffnessStudy) -> dict[str, bytes]:
     if study.grid is None:
         return {}
     determinant = study.found.determinant.reshape(study.grid.shape)
-    return {f"map_{m.name}.png": draw_map(study.mechanism, study.grid, m, determinant)
-            for m in plotted(study)}
+    return pictures_beside({
+        f"map_{m.name}.png": partial(draw_map, study.mechanism, study.grid, m, determinant)
+        for m in plotted(study)})

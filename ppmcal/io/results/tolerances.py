@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Self
 
 from pydantic import ConfigDict, Field
 
+from ppmcal.calibration.secondary import pictures_beside
 from ppmcal.io.results.design import ShownTable, geometry_note
 from ppmcal.io.results.record import Part, Provenance, Record, Shown, Text, Whole, table_text
 from ppmcal.io.results.tables import unit_map
@@ -106,7 +107,7 @@ class TolerancesRecord(Record):
         out: dict[str, str | bytes] = {
             "tolerances.csv": table_text(tolerance_table(r), units),
             "errors.csv": table_text(errors_table(r), units),
-            "yield.png": yield_picture(r), self.FILE: self.text()}
+            **pictures_beside({"yield.png": lambda: yield_picture(r)}), self.FILE: self.text()}
         if r.chosen != "file":
             out["allocated.yaml"] = allocated(r)
         return out

@@ -6,11 +6,13 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import log10
 from typing import Any
 
 import numpy as np
 
+from ppmcal.calibration.secondary import pictures_beside
 from ppmcal.design.assembly_modes import Modes
 from ppmcal.design.workspace import Workspace
 from ppmcal.io import csv_text
@@ -79,8 +81,9 @@ def pictures(found: Workspace) -> dict[str, bytes]:
     from ppmcal.plotting.maps import draw_map
 
     determinant = found.quality.determinant.reshape(found.grid.shape)
-    return {f"map_{m.name}.png": draw_map(found.mechanism, found.grid, m, determinant)
-            for m in plotted(found)}
+    return pictures_beside({
+        f"map_{m.name}.png": partial(draw_map, found.mechanism, found.grid, m, determinant)
+        for m in plotted(found)})
 
 
 def csv_files(found: Workspace, rows: Sequence[ModeRow]) -> dict[str, str]:
