@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo-results
 MINUTES ?= 10
+TESTS ?= not slow
 SEEDS ?= 901 902 903
 
 .PHONY: demo test test-all lint bench fuzz torture mutants wheel oldest rates schemas docs docs-output \
@@ -29,11 +30,13 @@ $(VENV)/.docs: $(VENV)/.run
 demo: $(VENV)/.run
 	@$(BIN)/ppmcal demo --out $(OUT)
 
+# worksteal: neighbours stay with one worker, and what a file's tests share is made once
 test: $(VENV)/.test
-	@$(BIN)/python -m pytest -n auto --dist load -m "not slow"
+	@$(BIN)/python -m pytest -n auto --dist worksteal -m "$(TESTS)"
 
-test-all: test
-	@$(BIN)/python -m pytest -n auto --dist load -m slow
+# the same with the slow ones, in one run: what slow and quick tests of a file share is made once
+test-all:
+	@$(MAKE) test TESTS=
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check ppmcal tests benchmarks docs

@@ -11,13 +11,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from helpers.commands import ppmcal
 from helpers.paths import ROOT
 
+from ppmcal.api.import_ import import_config
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.flatness import flats
 from ppmcal.calibration.identifiability import predict_identifiability
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import normal_step
+from ppmcal.calibration.noise import with_estimated_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.secondary import NOTE
 from ppmcal.calibration.summary import report
@@ -86,6 +90,47 @@ def test_distances_that_do_not_fit_are_told() -> None:
     told = report(fit, FitOptions(), 0.0, 0)
     assert told.noise.failed and told.noise.by_dataset["distances"] > 3.0
     assert any("times the stated noise" in finding for finding in told.findings)
+
+
+def printer_of(event: dict[str, Any], folder: Path) -> Problem:
+    """Return an event as it is imported: six parameters, noise that is only begun."""
+    machine = yaml.safe_load(real_deltas.mechanism_text(event["geometry_start"], "fixed"))
+    machine["tolerances"] = {"point": float("inf"), "angle": 0.5, "offset": 3.2}
+    (folder / "machine.yaml").write_text(yaml.safe_dump(machine))
+    mechanism = read_mechanism(folder / "machine.yaml")
+    paths = real_deltas.write_data(folder, event)
+    for path, sigma in zip(paths, ({"height": 0.02}, {"distance": 0.05}), strict=True):
+        side = yaml.safe_load(path.with_suffix(".yaml").read_text())
+        side["instrument"]["sigma"] = {**sigma, "estimated": True}
+        path.with_suffix(".yaml").write_text(yaml.safe_dump(side))
+    return Problem(mechanism, read_campaign(paths, mechanism), mechanism.free)
+
+
+@pytest.mark.parametrize(("name", "row", "off"), [
+    ("015", 0, -1.0), ("015", 7, 1.0), ("016", 0, 1.0), ("016", 4, 0.5)])
+def test_a_caliper_read_wrongly_is_left_out_and_is_no_noise(name: str, row: int, off: float,
+                                                            tmp_path: Path) -> None:
+    """Fitted with its own file alone, the wrong value spreads over the others there."""
+    event = event_of(name)
+    problem = printer_of(event, tmp_path)
+    _, clean = with_estimated_noise(problem, FitOptions())
+    event["distances"][row][0] += off
+    fit, factor = with_estimated_noise(printer_of(event, tmp_path), FitOptions())
+    assert [np.flatnonzero(~k).tolist() for k in fit.keep] == [[], [row]]
+    assert np.allclose(factor, clean, rtol=0.15)
+
+
+def test_calipers_that_contradict_good_touches_are_told(tmp_path: Path) -> None:
+    """The noise of both, estimated together, would hide it: the bed is missed by twice as much."""
+    path = DATA / "hard" / "calipers-against-touches" / "printer.cfg"
+    if not path.is_file():
+        pytest.skip("the printer is not at hand (PPMCAL_DATA)")
+    import_config("klipper", path).save(tmp_path)
+    run = ppmcal("identify", "machine.yaml", "heights.csv", "distances.csv", "--holdout", "0",
+                 cwd=tmp_path, expect=1)
+    assert "heights and distances pull apart" in " ".join((run.out + run.err).split())
+    record = json.loads((tmp_path / "identified" / "identification.json").read_text())
+    assert any("pull apart" in f for f in record["findings"])
 
 
 def mesh_of(name: str) -> tuple[Path, dict[str, Any], dict[str, Any]]:

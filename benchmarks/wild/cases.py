@@ -67,8 +67,6 @@ def _mistakes() -> dict[str, Case]:
         "radius-base": mistake(ro.doubled("base")),
         "radius-platform": mistake(ro.doubled("platform")),
         "shuffled": mistake(ro.shuffled), "reordered": mistake(ro.reversed_order, plan=SEQUENCE),
-        "approach-inverted": Case("mistake", causes=(ph.backlash("all"),),
-                                  errors=(ro.approach_inverted(1.0),)),
         "approach-half-inverted": Case("mistake", causes=(ph.backlash("all"),),
                                        errors=(ro.approach_inverted(0.4),)),
         "other-machine": Case("mistake", other=True, note="mechanism of another seed"),
@@ -212,6 +210,7 @@ def _physics() -> dict[str, Case]:
     return {
         "backlash-one": cause(ph.backlash("one")),
         "backlash-all": cause(ph.backlash("all")),
+        "backlash-behind-all": cause(ph.backlash("all", behind=True)),
         "gain-one": cause(ph.gain("one"), LINEAR),
         "gain-all": cause(ph.gain("all"), LINEAR, accept=("sensor_scale",)),
         "periodic-one": cause(ph.periodic("one")),

@@ -68,9 +68,10 @@ def simple(kind: str, how: str, name: str, shape: Shape, size=None, per: str = "
     return make
 
 
-def backlash(how: str):
-    """Approach sign times half a width."""
-    return simple("backlash", how, "width", lambda r, v: r.dirs * v["width"] / 2)
+def backlash(how: str, behind: bool = False):
+    """Approach sign times half a width; ``behind``: the joint stays behind its encoder."""
+    size = (lambda r: -tick(r)) if behind else None
+    return simple("backlash", how, "width", lambda r, v: r.dirs * v["width"] / 2, size)
 
 
 def windup(how: str):

@@ -88,7 +88,7 @@ def reversed_order(rng, paper: Paper) -> Blame:
 
 
 def approach_inverted(share: float):
-    """Direction columns with the wrong sign, on all rows or on the first part."""
+    """Direction columns with the wrong sign on the first part: of all rows it is no mistake."""
 
     def make(rng, paper):
         names = [n for n in paper.table if n.startswith("dir_")]
@@ -97,8 +97,7 @@ def approach_inverted(share: float):
             values = paper.table[name].copy()
             values[rows] = -values[rows]
             paper.table[name] = values
-        read = {"signs": dict.fromkeys(names, -1)} if share == 1 else None
-        return Blame("sign", names, read, rows.tolist() if share < 1 else [], mends=share == 1)
+        return Blame("sign", names, None, rows.tolist(), mends=False)
 
     return make
 

@@ -8,6 +8,7 @@ from functools import cached_property, partial
 from typing import ClassVar
 
 from ppmcal.api.identify import (
+    APART,
     FREEDOMS,
     MISSING,
     PATTERN,
@@ -31,6 +32,7 @@ from ppmcal.calibration.freedom_choice import choice_sentence, with_chosen_freed
 from ppmcal.calibration.misread import Misread, misreading_sentence
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.pulled_apart import pulled_apart
 from ppmcal.calibration.read_rightly import refuse_before_fit
 from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.sessions import one_session, session_masks
@@ -166,7 +168,8 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
     campaign = secondary(MISSING, lambda: weak_campaign(fit, seed), None, extra)
     asked = [*secondary(PATTERN, partial(left_over, found.before, seed), [], extra),
              *secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
-                 fit, [d.estimated for d in datasets])), [], extra)]
+                 fit, [d.estimated for d in datasets])), [], extra),
+             *secondary(APART, lambda: pulled_apart(fit, datasets), [], extra)]
     found = replace(found, findings=(*units, *asked, *found.findings, *extra),
                     identification=replace(found.identification, campaign=campaign))
     found = replace(found, proposal=with_poses(found.proposal, campaign))

@@ -31,13 +31,14 @@ from ppmcal.calibration.freedom_choice import (
     choice_sentence,
     with_chosen_freedoms,
 )
-from ppmcal.calibration.identifiability import predict_identifiability
+from ppmcal.calibration.identifiability import predict_identifiability, with_held
 from ppmcal.calibration.identify import identify as fitted
 from ppmcal.calibration.intervals import coverage
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.noise import noise_check, noise_sentences, with_estimated_noise
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.pulled_apart import pulled_apart
 from ppmcal.calibration.read_rightly import refuse_after_fit, refuse_before_fit
 from ppmcal.calibration.registration_freedoms import hint_sentences, registration_hints
 from ppmcal.calibration.secondary import secondary
@@ -53,9 +54,10 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import begin, heard, silent
 
-FREEDOMS, MISSING, PATTERN, TOLERATED = (
-    "whether some parameters should be one", "which poses are missing",
-    "whether residuals have a pattern", "whether the tolerances are kept")
+APART, FREEDOMS, MISSING, PATTERN, TOLERATED = (
+    "whether instruments pull apart", "whether some parameters should be one",
+    "which poses are missing", "whether residuals have a pattern",
+    "whether the tolerances are kept")
 """What is told beside a fit."""
 
 
@@ -120,6 +122,7 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         refuse_before_fit(problem)
         begin("choosing what to fit")
         extra = list[str]()
+        as_filed = problem
         problem, choice = secondary(
             FREEDOMS, partial(with_chosen_freedoms, problem, options, _estimated(problem, sigma)),
             (problem, None), extra)
@@ -132,6 +135,11 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         if chosen == "prior":
             refuse_other_machine(found.fit)
     begin("judging the campaign")
+    held = set(as_filed.free) - set(problem.free)
+    if held:
+        found = replace(found, identifiability=secondary(
+            "what the data leave open", lambda: with_held(found.fit, held),
+            found.identifiability, extra))
     campaign = secondary(MISSING, lambda: weak_campaign(found.fit, seed), None, extra)
     # what an earlier calibration knew may be all that so few poses lack
     asked = [] if before is not None or not problem.free else list(too_few(fit))
@@ -145,6 +153,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
                                  lambda: carried_on(fit, before, options), [], extra)
     asked += secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
         fit, _estimated(problem, sigma))), [], extra)
+    if sigma != "estimated":
+        asked += secondary(APART, lambda: pulled_apart(fit, problem.datasets), [], extra)
     told += [*scale_sentences(found), *([choice_sentence(choice)] if choice else [])]
     whole = replace(found, findings=(*notes, *units, *asked, *found.findings, *extra),
                     earlier=before, campaign=campaign)

@@ -17,14 +17,16 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 
 from ppmcal.calibration.stale_rows import without_stale
+from ppmcal.calibration.unknown_directions import with_unknown_directions
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import provenance, read_campaign, read_mechanism
 from ppmcal.io.campaign import joined
-from ppmcal.io.dataset_reader import LABELS, dataset_of, read_files
+from ppmcal.io.dataset_reader import dataset_of, may_be_words, read_files
 from ppmcal.io.environment import one_thread
 from ppmcal.io.folder import current, reading
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.input_files import path_errors
+from ppmcal.io.read_block import ReadFile
 from ppmcal.io.results.record import LARGEST_WHOLE
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
 from ppmcal.io.stage import settle
@@ -203,13 +205,14 @@ def _read_data(machine: Mechanism, sources: Sequence[Any],
 def _one(machine: Mechanism, source: Any, sidecar: Mapping[str, Any] | Path_ | None, label: str
          ) -> Dataset:
     """Return one table with its sidecar as a data set."""
+    loose = may_be_words(ReadFile(), machine)
     if is_path(source):
         path = Path(source)
         if sidecar is None:
-            return dataset_of(*read_files(path), machine)
-        table = read_table(path, text=LABELS)
+            return dataset_of(*read_files(path, machine), machine)
+        table = read_table(path, loose=loose)
     else:
-        table = as_table(source, (), label, LABELS.__contains__)
+        table = as_table(source, (), label, loose)
         if sidecar is None:
             raise BadInput("a table in memory needs its sidecar", label,
                            'Give it, such as sidecar={"instrument": {"kind": "pose", "sigma": '
@@ -248,6 +251,8 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
         raise BadInput("there are no measurements", "data", "Give a data set or a file, or several")
     if machine.effects and datasets:
         machine = with_strokes(machine, np.concatenate([d.q for d in datasets]))
+        datasets = with_unknown_directions(machine, datasets, [
+            environment_of(machine, d) for d in datasets])
         for d in datasets:
             refuse_unrecorded(machine, environment_of(machine, d),
                               f"the effects of {machine.source}", d.source,

@@ -18,10 +18,11 @@ from ppmcal.api.result import Result
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table, csv_table
 from ppmcal.io.csv_writer import Content, csv_lines
-from ppmcal.io.dataset_reader import LABELS, dataset_of
+from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.foreign import ForeignTable, foreign_tables, refuse_unused
 from ppmcal.io.header_units import with_units
 from ppmcal.io.join import rows_of
+from ppmcal.io.measurement_columns import LABELS
 from ppmcal.io.output import origin_comment
 from ppmcal.io.pose_fields import QUATERNION
 from ppmcal.io.read_block import MATRIX, ReadFile
@@ -120,7 +121,9 @@ def read(files: Path_ | Sequence[Path_], mechanism: Machine, *, sidecar: Path_ |
             that both saw.
         names: how points are called where several targets are on the platform, such as
             ``{pose}_{target}``: one measurement file for each target  [default: the sidecar's
-            ``read.names``].
+            ``read.names``; of ``Group::Point`` or columns for both the group is the pose and the
+            point the target, where points of the same names stand in several groups and the log
+            has no row of these names].
         units: length unit of points whose header names none  [default: the sidecar's].
         name: of the files that :meth:`ReadResult.save` writes, without their ends.
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ppmcal.api.read_targets import found_offset, known_points, with_targets
 from ppmcal.errors import BadInput
 from ppmcal.io.clock import Clock, on_clock_of
-from ppmcal.io.clock_offset import find_clock_offset
 from ppmcal.io.csv import Table
 from ppmcal.io.foreign import ForeignTable, pose_names
+from ppmcal.io.foreign_names import is_target
 from ppmcal.io.join import Join, join, unwrapped
 from ppmcal.io.measurement_columns import stacked
 from ppmcal.io.read_block import ANGULAR, ReadFile
@@ -85,10 +85,15 @@ def joined(log: ForeignTable, lists: Sequence[ForeignTable], options: JoinOption
                 raise BadInput("there is one table, and nothing to put beside it", flag,
                                "Give a list of points too, or leave the option out")
         table, said = _from_first(log.table, log.clock)
-        return Joined(_named(table, block.names) if block.names else table, (), said)
+        called = pose_names(table) if "pose" in table.header else []
+        table, named = with_targets(table, block.names, called)
+        return Joined(table, (), (*named, *said))
     points = _one_list(lists)
-    table = _named(points.table, block.names) if block.names else points.table
-    sentences: list[str] = []
+    by_time = options.by == "time" or options.interpolate or offset is not None
+    table, named = with_targets(
+        points.table, block.names, () if by_time or "pose" not in log.table.header
+        else pose_names(log.table), is_target(points.headers.get("pose", "")))
+    sentences = list(named)
     timed = log.clock is not None and points.clock is not None
     if offset is not None:
         if not timed:
@@ -98,9 +103,10 @@ def joined(log: ForeignTable, lists: Sequence[ForeignTable], options: JoinOption
         own = _comparable(log, points)
         ahead = offset
         if offset == FIND:
-            found = find_clock_offset(mechanism, *_joints(log, block, mechanism, units, place), own,
-                                      stacked(table, ["x", "y", "z"]), table.source)
-            sentences.append(str(found))
+            found, table, more = found_offset(
+                mechanism, *_joints(log, block, mechanism, units, place), own, table,
+                [f.table for f in lists], known_points(block, mechanism, units, place))
+            sentences += [*more, str(found)]
             ahead = found.value
         table = replace(table, numbers={**table.numbers, "time": own - float(ahead)})
     elif timed and options.by != "name" and not _by_name(log.table, table, options):
@@ -259,28 +265,3 @@ def _from_first(table: Table, clock: Clock | None) -> tuple[Table, tuple[str, ..
     first = float(known.min()) if known.size else 0.0
     return replace(table, numbers={**table.numbers, "time": times - first}), (
         f"Column time: s since {clock.name(first)}.",)
-
-
-def _named(points: Table, names: str) -> Table:
-    """Return points with the pose and the target that their names say.
-
-    Raises:
-        BadInput: no names, or a name that is not made like that.
-    """
-    if "pose" not in points.header:
-        raise BadInput("points have no names", points.source, "Leave `names` out")
-    parts = re.split(r"(\{pose\}|\{target\})", names)
-    pattern = "".join(f"(?P<{p[1:-1]}>.+?)" if p in ("{pose}", "{target}") else re.escape(p)
-                      for p in parts)
-    form = re.compile(rf"(?:.*::)?{pattern}")
-    pose, target = list[str](), list[str]()
-    for i, whole in enumerate(pose_names(points)):
-        found = form.fullmatch(whole)
-        if found is None:
-            raise BadInput(f"the name '{whole}' is not made like {names}", points.at("pose", i),
-                           "Correct --names (or `read.names`), or the name")
-        pose.append(found["pose"])
-        target.append(found["target"])
-    return replace(points, header=(*points.header, "target"),
-                   numbers={h: v for h, v in points.numbers.items() if h != "pose"},
-                   text={**points.text, "pose": tuple(pose), "target": tuple(target)})

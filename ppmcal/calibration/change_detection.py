@@ -17,6 +17,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc, ndtr
 
 from ppmcal.calibration.common_misfit import DifferenceNoise, noise_between
+from ppmcal.calibration.equal_freedoms import with_equal_freedoms
 from ppmcal.calibration.explanations import (
     CHANGED,
     VISIBLE,
@@ -127,8 +128,9 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
                      "and changes look smaller than they are")
     only = {mechanism.names[p] for p in set(old.places) ^ set(new.places)}
     if only:
-        notes.append(f"free in only one of the two, and taken as it is in the newer: "
-                     f"{', '.join(sorted(only))}")
+        notes.append(f"free in only one of the two, and compared as if it were in neither: "
+                     f"{', '.join(sorted(only))}; identify both with the same --free to be surer")
+        old, new = with_equal_freedoms(mechanism, old, new)
     found = _compared(mechanism, old, new, common, notes)
     poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES) for c in POSE_COORDINATES],
                      axis=-1)

@@ -18,7 +18,7 @@ from ppmcal.calibration.error_intervals import RmsDraws, quantile_interval, rms_
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem, white_squares
+from ppmcal.calibration.problem import Problem, squares_by_noise_of, white_squares
 from ppmcal.calibration.registration_freedoms import OPEN as OPEN
 from ppmcal.calibration.registration_freedoms import OPENED, fall, is_open, opened
 from ppmcal.calibration.secondary import FAILURES, secondary
@@ -224,11 +224,18 @@ def _demanded(models: Sequence[FrozenModel], data: Dataset
 
 
 def _gain(before: Fit, after: Fit) -> float:
-    """Return by which part the error falls, 0 where that is too little or may be chance."""
+    """Return by which part the error falls, 0 where that is too little or may be chance.
+
+    Both errors are weighted by the noise at the wider registration, by which it is the minimum:
+    each by its own, a wider one could seem to fit worse.
+    """
     more = len(after.problem.columns) - len(before.problem.columns)
-    a, b = (white_squares(f.problem, f.state, [finite_rows(p) for p in f.state.poses])
-            for f in (before, after))
-    return fall(a[0], b[0], a[1], len(after.problem.columns), more)
+    rows = [finite_rows(p) & finite_rows(q) for p, q in
+            zip(before.state.poses, after.state.poses, strict=True)]
+    wide = after.problem, after.state
+    square, count = white_squares(*wide, rows)
+    narrow = squares_by_noise_of((before.problem, before.state), wide, rows)
+    return fall(narrow, square, count, len(after.problem.columns), more)
 
 
 def _error(label: str, found: Residuals, rows: Bools, fit: Fit) -> ModelError:

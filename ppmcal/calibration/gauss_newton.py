@@ -205,7 +205,7 @@ def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior:
     if not solved(trial, keep):
         return None
     there = linearised(problem, trial, keep, prior, weights, now.reduced is None)
-    by_joints = any(np.any(d.sigma_actuator > 0.0) for d in problem.datasets)
+    by_joints = any(np.any(s > 0.0) for s in problem.sigma_joints)
     if by_joints and there.promise < SETTLING * now.promise:
         return trial
     trial = problem.moved(trial, there.small.step()[0])

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -106,6 +106,22 @@ def identifiability(fit: Fit) -> Identifiability:
     return Identifiability(
         _scale(fit), tuple(sorted(_collinear(fit), key=lambda t: -abs(t.correlation)))
     )
+
+
+def with_held(fit: Fit, held: Iterable[int]) -> Identifiability:
+    """Return what is left open with parameters that a fit held though the file frees them.
+
+    Held for the sake of what they predict, they are known no better than their tolerances say.
+
+    Args:
+        fit: of the others.
+        held: indices of these parameters.
+    """
+    pivots = tuple(o.about for o in fit.problem.opens)
+    wide = replace(fit.problem, free=tuple(sorted({*fit.problem.free, *held})), pivots=pivots)
+    return identifiability(Fit(wide, fit.state, qr_factor(wide, fit.state, fit.keep),
+                               prior_weights(wide, "prior"), column_scale(wide), fit.keep, 0,
+                               fit.converged))
 
 
 def _scale(fit: Fit) -> Scale | None:

@@ -78,7 +78,11 @@ def left_out_by_files(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array
 
 
 def _agreeing(found: Fit, index: int, poses: Array, options: FitOptions) -> Bools:
-    """Return which rows (N,) that were left out of a data set agree with a fit of it alone."""
+    """Return which rows (N,) that were left out of a data set agree with a fit of it alone.
+
+    The other rows of the file predict them, at the noise that those show: fitted with the others, a
+    wrong value would spread over them and pass for their noise. Rows that agree then predict too.
+    """
     out = found.outliers[index]
     data = found.problem.datasets[index]
     if data.frame.same_as is not None or found.problem.earlier is not None:
@@ -88,11 +92,22 @@ def _agreeing(found: Fit, index: int, poses: Array, options: FitOptions) -> Bool
                                       else "alone"),))
     pose = np.where(out[:, None], poses, found.state.poses[index])
     state = alone.solve(State(found.state.g, (found.state.registrations[index],), (pose,)))
-    keep = [(found.keep[index] | out) & finite_rows(state.poses[0])]
-    own = fit_rows(alone, state, keep, [{}], prior_weights(alone, options.method), options)
-    own = without_outliers(own, [np.zeros_like(out)], state.poses, options)
-    hidden = [row for _, rows in unchecked(own, prediction_covariance(own)) for row in rows]
-    return np.asarray(out & own.keep[0] & ~np.isin(data.rows, hidden))
+    solved = finite_rows(state.poses[0])
+    keep = found.keep[index] & solved
+    prior = prior_weights(alone, options.method)
+    total = int((keep | out).sum())
+    for _ in range(total):
+        own = fit_rows(alone, state, [keep], [{}], prior, options)
+        own = replace(own, state=_found_again(own, [out & ~keep], state.poses))
+        covariance = prediction_covariance(own)
+        away = distances(alone, own.state, covariance, [keep])
+        agrees = away.p_values(away.factor([keep]))[0] * total >= REJECT
+        more = out & ~keep & finite_rows(own.state.poses[0]) & agrees
+        if not more.any():
+            break
+        keep, state = keep | more, own.state
+    hidden = [row for _, rows in unchecked(own, covariance) for row in rows]
+    return np.asarray(out & keep & ~np.isin(data.rows, hidden))
 
 
 def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) -> State:

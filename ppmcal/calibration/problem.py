@@ -23,6 +23,7 @@ from ppmcal.calibration.observation import noise, view, white_measurements, whit
 from ppmcal.calibration.posterior import Earlier
 from ppmcal.calibration.registration import no_pose, start_registration, unscaled
 from ppmcal.calibration.response import Response, Rows
+from ppmcal.calibration.unknown_directions import direction_sigma
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
 from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
@@ -54,6 +55,24 @@ def white_squares(problem: Problem, state: State, keep: Sequence[Bools]) -> tupl
     """Return the sum of white squares over rows (N,) of each data set, and how many values."""
     each = [rows.squares() for rows in problem.rows(state, False, keep)]
     return sum(square for square, _ in each), sum(count for _, count in each)
+
+
+def squares_by_noise_of(one: tuple[Problem, State], other: tuple[Problem, State],
+                        keep: Sequence[Bools]) -> float:
+    """Return the sum of white squares of ``one`` state, its rows weighted as at the ``other``.
+
+    The noise of joints is carried to the measured point by geometry and registration, and moves
+    with them: what two fits leave is compared by one noise or not at all.
+
+    Args:
+        one: whose residuals count; its data sets are the other's, whatever these leave open.
+        other: at which state they are whitened.
+        keep: rows (N,) by data set that have a pose in both.
+    """
+    (problem, state), (by, at) = one, other
+    pairs = zip(problem.rows(state, False, keep), by.rows(at, False, keep), strict=True)
+    return sum(float(np.sum((noise.whitener @ np.where(r.observed, r.raw, 0.0)[..., None])**2))
+               for r, noise in pairs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +113,14 @@ class Problem:
     def environments(self) -> tuple[Environment, ...]:
         """What effects depend on, by data set."""
         return self.given or tuple(environment_of(self.mechanism, d) for d in self.datasets)
+
+    @cached_property
+    def sigma_joints(self) -> tuple[Array, ...]:
+        """Noise of the joints by data set (k,), unit of q; sides that are not known are noise."""
+        if not any("dir" in e.kind.needs for e in self.mechanism.effects):
+            return tuple(d.sigma_actuator for d in self.datasets)
+        return tuple(np.hypot(d.sigma_actuator, direction_sigma(self.mechanism, e))
+                     for d, e in zip(self.datasets, self.environments, strict=True))
 
     def open_scale(self) -> Array:
         """Return one natural unit per open column (C - F,): 1e-3 of the reach, 1e-3 rad.
@@ -247,7 +274,7 @@ class Problem:
 
     def _chunk(self, i: int, data: Dataset, index: Ints, state: State, jacobian: bool) -> Rows:
         part, registration, motion = data.take(index), state.registrations[i], self.mechanism.motion
-        with_noise = bool(np.any(data.sigma_actuator > 0.0))
+        with_noise = bool(np.any(self.sigma_joints[i] > 0.0))
         asked = jacobian or with_noise
         rows = self._at(i, index)
 
@@ -284,7 +311,7 @@ class Problem:
                         full += own
             if jacobian:
                 self.opens[i].fill(full, seen)
-        sigma = np.tile(data.sigma_actuator, len(ends))
+        sigma = np.tile(self.sigma_joints[i], len(ends))
         white = whitener(seen, noise(part, motion),
                          np.concatenate(by_joint, axis=-1) if by_joint else None, sigma)
         full = np.where(seen.observed[..., None], full, 0.0)

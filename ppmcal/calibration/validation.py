@@ -68,7 +68,7 @@ def residuals(problem: Problem, state: State) -> Residuals:
         chosen = coordinates(data, motion)
         places = sum(1 for c in chosen if c < 3)
         vector = np.full((len(data), len(chosen)), np.nan)
-        of_joints = bool(np.any(data.sigma_actuator > 0.0))
+        of_joints = bool(np.any(problem.sigma_joints[i] > 0.0))
         sigma = np.full_like(vector, np.nan) if of_joints else noise(data, motion)
         for rows in problem.rows_of(i, state, False):
             vector[rows.index] = np.where(rows.observed, rows.raw, np.nan)

@@ -128,13 +128,14 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
 
 
 def _lacking(untestable: Sequence[UntestableKind]) -> list[str]:
-    """Return ``compliance, windup (need payload)``: the kinds by what they lack."""
-    kinds: dict[tuple[str, ...], list[str]] = {}
+    """Return ``compliance, windup (need payload)``: the kinds by what they lack, and where."""
+    kinds: dict[tuple[tuple[str, ...], str], list[str]] = {}
     for u in untestable:
-        kinds.setdefault(u.missing, []).append(u.kind)
+        where = f", {u.reason}" if u.reason.startswith("not recorded in ") else ""
+        kinds.setdefault((u.missing, where), []).append(u.kind)
     return [f"{', '.join(some)} (need{'s' if len(some) == 1 else ''} "
-            f"{', '.join(missing[:2])}{' ...' if len(missing) > 2 else ''})"
-            for missing, some in kinds.items()]
+            f"{', '.join(missing[:2])}{' ...' if len(missing) > 2 else ''}{where})"
+            for (missing, where), some in kinds.items()]
 
 
 def _where(result: Diagnosis) -> str:
@@ -154,6 +155,7 @@ def _effects(record: DiagnosisRecord) -> list[str]:
         onset,
         own_values,
         rivals,
+        side,
         survives,
         together,
     )
@@ -173,6 +175,8 @@ def _effects(record: DiagnosisRecord) -> list[str]:
                 + (f" at mid-stroke ({number(at.value)} {at.unit})." if at else ".")
                 for head, e in zip(heads, group, strict=True) if e.derived
                 for at in [e.mid_stroke]]
+        out += [f"  {line[0].upper() if line.startswith('the ') else line[0]}{line[1:]}"
+                for line in side(group)]
         if others := rivals(record, group[0]):
             out.append(f"  Cannot be told from: {some(others, 'effects.csv', joint='; ')}.")
         if stands := survives(group[0]):

@@ -12,8 +12,9 @@ from ppmcal.calibration.before import DEFINITION, before
 from ppmcal.calibration.problem import Problem
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
-from ppmcal.io.dataset_reader import LABELS, dataset_of
+from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.frames import as_table
+from ppmcal.io.measurement_columns import LABELS
 from ppmcal.io.results.identification_parts import summaries
 from ppmcal.io.sidecar import sidecar_of
 from ppmcal.model.dataset import Dataset

@@ -96,10 +96,11 @@ class _Kinds(Collector):
                 "touch" in kind.needs and not self._touched()):
             return
         usable = usable & ~self._free_already(kind)
-        on, missing = self._recorded(kind, usable)
+        on, missing, lack = self._recorded(kind, usable)
         if missing:
             self.untestable.append(Untestable(
-                kind.label, missing, "not recorded, or the same in every row"))
+                kind.label, missing, f"not recorded in {' and '.join(lack)}" if lack
+                else "not recorded, or the same in every row"))
         if not on.any():
             return
         if kind.carried is not None and not self.bears and self.bearing is None:
@@ -232,13 +233,20 @@ class _Kinds(Collector):
         touches = [p.response.rows.touch for p in self.system.parts]
         return any(t is not None and t.any() for t in touches)
 
-    def _recorded(self, kind: EffectKind, usable: Bools) -> tuple[Bools, tuple[str, ...]]:
-        """Return the actuators whose columns are there in every part, and missing columns."""
+    def _recorded(self, kind: EffectKind, usable: Bools
+                  ) -> tuple[Bools, tuple[str, ...], tuple[str, ...]]:
+        """Return the actuators whose columns are there in every part, and missing columns.
+
+        Last, the files that lack them, where others have them.
+        """
         on = usable.copy()
         missing: list[str] = []
+        lack: dict[str, bool] = {}
         for part in self.system.parts:
+            name = self.system.problem.datasets[part.dataset].name
             for a in np.flatnonzero(usable):
                 gone = lacking(kind.needs, (self.actuators[a],), (int(a),), part.response.rows)
+                lack[name] = lack.get(name, False) or bool(gone)
                 if gone:
                     on[a] = False
                     missing += gone
@@ -247,7 +255,8 @@ class _Kinds(Collector):
             if gone:
                 on[a] = False
                 missing += gone
-        return on, tuple(dict.fromkeys(missing))
+        files = () if all(lack.values()) else tuple(n for n, lacks in lack.items() if lacks)
+        return on, tuple(dict.fromkeys(missing)), files
 
     def _constant(self, kind: EffectKind, a: int) -> list[str]:
         """Return needed columns that never change, or a load that is never there.

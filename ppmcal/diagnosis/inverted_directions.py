@@ -1,7 +1,9 @@
-"""Directions that are recorded with the wrong sign in one stretch of the rows.
+"""Directions that are recorded with another sign in one stretch of the rows than in the others.
 
-The effect of a direction then pulls the other way there, so that it explains far more with the
-column turned in these rows. Every stretch on a grid is tried, all from the same running sums.
+Either sign of a direction's effect is a machine's, but one and the same sign in all rows. Where the
+column changed its meaning, the effect explains far more with it turned in these rows. Every stretch
+on a grid is tried, all from the same running sums. Turning all rows changes nothing, and a stretch
+and all rows but these are one thing: the shorter is told.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from ppmcal.calibration.mistakes import Mistake, with_line
 from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.diagnosis.added_variable_test import VISIBLE
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.plausibility import MUCH_BETTER, SIDES, nearest, of_column
+from ppmcal.diagnosis.plausibility import MUCH_BETTER, nearest, of_column
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.selection import bic
 from ppmcal.diagnosis.stage import Stage, form_columns
@@ -30,6 +32,8 @@ MOSTLY = 0.25
 """Of what exceeds the noise no more than this may be left."""
 SURE_SIZE = 2.5
 """A size may miss its range by so many standard deviations."""
+SAME = 9
+"""Digits in which what two stretches leave is compared: else rounding would choose."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +50,14 @@ class _Stretch:
     absent: float
     hypothesis: Hypothesis
 
+    @property
+    def order(self) -> tuple[float, int]:
+        """What the best has least of."""
+        return round(self.bic, SAME - 3), self.end - self.begin
+
 
 def inverted_directions(found: Found, chosen: Sequence[Hypothesis]) -> Misreading | None:
-    """Return in which rows directions are recorded the other way round, None if nothing says so.
+    """Return in which rows directions are recorded another way than in the rest, None if in none.
 
     Args:
         found: the search.
@@ -63,7 +72,7 @@ def inverted_directions(found: Found, chosen: Sequence[Hypothesis]) -> Misreadin
         if kind is None or kind.title or kind.needs != ("dir",) or hypothesis.searched:
             continue
         for stretch in _stretches(stage, hypothesis):
-            if stretch.bic < (now if best is None else best.bic):
+            if stretch.bic < now and (best is None or stretch.order < best.order):
                 best = stretch
     if best is None or best.absent <= best.bic or not _clean(stage, best):
         return None     # in rows that do not show it at all, nothing has turned
@@ -134,7 +143,10 @@ class _Sums:
         First, last + 1, BIC, and the sum of squares left.
         """
         b, e = (p.reshape(-1) for p in np.meshgrid(begins, ends, indexing="ij"))
-        b, e = b[e - b >= FEWEST], e[e - b >= FEWEST]
+        long = e - b
+        b, e = (p[(long >= FEWEST) & (long <= self.right.shape[0] - 1 - FEWEST)] for p in (b, e))
+        order = np.argsort(e - b, kind="stable")    # of what is the same the shortest
+        b, e = b[order], e[order]
         right = self.right[-1] - (1.0 - shown) * (self.right[e] - self.right[b])
         hidden = self.hidden[-1] - (1.0 - shown) * (self.hidden[e] - self.hidden[b])
         gram = self.own[-1] - (1.0 - shown**2) * (self.own[e] - self.own[b])
@@ -147,7 +159,7 @@ class _Sums:
         left = np.where(self._physical(value, noise), left, np.inf)
         if not np.isfinite(left).any():
             return None
-        i = int(np.argmin(left))
+        i = int(np.argmin(np.round(left / max(self.square, 1e-300), SAME)))
         gain = np.log(max(left[i], 1e-300) / max(self.square, 1e-300))
         change = n * gain + (right.shape[1] + 2.0) * np.log(n)
         return (int(b[i]), int(e[i]), bic(self.stage.search, ()) + float(change),
@@ -175,8 +187,8 @@ def _told(found: Found, stretch: _Stretch) -> Misreading:
     names = tuple(f"dir_{a}" for a in stretch.hypothesis.on or problem.mechanism.actuators)
     whole = own.size == stretch.end - stretch.begin
     block = with_line(data, "signs", dict.fromkeys(names, -1)) if whole else None
-    where = "" if whole else f"rows {rows[0]} to {rows[-1]}: "
-    text = (f"{where}dir_ of {', '.join(stretch.hypothesis.on)} has the other sign: "
-            f"{stretch.hypothesis.label} then explains all rows alike. {SIDES}")
+    where, others = ("", "files") if whole else (f"rows {rows[0]} to {rows[-1]}: ", "rows")
+    text = (f"{where}dir_ of {', '.join(stretch.hypothesis.on)} has another sign than in the other "
+            f"{others}: {stretch.hypothesis.label} then explains all of them alike")
     mistake = Mistake("sign", names, text, () if whole else rows)
     return of_column(data.source, mistake, block, stage, stretch.left)

@@ -103,15 +103,22 @@ def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) 
                         np.zeros((0, data.q.shape[1])), np.zeros((0, 6)), {}, odds, after)
     rows = np.array(picked, dtype=np.int64)
     needed = {n: c[rows] for n, c in data.columns.items()}
+    if "time" in needed:
+        seen = stage.system.problem.datasets[_template(stage)].columns["time"]
+        needed["time"] = after_last(seen[np.isfinite(seen)], len(rows))
     pose = pose_vector(pose_motor(np.nan_to_num(np.concatenate(
         [data.position, data.rotation], axis=1)[rows])))
     reason = f"{counted(len(picked), 'measurement')} to tell {label} apart"
     measured = np.concatenate([d.q for d in stage.system.problem.datasets])
+    # nothing has been seen of either out there: told apart is what they should be, not how far
     if np.any((data.q[rows] < measured.min(axis=0)) | (data.q[rows] > measured.max(axis=0))):
-        # nothing has been seen of either out there: told apart is what they should be, not how far
         after = min(after, ODDS)
         reason += (", some of them outside the measured range, where the model has not been seen "
                    "to hold")
+    elif "time" in needed and any(f.effect is not None and "time" in f.effect.needs
+                                  for f in (a, b)):
+        after = min(after, ODDS)
+        reason += ", after the last row, to which either goes on if it does"
     return Proposal(reason, data.q[rows], pose, needed, odds, after)
 
 
@@ -196,14 +203,25 @@ def _settings(stage: Stage, n: int, rng: np.random.Generator) -> dict[str, Array
             way = out.get(f"dir_{name.removeprefix('vel_')}", np.repeat(signs, n))
             out[name] = way * np.repeat(np.where(levels > 0, speed.max(), speed.min()), n)
         elif name == "time":
-            out[name] = np.concatenate([np.full(n, seen.max() + 60.0 * (i + 1) * n)
-                                        for i in range(4)])
+            # as the first few are: later ones tell more of a drift, and are told no surer
+            out[name] = np.repeat(after_last(seen, 4), n)
         else:
             ends = (seen.min(), seen.max())
             out[name] = np.concatenate([
                 np.full(n, ends[1] if (level > 0) != (name == "temperature" and sign < 0)
                         else ends[0]) for sign, level in zip(signs, levels, strict=True)])
     return out
+
+
+def after_last(time: Array, count: int) -> Array:
+    """Return when further rows (count,) are taken, s: after the last, at the campaign's pace.
+
+    ``time``: when the measured rows were (N,).
+    """
+    steps = np.diff(np.sort(time))
+    steps = steps[steps > 0.0]
+    pace = float(np.median(steps)) if steps.size else 1.0
+    return np.asarray(time.max() + pace * np.arange(1, count + 1))
 
 
 Blocks = tuple[Array, Array, Array]

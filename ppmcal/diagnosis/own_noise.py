@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from ppmcal.calibration.noise import typical_noise, with_own_noise
 from ppmcal.calibration.problem import Problem
+from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.search_rounds import DiagnosisOptions
@@ -30,6 +31,8 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
     Raises:
         BadInput, NoResult: as :func:`ppmcal.diagnosis.diagnose.diagnose`.
     """
+    # what is named is fitted to the same rows, and needs the same of them
+    problem = with_whole_rows(problem)
     own, told = with_own_noise(problem, options.fit)
     found = diagnose_with_registration(own, options)
     for _ in range(ROUNDS if told else 0):

@@ -12,8 +12,7 @@ from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.diagnosis.selection import STARTS, bic, possible
-from ppmcal.diagnosis.stage import Stage, form_columns
-from ppmcal.linalg import Array
+from ppmcal.diagnosis.stage import Stage
 from ppmcal.model.dataset import PAYLOADS
 
 COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg) or fx ... mz",
@@ -67,15 +66,11 @@ def nearest(search: Search, named: Sequence[Hypothesis]) -> list[int]:
     return list(dict.fromkeys(out))
 
 
-OTHER_UNITS: Mapping[str, tuple[tuple[str, str, float], ...]] = {
-    "payload": tuple(("units", unit, size) for unit, size in PAYLOADS.items() if size != 1.0),
-    "dir": (("signs", "-1", -1.0),),
-    "vel": (("signs", "-1", -1.0), ("units", "per minute", 1.0 / 60.0)),
+OTHER_UNITS: Mapping[str, tuple[tuple[str, float], ...]] = {
+    "payload": tuple((unit, size) for unit, size in PAYLOADS.items() if size != 1.0),
+    "vel": (("per minute", 1.0 / 60.0),),
 }
-"""By column: other readings, and the factor on what was recorded."""
-SIDES = ("+1 is where a joint ends beyond its encoder; of a drive that stays behind its encoder it "
-         "is the side from which it came, not the way it went")
-"""What the sign of a direction means: du = s width/2, with a width that is none below 0."""
+"""By column: other units, and the factor on what was recorded."""
 MUCH_BETTER = 10.0
 """BIC by which an effect of a column read otherwise has to be better than what was chosen."""
 
@@ -84,9 +79,9 @@ def misread_column(found: Found, chosen: Sequence[Hypothesis]) -> Misreading | N
     """Return how a column of the environment is to be read, None where nothing says so.
 
     An effect explains more than what was chosen, with a size that is none of a machine but would
-    be one with the column in another unit or of the other sign.
+    be one with the column in another unit.
     """
-    search, stage = found.first.search, found.first
+    search = found.first.search
     values, now = search.values(), bic(search, nearest(search, chosen))
     for i in np.argsort(values, kind="stable")[:STARTS]:
         hypothesis = search.hypotheses[i]
@@ -98,26 +93,10 @@ def misread_column(found: Found, chosen: Sequence[Hypothesis]) -> Misreading | N
             continue
         for column in dict.fromkeys("payload" if n in ("load", "wrench") else n
                                     for n in kind.needs):
-            if column == "dir" and all(d.approach == "sequence"
-                                       for d in found.before.problem.datasets):
-                continue    # the order of the rows has no other sign
-            if column == "dir" and not same_in_halves(
-                    stage, form_columns(stage, hypothesis)):
-                continue    # directions inverted in part: another sign mends nothing
-            for key, value, factor in OTHER_UNITS.get(column, ()):
+            for unit, factor in OTHER_UNITS.get(column, ()):
                 if _in_range(search, int(i), factor):
-                    return _column_misreading(found, hypothesis, column, key, value, stage)
+                    return _column_misreading(found, hypothesis, column, unit)
     return None
-
-
-def same_in_halves(stage: Stage, own: Array) -> bool:
-    """Whether white columns (n, k) go with the residuals by one sign in first and last rows."""
-    basis = stage.basis
-    own = own - basis @ (basis.T @ own)
-    rest = stage.residual - basis @ (basis.T @ stage.residual)
-    halves = np.array_split(np.arange(len(rest)), 2)
-    signs = np.sign([own[h].T @ rest[h] for h in halves])
-    return bool(np.all(signs[0] == signs[1]))
 
 
 def _in_range(search: Search, index: int, factor: float) -> bool:
@@ -130,21 +109,15 @@ def _in_range(search: Search, index: int, factor: float) -> bool:
     return bool(np.all((sizes >= low) & (sizes <= high)))
 
 
-def _column_misreading(found: Found, hypothesis: Hypothesis, column: str, key: str, value: str,
-                       stage: Stage) -> Misreading:
-    problem = found.before.problem
+def _column_misreading(found: Found, hypothesis: Hypothesis, column: str, unit: str) -> Misreading:
+    problem, stage = found.before.problem, found.first
     data = problem.datasets[0]
     names = ("payload",) if column == "payload" else tuple(
         f"{column}_{a}" for a in hypothesis.on or problem.mechanism.actuators)
-    what = "has the other sign" if key == "signs" else f"is in {value}"
     text = (f"{names[0] if len(names) == 1 else column + '_ of ' + ', '.join(hypothesis.on)} "
-            f"{what}: {hypothesis.label} then has a size that machines have")
-    if column == "dir":
-        text += f". {SIDES}"
-    whole: dict[str, str | int] = {n: int(value) if key == "signs" else value for n in names}
-    block = None if value == "per minute" else with_line(data, key, whole)
-    mistake = Mistake("sign" if key == "signs" else "unit", names, text)
-    return of_column(data.source, mistake, block, stage,
+            f"is in {unit}: {hypothesis.label} then has a size that machines have")
+    block = None if unit == "per minute" else with_line(data, "units", dict.fromkeys(names, unit))
+    return of_column(data.source, Mistake("unit", names, text), block, stage,
                      stage.search.test.left(list(hypothesis.columns)))
 
 

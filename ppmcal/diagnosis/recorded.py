@@ -2,7 +2,8 @@
 
 A search cannot compare a row with others where a temperature or a direction of approach is
 missing. Where it is missing in few rows, these are left out (the first of a sequence, before a
-joint has moved); where in many, the column is not used.
+joint has moved); where in many, the column is not used. A direction that whole files lack is +1
+or -1 in their rows, nobody knows which: the others tell what goes with it.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.unknown_directions import with_unknown_directions
+from ppmcal.kinematics.effect_response import environment_of
 from ppmcal.linalg import Bools, finite_rows
 from ppmcal.model.dataset import WRENCH, Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
@@ -27,8 +30,11 @@ def with_whole_rows(problem: Problem) -> Problem:
     Rows without are marked unusable, with the reason; columns that most rows lack are emptied,
     with a finding.
     """
-    datasets = tuple(_whole(problem.mechanism, d, c)
-                     for d, c in zip(problem.datasets, problem.environments, strict=True))
+    whole = [_whole(problem.mechanism, d, c)
+             for d, c in zip(problem.datasets, problem.environments, strict=True)]
+    datasets = with_unknown_directions(problem.mechanism, whole, [
+        c if w is d else environment_of(problem.mechanism, w)
+        for w, d, c in zip(whole, problem.datasets, problem.environments, strict=True)])
     if all(a is b for a, b in zip(datasets, problem.datasets, strict=True)):
         return problem
     return replace(problem, datasets=datasets, given=None)

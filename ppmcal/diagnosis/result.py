@@ -21,6 +21,7 @@ from ppmcal.diagnosis.next_experiment import Proposal
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.term_candidates import Visible
 from ppmcal.linalg import Array
+from ppmcal.model.mechanism import Mechanism
 
 VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
 
@@ -94,6 +95,19 @@ class NamedEffect:
     onset: Onset | None = None
     sessions: SessionEffect | None = None
     survives: Survival | None = None
+
+    def side(self, mechanism: Mechanism) -> str:
+        """Return whether the joint ``lags`` or ``leads`` its reading, empty for other kinds.
+
+        Args:
+            mechanism: with the fitted values.
+        """
+        kind = self.hypothesis.effect
+        if kind is None or kind.reversal is None:
+            return ""
+        return kind.reversal.side({
+            n.rpartition(".")[2]: mechanism.parameters[mechanism.names.index(n)].value
+            for n in self.parameters})
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from scipy.special import gammaln
 from ppmcal.diagnosis.added_variable_test import log_p
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.search import Search, columns_of
+from ppmcal.linalg import Array
 
 MOST_EFFECTS = 6
 STARTS = 6
@@ -139,7 +140,18 @@ def possible(search: Search, chosen: Sequence[int], usual: bool = True, named: b
         if any(np.any(value[at] < np.array(low) - slack[at])
                or np.any(value[at] > np.array(high) + slack[at]) for low, high in ranges):
             return False
+        if not _of_one_sign(hypothesis, value[at], slack[at]):
+            return False
     return True
+
+
+def _of_one_sign(hypothesis: Hypothesis, value: Array, slack: Array) -> bool:
+    """Whether coefficients (k,) of one cause on one joint pull the same way, if its kind asks."""
+    if hypothesis.effect is None or not hypothesis.effect.one_sign:
+        return True
+    joints = np.array([name.rpartition(":")[0] for name in hypothesis.names])
+    return all(any(np.all(way * value[own] >= -slack[own]) for way in (1.0, -1.0))
+               for own in (joints == j for j in dict.fromkeys(joints)))
 
 
 def _once(chosen: Sequence[Hypothesis]) -> bool:

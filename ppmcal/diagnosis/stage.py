@@ -237,6 +237,8 @@ def of_single(columns: Array, hypotheses: Sequence[Hypothesis], hypothesis: Hypo
 def single_columns(hypotheses: Sequence[Hypothesis], hypothesis: Hypothesis
                    ) -> list[tuple[int, ...]]:
     """Return the columns of each actuator alone; raises KeyError as :func:`of_single`."""
+    if not hypothesis.on:
+        raise KeyError(hypothesis.label)    # of the whole machine there are no parts
     own = {f.on[0]: f for f in hypotheses if f.family == hypothesis.family and len(f.on) == 1
            and f.alike(hypothesis)}
     return [own[a].columns for a in hypothesis.on]

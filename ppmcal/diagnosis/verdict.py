@@ -131,6 +131,7 @@ def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEf
     if weak:
         said.append(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
                     "testable), so its size is uncertain")
+    said += _sides(after, effects)
     if effects and gap is not None and not gap.confirmed:
         said.append("the held-out poses do not confirm the improvement: too few, or too small")
     said += [f"left out by {b.by} ({b.portion}), only {b.gap.closed or 0.0:.0%} of the gap "
@@ -138,6 +139,23 @@ def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEf
     if not after.converged:
         said.append(f"the fit had not converged after {after.iterations} iterations")
     return said
+
+
+def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[str]:
+    """Return of which effects some joints lag their readings and some lead them: perhaps both do.
+
+    Which side is a convention as much as a place of the encoder, so no file is refused for it.
+    """
+    mechanism = fit.problem.mechanism.with_values(fit.state.g)
+    joints: dict[str, dict[str, list[str]]] = {}
+    for effect in effects:
+        if side := effect.side(mechanism):
+            joints.setdefault(effect.kind, {}).setdefault(side, []).extend(
+                effect.on or mechanism.actuators)
+    return [f"{kind} has one sign on {', '.join(ways['lags'])} and the other on "
+            f"{', '.join(ways['leads'])}: their encoders sit on different sides of it, or the "
+            "directions of some are written the other way round"
+            for kind, ways in joints.items() if len(ways) > 1]
 
 
 def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,

@@ -4,11 +4,12 @@ A point that is fixed to the platform is m = F (p + R b): whatever frame F and t
 coordinates are a linear function of the entries of p and R. So for each trial offset the measured
 points are regressed on the nominal machine's poses at these times; at the true offset the
 residuals are those of an uncalibrated machine, elsewhere those of one that stood somewhere else.
+Several targets share F and p, and each has entries of R of its own, unless its b is known.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from ppmcal import linalg
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
 FEWEST = 10
@@ -57,8 +58,28 @@ class ClockOffset:
         return text + ")."
 
 
+@dataclass(frozen=True, eq=False)
+class SeenTargets:
+    """Which of K targets on the platform each of M points is.
+
+    Attributes:
+        names: of the K targets.
+        label: of each point, from 0 (M,).
+        points: where the targets are on the platform (K, 3), m; nan where unknown.
+    """
+
+    names: tuple[str, ...]
+    label: Ints
+    points: Array
+
+
+def one_target(count: int) -> SeenTargets:
+    """Return that all points are of one target, nobody knows where."""
+    return SeenTargets(("",), np.zeros(count, dtype=np.int64), np.full((1, 3), np.nan))
+
+
 def find_clock_offset(mechanism: Mechanism, times: Array, q: Array, seen_at: Array, seen: Array,
-                      place: str) -> ClockOffset:
+                      place: str, targets: SeenTargets | None = None) -> ClockOffset:
     """Return what the clock of the points is ahead of that of a joint log.
 
     Args:
@@ -68,24 +89,29 @@ def find_clock_offset(mechanism: Mechanism, times: Array, q: Array, seen_at: Arr
         seen_at: times of M points, s, on their own clock.
         seen: points (M, 3), in any unit; nan where not measured.
         place: what messages call the points.
+        targets: which target each point is  [default: one, nobody knows where].
 
     Raises:
         BadInput: too few points, a log shorter than they are, or no offset that is clearly best.
     """
+    targets = one_target(len(seen)) if targets is None else targets
     axes = np.flatnonzero(np.isfinite(seen).any(axis=0))
     good = np.isfinite(seen_at) & finite_rows(seen[:, axes])
     seen, seen_at = seen[good][:, axes], seen_at[good]
+    targets = replace(targets, label=targets.label[good])
     if len(seen) < FEWEST:
         raise BadInput(f"{len(seen)} points with a time are too few to find a clock's offset",
                        place, f"Give it, --clock-offset S, or {FEWEST} points")
     rows, poses = _poses(mechanism, times, q)
+    if len(rows) < 2:
+        raise BadInput("the joint log has no two rows with a time at which the machine can stand",
+                       place, "Check units and order of the joints (ppmcal check)")
     late = float(np.quantile(seen_at, 0.5 + INSIDE / 2)) - rows[-1]
     early = float(np.quantile(seen_at, 0.5 - INSIDE / 2)) - rows[0]
     if not early > late:
         raise BadInput("the points were taken over a longer time than the joint log holds", place,
                        "Give the whole log")
-    columns = poses if len(seen) >= 2 * poses.shape[1] + FEWEST else poses[:, :4]
-    trial = _PoseRegression(rows, columns, seen_at, seen)
+    trial = _PoseRegression(rows, poses, seen_at, seen, targets)
     trials = np.linspace(late, early, TRIALS)
     rms = np.array([trial.rms(o) for o in trials])
     best = int(np.argmin(rms))
@@ -101,9 +127,9 @@ def _judged(trials: Array, rms: Array, trial: _PoseRegression, place: str) -> Cl
     """Return the best trial with what fits as well; refuse one that is not clearly best."""
     best, spread = int(np.argmin(rms)), trial.spread
     if not rms[best] < FOLLOWS * spread:
-        raise BadInput("no offset of the clocks makes the points follow the machine (what is left "
-                       f"is {100 * rms[best] / spread:.2g} % of their spread)", place,
-                       "Check that log and points are of one run, and the machine (ppmcal check)")
+        raise BadInput(f"no offset of the clocks makes the points{trial.of_targets} follow the "
+                       f"machine (what is left is {100 * rms[best] / spread:.2g} % of their "
+                       f"spread)", place, trial.why)
     # 95 % by the likelihood ratio of one parameter
     alike = rms <= rms[best] * np.sqrt(1.0 + 3.84 / trial.freedom)
     low = high = best
@@ -130,41 +156,88 @@ def _judged(trials: Array, rms: Array, trial: _PoseRegression, place: str) -> Cl
 
 
 def _poses(mechanism: Mechanism, times: Array, q: Array) -> tuple[Array, Array]:
-    """Return some of a log's times, ascending, and 1, p and R of the nominal machine there."""
+    """Return some of a log's times, ascending, and p and R of the nominal machine there (N, 12)."""
     good = np.flatnonzero(finite_rows(q) & np.isfinite(times))
     good = good[np.unique(np.linspace(0, len(good) - 1, MOST_ROWS).astype(int))]
     motors = reached_poses(Model(mechanism.nominal()), q[good]).pose
     whole = finite_rows(motors)
     motors, times = motors[whole], times[good[whole]]
     turn = cga.rotation_matrix(motors).reshape(-1, 9)
-    kept = turn[:, np.ptp(turn, axis=0) > 1e-9] if len(turn) else turn
-    return times, np.column_stack([np.ones(len(motors)), cga.translation(motors), kept])
+    return times, np.column_stack([cga.translation(motors), turn])
 
 
 class _PoseRegression:
-    """The regression of measured points on poses at shifted times."""
+    """The regression of measured points on poses at shifted times.
 
-    def __init__(self, times: Array, columns: Array, seen_at: Array, seen: Array) -> None:
+    Attributes:
+        needed: points from which on the rotation of every target whose place is not known can be
+            followed, with a column of its own for each entry of R that changes.
+    """
+
+    def __init__(self, times: Array, poses: Array, seen_at: Array, seen: Array,
+                 targets: SeenTargets) -> None:
         """Keep what all trials share."""
-        self.times, self.columns, self.seen_at, self.seen = times, columns, seen_at, seen
+        self.times, self.poses, self.seen_at, self.seen = times, poses, seen_at, seen
         self.step = max(float(np.median(np.diff(times))),
                         (np.ptp(times) - np.ptp(seen_at)) / TRIALS)
-        self.freedom = max(len(seen) - columns.shape[1], 1)
-        self.spread = float(np.sqrt(np.mean(np.var(seen, axis=0))))
+        self.names = targets.names
+        known = finite_rows(targets.points)
+        self.known = known[targets.label]
+        self.place = np.where(known[:, None], targets.points, 0.0)[targets.label]
+        each = (targets.label[:, None] == np.flatnonzero(~known)).astype(float)
+        self.each = each[:, each.any(axis=0)]
+        constants = self.each.shape[1] + bool(self.known.any())
+        entries = np.flatnonzero(np.ptp(poses[:, 3:], axis=0) > 1e-9)
+        most = constants + 3 + self.each.shape[1] * len(entries)
+        self.needed = 2 * most + FEWEST if len(self.names) == 1 else most + 2 * FEWEST
+        self.followed = len(seen) >= self.needed
+        self.entries = 3 + (entries if self.followed else entries[:0])
+        self.columns = most if self.followed else constants + 3
+        self.freedom = max(len(seen) - self.columns, 1)
+        middle = np.stack([seen[targets.label == k].mean(axis=0) if (targets.label == k).any()
+                           else np.zeros(seen.shape[1]) for k in range(len(self.names))])
+        self.spread = float(np.sqrt(np.mean((seen - middle[targets.label]) ** 2)))
+
+    @property
+    def of_targets(self) -> str:
+        """Which targets the points are of, where there are several."""
+        return f" of the targets {', '.join(self.names[:4])}" if len(self.names) > 1 else ""
+
+    @property
+    def why(self) -> str:
+        """What the user can do where nothing fits."""
+        give = "; or give the offset, --clock-offset S"
+        if not self.followed:
+            return (f"{len(self.seen)} points do not tell how their places on the platform turn "
+                    f"with it: measure {self.needed} or more, or write where the targets are, "
+                    f"read.targets{give}")
+        one = ("that each target is one place on the platform" if len(self.names) > 1 else
+               "that all points are of one target on the platform (else say how they are named, "
+               "--names)")
+        return (f"Check that log and points are of one run, {one}, and the machine (ppmcal check)"
+                f"{give}")
+
+    def _design(self, inside: Bools, at: Array) -> Array:
+        """Return the columns of the regression at times of the log (m, c)."""
+        i = np.clip(np.searchsorted(self.times, at) - 1, 0, len(self.times) - 2)
+        width = self.times[i + 1] - self.times[i]
+        part = (np.where(width > 0.0, (at - self.times[i]) / np.where(width > 0, width, 1.0), 0.0)
+                )[:, None]
+        poses = self.poses[i] * (1.0 - part) + self.poses[i + 1] * part
+        p = poses[:, :3] + np.einsum("mij,mj->mi", poses[:, 3:].reshape(-1, 3, 3),
+                                     self.place[inside])
+        each, known = self.each[inside], self.known[inside, None].astype(float)
+        turned = each[:, :, None] * poses[:, None, self.entries]
+        return np.column_stack([each, known, p, turned.reshape(len(at), -1)])
 
     def rms(self, offset: float) -> float:
         """Return the residuals' rms, degrees of freedom taken off; inf with too few points."""
         at = self.seen_at - offset
         inside = (at >= self.times[0]) & (at <= self.times[-1])
-        if inside.sum() < max(INSIDE * len(at) - 1, self.columns.shape[1] + 2):
+        if inside.sum() < max(INSIDE * len(at) - 1, self.columns + 2):
             return np.inf
-        at, seen = at[inside], self.seen[inside]
-        i = np.clip(np.searchsorted(self.times, at) - 1, 0, len(self.times) - 2)
-        width = self.times[i + 1] - self.times[i]
-        part = (np.where(width > 0.0, (at - self.times[i]) / np.where(width > 0, width, 1.0), 0.0)
-                )[:, None]
-        design = self.columns[i] * (1.0 - part) + self.columns[i + 1] * part
-        left, values, _ = linalg.svd(design)
+        seen = self.seen[inside]
+        left, values, _ = linalg.svd(self._design(inside, at[inside]))
         left = left[:, values > 1e-9 * values[0]]
         rest = seen - left @ (left.T @ seen)
         return float(np.sqrt(np.sum(rest ** 2) / seen.shape[1] / (len(seen) - left.shape[1])))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from ppmcal.io import measurement_columns as cols
 from ppmcal.io.clock import clock_of_words
 from ppmcal.io.copies import chance, steps_of, without_copies
 from ppmcal.io.csv import Table
-from ppmcal.io.header_units import with_units, without_units
+from ppmcal.io.header_units import bare_name, with_units, without_units
 from ppmcal.io.joint_columns import joint_values, second_joints
 from ppmcal.io.measured import measured
 from ppmcal.io.measurement_columns import further_columns, row_list
@@ -47,9 +48,6 @@ from ppmcal.wording.progress import stage
 
 AS_IT_IS = {"rotation": None, "pose": "direct", "mirror": None}
 """What a block `read` says of conventions, left out: numbers are as the instrument wrote them."""
-LABELS = ("pose", "session", "time")
-"""Columns that may hold words: names, and times of a clock."""
-
 
 @stage("reading the measurements")
 def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
@@ -71,24 +69,35 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     if csv_path.suffix in (".yaml", ".yml"):
         suffixes = [s for s in SUFFIXES if csv_path.with_suffix(s).exists()]
         csv_path = csv_path.with_suffix((*suffixes, ".csv")[0])
-    return dataset_of(*read_files(csv_path), mechanism)
+    return dataset_of(*read_files(csv_path, mechanism), mechanism)
 
 
-def read_files(path: Path) -> tuple[Table, SidecarFile, str]:
-    """Return a table, its sidecar, and that one's path; what the sidecar ignores may be words.
+def read_files(path: Path, mechanism: Mechanism) -> tuple[Table, SidecarFile, str]:
+    """Return a table, its sidecar, and that one's path; what nobody needs may be words.
 
     Raises:
         BadInput: as :func:`ppmcal.io.tables.read_table` and :func:`read_sidecar`.
     """
     if not sidecar_path(path).is_file():
-        read_table(path, text=LABELS)    # what is wrong with the table comes first
+        # what is wrong with the table comes first
+        read_table(path, loose=may_be_words(ReadFile(), mechanism))
     file, side = read_sidecar(path)
-    return read_table(path, text=may_be_words(file.read), sheet=file.read.sheet), file, side
+    return (read_table(path, loose=may_be_words(file.read, mechanism), sheet=file.read.sheet),
+            file, side)
 
 
-def may_be_words(read: ReadFile) -> list[str]:
-    """Return the headers of the columns that may hold words."""
-    return [*LABELS, *read.ignore, *(h for own, h in read.columns.items() if own in LABELS)]
+def may_be_words(read: ReadFile, mechanism: Mechanism) -> Callable[[str], bool]:
+    """Return what says of a header whether the column may hold words: labels, what nobody needs."""
+    words = {*cols.LABELS, *read.ignore,
+             *(h for own, h in read.columns.items() if own in cols.LABELS)}
+    known = [*cols.known_columns(mechanism), *MATRIX, *mechanism.actuators,
+             *read.columns.values()]
+
+    def loose(header: str) -> bool:
+        return header in words or (header not in known
+                                   and cols.is_nobodys(bare_name(header), known))
+
+    return loose
 
 
 def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism) -> Dataset:
@@ -101,6 +110,10 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
     headers = {own: h for own, h in zip(table.header, theirs, strict=True) if own != h}
     convention = file.read.rotation or ("quat-xyzw" if "quat_x" in table.header else "rotvec")
     headed = {own: headed[h] for own, h in zip(table.header, theirs, strict=True) if h in headed}
+    table, strange = cols.without_strangers(
+        table, mechanism, [*cols.known_columns(mechanism), *MATRIX])
+    findings += strange
+    headed = {own: unit for own, unit in headed.items() if own in table.header}
     read = with_units(file.read, headed, side)
     table = _in_seconds(table, read)
     plain = as_declared(table, read.model_copy(update=AS_IT_IS), mechanism, units, side, headed)

@@ -6,7 +6,7 @@ and unit and from where that is known, and each that is not.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,11 +15,11 @@ import numpy as np
 from ppmcal.errors import BadInput
 from ppmcal.io.clock import Clock, clock_of_numbers, clock_of_words
 from ppmcal.io.csv import Table, csv_table, refuse_absurd
-from ppmcal.io.foreign_names import GROUPED, own_name, unit_in
+from ppmcal.io.foreign_names import GROUPED, is_target, own_name, unit_in
 from ppmcal.io.header_units import bare_name, without_units, zone_of
 from ppmcal.io.input_files import first_bytes, read_bytes
 from ppmcal.io.klipper_log import klipper_log
-from ppmcal.io.measurement_columns import known_columns, translate_foreign
+from ppmcal.io.measurement_columns import known_columns, translate_foreign, without_strangers
 from ppmcal.io.point_list import with_header
 from ppmcal.io.read_block import FURTHER, MATRIX, ReadFile
 from ppmcal.io.reading import of_homogeneous, renamed, unit_of
@@ -29,7 +29,7 @@ from ppmcal.io.tables import is_text, read_table
 from ppmcal.io.yaml import number_text
 from ppmcal.model.mechanism import Mechanism
 
-WORDS = ("pose", "session", "time", "date")
+WORDS = ("pose", "target", "session", "time", "date")
 """Columns that may hold words; so may parts of names."""
 
 
@@ -129,6 +129,11 @@ def _understood(made: Recording, mechanism: Mechanism, read: ReadFile, side: str
             origin[own] = ("read.columns" if own in told else made.origin.get(original[header])
                            or (why if name == header else "a usual heading"))
     back = dict(zip(theirs, table.header, strict=True))
+    _tell_targets(names, origin, back, known)
+    if any(h.startswith(("q_", "cmd_")) and h in known for h in table.header):
+        # in our own names, as `check` and `identify` read it
+        kept = [n for n, h in zip(table.header, theirs, strict=True) if h not in names.values()]
+        without_strangers(replace(table, header=tuple(kept), numbers={}, text={}), mechanism, known)
     numbers = {own: table.numbers[back[h]] for own, h in names.items() if back[h] in table.numbers}
     text = {own: table.text[back[h]] for own, h in names.items() if back[h] in table.text}
     units = {own: headed[h] for own, h in names.items() if h in headed}
@@ -142,6 +147,23 @@ def _understood(made: Recording, mechanism: Mechanism, read: ReadFile, side: str
         tuple(h for n, h in original.items() if n not in names.values()),
         (*made.findings, *findings), made.remarks, origin, None, made.form, whence)
     return _with_clock(_with_groups(found), original.get(names.get("time", ""), ""), read, side)
+
+
+def _tell_targets(names: dict[str, str], origin: dict[str, str], headers: Mapping[str, str],
+                  known: Collection[str]) -> None:
+    """Take one of two columns of names for the targets', in a table of points.
+
+    Args:
+        names: our own name -> the file's header; changed.
+        origin: our own name -> from where it is known; changed.
+        headers: the file's headers -> as the sidecar renames them.
+        known: our own names.
+    """
+    called = [h for h, renamed in headers.items() if own_name(renamed, known)[0] == "pose"]
+    what = [h for h in called if is_target(h)]
+    if len(called) == 2 and len(what) == 1 and {"x", "y"} <= set(names):
+        (names["pose"],) = set(called) - set(what)
+        names["target"], origin["target"] = what[0], "a usual heading"
 
 
 def _with_groups(found: ForeignTable) -> ForeignTable:

@@ -15,6 +15,8 @@ OTHERWISE: Mapping[str, str] = {
     **dict.fromkeys(("group", "group name", "point group"), "group"),
     **dict.fromkeys(("collection", "collection name"), "collection")}
 """Headings in small letters, with spaces for underscores, and our column."""
+TARGETS = ("target", "target name")
+"""Of what is measured: a pose's only point has that heading as well."""
 COORDINATE = re.compile(
     r"(?:(?:actual|act|measured|meas|position|pos|point|coord)[ .]?)?(?P<axis>[xyz])"
     r"(?:[ .]?(?:coord|coordinate|position|pos|value|actual|act|measured|meas))?")
@@ -50,11 +52,19 @@ def own_name(header: str, known: Collection[str]) -> tuple[str | None, str]:
         return low, "its place"
     if low in OTHERWISE:
         return OTHERWISE[low], "a usual heading"
+    parts = [OTHERWISE.get(part.strip()) for part in low.split("::")]
+    if len(parts) > 1 and set(parts) <= {"collection", "group", "pose"}:
+        return "pose", "a usual heading"    # SpatialAnalyzer's Collection::Group::Target
     if found := COORDINATE.fullmatch(low):
         return found["axis"], "a usual heading"
     if (found := SIGMA.fullmatch(low)) and "sigma_x" in known:
         return f"sigma_{found['axis'] or found['short'] or found['first']}", "a usual heading"
     return None, ""
+
+
+def is_target(header: str) -> bool:
+    """Whether a heading says that a column names what was measured, not where."""
+    return " ".join(header.lower().replace("_", " ").split()) in TARGETS
 
 
 def unit_in(remarks: Sequence[str]) -> str | None:

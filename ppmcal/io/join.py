@@ -179,7 +179,11 @@ def _by_time(log: Table, points: Table, tolerance: float, partial: bool,
                        "take joint values between the rows: --interpolate")
     taken = np.flatnonzero(good)
     rows = nearest[taken]
-    crowded = np.flatnonzero(np.bincount(rows, minlength=1)[rows] > 1) if rows.size else rows
+    # several targets are seen at one row, each once
+    target = np.unique(points.labels("target"), return_inverse=True)[1][taken] if (
+        "target" in points.header) else np.zeros_like(rows)
+    place = rows * (int(target.max(initial=0)) + 1) + target
+    crowded = np.flatnonzero(np.bincount(place, minlength=1)[place] > 1) if rows.size else rows
     if crowded.size:
         raise BadInput(f"{row_list(taken[crowded])} are nearest in time to the same row of "
                        f"{log.source} (row {rows[crowded[0]] + 1})", points.source,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,12 @@ from ppmcal.units import Units
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 ENVIRONMENT = ("temperature", "payload", "time", *WRENCH)
 NOT_MOVED = 1e-12
+MISSPELT = 0.8
+"""A name so like one of ours (difflib's ratio) is taken for a mistake in writing it."""
+LABELS = ("pose", "session", "time")
+"""Columns that may hold words: names, and times of a clock."""
+OURS = ("q_", "to_q_", "dir_", "vel_", "cmd_", "sigma_", "temperature_", "leg_length_")
+"""What columns of ours begin with: a name that does is meant to be one."""
 _HEXAPOD = {"x1": "x", "y1": "y", "z1": "z", "phix1": "rx", "phiy1": "ry", "phiz1": "rz"}
 _CAPTURE = {**{f"position_{a}": a for a in "xyz"},
             **{f"orientation_{a}": f"quat_{a}" for a in "xyzw"}}
@@ -45,6 +52,53 @@ def check_columns(table: Table, mechanism: Mechanism) -> None:
                            f"Rename or remove it; the actuators are "
                            f"{', '.join(mechanism.actuators)}."
                            f"{hint(name, known)}")
+
+
+def is_nobodys(name: str, known: Collection[str]) -> bool:
+    """Whether a column is none of ours, and none that was perhaps meant to be.
+
+    Args:
+        name: without its unit.
+        known: names of our columns.
+    """
+    return not (name in known or name.startswith(OURS)
+                or get_close_matches(name, known, 1, MISSPELT))
+
+
+def without_strangers(table: Table, mechanism: Mechanism, known: Collection[str]
+                      ) -> tuple[Table, list[str]]:
+    """Return the table without the columns that nobody needs, and that they are left alone.
+
+    Args:
+        table: under our own names, but for these.
+        mechanism: the machine.
+        known: names of our columns for it, and of what they are made of.
+
+    Raises:
+        BadInput: a column that was perhaps meant to be one of ours, or words where it has numbers.
+    """
+    check_columns(replace(table, header=tuple(h for h in table.header if h not in known
+                                              and not is_nobodys(h, known))), mechanism)
+    strange = [h for h in table.header if is_nobodys(h, known)]
+    for name in set(table.text) - {*strange, *LABELS}:
+        row = next((i for i, c in enumerate(table.text[name]) if not _is_number(c)), 0)
+        raise BadInput(f"'{table.text[name][row]}' is not a number", table.at(name, row),
+                       "Correct the cell, or leave it empty")
+    if not strange:
+        return table, []
+    left = replace(table, header=tuple(h for h in table.header if h not in strange),
+                   numbers={h: v for h, v in table.numbers.items() if h not in strange},
+                   text={h: v for h, v in table.text.items() if h not in strange})
+    return left, [f"{table.source}: columns {', '.join(strange)}: not used, nobody knows them. "
+                  f"`read: {{ignore: [...]}}` in the sidecar says that nobody needs them."]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell or "nan")
+    except ValueError:
+        return False
+    return True
 
 
 def ambiguous_directions(table: Table, mechanism: Mechanism) -> list[str]:

@@ -7,6 +7,7 @@ rows remarks and blank lines.
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,6 +38,8 @@ class Split:
         """Return the cells of a line, without empty ones at its end."""
         if self.mark == "  ":
             cells = re.split(r"\s{2,}|\t", line.strip())
+        elif '"' in line and self.mark != " ":
+            cells = next(csv.reader([line], delimiter=self.mark, skipinitialspace=True))
         else:
             cells = line.split(None if self.mark == " " else self.mark)
         cells = [c.strip().strip('"') for c in cells]

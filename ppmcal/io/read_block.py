@@ -72,9 +72,11 @@ def _whole(value: object) -> object:
 
 
 def _names(value: object) -> object:
-    if not isinstance(value, str) or any(value.count(f"{{{w}}}") != 1 for w in ("pose", "target")):
+    counts = [value.count(f"{{{w}}}") for w in ("pose", "target")] if isinstance(value, str) else []
+    if sum(counts) == 0 or max(counts) > 1:
         raise refuse(f"{show(value)} does not say where pose and target stand in a name",
-                     "Write both once, such as `{pose}_{target}`")
+                     "Write both once, such as `{pose}_{target}`; `{target}` alone where times "
+                     "tell the pose, `{pose}` alone for one target")
     return value
 
 

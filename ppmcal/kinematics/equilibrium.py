@@ -126,7 +126,9 @@ def _settle(model: Model, q: Array, rows: Environment, closed: Array) -> tuple[A
     """Repeat closure and loads until they belong together; rows that will not become nan at once.
 
     Only rows that still move are solved again, and loads once in each round: the cost is that of
-    the rows that need it.
+    the rows that need it. Whether a row will settle is seen in its slots: those of a round follow
+    from those of the round before alone. A pose moves by what its slots did a round earlier, so
+    that pose and slots together seem to stay where they are the first time.
     """
     reach = model.mechanism.reach
     now, closed = shifted_once(model, rows, q, closed), closed.copy()
@@ -134,14 +136,17 @@ def _settle(model: Model, q: Array, rows: Environment, closed: Array) -> tuple[A
     last = np.full(q.shape[0], np.inf)
     for left in range(ROUNDS - 1, -1, -1):
         new = _newton(now.take(active), q[active], closed[active])
-        change = np.abs(cga.translation(new) - cga.translation(closed[active])).max(axis=1)
+        moved_by = np.abs(cga.translation(new) - cga.translation(closed[active])).max(axis=1)
         closed[active] = new
         before, now = now, shifted_once(now, rows, q, closed)
-        change = np.maximum(change, slots_apart(before, now, q.shape[0])[active])
+        change = slots_apart(before, now, q.shape[0])[active]
         lost = hopeless(change, last[active], SETTLED * reach, left, reach)
         last[active] = change
+        unsettled = np.maximum(change, moved_by) > SETTLED * reach   # nan, no pose, is not
+        if not left:
+            lost |= unsettled
         closed[active[lost]] = np.nan
-        active = active[(change > SETTLED * reach) & ~lost]   # no pose, nan, is not above it
+        active = active[unsettled & ~lost]
         if not active.size:
             break
     return closed, now

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from ppmcal.linalg import Array
-from ppmcal.plotting.canvas import EDGE, WIDTH, Canvas, Drawing, width
+from ppmcal.plotting.canvas import EDGE, WIDTH, Canvas, Drawing, broken, width
 from ppmcal.plotting.style import AFTER, BEFORE, INK, OUT, SOFT, number_words, round_numbers, tame
 
 THICK = {"explained": 5.0, "other": 2.5}
@@ -25,7 +25,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "explained": {"facecolor": BEFORE, "alpha": 0.65}, "old": {"facecolor": BEFORE, "alpha": 0.65},
     "other": {"facecolor": SOFT, "alpha": 0.6}}
 LIMITS: dict[str, Any] = {"limit": "-", "dotted": (0, (2, 2))}
-SWATCH, LEGEND, STEP, FOOT = 22.0, 15.0, 31.0, 38.0
+SWATCH, LEGEND, STEP, LINE, FOOT = 22.0, 15.0, 31.0, 12.0, 38.0
+MOST_LINES = 2
 LABELS, VALUES, LEAST = 110.0, 180.0, 0.8
 """Most room for labels beside bars and for words at the end; length of bars of nothing."""
 
@@ -109,7 +110,8 @@ class Chart:
         """Return where each row begins, and where the axis is."""
         out = [self.places()[-1][1] + 8.0 if self.legend else 0.0]
         for row in self.rows:
-            out.append(out[-1] + (STEP if row.bars else 19.0))
+            more = LINE * (len(self._label(row)) - 1)
+            out.append(out[-1] + (STEP if row.bars else 19.0) + more)
         return [*out[:-1], out[-1] + 2.0]
 
     def ends(self) -> tuple[float, float]:
@@ -124,13 +126,26 @@ class Chart:
         """Return the room that the words at the end of a row take."""
         return min(width(row.words, self.beside or row.strong), VALUES)
 
+    def _label(self, row: Row) -> list[str]:
+        """Return the label in one line or two beside the words at the end; longer ones are cut."""
+        if self.beside and row.bars:
+            return [row.label]
+        lines = broken(row.label, self._room(row), row.strong)
+        return lines if len(lines) <= MOST_LINES else [row.label]
+
+    def _room(self, row: Row) -> float:
+        """Return the room that the label of a row has."""
+        if self.beside and row.bars:
+            return self.ends()[0] - EDGE - 4.0
+        return WIDTH - 2.0 * EDGE - self._value(row) - 6.0
+
     def _row(self, canvas: Canvas, axes: Axes, row: Row, y: float) -> None:
-        """Draw one row, the foot of its label at ``y``."""
-        room = (self.ends()[0] - EDGE - 4.0 if self.beside and row.bars else
-                WIDTH - 2.0 * EDGE - self._value(row) - 6.0)
-        canvas.text(EDGE, y, row.label, bold=row.strong, room=room)
+        """Draw one row, the foot of its label's first line at ``y``."""
         canvas.text(WIDTH - EDGE, y, row.words, bold=self.beside or row.strong, ha="right",
                     room=VALUES)
+        for n, line in enumerate(self._label(row)):
+            y += LINE * bool(n)
+            canvas.text(EDGE, y, line, bold=row.strong, room=self._room(row))
         below, step = (-4.0 - 4.5 * (len(row.bars) - 1), 9.0) if self.beside else (9.5, 0.0)
         left, right = self.ends()
         across = (axes.transScale + axes.transLimits).inverted()

@@ -18,6 +18,7 @@ from ppmcal.io.results.diagnosis_wording import (
     next_step,
     own_values,
     rivals,
+    side,
     stages,
     survives,
     together,
@@ -86,7 +87,9 @@ def _effects(r: DiagnosisRecord) -> str:
                 amount(survival, "–" if survival is None else f"{survival:.0%}".replace("%", " %")),
                 words(_rivals(r, e), "wrap")])
     stand = [f"{effect_name(r, g[0])}: {text}" for g in together(r) if (text := survives(g[0]))]
-    told = bullets(stand) + paragraph(tried_sets(r))
+    sides = [f"{effect_name(r, g[0]) if len(g) == 1 else g[0].kind}: {text}"
+             for g in together(r) for text in side(g)]
+    told = bullets([*sides, *stand]) + paragraph(tried_sets(r))
     if not rows:
         return told
     return table("What is missing in the model, with 95 % intervals; visible: the part that "

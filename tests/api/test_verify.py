@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import pytest
 from helpers.commands import ppmcal, ppmcal_process, tree
+from helpers.desk import examples_of
+from helpers.desk import run as run_example
 from torture.desk import make_desk
 
 import ppmcal as face
@@ -97,7 +100,8 @@ def test_what_a_command_wrote_is_made_again_byte_by_byte(desk: Path, name: str) 
 
 @pytest.mark.slow
 def test_the_folders_of_the_demo(tmp_path: Path) -> None:
-    ppmcal("demo", "-q", cwd=tmp_path)
+    with contextlib.chdir(tmp_path):
+        run_example(examples_of("demo")[0])    # the one of the help
     runs = checked(tmp_path, "demo-results", code=0)
     assert {r["command"] for r in runs} == {"identify", "compensate", "diagnose", "kinematics",
                                             "simulate", "sensitivity", "plan", "report"}

@@ -10,9 +10,11 @@ from helpers.campaigns_in_files import run
 from helpers.paths import ROOT
 
 from ppmcal.calibration.fit import Fit, FitOptions, posterior
+from ppmcal.calibration.frozen_models import _gain
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import normal_step, parameter_scale
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.problem import Problem, squares_by_noise_of, white_squares
+from ppmcal.calibration.registration_freedoms import opened
 from ppmcal.calibration.registration_starts import loss
 from ppmcal.io import read_mechanism, read_scenario
 
@@ -72,3 +74,18 @@ def test_a_registration_with_more_open_never_fits_worse(seed: int) -> None:
         before, after = (identify(p, FitOptions(method="flat", robust=robust))
                          for p in (narrow, wide))
         assert loss(after, robust) < (0, loss(before, robust)[1] * (1.0 + 1e-6))
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_registrations_are_compared_by_one_noise(seed: int) -> None:
+    """Noise of joints moves with the target: by its own the wider registration seems the worse."""
+    problem = hardly_turning(seed, 1e-3)
+    data, rows = problem.datasets[0], [np.ones(len(problem.datasets[0]), dtype=bool)]
+    narrow, wide = (identify(replace(problem, datasets=(opened(data, words, True),)),
+                             FitOptions(method="flat", robust=False))
+                    for words in (("frame", "rotation"), ("frame", "target", "rotation")))
+    one, other = ((f.problem, f.state) for f in (narrow, wide))
+    least = white_squares(*other, rows)[0]
+    assert white_squares(*one, rows)[0] < least
+    assert squares_by_noise_of(one, other, rows) > 1.5 * least
+    assert _gain(narrow, wide) > 0.2

@@ -7,8 +7,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,7 +47,6 @@ from ppmcal.calibration.stale_rows import stale
 from ppmcal.calibration.validation import held_out, residuals
 from ppmcal.calibration.wrong_rows import refuse_wrong_rows, wrong_parts
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
-from ppmcal.diagnosis.plausibility import same_in_halves
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.rotations import ORDERS
@@ -291,14 +289,12 @@ def write_rows(path: Path, rows: list[Row]) -> None:
 PAYLOADS = {"conditions": {"payload": [0, 20]}}
 WARM = {"conditions": {"temperature": {"mean": 22, "swing": 6}}}
 COMPLIANCE = {"kind": "compliance", "parameters": {"stiffness": 800}}
-BACKLASH = {"kind": "backlash", "parameters": {"width": 0.05}}
 HEAT = {"kind": "leg_thermal", "parameters": {"expansion": 12e-6}}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("effect", "more", "column", "factor", "plus", "line"), [
     (COMPLIANCE, PAYLOADS, "payload", 1000.0, 0.0, "{units: {payload: g}}"),
-    (BACKLASH, {"approach": "both"}, "dir_", -1.0, 0.0, "{signs: {dir_leg1: -1"),
     (HEAT, WARM, "temperature", 1.8, 32.0, "{units: {temperature: F}}"),
     (HEAT, WARM, "temperature", 1.0, 273.15, "{units: {temperature: K}}")])
 def test_columns_of_another_unit(tmp_path: Path, effect: dict[str, Any], more: dict[str, Any],
@@ -318,18 +314,6 @@ def test_columns_of_another_unit(tmp_path: Path, effect: dict[str, Any], more: d
     done = ppmcal("diagnose", MACHINE, data, "--out", tmp_path / "wrong", "--draws", "300",
                   expect=3)
     assert f"`read: {line}" in done.err
-
-
-@pytest.mark.parametrize(("wrong", "same"), [(0.0, True), (1.0, True), (0.4, False)])
-def test_directions_that_are_wrong_in_part_have_no_other_sign(wrong: float, same: bool) -> None:
-    """The block `signs` would turn the right rows round too."""
-    rng = np.random.default_rng(1)
-    right = rng.choice([-1.0, 1.0], 200)
-    written_ = np.where(np.arange(200) < wrong * 200, -right, right)
-    basis = np.full((200, 1), 200**-0.5)
-    stage = SimpleNamespace(columns=written_[:, None], basis=basis,
-                            residual=2.0 * right + rng.normal(size=200))
-    assert same_in_halves(cast(Any, stage), stage.columns) is same
 
 
 # --- the arithmetic -------------------------------------------------------------------------------

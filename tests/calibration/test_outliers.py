@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -154,7 +155,7 @@ def test_files_are_sessions_and_per_file_homing_is_not_accused() -> None:
 
 @pytest.mark.slow
 def test_identify_tells_of_a_moved_zero(tmp_path: Path) -> None:
-    """In the words of the command and in its JSON."""
+    """In the words of the command and in its record."""
     ppmcal("init", "3-RPR", cwd=tmp_path, expect=0)
     scenario = yaml.safe_load((tmp_path / "3-RPR.scenario.yaml").read_text())
     scenario["errors"] = {"leg1.offset": 0.3}
@@ -171,8 +172,7 @@ def test_identify_tells_of_a_moved_zero(tmp_path: Path) -> None:
                  cwd=tmp_path, expect=1)
     assert "the homing offset of leg3 shifted in session b" in " ".join(run.out.split())
     assert max(len(line) for line in run.out.splitlines()) <= 80
-    run = ppmcal("identify", "3-RPR.yaml", "a/measurements.csv", "b/measurements.csv", "--json",
-                 cwd=tmp_path, expect=1)
+    written = json.loads((tmp_path / "identified" / "identification.json").read_text())
     moved = {(z["session"], z["actuator"]): z["value"] for z in
-             run.json["gross_errors"]["homing_shifts"]}
+             written["gross_errors"]["homing_shifts"]}
     assert moved["session b", "leg3"] == pytest.approx(0.5, abs=0.1)

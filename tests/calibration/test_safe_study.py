@@ -21,4 +21,4 @@ def test_a_few_machines_are_driven_safely() -> None:
 
 @pytest.mark.slow
 def test_every_machine_is_driven_safely() -> None:
-    assert_safe(44, 7)
+    assert_safe(22, 7)    # as many as there are kinds of machine

@@ -6,28 +6,17 @@ import shlex
 import shutil
 from pathlib import Path
 
-import click
 import pytest
-from helpers.desk import lay_desk, run
+from helpers.desk import examples_of, lay_desk, run
 
-from ppmcal.cli import COMMANDS, cli
+from ppmcal.cli import COMMANDS
 
-SLOW = {"demo", "tolerances", "workspace", "batch", "plan", "diagnose", "stiffness"}
+SLOW = {"tolerances", "workspace", "batch", "plan", "diagnose", "stiffness"}
 """Commands whose examples take more than some seconds."""
 
 
-def examples_of(name: str) -> list[str]:
-    """Return the lines that follow the word in a command's help, as a user would copy them."""
-    command = cli.get_command(click.Context(cli), name)
-    assert command is not None
-    context = click.Context(command, info_name=name, terminal_width=80)
-    _, _, end = command.get_help(context).partition("Examples:")
-    lines = [line.strip() for line in end.splitlines() if line.strip()]
-    assert all(line.startswith("ppmcal ") for line in lines), lines
-    return lines
-
-
-ALL = [(name, line) for name in COMMANDS for line in examples_of(name)]
+HERE = [(name, line) for name in COMMANDS for line in examples_of(name) if name != "demo"]
+"""The demo runs where its results are verified, in `api/test_verify.py`."""
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -48,8 +37,8 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("line", [
-    pytest.param(line, marks=pytest.mark.slow if name in SLOW else ()) for name, line in ALL],
-    ids=[line.removeprefix("ppmcal ") for _, line in ALL])
+    pytest.param(line, marks=pytest.mark.slow if name in SLOW else ()) for name, line in HERE],
+    ids=[line.removeprefix("ppmcal ") for _, line in HERE])
 def test_an_example_runs(line: str, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
                          ) -> None:
     here = tmp_path / "desk"

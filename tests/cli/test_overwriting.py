@@ -8,6 +8,8 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -79,6 +81,19 @@ def here(desk: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(desk, tmp_path / "desk"))
 
 
+@pytest.fixture(scope="module")
+def done(desk: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[int, Path]]:
+    """Return a command's exit code, and a folder in which it wrote o; each is run once."""
+    @cache
+    def made(name: str) -> tuple[int, Path]:
+        folder = Path(shutil.copytree(desk, tmp_path_factory.mktemp("done") / "desk"))
+        run = ppmcal(name, *shlex.split(FOLDERS[name]), "--out", "o", cwd=folder)
+        assert run.code in (0, 1), run.err
+        return run.code, folder
+
+    return made
+
+
 def test_every_command_that_writes_is_tried() -> None:
     assert {*FOLDERS, *FILES} == set(COMMANDS) - {"schema", "verify"}
 
@@ -107,13 +122,13 @@ def test_a_folder_of_another_command_is_refused(name: str, here: Path) -> None:
 
 
 @pytest.mark.parametrize("name", slowly(FOLDERS))
-def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(name: str, here: Path
-                                                                      ) -> None:
+def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
+        name: str, done: Callable[[str], tuple[int, Path]], tmp_path: Path) -> None:
     words = [name, *shlex.split(FOLDERS[name]), "--out", "o"]
     if name == "stiffness":
         pytest.importorskip("matplotlib")
-    first = ppmcal(*words, cwd=here)
-    assert first.code in (0, 1), first.err
+    code, folder = done(name)
+    here = Path(shutil.copytree(folder, tmp_path / "desk"))
     record = json.loads((here / "o" / RECORD).read_text())
     if record["files"]:
         (here / "o" / "old.csv").write_text("x\n")
@@ -122,20 +137,21 @@ def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(name: str,
         (here / "o" / RECORD).write_text(json.dumps(record))
     (here / "o" / "notes.txt").write_text("mine")
     again = ppmcal(*words, cwd=here)
-    assert again.code == first.code, again.err
+    assert again.code == code, again.err
     assert not (here / "o" / "old.csv").exists()
     assert (here / "o" / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.parametrize("name", slowly(FOLDERS))
-def test_no_force_replaces_an_input(name: str, here: Path) -> None:
+def test_no_force_replaces_an_input(name: str, done: Callable[[str], tuple[int, Path]], here: Path
+                                    ) -> None:
     """Every input stands in the folder of the results too, under each name that is written."""
     words = [name, *shlex.split(FOLDERS[name])]
-    ppmcal(*words, "--out", "o", cwd=here)
-    names = list(json.loads((here / "o" / RECORD).read_text())["files"])
-    shutil.rmtree(here / "o")
     inputs = [here / w for w in words[1:] if (here / w).is_file()]
-    if not names or not inputs:
+    if not inputs:
+        return
+    names = list(json.loads((done(name)[1] / "o" / RECORD).read_text())["files"])
+    if not names:
         return
     (here / "o").mkdir()
     for target in names:

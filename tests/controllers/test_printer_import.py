@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from helpers.paths import ROOT
 from ppmcal.api.import_ import import_config
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
+from ppmcal.calibration.noise import with_estimated_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.controllers.klipper_config import DeltaGeometry
 from ppmcal.controllers.klipper_lines import BLOCK
@@ -255,6 +257,24 @@ def test_no_touch_pays_for_calipers(tmp_path: Path, pairs: float, bad: bool) -> 
                          mechanism)
     fit = identify(Problem(mechanism, data, mechanism.free), FitOptions())
     assert set(fit.reasons[0]) == ({6} if bad else set())
+
+
+@pytest.mark.parametrize("row", [2, 7])    # 7 used to pass for noise
+def test_a_wrong_distance_does_not_pass_for_noise_of_its_file(tmp_path: Path, row: int) -> None:
+    """Nine touches and twelve distances, noise estimated: one that is misread by 1 mm is named."""
+    text = config(REAL, pairs=1.0, noise=0.03)
+    text = "\n".join(x for x in text.splitlines() if not re.match(r"#\*# height(9|1\d)", x))
+    import_config("klipper", written(tmp_path, text), rods=(300, "fixed"), scale="known").save(
+        tmp_path / "o")
+    machine = read_mechanism(tmp_path / "o" / "machine.yaml")
+    heights, distances = read_campaign(
+        [tmp_path / "o" / f"{n}.csv" for n in ("heights", "distances")], machine)
+    rng = np.random.default_rng(3)
+    value = distances.value + rng.normal(0.0, 0.05e-3, 12)
+    value[row] -= 1e-3
+    fit, _ = with_estimated_noise(
+        Problem(machine, (heights, replace(distances, value=value)), machine.free), FitOptions())
+    assert [np.flatnonzero(~k).tolist() for k in fit.keep] == [[], [row]]
 
 
 def test_console_and_table_say_the_same_of_a_row_that_was_left_out(tmp_path: Path) -> None:

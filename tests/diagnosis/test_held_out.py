@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.diagnoses import DATA, simulate
+from helpers.diagnoses import DATA, effect, simulate
 
 from ppmcal.calibration.fit import OUTLIER, Fit, FitOptions
 from ppmcal.calibration.identify import identify
@@ -17,7 +18,12 @@ from ppmcal.calibration.validation import fresh_state
 from ppmcal.diagnosis import other_models
 from ppmcal.diagnosis.held_out_blocks import block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, gap_of, measure_gap
-from ppmcal.diagnosis.next_experiment import WIDER, possible_rows
+from ppmcal.diagnosis.next_experiment import (
+    ODDS,
+    WIDER,
+    possible_rows,
+    propose,
+)
 from ppmcal.diagnosis.stage import run_stage
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.kinematics.closure import Model
@@ -252,3 +258,23 @@ def test_what_to_measure_next_is_away_from_dead_points(
     measured, proposed = (forward_table(bare, q).singular_value
                           for q in (fit.problem.datasets[0].q, rows.q))
     assert proposed.min() >= 0.99 * (1.0 - WIDER) * np.nanmin(measured)
+
+
+def test_what_to_measure_next_follows_the_last_row(tmp_path: Path) -> None:
+    """At the campaign's own pace, not hours later."""
+    simulate(tmp_path, "3-RPR", [effect("leg_thermal", expansion=2e-5)], count=40, approach="one")
+    mechanism = read_mechanism(tmp_path / "m.yaml")
+    (data,) = read_campaign([tmp_path / DATA], mechanism)
+    fit = identify(Problem(mechanism, (data,), mechanism.free))
+    kinds = ("leg_thermal", "base_thermal", "drift")
+    stage = run_stage(fit.problem, fit.state, fit.keep, 1, kinds, 50)
+    legs, base, drift = (next(h for h in stage.hypotheses if h.kind == kind and len(h.on) != 1)
+                         for kind in kinds)
+    found = propose(stage, legs, base, 1.5, 1)
+    assert found.rows >= 4
+    time = data.columns["time"]
+    pace = float(np.median(np.diff(time)))
+    assert found.columns["time"] == pytest.approx(
+        time.max() + pace * np.arange(1, found.rows + 1))
+    # what only time tells goes on after the last row, if it does: no more than 20 to 1
+    assert propose(stage, drift, base, 1.5, 1).odds_after <= ODDS * (1.0 + 1e-9)

@@ -106,11 +106,11 @@ def driven(real: Mechanism, q: Array, wanted: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
 
 
-CASES = {"pose": ("a leg", "across"), "position": ("a leg", "up"),
-         "plane": ("a leg", "across", "along", "up"), "distance": ("a leg", "along")}
+# a machine in the plane, which is what measures whole poses here, has no height
+CASES = [(i, t) for i in INSTRUMENTS for t in TERMS if (i, t) != ("pose", "up")]
 
 
-@pytest.mark.parametrize(("instrument", "term"), [(i, t) for i in CASES for t in CASES[i]])
+@pytest.mark.parametrize(("instrument", "term"), CASES)
 def test_what_is_learned_does_no_harm(instrument: str, term: str) -> None:
     """With it the real machine is no worse than with geometry alone, and within tolerances."""
     whole, real, q = campaign(instrument, term)

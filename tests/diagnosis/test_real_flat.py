@@ -25,3 +25,25 @@ def test_touches_of_a_bed_teach_heights_only(tmp_path: Path) -> None:
                              frame="base").compensation
     # of a machine whose towers are known to 1 mm and half a degree
     assert np.nanmax(sent.position_before) < 5e-3
+
+
+OTHER = FLAT.parent / "fading-backlash"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (FLAT.is_dir() and OTHER.is_dir()),
+                    reason="real measurements are not at hand (PPMCAL_DATA)")
+def test_heights_and_distances_of_another_printer_move_no_command_far(tmp_path: Path) -> None:
+    """They say nothing of this one, which is told, and commands stay within its tolerances."""
+    ppmcal.import_config("reprap", FLAT / "config.g", mesh=FLAT / "heightmap.csv").save(
+        tmp_path / "own")
+    ppmcal.import_config("klipper", OTHER / "printer.cfg").save(tmp_path / "other")
+    files = [tmp_path / "own/mesh_heightmap.csv",
+             *(tmp_path / f"other/{n}.csv" for n in ("heights", "distances"))]
+    found = ppmcal.identify(tmp_path / "own/machine.yaml", files)
+    for name in ("heights", "distances"):
+        assert any(f.startswith(f"{name}: what is left") and "tell nothing of the machine" in f
+                   for f in found.findings)
+    sent = ppmcal.compensate(found, np.array([[0, 0, 0], [60, 0, 0], [0, 60, 0]]),
+                             frame="base").compensation
+    assert np.nanmax(sent.position_before) < 5e-3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -280,6 +281,53 @@ def test_a_place_is_told_as_what_it_is(plain: Fit, where: str) -> None:
     assert all(w in out.follows for w in words)
     # a third of a joint's travel is a stretch of it
     assert (out.stretch is not None) == (where == "joint")
+
+
+CORNER = 13
+"""Rows of 108 at one corner of the workspace, where the instrument sees a reflection."""
+
+
+@pytest.fixture(scope="module")
+def reflected(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, set[int]]:
+    """Return a campaign of 108 poses without effects, and the rows that a reflection has moved."""
+    folder = simulate(tmp_path_factory.mktemp("corner"), "3-RPR", [], count=108, **SINGLE)
+    table = rows(folder / DATA)
+    x, y = (np.array([float(r[c]) for r in table]) for c in "xy")
+    deep = np.minimum((x - np.median(x)) / np.ptp(x), (np.median(y) - y) / np.ptp(y))
+    moved = np.argsort(deep)[-CORNER:]
+    for n in moved.tolist():
+        table[n] |= {"x": str(x[n] + 0.5), "y": str(y[n] + 0.3)}
+    write_csv(folder / DATA, table)
+    return folder, {n + 1 for n in moved.tolist()}
+
+
+def test_identify_tells_the_corner_where_rows_are_wrong(reflected: tuple[Path, set[int]]) -> None:
+    folder, moved = reflected
+    run = ppmcal("identify", "m.yaml", DATA, "--seed", "1", "--out", "i", cwd=folder, expect=1)
+    assert moved <= set(not_used(folder, "i"))
+    said = " ".join(run.out.split())
+    assert re.search(r"100% of them have x above [\d.]+ mm and y up to [\d.]+ mm", said)
+
+
+@pytest.mark.slow
+def test_diagnose_tells_the_corner_where_rows_are_wrong(reflected: tuple[Path, set[int]]) -> None:
+    folder, moved = reflected
+    run, found = diagnose(folder, DATA, "--seed", "1")
+    assert found["verdict"] == "unnamed" and not found["effects"]
+    assert moved <= set(not_used(folder))
+    assert re.search(r"rows that have x above [\d.]+ mm and y up to [\d.]+ mm",
+                     found["remainder"]["follows"])
+    assert "gross errors have no such pattern" in " ".join(run.out.split())
+
+
+def test_a_joint_s_stretch_is_counted_by_pose_too(plain: Fit) -> None:
+    """Two poses of several rows that are near each other in a joint's travel are so by chance."""
+    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
+    data = plain.problem.datasets[0]
+    labels = list(dict.fromkeys(data.groups[np.argsort(data.q[:, 1], kind="stable")].tolist()))
+    out = module.left_out(without(plain, np.isin(data.groups, labels[:2])))
+    assert out.count >= 8
+    assert out.stretch is None
 
 
 def test_rows_of_one_pose_are_one_at_a_place(plain: Fit) -> None:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import shlex
 import shutil
 import tempfile
+from collections import Counter
 from pathlib import Path
 
 import pytest
 from generators.notebook import cells
 from generators.pages import FENCE, WHOLE, Ran, Step, perform, stands, steps, units, with_output
 from helpers.commands import ppmcal
-from helpers.desk import lay_desk
+from helpers.desk import examples_of, lay_desk
 from helpers.paths import ROOT
 
-from ppmcal.cli import cli
+from ppmcal.cli import COMMANDS, cli
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 ELSEWHERE = {"--scheduler": "needs a cluster"}
@@ -26,20 +27,41 @@ QUICK = {"first-calibration.md", "own-mechanism.md", "data.md", "report.md"}
 """Whole pages that every test run can bear."""
 
 
+def shown():
+    """Return the page, whether it is whole, and the steps of each block that is run here.
+
+    Left out is a block of commands alone each of which is a help's example, which
+    `cli/test_examples.py` runs among the same files, or stands in another block that is run.
+    """
+    found = [(path, page.startswith(WHOLE), unit) for path in PAGES
+             for page in (path.read_text(encoding="utf-8"),) for unit in units(page)]
+    times = Counter(key for _, _, unit in found for key in keys(unit))
+    times.update((line, Step(0).codes) for name in set(COMMANDS) - {"demo"}
+                 for line in examples_of(name))
+    for path, whole, unit in found:
+        own = Counter(keys(unit))
+        plain = not whole and all(s.line.startswith("ppmcal ") for s in unit)
+        if plain and all(times[key] > count for key, count in own.items()):
+            times -= own
+        else:
+            yield path, whole, unit
+
+
+def keys(unit: list[Step]) -> list[tuple[str, tuple[int, ...]]]:
+    return [(s.line, s.codes) for s in unit if s.line]
+
+
 def run(words: list[str], folder: Path) -> Ran:
     done = ppmcal(*words, cwd=folder)
     return Ran(done.code, done.out + done.err)
 
 
 def cases():
-    for path in PAGES:
-        page = path.read_text(encoding="utf-8")
-        for unit in units(page):
-            verbs = {word for s in unit if s.line for word in shlex.split(s.line)[1:2]}
-            slow = path.name not in QUICK if page.startswith(WHOLE) else bool(verbs & HEAVY)
-            yield pytest.param(path.name, page.startswith(WHOLE), unit,
-                               id=f"{path.stem}-{unit[-1].block}",
-                               marks=pytest.mark.slow if slow else ())
+    for path, whole, unit in shown():
+        verbs = {word for s in unit if s.line for word in shlex.split(s.line)[1:2]}
+        slow = path.name not in QUICK if whole else bool(verbs & HEAVY)
+        yield pytest.param(path.name, whole, unit, id=f"{path.stem}-{unit[-1].block}",
+                           marks=pytest.mark.slow if slow else ())
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ import shlex
 import shutil
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 
@@ -30,6 +31,17 @@ LINES = ("ppmcal identify mine.yaml run1.csv --quiet",
          "ppmcal import klipper printer.cfg --out printer --quiet",
          "ppmcal identify printer/machine.yaml printer/heights.csv printer/distances.csv "
          "--out fitted-printer --quiet")
+
+
+def examples_of(name: str) -> list[str]:
+    """Return the lines that follow the word in a command's help, as a user would copy them."""
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
+    context = click.Context(command, info_name=name, terminal_width=80)
+    _, _, end = command.get_help(context).partition("Examples:")
+    lines = [line.strip() for line in end.splitlines() if line.strip()]
+    assert all(line.startswith("ppmcal ") for line in lines), lines
+    return lines
 
 
 def run(line: str) -> None:

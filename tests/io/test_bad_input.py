@@ -259,7 +259,7 @@ TABLES = {
     "inf": (with_cell(3, "x", "inf"), ["x", "row 3"]),
     "overflow": (with_cell(3, "x", "1e999"), ["x", "row 3"]),
     "joint absent": (renamed("q_leg3", "q_leg4"), ["q_leg4", "q_leg3"]),
-    "unknown column": (lambda k, r: r | {"colour": "red"}, ["colour"]),
+    "unknown joint": (lambda k, r: r | {"q_legg": "1"}, ["q_legg"]),
     "near column": (renamed("rz", "rzz"), ["rzz", "rz"]),
     "no pose": (lambda k, r: {n: v for n, v in r.items() if n not in ("x", "y", "rz")}, ["x"]),
     "no joints": (lambda k, r: {n: v for n, v in r.items() if n[0] != "q"}, ["q_leg1"]),

@@ -371,7 +371,6 @@ BROKEN: list[tuple[str, str, Any, str, str]] = [
     ("stiffness 0", "3-RPR", one("compliance", stiffness=0), "parameters.stiffness", "range"),
     ("stiffness below 0", "3-RPR", one("compliance", stiffness=-3), "parameters.stiffness",
      "range"),
-    ("width below 0", "3-RPR", one("backlash", width=-0.1), "parameters.width", "range"),
     ("clearance below 0", "3-RPR", one("clearance", width=-0.1), "parameters.width", "range"),
     ("expansion", "3-RPR", one("leg_thermal", expansion=31e-6), "parameters.expansion", "3e-05"),
     ("expansion down", "3-RPR", one("base_thermal", expansion=-31e-6), "parameters.expansion",

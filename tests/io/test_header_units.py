@@ -97,7 +97,7 @@ def test_what_is_ignored_may_be_words(tmp_path: Path) -> None:
     ({}, {"units": {"q_leg*": "in", "q_?eg1": "mm"}},
      ["q_leg1", "'q_leg*' (in)", "'q_?eg1' (mm)", "run.yaml: read.units.q_", "Leave one"]),
     ({}, {"signs": {"q_*": -1, "q_leg2": -1}}, ["q_leg2", "'q_*' (-1)", "read.signs.q_"]),
-    ({"x": "what (ever)"}, None, ["unknown column 'what (ever)'"])])
+    ({"x": "what (ever)"}, None, ["there is no column x"])])
 def test_what_cannot_be_is_refused(tmp_path: Path, headers: dict[str, str],
                                    read: dict[str, Any] | None, says: list[str]) -> None:
     with pytest.raises(BadInput) as refused:

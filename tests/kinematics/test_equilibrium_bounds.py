@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import machines
 
+from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import ROUNDS, SETTLED, hopeless
+from ppmcal.kinematics.equilibrium import reached, settle
+from ppmcal.model.dataset import environment
 
 REACH = 0.5
 LIMIT = SETTLED * REACH
@@ -41,3 +45,19 @@ def test_round_off_that_stays_is_no_sign_of_anything():
 def test_rows_are_judged_one_by_one_and_those_without_a_pose_left_alone():
     still, wild, lost = [1e-2, 1e-6, 1e-10], [1e-2, 2e-2, 4e-2], [np.nan] * 3
     assert verdicts(np.transpose([still, wild, lost])) == [None, 1, None]
+
+
+@pytest.mark.parametrize("moved", [0.0, 1e-9, 1e-6, 1e-3])
+def test_a_yielding_machine_settles_from_its_equilibrium(moved):
+    """Near by, poses move by what the slots did a round before: that is no lack of progress."""
+    text = machines.plain_text("U(P)S", effects=[
+        {"kind": "compliance", "parameters": {"stiffness": 700.0}}])
+    mechanism = machines.read_text(text)
+    model, rng = Model(mechanism), np.random.default_rng(3)
+    q = mechanism.home_q + mechanism.reach * 0.03 * rng.uniform(-1.0, 1.0, (30, 6))
+    load = environment({"payload": np.linspace(0.0, 20.0, 30)}, mechanism.actuators,
+                       mechanism.gravity, q)
+    there = reached(model, q, load).closed
+    again, _ = settle(model, q + moved * mechanism.reach, load, there)
+    assert np.isfinite(there).all()
+    assert np.isfinite(again).all()

@@ -209,6 +209,16 @@ def test_worse_numbers_are_told(folders: Path, tmp_path: Path) -> None:
     assert "the new pose grid numbers are worse than the old ones" in page(tmp_path)[1]
 
 
+def test_touches_alone_say_how_well_the_size_is_known_whatever_was_held(folders: Path) -> None:
+    """What predicts touches best holds the rods, which does not make a length of a drawing exact.
+    """
+    found = record(folders / "touches", "identification.json")
+    scale = found["identifiability"]["scale"]
+    assert "rod" not in {p["name"] for p in found["parameters"] if p["status"] != "fixed"}
+    assert scale["open"] and scale["sigma"] > 1e-3 * scale["distance"]
+    assert f"a distance of {scale['distance']:.4g} mm is known to" in page(folders / "touches")[1]
+
+
 def test_what_is_not_told_in_the_words_of_the_console(folders: Path, tmp_path: Path) -> None:
     """Touches alone, rods free: else what predicts touches best holds the rods, and the size."""
     free = [word for name in ("offset", "length", "point.*") for word in ("--free", f"*.{name}")]

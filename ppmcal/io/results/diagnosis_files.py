@@ -69,6 +69,7 @@ def effects_csv(result: Diagnosis) -> str:
         Column("detectable", [*(value for value, _ in smallest), *unknown]),
         Column("unit", [*(unit for _, unit in smallest), *blank]),
         Column("survives", [*(_survives(result, c) for c in some), *blank]),
+        Column("side", [*(_side(result, c) for c in some), *blank]),
         Column("p_value_alone", [*(probability(c.log_p_alone) for c in some), *unknown]),
     ], mechanism.units)
 
@@ -80,6 +81,17 @@ def _survives(result: Diagnosis, candidate: Candidate) -> str:
     own = [e.survives for e in result.effects if candidate.status == "named" and (
         e.hypothesis.family, e.on) == (candidate.hypothesis.family, candidate.hypothesis.on)]
     return "yes" if own and own[0] is not None and own[0].stands else ""
+
+
+def _side(result: Diagnosis, candidate: Candidate) -> str:
+    """Return whether the joints of what is named lag or lead their readings, joint by joint."""
+    mine, mechanism = candidate.hypothesis, result.identification.mechanism
+    sides = {e.on: side for e in result.effects if candidate.status == "named" and (
+        e.hypothesis.family, e.hypothesis.on) == (mine.family, mine.on)
+        and (side := e.side(mechanism))}
+    if len(set(sides.values())) < 2:
+        return next(iter(sides.values()), "")
+    return "; ".join(f"{' '.join(on)} {side}" for on, side in sides.items())
 
 
 def _detectable(mechanism: Mechanism, candidate: Candidate) -> tuple[float, str]:

@@ -134,7 +134,9 @@ class DiagnosedEffect(Part):
     ``alternatives``: kinds that the data cannot tell from it, ``alternatives_on`` with their
     actuators, and the ``odds`` for the effect against each. ``derived`` is at ``mid_stroke``.
     ``sessions``: its size in each where there are several, ``same_in_sessions_p`` the p-value of
-    being the same. ``survives``: of a partial verdict, whether it would stand.
+    being the same. ``survives``: of a partial verdict, whether it would stand. ``side``: of what
+    changes with the direction of approach, whether the joint ``lags`` what its encoder reads (which
+    sits before what gives way) or ``leads`` it (behind).
     """
 
     kind: Text = ""
@@ -152,6 +154,7 @@ class DiagnosedEffect(Part):
     sessions: tuple[EffectInSession, ...] = ()
     same_in_sessions_p: Shown | None = None
     survives: EffectSurvival | None = None
+    side: Text = ""
 
     @classmethod
     def of(cls, result: Diagnosis, effect: NamedEffect) -> DiagnosedEffect:
@@ -164,6 +167,7 @@ class DiagnosedEffect(Part):
                    sessions=EffectInSession.each(result, effect.sessions),
                    same_in_sessions_p=None if effect.sessions is None else effect.sessions.p_value,
                    survives=EffectSurvival.of(effect.survives),
+                   side=effect.side(result.identification.mechanism),
                    **_event(result, effect), **_derived(result, effect))
 
 

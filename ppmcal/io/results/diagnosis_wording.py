@@ -9,7 +9,7 @@ from ppmcal.diagnosis.held_out_blocks import SESSION
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
 from ppmcal.io.results.learned_parts import LearnedEntry
-from ppmcal.model.effects import GEOMETRY
+from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.wording import counted, number, rate, shorter, where
 
 VERDICTS = {
@@ -132,6 +132,28 @@ def onset(effect: DiagnosedEffect) -> str:
     row = effect.row
     sure = f" (95 %: {row.low} to {row.high})" if row.low < row.high else ""
     return f"from row {row.value}{f' of {row.dataset}' if row.dataset else ''} on{sure}"
+
+
+def side(group: Group) -> list[str]:
+    """Return where the encoders of effects that are told as one sit, from the values' signs.
+
+    ``leg2: the joint lags its reading: its encoder sits before the play``, without the joint where
+    all are alike; empty where an effect has no such sides.
+    """
+    on: dict[str, list[str]] = {}
+    for effect in group:
+        if effect.side:
+            on.setdefault(effect.side, []).extend(effect.on)
+    kind = effect_kinds().get(group[0].kind)
+    if kind is None or kind.reversal is None:
+        return []
+    what = kind.reversal.what
+    place = {"lags": f"before the {what}", "leads": f"behind the {what}"}
+    other = ", or dir_ tells the side it came from" if "dir" in kind.needs else ""
+    return [(f"{', '.join(joints)}: " if len(on) > 1 else "")
+            + f"the joint {way} its reading: its encoder sits {place[way]}"
+            + (other if way == "leads" else "") + "."
+            for way, joints in on.items() if way in place]
 
 
 def effect_name(record: DiagnosisRecord, effect: DiagnosedEffect) -> str:

@@ -17,6 +17,7 @@ from ppmcal.model.effects.kind import (
     EffectParameter,
     FromFile,
     KnownRange,
+    Reversal,
     ScanRange,
     Terms,
     effect_kinds,
@@ -29,5 +30,5 @@ for _module in sorted(m.name for m in pkgutil.iter_modules(__path__)):
     importlib.import_module(f"{__name__}.{_module}")
 
 __all__ = ["GEOMETRY", "Derived", "EffectInput", "EffectKind", "EffectParameter", "FromFile",
-           "Inputs", "KnownRange", "LimbSetting", "ScanRange", "Setting", "Shift", "Terms",
-           "effect_kinds", "find_effect", "register", "total"]
+           "Inputs", "KnownRange", "LimbSetting", "Reversal", "ScanRange", "Setting", "Shift",
+           "Terms", "effect_kinds", "find_effect", "register", "total"]

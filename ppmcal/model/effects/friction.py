@@ -11,6 +11,7 @@ from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,
     EffectParameter,
+    Reversal,
     ScanRange,
     Terms,
     Worked,
@@ -41,11 +42,12 @@ def _speeds(data: ScanRange) -> list[float]:
 FRICTION = register(EffectKind(
     "friction", "du = s (dynamic + (static - dynamic) exp(-|v|/speed)), s the direction",
     "Stribeck curve; Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083",
-    fixed_list(*(EffectParameter(n, "joint", low=0.0, usual=(0.0, 0.05), of_stroke=True, why=STROKE)
+    fixed_list(*(EffectParameter(n, "joint", usual=(-0.05, 0.05), of_stroke=True, why=STROKE)
                  for n in ("static", "dynamic")),
                EffectParameter("speed", "joint/s", None, low=1e-12, usual=(1e-12, np.inf),
                                scan=_speeds)),
-    ("dir", "vel"), _terms, contains=("backlash",),
+    ("dir", "vel"), _terms, contains=("backlash",), one_sign=True,
+    reversal=Reversal("wind-up", lambda v: v["static"] + v["dynamic"]),
     remedy="come to the same poses at several speeds, from both sides",
     worked=Worked({"static": 3e-5, "dynamic": 1e-5, "speed": 0.02},
                   {"approach": -1.0, "velocity": -0.02},

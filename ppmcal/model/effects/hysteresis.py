@@ -10,6 +10,7 @@ from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects.kind import (
     EffectKind,
     EffectParameter,
+    Reversal,
     Terms,
     Worked,
     fixed_list,
@@ -52,6 +53,7 @@ HYSTERESIS = register(EffectKind(
                *(EffectParameter(n, "joint", np.nan, constant=True, stroke_end=n)
                  for n in ("low", "high"))),
     ("order",), _terms, contains=("backlash", "play"), unsettled=_unsettled,
+    reversal=Reversal("wind-up", lambda v: -sum(v[n] * part for n, part in WIDTHS.items())),
     remedy="go through strokes of several lengths, back and forth",
     worked=Worked({"w1": 0.0, "w2": 1e-3, "w3": 0.0, "low": 0.0, "high": 1.0},
                   {"travel_before": 0.1, "travel": 0.2}, -1.5e-5)))

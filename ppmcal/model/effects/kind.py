@@ -155,6 +155,26 @@ class Derived:
 
 
 @dataclass(frozen=True)
+class Reversal:
+    """An effect that changes sides with the direction of approach, by which its sign says more.
+
+    An encoder before what gives way (on the motor) reads on while the joint stays behind; one
+    behind it is dragged along by the joint and stays behind itself. Both are machines.
+
+    ``what``: gives way, ``play`` or ``wind-up``; ``ahead``: parameter -> value -> how far the
+    joint is ahead of its reading after a move up, as far as its sign goes.
+    """
+
+    what: str
+    ahead: Callable[[Mapping[str, float]], float]
+
+    def side(self, values: Mapping[str, float]) -> str:
+        """Return ``leads`` or ``lags``, what the joint does to its reading; empty: neither."""
+        ahead = self.ahead(values)
+        return "leads" if ahead > 0.0 else "lags" if ahead < 0.0 else ""
+
+
+@dataclass(frozen=True)
 class FromFile:
     """A kind that is made of what a file says beside kind, joints and parameters.
 
@@ -214,6 +234,8 @@ class EffectKind:
         spread: what it is uncertain by beside its parameters, if anything.
         unsettled: by how much, at most, du is unknown since nobody knows what was before the first
             row: (setting, on, values) -> (N, k), unit of u; None: the first row is like any other.
+        reversal: what its sign says of where the encoder sits, if anything.
+        one_sign: whether all its parameters have the same sign, whichever.
         nuisance: whether it is of what the machine is measured against: a search names it for
             nothing, and tells it as an alternative to what it explains as well.
         title: what people call it; empty: its name. Kinds made of one are told apart by it.
@@ -255,6 +277,8 @@ class EffectKind:
     unsettled: Callable[[Setting, Bools, Mapping[str, float]], Array] | None = None
     title: str = ""
     body: str = ""
+    reversal: Reversal | None = None
+    one_sign: bool = False
     nuisance: bool = False
 
     def __post_init__(self) -> None:

@@ -11,6 +11,7 @@ from ppmcal.model.effects.inputs import WOUND_LOAD
 from ppmcal.model.effects.kind import (
     EffectKind,
     EffectParameter,
+    Reversal,
     Terms,
     Worked,
     fixed_list,
@@ -29,7 +30,7 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 WINDUP = register(EffectKind(
     "windup", "du = s width |f|, f the actuator's load",
     "Coulomb friction proportional to the load, wound up in an elastic drive",
-    fixed_list(EffectParameter("width", "joint/load", None, low=0.0, size=1e-7)),
-    ("dir", "load"), _terms, uses_load=True,
+    fixed_list(EffectParameter("width", "joint/load", None, size=1e-7)),
+    ("dir", "load"), _terms, uses_load=True, reversal=Reversal("wind-up", lambda v: v["width"]),
     follows=WOUND_LOAD,
     worked=Worked({"width": 1e-7}, {"approach": -1.0, "load": -50.0}, -5e-6)))

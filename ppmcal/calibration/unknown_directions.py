@@ -1,0 +1,85 @@
+"""Files of one campaign that do not say from which side their joints came, beside files that do.
+
+Of such rows the side is +1 or -1, nobody knows which: what goes with it is 0 on average, so that
+the other rows alone tell its size, and it scatters by that size, which is noise of the joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.kinematics.closure import Model
+from ppmcal.linalg import Array, Bools
+from ppmcal.model.dataset import Dataset, Environment
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import some
+
+ON_AVERAGE = 0.0
+"""What stands for a direction that may be +1 or -1."""
+
+
+def with_unknown_directions(mechanism: Mechanism, datasets: Sequence[Dataset],
+                            rows: Sequence[Environment]) -> tuple[Dataset, ...]:
+    """Return data sets whose unrecorded directions are 0 where other files record them.
+
+    Args:
+        mechanism: names the joints.
+        datasets: of one campaign.
+        rows: their environments.
+
+    Returns:
+        The data sets, a finding on the last one that lacks directions: on how many rows effects
+        of the direction are seen. Themselves where all files have a joint's, or none has.
+    """
+    has = np.array([np.isfinite(r.approach).any(axis=0) for r in rows])
+    lacks = ~has & has.any(axis=0)
+    without = [i for i, own in enumerate(lacks) if own.any()]
+    if not without:
+        return tuple(datasets)
+    out = list(datasets)
+    for i in without:
+        out[i] = replace(out[i], visited=np.where(lacks[i], ON_AVERAGE, rows[i].approach))
+    told = replace(out[without[-1]], findings=(
+        *out[without[-1]].findings, _words(mechanism, datasets, without, lacks)))
+    out[without[-1]] = told
+    return tuple(out)
+
+
+def direction_sigma(mechanism: Mechanism, rows: Environment) -> Array:
+    """Return how far effects of directions that are not known move each joint (k,), unit of q.
+
+    One standard deviation, at the effects' present values: these are +- as much, either as likely.
+    """
+    square = np.zeros(len(mechanism.actuators))
+    for effect in mechanism.effects:
+        if effect.kind.needs == ("dir",) and "width" in effect.parameters:
+            blind = np.all(rows.approach == ON_AVERAGE, axis=0) & np.array(effect.on)
+            width = mechanism.parameters[effect.parameters["width"]].value
+            square += np.where(blind, (0.5 * width) ** 2, 0.0)
+    return np.asarray(np.sqrt(square) / _ratios(mechanism)) if square.any() else square
+
+
+def _ratios(mechanism: Mechanism) -> Array:
+    """Return by how much each joint moves per unit of q (k,)."""
+    out = np.ones(len(mechanism.actuators))
+    for limb, values in zip(mechanism.limbs, Model(mechanism).limb_values, strict=True):
+        out[limb.actuator] = abs(float(values.get("ratio", 1.0)))
+    return out
+
+
+def _words(mechanism: Mechanism, datasets: Sequence[Dataset], without: Sequence[int],
+           lacks: Bools) -> str:
+    """Return on how many rows what goes with the direction is tested, and which files lack it."""
+    own = [f"dir_{a}" for i, a in enumerate(mechanism.actuators) if lacks[:, i].any()]
+    with_ = [d for i, d in enumerate(datasets) if i not in without]
+    by_axis = [c for c in ("dir_x", "dir_y", "dir_z") if any(c in d.columns for d in with_)]
+    columns = by_axis or own
+    total = sum(len(d) for d in datasets)
+    known = total - sum(len(datasets[i]) for i in without)
+    are = "is" if len(columns) == 1 else "are"
+    files = " and ".join(datasets[i].name for i in without)
+    return (f"what goes with the direction of approach is tested on {known} of {total} rows: "
+            f"{some(columns)} {are} not recorded in {files}")
