@@ -103,6 +103,9 @@ def _show_parameters(record: IdentificationRecord, console: Console) -> None:
               *[_half(p.sigma)] * wider, p.unit,
               p.status + ", sessions disagree" * bool(p.disagree)] for p in shown],
             (1, 2, 3)))
+        if wider:
+            console.say("By noise: the 95 % interval of noise alone; +- 95 % also counts how far "
+                        "sessions, or parts of one, differ.")
     for sentence in short_intervals(record.method):
         console.say(f"{sentence}.")
     if len(free) > len(shown):
