@@ -44,8 +44,9 @@ class Mistake:
 
 def mistakes(reading: FileReading, mechanism: Mechanism, data: Dataset) -> tuple[Mistake, ...]:
     """Return what a reading says is wrong in a file."""
-    out = [*_of_joints(reading.joints, mechanism, data), *_of_positions(reading.pose, data),
-           *_of_rotations(reading.pose, data)]
+    out = [*_of_joints(reading.joints, mechanism, data),
+           *_of_positions(reading.pose, mechanism, data),
+           *_of_rotations(reading.pose, mechanism, data)]
     if reading.pose.inverse:
         out.append(Mistake("inverse", _measured(data), "the poses are inverse: the measuring "
                            "frame seen from the platform"))
@@ -80,6 +81,16 @@ def _of_joints(joints: JointReading, mechanism: Mechanism, data: Dataset) -> lis
     return out
 
 
+def _axes(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the columns of a place that such a machine's files have."""
+    return AXES[:2] if mechanism.motion == "planar" else AXES
+
+
+def _turns(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the columns of a rotation that such a machine's files have."""
+    return TURNS[2:] if mechanism.motion == "planar" else TURNS
+
+
 def _unit(names: Sequence[str], unit: str, declared: str) -> Mistake:
     return Mistake("unit", tuple(names), f"{_list(names)} "
                    f"{'is' if len(names) == 1 else 'are'} in {unit}, not {declared}")
@@ -89,7 +100,7 @@ def _list(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _of_positions(pose: PoseReading, data: Dataset) -> list[Mistake]:
+def _of_positions(pose: PoseReading, mechanism: Mechanism, data: Dataset) -> list[Mistake]:
     out = []
     if pose.order != IDENTITY:
         wrong = [i for i, o in enumerate(pose.order) if o != i]
@@ -108,12 +119,12 @@ def _of_positions(pose: PoseReading, data: Dataset) -> list[Mistake]:
                            "mechanism file has the mirror image of the machine (home on the "
                            "other side of the base, or legs numbered the other way round)"))
     for unit in dict.fromkeys(u for u in pose.units if u):
-        own = [a for a, u in zip(AXES, pose.units, strict=True) if u == unit]
+        own = [a for a, u in zip(_axes(mechanism), pose.units, strict=False) if u == unit]
         out.append(_unit(own, unit, data.units.length))
     return out
 
 
-def _of_rotations(pose: PoseReading, data: Dataset) -> list[Mistake]:
+def _of_rotations(pose: PoseReading, mechanism: Mechanism, data: Dataset) -> list[Mistake]:
     out, columns = [], QUATERNION if data.convention.startswith("quat") else TURNS
     if pose.turn_order != IDENTITY:
         wrong = [i for i, o in enumerate(pose.turn_order) if o != i]
@@ -132,7 +143,7 @@ def _of_rotations(pose: PoseReading, data: Dataset) -> list[Mistake]:
         out.append(Mistake("sign", tuple(minus), f"{_list(minus)} "
                            f"{'has' if len(minus) == 1 else 'have'} the other sign"))
     if pose.turn_unit:
-        out.append(_unit(TURNS, pose.turn_unit, data.units.angle))
+        out.append(_unit(_turns(mechanism), pose.turn_unit, data.units.angle))
     return out
 
 
@@ -201,7 +212,6 @@ def _signs(joints: JointReading, pose: PoseReading, mechanism: Mechanism, data: 
 
 def _units(joints: JointReading, pose: PoseReading, mechanism: Mechanism) -> dict[str, str]:
     named = [*zip([f"q_{a}" for a in mechanism.actuators], joints.units, strict=True)]
-    axes = AXES[:2] if mechanism.motion == "planar" else AXES
-    turns = TURNS[2:] if mechanism.motion == "planar" else TURNS
-    named += [*zip(axes, pose.units, strict=False)] + [(t, pose.turn_unit) for t in turns]
+    named += [*zip(_axes(mechanism), pose.units, strict=False),
+              *((t, pose.turn_unit) for t in _turns(mechanism))]
     return {name: unit for name, unit in named if unit}

@@ -20,8 +20,9 @@ from ppmcal.model.registration import Registration
 
 FAR = 0.1
 """Parts of the platform's size; assembly modes that are less apart are about to meet."""
-NEARER = 0.5
-"""The other pose is off what was measured by less than this part of what home's is."""
+NEARER = 0.1
+"""The other pose is off what was measured by less than this part of what home's is: a value typed
+wrong is as far from any mode."""
 
 
 def in_other_assembly(fit: Fit) -> Bools:
@@ -54,7 +55,7 @@ def _near_measured(data: Dataset, registration: Registration, pose: Array) -> Ar
     frame = cga.rotation_matrix(registration.frame)
     body = cga.rotation_matrix(cga.motor_from_rotation_vector(registration.target_rotation,
                                                               np.zeros(3)))
-    told = np.isfinite(data.rotation).any(axis=1)
+    told: Bools = np.asarray(np.isfinite(data.rotation).any(axis=1))
     known = cga.rotation_matrix(cga.motor_from_rotation_vector(
         np.nan_to_num(data.rotation), np.zeros((len(data), 3))))
     turn = frame.T @ np.where(told[:, None, None], known, turned) @ body.T

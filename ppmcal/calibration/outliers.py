@@ -177,11 +177,17 @@ class GrossErrors:
 
 
 @stage("explaining gross errors")
-def find_gross_errors(fit: Fit) -> GrossErrors:
-    """Return what does not belong in a fit's data."""
+def find_gross_errors(fit: Fit, told: Fit | None = None) -> GrossErrors:
+    """Return what does not belong in a fit's data.
+
+    Args:
+        fit: with the stated noise, by which a row is judged.
+        told: with the noise that is left, whose values people are told; None: the same.
+    """
     covariance = prediction_covariance(fit)
     rows = tuple(_left_out(fit))
-    return GrossErrors(rows, _would(fit, covariance) if rows else {},
+    told = told or fit
+    return GrossErrors(rows, _would(told, prediction_covariance(told)) if rows else {},
                     tuple(unchecked(fit, covariance)), tuple(homing_shifts(fit)))
 
 

@@ -61,7 +61,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
-from ppmcal.wording import counted
+from ppmcal.wording import chance, counted
 
 BEYOND = 1e3
 """Residuals so many times the stated noise: where that drowns all else, the noise is wrong."""
@@ -171,11 +171,10 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     noise, notes = noise_check(fit), list[str]()
     inflation = noise.inflation
     rank, total, redundant = rank_of(fit)
-    raw = fit
-    wrong = (secondary("what left-out rows would change", lambda: find_gross_errors(raw),
+    raw, fit = fit, with_noise(fit, inflation, options)
+    wrong = (secondary("what left-out rows would change", lambda: find_gross_errors(raw, fit),
                        GrossErrors((), {}, (), ()), notes),
              secondary("the shape of the flat", lambda: tuple(flats(raw)), (), notes))
-    fit = with_noise(fit, inflation, options)
     noise = against_tolerances(noise, fit)
     sessions, blocks = _differences(fit, noise, notes)
     wider = sessions or blocks
@@ -266,7 +265,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
         out.append(gone.sentence)
     if noise.failed:
         out.append(f"the residuals are {noise.sigma_ratio:.2f} times the stated noise "
-                   f"(p = {noise.chi2_p:.2g}): something is missing in the model, or sigma is too "
+                   f"({chance(noise.chi2_p)}): something is missing in the model, or sigma is too "
                    f"small; every measurement counts as {inflation:.2f} times as noisy as stated")
     if noise.overstated:
         out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the stated noise: sigma "
@@ -277,7 +276,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
     if noise.tight:
         times = (noise.prior_chi2 / noise.prior_degrees) ** 0.5
         out.append(f"the machine's errors are {times:.2g} times what tolerances and noise allow "
-                   f"(p = {noise.prior_p:.2g}): the tolerances are too tight, or something is "
+                   f"({chance(noise.prior_p)}): the tolerances are too tight, or something is "
                    "missing in the model, so 95 % intervals hold less often; widen the tolerances "
                    "or use --prior flat")
     out += in_words(fit, wider)

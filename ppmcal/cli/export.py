@@ -119,5 +119,8 @@ def _numbers(record: ExportRecord) -> Iterator[list[str]]:
 
     for name, new in record.parameters.items():
         old = record.old.get(name)
+        if name.endswith(" points"):    # a count, not a length
+            yield [name, "-", f"{new:.0f}", "-", ""]
+            continue
         change = "-" if old is None or new is None else f"{round(new - old, 4) + 0.0:+.4f}"
         yield [name, fixed(old) or "-", fixed(new), change, record.number_units.get(name, "")]

@@ -103,6 +103,9 @@ def _show_parameters(record: IdentificationRecord, console: Console) -> None:
               *[_half(p.sigma)] * wider, p.unit,
               p.status + ", sessions disagree" * bool(p.disagree)] for p in shown],
             (1, 2, 3)))
+        if wider:
+            console.say("By noise: the 95 % interval of noise alone; +- 95 % also counts how far "
+                        "sessions, or parts of one, differ.")
     for sentence in short_intervals(record.method):
         console.say(f"{sentence}.")
     if len(free) > len(shown):
@@ -111,7 +114,9 @@ def _show_parameters(record: IdentificationRecord, console: Console) -> None:
 
 
 def _half(sigma: float | None) -> str:
-    return number(None if sigma is None else 1.96 * sigma, 3)
+    from ppmcal.calibration.disagreement import Z95
+
+    return number(None if sigma is None else Z95 * sigma, 3)
 
 
 PRIOR_DOMINATED = 0.8

@@ -44,9 +44,9 @@ def command(kind: str | None, out: Path | None, force: bool, console: Console) -
         if place.exists() and not force:
             raise BadInput("exists already", str(place), "Give another --out, or --force")
     output = Output(target.parent, loose=True)
-    output.add(target.name, for_editors(path, "mechanism"))
+    output.add(target.name, for_editors(path, "mechanism", target.stem))
     if scenario.exists():
-        output.add(second.name, for_editors(scenario, "scenario"))
+        output.add(second.name, for_editors(scenario, "scenario", target.stem))
     written = [str(place) for place in output.write()]
     console.say(f"Written: {', '.join(written)}")
     head, line = f"Next: put your numbers into {target}, then:", ["ppmcal", "check", target]

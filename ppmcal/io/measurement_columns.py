@@ -89,8 +89,11 @@ def without_strangers(table: Table, mechanism: Mechanism, known: Collection[str]
     left = replace(table, header=tuple(h for h in table.header if h not in strange),
                    numbers={h: v for h, v in table.numbers.items() if h not in strange},
                    text={h: v for h, v in table.text.items() if h not in strange})
-    return left, [f"{table.source}: columns {', '.join(strange)}: not used, nobody knows them. "
-                  f"`read: {{ignore: [...]}}` in the sidecar says that nobody needs them."]
+    names, one = ", ".join(strange), len(strange) == 1
+    ignore = ", ".join(n if n.isidentifier() else f'"{n}"' for n in strange)
+    return left, [f"{table.source}: column{'s' * (not one)} {names}: not used, nobody knows "
+                  f"{'it' if one else 'them'}. `read: {{ignore: [{ignore}]}}` in the sidecar says "
+                  "that this is meant"]
 
 
 def _is_number(cell: str) -> bool:

@@ -56,7 +56,13 @@ def find_template(name: str) -> Path:
     return folder() / f"{wanted}.yaml"
 
 
-def for_editors(path: Path, kind: str) -> str:
-    """Return a template's text with the line by which editors find the schema of its kind."""
+def for_editors(path: Path, kind: str, stem: str) -> str:
+    """Return a template's text with the line by which editors find the schema of its kind.
+
+    The commands in it name the files as they will be called: ``stem.yaml``, ``stem.scenario.yaml``.
+    """
     schema = Path(__file__).with_name("schemas") / f"{kind}.json"
-    return f"# yaml-language-server: $schema={schema.as_uri()}\n{path.read_text('utf-8')}"
+    text = path.read_text("utf-8")
+    for ending in (".yaml", ".scenario.yaml"):
+        text = text.replace(f" {path.stem}{ending}", f" {stem}{ending}")
+    return f"# yaml-language-server: $schema={schema.as_uri()}\n{text}"

@@ -145,4 +145,5 @@ def _next(one: Identified, d: DiagnosisRecord | None, state: State) -> Line:
         return Line("Next?", "Diagnose", "ppmcal diagnose MODEL DATA finds which effect is "
                     "missing.", "warn")
     words = next_step(d)
-    return Line("Next?", "Look closer", words or f"{diagnosis_headline(d)} See below.", "warn")
+    words = words[:1].upper() + words[1:] or f"{diagnosis_headline(d)} See below."
+    return Line("Next?", "Look closer", words, "warn")

@@ -81,3 +81,8 @@ def rate(unit: str, largest: float) -> tuple[float, str]:
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number for people, ``-`` for none."""
     return "-" if value is None else f"{value:.{digits}g}"
+
+
+def chance(p: float) -> str:
+    """Return ``p = 0.03``, and ``p < 1e-99`` of what arithmetic may have made 0."""
+    return "p < 1e-99" if p < 1e-99 else f"p = {p:.2g}"

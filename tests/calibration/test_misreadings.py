@@ -33,6 +33,7 @@ from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.misreading import misfit, refuse_misread, refuse_small_misreading
+from ppmcal.calibration.mistakes import mistakes
 from ppmcal.calibration.other_machine import other_machine, refuse_other_machine
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem
@@ -345,6 +346,14 @@ def test_a_planar_machine_is_searched_too() -> None:
     with pytest.raises(Misread) as refused:
         refuse_misread(Problem(machine, (read_so,), machine.free))
     assert {m.kind for m in refused.value.found[0].mistakes} == {"permuted", "sign"}
+
+
+def test_a_planar_machine_is_told_of_columns_that_it_has() -> None:
+    machine = load(shipped("3-RPR"))
+    data = _planar_data(machine, np.zeros((3, 3)))
+    inches = FileReading(JointReading((0, 1, 2), (1, 1, 1), ("", "", "")),
+                         PoseReading(units=("in", "in", "in"), turn_unit="rad"))
+    assert [m.columns for m in mistakes(inches, machine, data)] == [("x", "y"), ("rz",)]
 
 
 def _planar_data(machine: Mechanism, pose: Array) -> Dataset:

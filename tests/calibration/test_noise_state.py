@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+from helpers.commands import ppmcal as run
 
 import ppmcal
 from ppmcal.calibration.fit import FitOptions
@@ -90,3 +94,24 @@ def test_noise_that_is_too_small_is_not_blamed_on_the_tolerances(hexapod: Mechan
 @pytest.mark.parametrize(("method", "said"), [("prior", False), ("gcv", True), ("damped", True)])
 def test_intervals_that_hold_less_often_say_so(method: str, said: bool) -> None:
     assert any("held the truth" in t for t in short_intervals(method)) == said
+
+
+def test_tolerances_that_are_too_tight_are_said_wherever_a_person_looks(tmp_path: Path) -> None:
+    """Console, JSON and page say so, and the exit code is that of a finding."""
+    run("init", "3-RPR", "--out", tmp_path / "mine.yaml", expect=0)
+    scenario = yaml.safe_load((tmp_path / "mine.scenario.yaml").read_text())
+    scenario["errors"] = {"random": {"scale": 3.0}}
+    (tmp_path / "mine.scenario.yaml").write_text(yaml.safe_dump(scenario))
+    run("simulate", tmp_path / "mine.yaml", tmp_path / "mine.scenario.yaml", "--seed", 2,
+        "--out", tmp_path / "s", expect=0)
+    data = tmp_path / "s" / "measurements.csv"
+    said = run("identify", tmp_path / "mine.yaml", data, "--keep-outliers", "--out", tmp_path / "i",
+               expect=1)
+    assert "the tolerances are too tight" in " ".join((said.out + said.err).split())
+    record = json.loads((tmp_path / "i" / "identification.json").read_text())
+    assert any("the tolerances are too tight" in f for f in record["findings"])
+    assert record["noise"]["prior_p"] < 1e-3
+    run("report", tmp_path / "i", "--out", tmp_path / "r", expect=0)
+    page = (tmp_path / "r" / "report.html").read_text()
+    assert "the errors are larger than the tolerances allow" in page
+    assert "With doubts" in page and "the tolerances are too tight" in page

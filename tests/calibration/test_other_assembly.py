@@ -7,7 +7,11 @@ import pytest
 from helpers.paths import ROOT
 
 from ppmcal.calibration.day_noise import with_day_noise
+from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.frozen_models import FrozenModel, validated
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.other_assembly import in_other_assembly
+from ppmcal.calibration.problem import Problem
 from ppmcal.design.assembly_modes import assembly_modes
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.validation import ValidationRecord, misled, model_sentence
@@ -65,3 +69,15 @@ def test_a_machine_that_is_far_off_is_in_no_other_assembly_mode():
     day = judged(mechanism, far)
     assert not day.elsewhere and "the model misses by" in model_sentence(day)
     assert any("another machine" in f for f in misled([day]))
+
+
+def test_values_typed_wrong_are_no_other_assembly_mode():
+    """Off by as much as modes are apart, but where none is."""
+    mechanism = read_mechanism(ROOT / "configs" / "3-RPR.yaml")
+    data, rng = measured(mechanism, "own"), np.random.default_rng(6)
+    wrong = data.position + np.where(np.arange(12)[:, None] < 4,
+                                     rng.uniform(-0.6, 0.6, (12, 3)) * [1.0, 1.0, np.nan], 0.0)
+    wrong[:, 2] = np.nan
+    fit = identify(Problem(mechanism, (replace(data, position=wrong),), ()),
+                   FitOptions(method="flat", robust=False))
+    assert not in_other_assembly(fit).any()

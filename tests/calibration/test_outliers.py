@@ -21,6 +21,7 @@ from ppmcal.calibration.homing_shift import HomingShift
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.outliers import find_gross_errors
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import report
 from ppmcal.io.results.gross_errors import GrossErrorSummary, row_sentences
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -41,6 +42,21 @@ def calipers(mechanism: Mechanism, g: Array, rng: np.random.Generator, n: int) -
     q, to_q = (joints_at(mechanism, g, part) for part in ends)
     found = data_of(mechanism, "distance", q, to_q, g, rng, 2e-5, False)
     return replace(found, name="calipers", sigma_value=np.full(n, 2e-5))
+
+
+def test_what_left_out_rows_would_change_starts_from_the_values_that_are_told(
+        tmp_path: Path) -> None:
+    """The touches scatter three times as much as stated, so that the fit is not the first one."""
+    mechanism = printer(tmp_path)
+    rng = np.random.default_rng(1)
+    good = touches(mechanism, truth(mechanism, rng), rng, 40)
+    scatter = rng.normal(0.0, 3.0, 40) * good.sigma_value
+    bad = replace(good, value=good.value + scatter + np.where(np.arange(40) == 17, -8e-3, 0.0))
+    told = report(fitted(mechanism, bad), FitOptions(), 0.0, 0)
+    assert told.gross_errors.would and told.noise.inflation > 1.5
+    values = dict(zip(mechanism.names, told.fit.state.g, strict=True))
+    for name, (now, _) in told.gross_errors.would.items():
+        assert now == values[name]
 
 
 def test_a_probe_that_did_not_trigger_is_named(tmp_path: Path) -> None:

@@ -37,6 +37,11 @@ def test_they_are_left_alone_and_named(tmp_path: Path) -> None:
     (said,) = [f for f in data.findings if "nobody knows" in f]
     for name in ("pressure", "operator", "Humidity"):
         assert name in said
+    # the line that it offers is one that works
+    block = said[said.index("`") + 1:said.rindex("`")]
+    with path.with_suffix(".yaml").open("a", encoding="utf-8") as sidecar:
+        sidecar.write(f"\n{block}\n")
+    assert not any("nobody" in f for (d,) in [ppmcal.read_data(MACHINE, path)] for f in d.findings)
     (bare,) = ppmcal.read_data(MACHINE, with_columns(tmp_path, {}))
     np.testing.assert_array_equal(data.position, bare.position)
     assert data.columns.keys() == bare.columns.keys()

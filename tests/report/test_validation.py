@@ -13,6 +13,7 @@ from ppmcal.io.results.validation import (
     ValidatedDataset,
     ValidationRecord,
     effects_sentence,
+    misled,
     registered_sentence,
 )
 from ppmcal.report.validation import picture
@@ -48,6 +49,18 @@ def test_words(day):
     assert registered_sentence(day) == ("may: 40 of 41 rows; fitted: the frame and the joints' "
                                         "zeros (the joints' zeros since the data demand it).")
     assert effects_sentence(day) == "It is made smaller by backlash (0.03 mm)."
+
+
+def test_a_miss_that_is_one_row_is_not_told_as_another_machine(day):
+    """One value typed wrong of 40: 0.8 mm off, the others within 0.01 mm."""
+    def missing(largest):
+        size = ErrorSize(rms=0.13, max=largest, unit="mm")
+        first = day.errors[0].model_copy(update={"position": size, "noise": 19.0})
+        return misled([day.model_copy(update={"errors": (first, *day.errors[1:])})])[0]
+
+    assert "one row, off by 0.8 mm" in missing(0.8)
+    assert "another machine" not in missing(0.8)
+    assert "measurements of another machine" in missing(0.4)
 
 
 def test_the_picture_has_a_line_for_each_machine(day):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ppmcal.calibration.noise import LARGER, SMALLER
 from ppmcal.io.results.identification_parts import Combination, NoiseCheck
-from ppmcal.wording import counted
+from ppmcal.wording import chance, counted
 
 TERMS = 6
 
@@ -15,7 +15,7 @@ def noise_verdict(noise: NoiseCheck) -> tuple[str, bool]:
     if ratio is None and p is None:
         return "", True
     tail = ", ".join(([] if ratio is None else [f"ratio {ratio:.3g}"])
-                     + ([] if p is None else [f"p = {p:.2g}"]))
+                     + ([] if p is None else [chance(p)]))
     state = noise.state
     if state == LARGER:
         return (f"what remains is larger than the stated noise explains ({tail}): something is "

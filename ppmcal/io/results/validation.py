@@ -17,6 +17,9 @@ OPENED = {"frame": "the frame", "target": "the target", "rotation": "the body's 
           "homing": "the joints' zeros"}
 
 
+ONE_ROW, FEW = 0.8, 5
+"""A miss that is for so large a part of its mean square that of one row, of so many at least,
+tells of that row and not of the machine."""
 SIZES = ("rms", "rms_low", "rms_high", "p95", "p95_low", "p95_high", "max")
 """Figures of an error, and the ends of their 95 % intervals."""
 
@@ -237,19 +240,36 @@ def effects_sentence(data: ValidatedDataset) -> str:
     return f"It is {'; '.join(told)}." if told else ""
 
 
+def _of_one_row(data: ValidatedDataset) -> str:
+    """Return that one row makes nearly all of the mean square, empty where none does."""
+    size = data.errors[0].position or data.errors[0].rotation
+    if size is None or not size.rms or size.max is None or data.rows < FEW:
+        return ""
+    share = size.max**2 / (data.rows * size.rms**2)
+    return (f"{share:.0%} of its mean square is one row, off by {number(size.max)} {size.unit}"
+            if share > ONE_ROW else "")
+
+
+def _missed(data: ValidatedDataset) -> list[str]:
+    """Return what a model misses a data set by, if it does: what that is most likely."""
+    if data.elsewhere:
+        return [f"{data.name}: {data.elsewhere} of {data.rows} rows were measured in another "
+                "assembly mode than home's: set `home` in the machine file to a pose of theirs, or "
+                "leave them out; nothing else here is to be read as an error of the model"]
+    times = data.errors[0].noise if data.errors else None
+    if times is None or times <= MISSED:
+        return []
+    one = _of_one_row(data)
+    return [f"{data.name}: {number(times, 2)} times the noise: " + (
+        f"{one}, a value typed wrong perhaps: `identify` names the row" if one else
+        "measurements of another machine, or of one that has changed")]
+
+
 def misled(datasets: Sequence[ValidatedDataset]) -> list[str]:
     """Return what a person must look at: a miss, effects that make it worse, better machines."""
     out = []
     for data in datasets:
-        times = data.errors[0].noise if data.errors else None
-        if data.elsewhere:
-            out.append(f"{data.name}: {data.elsewhere} of {data.rows} rows were measured in "
-                       "another assembly mode than home's: set `home` in the machine file to a "
-                       "pose of theirs, or leave them out; nothing else here is to be read as an "
-                       "error of the model")
-        elif times is not None and times > MISSED:
-            out.append(f"{data.name}: {number(times, 2)} times the noise: measurements of another "
-                       "machine, or of one that has changed")
+        out += _missed(data)
         for e in data.errors:
             if e.verdict == "better" and e.closer is not None:
                 ends = "" if e.low is None or e.high is None else (
