@@ -1,6 +1,7 @@
 """Rows copied are no repeats; honest repeats that read alike are none the fewer."""
 
 import csv
+import json
 import math
 from dataclasses import replace
 
@@ -437,3 +438,18 @@ def test_honest_heights_of_another_day_are_no_copies(printer, seed):
     actuators = face.load(printer / "mine.yaml").actuators
     known = known_rows(of_probe(printer, table), actuators)
     assert count_among(of_probe(printer, again), actuators, [known]) == (0, False)
+
+
+@pytest.mark.parametrize("lines", [["a,b"], ["1,2", "1"], ["1e999,1"], [""], ["nan,nan"], []])
+def test_rows_in_a_record_that_are_none_do_no_harm(bench, calibrated, tmp_path, lines):
+    record = json.loads((calibrated / "identification.json").read_text())
+    record["known_rows"][0] |= {"rows": lines, "columns": ["x", "y"]}
+    for name in ("identified.yaml", "identification.json"):
+        (tmp_path / name).write_text((calibrated / name).read_text())
+    (tmp_path / "identification.json").write_text(json.dumps(record))
+    path = written(bench, measured(bench), "harmless")
+    run = ppmcal("validate", tmp_path, path, "--out", tmp_path / "v")
+    assert run.code in (0, 1) and "Traceback" not in run.err
+    run = ppmcal("identify", bench / "mine.yaml", path, "--start", tmp_path, "--keep",
+                 "--out", tmp_path / "i")
+    assert run.code in (0, 1, 2) and "Traceback" not in run.err
