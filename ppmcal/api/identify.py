@@ -33,6 +33,7 @@ from ppmcal.calibration.freedom_choice import (
 )
 from ppmcal.calibration.identifiability import predict_identifiability, with_held
 from ppmcal.calibration.identify import identify as fitted
+from ppmcal.calibration.intervals import coverage
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.noise import noise_check, noise_sentences, with_estimated_noise
 from ppmcal.calibration.other_machine import refuse_other_machine
@@ -168,7 +169,8 @@ def scale_sentences(found: Identification) -> Iterator[str]:
         if data.scale.fitted:
             place = names.index(f"scale of {data.name}")
             sigma = float(np.sqrt(found.covariance[place, place]))
-            yield (f"{data.name}: shows {registration.scale:.5f} +- {1.96 * sigma:.2g} of true "
+            half = coverage(fit) * sigma
+            yield (f"{data.name}: shows {registration.scale:.5f} +- {half:.2g} of true "
                    "lengths (95 %).")
 
 

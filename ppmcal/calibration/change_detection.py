@@ -28,6 +28,7 @@ from ppmcal.calibration.explanations import (
 )
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
+from ppmcal.calibration.intervals import coverage_by
 from ppmcal.calibration.joint_rows import joint_rows
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.pose_difference import PoseDifference, pose_difference
@@ -94,6 +95,11 @@ class Comparison:
     noise: DifferenceNoise
     pose_difference: PoseDifference | None
     covariance: Array
+
+    @property
+    def coverage(self) -> float:
+        """Half of a 95 % interval of a difference over its sigma."""
+        return coverage_by(self.noise.degrees)
 
     @property
     def changed(self) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.calibration.disagreement import Disagreement
+from ppmcal.calibration.disagreement import Z95, Disagreement
 from ppmcal.calibration.fit import Fit, posterior
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
 from ppmcal.calibration.problem import Problem, State
@@ -17,7 +17,6 @@ from ppmcal.linalg import Array, svd
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
-Z95 = 1.959963984540054
 IMPLAUSIBLE = 8.0
 """A finding: a parameter that ends so many tolerances from its nominal value."""
 

@@ -13,9 +13,15 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, stdtrit
 
-from ppmcal.calibration.disagreement import Disagreement, differs, disagreement, half_of_mixture
+from ppmcal.calibration.disagreement import (
+    Z95,
+    Disagreement,
+    differs,
+    disagreement,
+    half_of_mixture,
+)
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.noise import LEAST, noise_parts
 from ppmcal.calibration.session_clusters import clusters
@@ -46,10 +52,7 @@ def by_noise(fit: Fit, options: FitOptions) -> Array:
         options: that it was made with; a prior that was chosen by the residuals goes with the
             noise.
     """
-    chi2, degrees = noise_parts(fit)
-    freedom = LEAST + max(degrees, 0)
-    chance = (np.arange(NODES) + 0.5) / NODES
-    variance = (LEAST + chi2 * (degrees > 0)) / chdtri(freedom, chance)
+    variance = _variances(fit)
     if options.method == "gcv" or not fit.prior.any():
         each = np.outer(variance, np.diagonal(prediction_covariance(fit)))
     else:
@@ -61,6 +64,31 @@ def by_noise(fit: Fit, options: FitOptions) -> Array:
         each = np.exp([np.interp(np.log(variance), np.log(some), own) for own in logs]).T
     half = half_of_mixture(each)
     return np.where(np.isinf(np.diagonal(posterior(fit))), np.inf, half)
+
+
+def _variances(fit: Fit) -> Array:
+    """Return equally likely variances of the rows (n,), over those that the fit has."""
+    chi2, degrees = noise_parts(fit)
+    freedom = LEAST + max(degrees, 0)
+    chance = (np.arange(NODES) + 0.5) / NODES
+    return np.asarray((LEAST + chi2 * (degrees > 0)) / chdtri(freedom, chance))
+
+
+def coverage(fit: Fit) -> float:
+    """Return half of a 95 % interval over the sigma that the fit's noise makes.
+
+    As :func:`by_noise` has it, of what no tolerance holds: an effect's size, a learned curve.
+    """
+    return float(half_of_mixture(_variances(fit)[:, None])[0])
+
+
+def coverage_by(degrees: float) -> float:
+    """Return the same of a noise that was estimated from so many degrees of freedom (Student).
+
+    >>> round(coverage_by(float("inf")), 2), round(coverage_by(10.0), 2)
+    (1.96, 2.23)
+    """
+    return Z95 if np.isinf(degrees) else float(stdtrit(degrees, 0.975))
 
 
 @stage("widening intervals where rows disagree")
@@ -167,7 +195,7 @@ def in_words(fit: Fit, found: Disagreement | None) -> list[str]:
         return []
     sigma = np.sqrt(np.diagonal(posterior(fit)))[:len(fit.problem.free)]
     known = np.isfinite(sigma) & (sigma > 0.0)
-    wide = float(np.median(found.half[:sigma.size][known] / (1.96 * sigma[known])
+    wide = float(np.median(found.half[:sigma.size][known] / (Z95 * sigma[known])
                            )) if known.any() else 1.0
     if not found.sessions:
         return [f"what the model leaves is smooth over {found.labels[0].rsplit(' ', 1)[0]}: "
@@ -195,7 +223,7 @@ def _values(fit: Fit, found: Disagreement, column: int) -> str:
     factor = units.factor(parameter.quantity)
     value = float(fit.state.g[place])
     each = ", ".join(
-        f"{(value + own) / factor:.6g} +- {1.96 * sigma / factor:.2g} in {label}"
+        f"{(value + own) / factor:.6g} +- {Z95 * sigma / factor:.2g} in {label}"
         for label, own, sigma in zip(found.labels, found.own[:, column].tolist(),
                                      found.own_sigma[:, column].tolist(), strict=True))
     return (f"{parameter.name} {each} {units.name(parameter.quantity)}"

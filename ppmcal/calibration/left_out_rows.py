@@ -212,7 +212,8 @@ def _places(fit: Fit, index: int) -> Iterator[Found]:
     The platform's pose is that of the joints: what was measured there may be wrong itself.
     """
     mechanism, data = fit.problem.mechanism, fit.problem.datasets[index]
-    pose = pose_vector(fit.state.poses[index])
+    # of a distance between two positions the first is where it is
+    pose = pose_vector(fit.state.poses[index][:, :8])
     low = ("lowest", "middle", "highest")
     for what, values, joint in (
             *((POSE_COORDINATES[c], pose[:, c], None) for c in mechanism.dof),

@@ -79,7 +79,7 @@ def _show(record: ComparisonRecord, console: Console) -> None:
     console.table(plain_table(
         ["parameter", "new", "new - old", "+- 95 %", "unit", "changed"],
         [[r.name, number(r.new, 6), f"{r.difference:+.3g}",
-          number(1.96 * (r.sigma or 0.0), 2), r.unit, _status(r)] for r in rows[:SHOWN]],
+          number(r.wide or 0.0, 2), r.unit, _status(r)] for r in rows[:SHOWN]],
         (1, 2, 3)))
     if len(rows) > SHOWN:
         console.say(f"The {SHOWN} likeliest to have changed; all {len(rows)} in compare.csv.")

@@ -215,8 +215,8 @@ def _values(values: Mapping[str, EffectValue]) -> str:
     """Return ``width 0.02 +- 0.001 mm`` of all values that have an uncertainty."""
     return ", ".join(
         f"{name.removesuffix('_mid_stroke')} {number(v.value * f)} "
-        f"+- {number(1.96 * v.sigma * f, 2)} {unit}".rstrip()
-        for name, v in values.items() if v.sigma is not None and v.value is not None
+        f"+- {number(v.half * f, 2)} {unit}".rstrip()
+        for name, v in values.items() if v.half is not None and v.value is not None
         for f, unit in [rate(v.unit, v.value)])
 
 

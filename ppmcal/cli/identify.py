@@ -114,7 +114,9 @@ def _show_parameters(record: IdentificationRecord, console: Console) -> None:
 
 
 def _half(sigma: float | None) -> str:
-    return number(None if sigma is None else 1.96 * sigma, 3)
+    from ppmcal.calibration.disagreement import Z95
+
+    return number(None if sigma is None else Z95 * sigma, 3)
 
 
 PRIOR_DOMINATED = 0.8

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ppmcal import linalg
+from ppmcal.calibration.disagreement import Z95
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.response import Rows
@@ -66,7 +67,7 @@ class Binned:
         seen = half > 1e-9 * np.abs(mean)
         if not seen.any():
             return 0.0
-        return float(np.mean((1.96 * mean[seen] / half[seen]) ** 2))
+        return float(np.mean((Z95 * mean[seen] / half[seen]) ** 2))
 
 
 def gather(before: Fit, after: Fit, rows: Sequence[Bools]

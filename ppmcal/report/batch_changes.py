@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from ppmcal.calibration.disagreement import Z95
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
 from ppmcal.report.format import listed, sig, to_sigma, typeset
 from ppmcal.report.html import paragraph, table, words
 from ppmcal.report.section import Section
 
-Z95, APART = 1.96, 3.0
-"""The 95 % interval; sizes differ from so many standard deviations of the difference on."""
+APART = 3.0
+"""Sizes differ from so many standard deviations of the difference on."""
 
 
 def changes(compared: Sequence[CampaignRecord]) -> Section | None:

@@ -23,7 +23,6 @@ from ppmcal.report.html import Cell, amount, dotted, figures, paragraph, table, 
 from ppmcal.report.records import ComparedCalibrations
 from ppmcal.report.section import Section
 
-Z95 = 1.96
 SHOWN, PLOTTED = 12, 40
 STYLES = {"changed": "out", "possible": "before"}
 KEYS = {"changed": "changed", "possible": "possible instead"}
@@ -56,7 +55,7 @@ def _changes(r: ComparisonRecord) -> str:
     rows = []
     for c in r.changes:
         for i, n in enumerate(c.numbers):
-            wide = None if n.sigma is None else Z95 * n.sigma
+            wide = n.wide
             name = f"{c.name}: {n.name}" if n.name else c.name
             rows.append([dotted(name), amount(n.value, to_sigma(n.value, n.sigma)),
                          amount(wide, f"± {sig(wide, 2)}"), words(n.unit),
@@ -87,7 +86,7 @@ def _likeliest(rows: Sequence[ParameterDifference]) -> str:
 
 
 def _row(p: ParameterDifference) -> list[Cell]:
-    wide = None if p.sigma is None else Z95 * p.sigma
+    wide = p.wide
     return [dotted(p.name), amount(p.old, to_sigma(p.old, p.sigma)),
             amount(p.new, to_sigma(p.new, p.sigma)),
             amount(p.difference, to_sigma(p.difference, p.sigma)),
@@ -106,7 +105,7 @@ def differences(rows: Sequence[ParameterDifference]) -> Drawing | None:
     seen.sort(key=lambda s: (s[1].status not in STYLES, -abs(s[0])))
     shown = sorted(seen[:PLOTTED], key=lambda s: -abs(s[0]))
     less = f" The {len(shown)} largest of {len(seen)}." if len(shown) < len(seen) else ""
-    x = span([e for z, _ in shown for e in (z - Z95, z + Z95, 0.0)])
+    x = span([e for z, p in shown for e in (z - _bar(p), z + _bar(p), 0.0)])
     return rows_plot(x, "(new − old) / sigma", _layers(shown),
                      [(p.name or "?", p.status == "changed") for _, p in shown]).drawing(
         "New minus old in units of sigma",
@@ -132,7 +131,8 @@ def _layers(shown: Sequence[tuple[float, ParameterDifference]]) -> list[Layer]:
         if mine:
             z, y = np.array([m[:2] for m in mine]).T
             said = Points([_said(p) for *_, p in mine])
-            out += [Strokes(y, z - Z95, z + Z95, kind, flat=True),
+            bar = np.array([_bar(p) for *_, p in mine])
+            out += [Strokes(y, z - bar, z + bar, kind, flat=True),
                     Marks(z, y, "out", "D", 5.6, said) if kind == "out" else
                     Dots(z, y, kind, points=said)]
     return out
@@ -140,9 +140,14 @@ def _layers(shown: Sequence[tuple[float, ParameterDifference]]) -> list[Layer]:
 
 def _said(p: ParameterDifference) -> str:
     """Return a parameter's name and difference with its 95 % interval."""
-    half = None if p.sigma is None else Z95 * p.sigma
+    half = p.wide
     return (f"{p.name or '?'}\nnew − old: {to_sigma(p.difference, p.sigma)} ± {sig(half, 2)} "
             f"{p.unit}").rstrip()
+
+
+def _bar(p: ParameterDifference) -> float:
+    """Return half of the 95 % interval over sigma."""
+    return (p.wide or 0.0) / (p.sigma or 1.0)
 
 
 def _ratio(p: ParameterDifference) -> float | None:

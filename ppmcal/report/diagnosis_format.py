@@ -78,12 +78,12 @@ def amounts(effect: DiagnosedEffect) -> list[tuple[str, str]]:
     out = []
     derived = {n.replace("_mid_stroke", " at mid-stroke"): v for n, v in effect.derived.items()}
     for name, v in {**effect.parameters, **derived}.items():
-        value, sigma = number(v.value), number(v.sigma)
+        value, half = number(v.value), number(v.half)
         if value is None:
             continue
         factor, unit = rate(v.unit, value)
-        value, sigma = value * factor, None if sigma is None else sigma * factor
-        text = sig(value, 4) if sigma is None or sigma <= 0.0 else _interval(value, 1.96 * sigma)
+        value, half = value * factor, None if half is None else half * factor
+        text = sig(value, 4) if half is None or half <= 0.0 else _interval(value, half)
         out.append((name, f"{text} {_plain_unit(unit)}".rstrip()))
     return out
 

@@ -13,6 +13,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from ppmcal.calibration.disagreement import Z95
 from ppmcal.io.output import json_text
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.web import spec, told
@@ -117,7 +118,7 @@ def error_bar(error: float | None, tolerance: float | None, sigma: float | None)
     """
     if error is None or tolerance is None or not tolerance > 0.0:
         return ""
-    half = 1.96 * (sigma or 0.0)
+    half = Z95 * (sigma or 0.0)
 
     def at(value: float) -> float:
         return 65.0 + 20.0 * max(-2.9, min(2.9, value / tolerance))

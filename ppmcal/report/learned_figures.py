@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ppmcal.calibration.disagreement import Z95
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import learned_name
 from ppmcal.io.results.learned_parts import LearnedEntry
@@ -37,7 +38,7 @@ def _picture(record: DiagnosisRecord, entry: LearnedEntry) -> Drawing | None:
     curve, rows = _columns(entry.x, entry.value, entry.sigma), _columns(entry.at, entry.partial)
     if curve is None or rows is None:
         return None
-    half = 1.96 * curve[2]
+    half = (record.coverage or Z95) * curve[2]
     factor, unit = finer(entry.unit, float(np.max(np.abs(curve[1]) + half)))
     ends = factor * np.quantile(rows[1], [1.0 - SHOWN, SHOWN])
     up = span(np.concatenate([ends, factor * (curve[1] - half), factor * (curve[1] + half)]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from ppmcal.calibration.identify import identify
 from ppmcal.calibration.posterior import Posterior
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import rank_of
+from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.model.dataset import Dataset
@@ -223,6 +225,18 @@ def test_compare_names_what_changed(sessions: Path, tmp_path: Path) -> None:
     (change,) = run.json["changes"]
     assert "leg2.offset" in [change["name"], *change["instead"]]
     assert run.json["verdict"] == "changed" and run.json["p_value"] < 1e-6
+    assert change["half"] == pytest.approx(1.96 * change["sigma"], rel=1e-3)    # stated noise holds
+
+
+def test_an_interval_of_a_difference_is_of_the_noise_as_it_is_known() -> None:
+    mechanism, rng = machine("3-RPR"), np.random.default_rng(2)
+    g = drawn(mechanism, rng)
+    one, two = (known(fitted(mechanism, session(mechanism, "3-RPR", g, rng, label=label)))
+                for label in "ab")
+    found, _ = between(mechanism, one, two, {}, rng)
+    rough = replace(found, noise=replace(found.noise, degrees=8.0))
+    entries = ComparisonRecord.of(rough, mechanism, {}).parameters
+    assert {round(e.half / e.sigma, 2) for e in entries if e.half and e.sigma} == {2.31}
 
 
 def test_keep_carries_on(sessions: Path, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from scipy.special import stdtrit
 import ppmcal
 from ppmcal.calibration.fit import Fit, FitOptions, posterior
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.intervals import by_noise
+from ppmcal.calibration.intervals import by_noise, coverage, coverage_by
 from ppmcal.calibration.noise import LEAST, noise_check, noise_parts, with_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
@@ -52,6 +52,22 @@ def test_without_a_prior_intervals_are_student_s(stage: Mechanism) -> None:
     freedom = LEAST + degrees
     expected = stdtrit(freedom, 0.975) * np.sqrt((LEAST + chi2) / freedom) * sigma
     np.testing.assert_allclose(by_noise(fit, options), expected, rtol=2e-3)
+
+
+def test_what_only_noise_makes_uncertain_has_one_factor(stage: Mechanism) -> None:
+    options = FitOptions("flat", robust=False)
+    fit, _ = fitted(stage, 1, 1.0, options)
+    sigma = np.sqrt(np.diagonal(posterior(fit)))
+    np.testing.assert_allclose(by_noise(fit, options), coverage(fit) * sigma, rtol=1e-6)
+
+
+@pytest.mark.parametrize("degrees", [4, 10, 40])
+def test_intervals_by_an_estimated_noise_hold(degrees: int) -> None:
+    """A difference over a sigma from so few degrees of freedom; 1.96 of it holds less."""
+    rng = np.random.default_rng(degrees)
+    z = rng.standard_normal(40000) / np.sqrt(rng.chisquare(degrees, 40000) / degrees)
+    assert np.mean(np.abs(z) < coverage_by(degrees)) == pytest.approx(0.95, abs=0.005)
+    assert np.mean(np.abs(z) < coverage_by(degrees)) > np.mean(np.abs(z) < coverage_by(np.inf))
 
 
 def test_what_a_tolerance_holds_is_no_less_certain_for_noise(stage: Mechanism) -> None:

@@ -28,6 +28,7 @@ from ppmcal.api.inputs import source_of
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.identify import identify
+from ppmcal.calibration.intervals import coverage
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.validation import fresh_state
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
@@ -123,6 +124,26 @@ def joint_errors(fit: Fit, keep: NDArray[np.bool_]) -> tuple[Array, Array]:
     sigma = np.array([data.sigma_position[0, 0]] * 2 + [data.sigma_rotation[0, 2]])
     return (np.einsum("nam,nm->na", back, residual(data.q)),
             np.sqrt(np.einsum("nam,m->na", back**2, sigma**2)))
+
+
+def test_sizes_have_the_interval_of_the_fit_and_held_out_rows_say_what_they_chose(
+        cases: Callable[[str], Case]) -> None:
+    case = cases("named")
+    half = {e.name: 0.5 * (e.interval[1] - e.interval[0])
+            for e in case.result.identification.estimates if e.interval is not None}
+    units = case.result.identification.mechanism.units
+    seen = 0
+    for effect, entry in zip(case.result.effects, case.whole.effects, strict=True):
+        for name in effect.parameters:
+            value = entry.parameters[name.rpartition(".")[2]]
+            quantity = case.result.identification.mechanism.parameters[
+                case.result.identification.mechanism.names.index(name)].quantity
+            assert value.half == pytest.approx(half[name] / units.factor(quantity))
+            assert value.sigma is not None and value.half > 1.9 * value.sigma
+            seen += 1
+    assert seen
+    assert case.record["gap"]["chose"] == ["effects", "learned"]
+    assert case.record["coverage"] == pytest.approx(coverage(case.result.identification.fit))
 
 
 @dataclass(frozen=True)

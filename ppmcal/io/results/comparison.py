@@ -10,6 +10,7 @@ import numpy as np
 
 from ppmcal.calibration.change_detection import Change, ChangePart, Comparison
 from ppmcal.calibration.common_misfit import DifferenceNoise
+from ppmcal.calibration.disagreement import Z95
 from ppmcal.calibration.pose_difference import PoseDifference
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Text, Whole
@@ -27,11 +28,17 @@ LEFT = 0.01
 """What is left is told where chance would leave as much this rarely."""
 
 
+def half_of(half: float | None, sigma: float | None) -> float | None:
+    """Return half of a 95 % interval; where a file does not say, as if the noise were known."""
+    return half if half is not None or sigma is None else Z95 * sigma
+
+
 class ParameterDifference(Part):
     """One parameter in both calibrations, in ``unit``; ``p_alone`` is bare.
 
     ``difference`` is that of the two fits, in which parameters stand in for each other;
-    ``explained`` is what the named changes say of it.
+    ``explained`` is what the named changes say of it; ``half``: of its 95 % interval, the size of
+    the noise not being known exactly.
     """
 
     name: Text = ""
@@ -43,28 +50,41 @@ class ParameterDifference(Part):
     p_alone: Finite | None = None
     status: Text = ""
     explained: Finite | None = None
+    half: Finite | None = None
+
+    @property
+    def wide(self) -> float | None:
+        """Half of the 95 % interval of the difference, None without one."""
+        return half_of(self.half, self.sigma)
 
 
 class PartOfChange(Part):
-    """One number of a change, in ``unit``."""
+    """One number of a change, in ``unit``; ``half``: of its 95 % interval."""
 
     name: Text = ""
     value: Finite | None = None
     sigma: Finite | None = None
     unit: Text = ""
+    half: Finite | None = None
 
     @classmethod
-    def of(cls, p: ChangePart, mechanism: Mechanism) -> PartOfChange:
-        """Return the number in file units."""
+    def of(cls, p: ChangePart, mechanism: Mechanism, times: float) -> PartOfChange:
+        """Return the number in file units; ``times``: sigmas to an end of the 95 % interval."""
         f = column_factor(mechanism, p.column)
         return cls(name=p.name, value=p.value / f, sigma=p.sigma / f,
-                   unit=column_unit(mechanism, p.column))
+                   unit=column_unit(mechanism, p.column), half=times * p.sigma / f)
+
+    @property
+    def wide(self) -> float | None:
+        """Half of the 95 % interval, None without one."""
+        return half_of(self.half, self.sigma)
 
 
 class NamedChange(Part):
     """One change that the data name, in ``unit``; ``instead``: what explains it as well.
 
-    ``p_value`` is bare. A change of several numbers has them in ``parts``, and none itself.
+    ``half``: of its 95 % interval. ``p_value`` is bare. A change of several numbers has them in
+    ``parts``, and none itself.
     """
 
     name: Text = ""
@@ -74,20 +94,23 @@ class NamedChange(Part):
     p_value: Finite | None = None
     instead: tuple[Text, ...] = ()
     parts: tuple[PartOfChange, ...] = ()
+    half: Finite | None = None
 
     @classmethod
-    def of(cls, c: Change, mechanism: Mechanism) -> NamedChange:
-        """Return a change in file units."""
-        parts = [PartOfChange.of(p, mechanism) for p in c.parts]
+    def of(cls, c: Change, mechanism: Mechanism, times: float) -> NamedChange:
+        """Return a change in file units; ``times``: sigmas to an end of the 95 % interval."""
+        parts = [PartOfChange.of(p, mechanism, times) for p in c.parts]
         if len(parts) == 1:
             return cls(name=c.name, value=parts[0].value, sigma=parts[0].sigma,
-                       unit=parts[0].unit, p_value=c.p_value, instead=c.instead)
+                       unit=parts[0].unit, p_value=c.p_value, instead=c.instead,
+                       half=parts[0].half)
         return cls(name=c.name, p_value=c.p_value, instead=c.instead, parts=tuple(parts))
 
     @property
     def numbers(self) -> tuple[PartOfChange, ...]:
         """The numbers of the change, of one number without a name."""
-        return self.parts or (PartOfChange(value=self.value, sigma=self.sigma, unit=self.unit),)
+        return self.parts or (PartOfChange(value=self.value, sigma=self.sigma, unit=self.unit,
+                                           half=self.half),)
 
 
 class NoiseOfDifference(Part):
@@ -169,7 +192,8 @@ class ComparisonRecord(Record):
         return cls(format=cls.FORMAT, name=mechanism.name,
                    verdict="changed" if found.changed else "unchanged", chi2=found.chi2,
                    degrees=found.freedom, p_value=found.p_value,
-                   changes=tuple(NamedChange.of(c, mechanism) for c in found.changes),
+                   changes=tuple(NamedChange.of(c, mechanism, found.coverage)
+                                 for c in found.changes),
                    p_left=found.p_left,
                    platform=None if moved is None else PlatformDifference.of(moved,
                                                                              mechanism.units),
@@ -208,7 +232,7 @@ def remainder_sentence(r: ComparisonRecord) -> str:
 
 def change_sentence(c: NamedChange) -> str:
     """Return what changed, by how much, and what explains it as well."""
-    numbers = ", ".join(f"{n.name} {n.value or 0.0:+.4g} +- {1.96 * (n.sigma or 0.0):.2g} {n.unit}"
+    numbers = ", ".join(f"{n.name} {n.value or 0.0:+.4g} +- {n.wide or 0.0:.2g} {n.unit}"
                         .strip() for n in c.numbers)
     about = f"{c.name}: {numbers} (95 %)" if c.parts else f"{c.name} changed by {numbers} (95 %)"
     more = " or others" if len(c.instead) > SHOWN else ""
@@ -277,6 +301,7 @@ def _parameters(found: Comparison, mechanism: Mechanism) -> list[ParameterDiffer
             difference=float(found.new[i] - found.old[i]) / f, sigma=float(found.sigma[i]) / f,
             unit=parameter_unit(mechanism, name), p_alone=float(found.alone[i]),
             explained=float(found.explained[i]) / f,
+            half=found.coverage * float(found.sigma[i]) / f,
             status="changed" if name in changed else
             "possible" if name in instead else "unchanged"))
     return out

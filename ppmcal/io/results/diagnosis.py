@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ppmcal.calibration.intervals import coverage
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.diagnosis import other_days
 from ppmcal.diagnosis.plot_data import plot_data
@@ -30,12 +31,18 @@ from ppmcal.io.results.diagnosis_plots import DiagnosisPlots
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.misreading import MisreadingEntry, misreading_entries
 from ppmcal.io.results.other_models import OtherModel, TriedSet, other_files
-from ppmcal.io.results.record import Flag, Provenance, Record, Text, UnitNames
+from ppmcal.io.results.record import Flag, Provenance, Record, Shown, Text, UnitNames
 from ppmcal.io.results.validation import ValidatedDataset
+
+CHOSEN = ("effects", "learned")
+"""What rows left out of the fits choose all the same: which names stand, and which shapes."""
 
 
 class DiagnosisRecord(Record):
-    """diagnosis.json, in the units of the machine's file."""
+    """diagnosis.json, in the units of the machine's file.
+
+    ``coverage``: half of a 95 % interval over sigma, for what only noise makes uncertain.
+    """
 
     FILE: ClassVar[str] = "diagnosis.json"
     FORMAT: ClassVar[str] = "ppmcal/diagnosis/1"
@@ -63,6 +70,7 @@ class DiagnosisRecord(Record):
     sets: tuple[TriedSet, ...] = ()
     validation: tuple[ValidatedDataset, ...] = ()
     plot_data: DiagnosisPlots = DiagnosisPlots()
+    coverage: Shown | None = None
     units: UnitNames = UnitNames()
     provenance: Provenance = Provenance()
 
@@ -85,7 +93,7 @@ class DiagnosisRecord(Record):
                 follows=None if left.p_value >= 0.01 else left.follows, p_value=left.p_value,
                 rms_ratio=left.ratio, noise_reference=left.source, noise_ratio=left.reference,
                 by_input=left.by_input),
-            gap=HeldOutGap.of(result.gap, result.blocks),
+            gap=HeldOutGap.of(result.gap, result.blocks, CHOSEN),
             confirmed=_confirmed(result),
             fit=FitRatios(before=result.start.ratio, after=left.ratio,
                           rows=sum(int(k.sum()) for k in fit.keep)),
@@ -107,7 +115,8 @@ class DiagnosisRecord(Record):
             sets=TriedSet.each(result),
             validation=tuple(ValidatedDataset.of(d, units) for d in result.days),
             plot_data=DiagnosisPlots.of(plot_data(result), units),
-            units=UnitNames.of(units), provenance=Provenance(**provenance))
+            coverage=coverage(fit), units=UnitNames.of(units),
+            provenance=Provenance(**provenance))
 
 
 def _confirmed(result: Diagnosis) -> bool | None:

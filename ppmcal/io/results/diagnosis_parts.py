@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
+from ppmcal.calibration.disagreement import Z95
+from ppmcal.calibration.intervals import coverage
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.derived_errors import derived
 from ppmcal.diagnosis.held_out_blocks import BlockGap
@@ -28,11 +30,28 @@ from ppmcal.units import Units
 
 
 class EffectValue(Part):
-    """A parameter of an effect, or what follows from it, in ``unit``; sigma null if unknown."""
+    """A parameter of an effect, or what follows from it, in ``unit``; sigma null if unknown.
+
+    ``low``, ``high``: its 95 % interval, the size of the noise not being known exactly.
+    """
 
     value: Shown | None = None
     sigma: Shown | None = None
     unit: Text = ""
+    low: Shown | None = None
+    high: Shown | None = None
+
+    @property
+    def half(self) -> float | None:
+        """Half of the 95 % interval, None without one."""
+        if self.low is not None and self.high is not None:
+            return 0.5 * (self.high - self.low)
+        return None if self.sigma is None else Z95 * self.sigma
+
+
+def _wide(value: float, sigma: float, times: float) -> dict[str, float]:
+    """Return the ends of a 95 % interval that is so many sigmas long to each side."""
+    return {"low": value - times * sigma, "high": value + times * sigma}
 
 
 class EventRow(Part):
@@ -73,11 +92,13 @@ class EffectInSession(Part):
         if found is None:
             return ()
         mechanism = result.identification.mechanism
-        units = mechanism.units
+        units, times = mechanism.units, coverage(result.identification.fit)
         quantities = [mechanism.parameters[mechanism.names.index(n)].quantity for n in found.names]
         return tuple(cls(session=label, parameters={
             n.rpartition(".")[2]: EffectValue(value=float(v) / units.factor(q),
-                                              sigma=float(s) / units.factor(q), unit=units.name(q))
+                                              sigma=float(s) / units.factor(q), unit=units.name(q),
+                                              **_wide(float(v) / units.factor(q),
+                                                      float(s) / units.factor(q), times))
             for n, q, v, s in zip(found.names, quantities, value, sigma, strict=True)})
             for label, value, sigma in zip(found.labels, found.value, found.sigma, strict=True))
 
@@ -186,7 +207,8 @@ class HeldOutGap(Part):
 
     ``closed`` = 1 - excess(after)/excess(before), with its 95 % ``interval``; ``rms_closed`` =
     1 - rms(after)/rms(before). ``blocks``: the same with a third of the rows left out in turn,
-    ``by`` what the thirds are of.
+    ``by`` what the thirds are of. ``chose``: what was chosen with the help of these rows, for
+    which they are not unseen: ``effects``, ``learned``; sizes were not fitted to them.
     """
 
     by: Text = ""
@@ -197,12 +219,14 @@ class HeldOutGap(Part):
     rms_closed: Shown | None = None
     interval: tuple[Shown, ...] | None = None
     poses: Whole = 0
+    chose: tuple[Text, ...] = ()
     blocks: tuple[HeldOutGap, ...] = ()
 
     @classmethod
-    def of(cls, gap: Gap | None, blocks: Sequence[BlockGap]) -> HeldOutGap:
-        """Return the gap on held-out poses, and on blocks."""
-        return cls(**_gap(gap), blocks=tuple(cls(by=b.by, **_gap(b.gap)) for b in blocks))
+    def of(cls, gap: Gap | None, blocks: Sequence[BlockGap], chose: Sequence[str]) -> HeldOutGap:
+        """Return the gap on held-out poses, and on blocks; ``chose``: what was chosen by them."""
+        return cls(**_gap(gap), chose=tuple(chose) if gap is not None else (),
+                   blocks=tuple(cls(by=b.by, **_gap(b.gap)) for b in blocks))
 
 
 class FitRatios(Part):
@@ -311,9 +335,14 @@ def _parameters(result: Diagnosis, effect: NamedEffect) -> dict[str, EffectValue
         f = units.factor(e.quantity)
         geometry = effect.kind == GEOMETRY
         known = e.sigma is not None and np.isfinite(e.sigma)
+        shown = (e.error if geometry else e.value) / f
+        low, high = e.interval or (np.nan, np.nan)
+        half = 0.5 * (high - low) / f
+        there = known and np.isfinite(half)
         out[name if geometry else name.rsplit(".", 1)[1]] = EffectValue(
-            value=(e.error if geometry else e.value) / f,
-            sigma=(e.sigma or 0.0) / f if known else None, unit=units.name(e.quantity))
+            value=shown, sigma=(e.sigma or 0.0) / f if known else None,
+            unit=units.name(e.quantity), low=shown - half if there else None,
+            high=shown + half if there else None)
     return out
 
 
@@ -332,6 +361,14 @@ def _derived(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
 
     stroke = {"mid_stroke": EffectValue(**value(found.middle, found.quantity))} if any(
         f.name.endswith("_mid_stroke") for f in found.all) else {}
-    return {**stroke, "derived": {
-        f.name: EffectValue(**value(f.value, f.quantity), sigma=None if f.sigma is None else
-                            f.sigma / units.factor(f.quantity)) for f in found.all}}
+    times = coverage(result.identification.fit)
+
+    def sure(size: float, sigma: float | None, quantity: str) -> EffectValue:
+        if sigma is None:
+            return EffectValue(**value(size, quantity))
+        f = units.factor(quantity)
+        ends = _wide(size / f, sigma / f, times)
+        return EffectValue(value=size / f, sigma=sigma / f, unit=units.name(quantity),
+                           low=ends["low"], high=ends["high"])
+
+    return {**stroke, "derived": {f.name: sure(f.value, f.sigma, f.quantity) for f in found.all}}

@@ -110,9 +110,10 @@ def _own(group: Group, name: str) -> str:
                                             default=0.0))
     values = [v if factor == 1.0 else v.model_copy(update={
         "value": None if v.value is None else factor * v.value,
-        "sigma": None if v.sigma is None else factor * v.sigma}) for v in values]
+        **{k: None if size is None else factor * size
+           for k in ("sigma", "low", "high") for size in [getattr(v, k)]}}) for v in values]
     known = [v.value for v in values if v.value is not None]
-    widest = max((1.96 * v.sigma for v in values if v.sigma is not None), default=None)
+    widest = max((v.half for v in values if v.half is not None), default=None)
     each = ", ".join(f"{e.on[0]} {number(v.value)}" for e, v in zip(group, values, strict=True))
     if not known:
         return f"{name}: {each}"

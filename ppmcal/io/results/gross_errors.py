@@ -9,13 +9,13 @@ from collections.abc import Mapping
 
 from pydantic import Field
 
+from ppmcal.calibration.disagreement import Z95
 from ppmcal.calibration.homing_shift import HomingShift
 from ppmcal.calibration.outliers import GrossError, GrossErrors
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.io.results.units import column_factor, parameter_unit
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
-Z95 = 1.96
 SHOWN = 3
 CHANGED = 3
 ROWS = 8

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from ppmcal.calibration.disagreement import Z95
 from ppmcal.calibration.flatness import Flat
 from ppmcal.calibration.identifiability import CALIPER, CollinearParameters, Identifiability, Scale
 from ppmcal.calibration.rank import Unidentifiable
@@ -15,7 +16,6 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 from ppmcal.wording import MOST, some
 
-Z95 = 1.96
 SMOOTH = 0.01
 """A flat has a shape where chance would show one as strong this rarely."""
 EXACT = 0.9995

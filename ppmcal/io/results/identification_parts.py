@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
+from ppmcal.calibration.disagreement import Z95
 from ppmcal.calibration.estimates import Estimate
 from ppmcal.calibration.freedom_choice import FreedomChoice
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
@@ -79,7 +80,7 @@ class ParameterEstimate(Part):
         """Half of the 95 % interval, None without one."""
         if self.low is not None and self.high is not None:
             return 0.5 * (self.high - self.low)
-        return None if self.sigma is None else 1.96 * self.sigma
+        return None if self.sigma is None else Z95 * self.sigma
 
     @property
     def tolerances(self) -> float | None:
