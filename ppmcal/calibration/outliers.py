@@ -187,7 +187,8 @@ def find_gross_errors(fit: Fit, told: Fit | None = None) -> GrossErrors:
     covariance = prediction_covariance(fit)
     rows = tuple(_left_out(fit))
     told = told or fit
-    return GrossErrors(rows, _would(told, prediction_covariance(told)) if rows else {},
+    return GrossErrors(rows, _would(told, prediction_covariance(told),
+                                    told.noise / fit.noise) if rows else {},
                     tuple(unchecked(fit, covariance)), tuple(homing_shifts(fit)))
 
 
@@ -215,14 +216,18 @@ def _times(fit: Fit, dataset: int, row: int, plain: float) -> float:
     return fit.times[dataset].get(row, plain) if fit.times else plain
 
 
-def _would(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:
-    """Return parameters that the left-out rows would change, to first order."""
+def _would(fit: Fit, covariance: Array, noise: float) -> dict[str, tuple[float, float]]:
+    """Return parameters that the left-out rows would change, to first order.
+
+    ``noise``: what the fit counts rows as, times that of its problem.
+    """
     count = len(fit.problem.free)
     gain, right = np.zeros_like(covariance), np.zeros(len(covariance))
-    for rows in fit.problem.rows(fit.state, True, fit.outliers):
-        flat = rows.jacobian.reshape(-1, len(covariance))
+    # a fit moves the poses of its own rows, not of those left out
+    for rows in fit.problem.rows(fit.problem.solve(fit.state), True, fit.outliers):
+        flat = rows.jacobian.reshape(-1, len(covariance)) / noise
         gain += flat.T @ flat
-        right += flat.T @ rows.residual.reshape(-1)
+        right += flat.T @ rows.residual.reshape(-1) / noise
     step = linalg.solve(np.eye(len(covariance)) + covariance @ gain, covariance @ right)
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
     out = {}

@@ -10,6 +10,7 @@ from ppmcal.calibration.noise import LARGER
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import gap_closed, next_step
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
+from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_wording import noise_verdict
 from ppmcal.report.format import count, typeset, with_unit
 from ppmcal.report.headlines import figure, main_kind
@@ -41,10 +42,18 @@ class Verdict:
 
 
 def verdicts(data: ReportData) -> list[Verdict]:
-    """Return the verdict on each machine: on its last calibration, and its last diagnosis."""
+    """Return the verdict on each machine: on its last calibration, and its last diagnosis.
+
+    Of one campaign that is the calibration with the effects which its diagnosis names, in
+    whichever order the folders were given.
+    """
     found: dict[str, tuple[Identified, DiagnosisRecord | None]] = {}
     by_folder = {d.folder: d for d in data.diagnosed}
     for one in data.identified:
+        if one.name in found and one.folder not in by_folder:
+            then = found[one.name][0]
+            if then.folder in by_folder and _inputs(then.record) == _inputs(one.record) != set():
+                continue
         found[one.name] = one, _diagnosis(one, by_folder, data.diagnosed)
     several = len(found) > 1
     return [Verdict(name * several, _lines(one, d))
@@ -56,9 +65,14 @@ def _diagnosis(one: Identified, by_folder: dict[str, Diagnosed], every: Sequence
     """Return the diagnosis of an identification: of its folder, else of its measurements."""
     if one.folder in by_folder:
         return by_folder[one.folder].record
-    own = set(one.record.provenance.inputs.values()) - {""}
-    same = [d.record for d in every if own and own == set(d.record.provenance.inputs.values())]
+    own = _inputs(one.record)
+    same = [d.record for d in every if own and own == _inputs(d.record)]
     return same[-1] if same else None
+
+
+def _inputs(record: IdentificationRecord | DiagnosisRecord) -> set[str]:
+    """Return the digests of the files that a result is of."""
+    return set(record.provenance.inputs.values()) - {""}
 
 
 def _lines(one: Identified, d: DiagnosisRecord | None) -> tuple[Line, ...]:

@@ -89,6 +89,20 @@ def test_a_diagnosis_of_the_same_measurements_counts():
     assert verdicts(ReportData((), (fit,), (stray,)))[0].lines[0].word == "Yes"
 
 
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_what_a_diagnosis_explains_is_not_open_whatever_the_order_of_folders(order):
+    """Geometry alone misses; with the effect named in the same rows nothing is left."""
+    own = {"inputs": {"run.csv": "a" * 64}}
+    both = (one("plain", noise=NOISY, provenance=own), one("diagnosed", provenance=own))
+    diagnosis = Diagnosed("diagnosed", DiagnosisRecord.model_validate(
+        {"verdict": "named", "confirmed": True, "provenance": own}), None)
+    (told,) = verdicts(ReportData((), tuple(both[i] for i in order), (diagnosis,)))
+    assert told.lines[0].word == "Yes" and "compensate diagnosed" in told.lines[2].text
+    later = one("later", noise=NOISY, provenance={"inputs": {"may.csv": "b" * 64}})
+    (told,) = verdicts(ReportData((), (*both, later), (diagnosis,)))
+    assert told.lines[0].word == "Not fully"
+
+
 def test_shares_of_the_gap_are_of_squares_beyond_the_noise():
     steps = [{"what": "start", "rms_ratio": 11.0}, {"what": "geometry", "rms_ratio": 2.0},
              {"what": "effect", "kind": "backlash", "on": ["leg1"], "rms_ratio": 1.5},
