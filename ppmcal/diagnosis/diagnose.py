@@ -159,12 +159,13 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     days = secondary("the prediction of each session", partial(_days, final, options), (), beside)
     told += worse_days(days)
     terms = None
-    if verdict in LEARNED_AFTER:
+    if verdict in LEARNED_AFTER and final.converged:
         begin("learning what is left")
         terms = secondary("what is left, learned", partial(
             _terms, found, final, held, named, wanders, options), None, beside)
     reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed)
-    refuse_other_machine(reported.fit)
+    if reported.fit.converged:  # where a fit that was given up has got to says nothing of a machine
+        refuse_other_machine(reported.fit)
     far = "" if named else far_from_nominal(reported.estimates)
     if far:
         told.append(far)
