@@ -105,8 +105,8 @@ def left_out(fit: Fit) -> LeftOut:
     found: list[tuple[float, float, _Pattern]] = []
     for patterns, level in ((_circumstances, 1.0 - FOR_STRETCHES - FOR_PLACES),
                             (_stretches, FOR_STRETCHES), (_places, FOR_PLACES)):
-        # rows at one pose are at one place of each joint too: what hit the pose has hit them all
-        mine = used if patterns is _circumstances else _one_of_each_pose(fit, used, gone)
+        # rows at one pose are at one place: what hit the pose has hit them all
+        mine = _one_of_each_pose(fit, used, gone) if patterns is _places else used
         out, total = _rows_in(gone, mine), _rows_in(mine, mine)
         tests = []
         for pattern in _patterns(fit, patterns) if FEWEST <= out < total else ():

@@ -146,6 +146,8 @@ def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[str]:
 
     Which side is a convention as much as a place of the encoder, so no file is refused for it.
     """
+    if not effects:
+        return []
     mechanism = fit.problem.mechanism.with_values(fit.state.g)
     joints: dict[str, dict[str, list[str]]] = {}
     for effect in effects:

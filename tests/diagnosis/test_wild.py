@@ -320,16 +320,6 @@ def test_diagnose_tells_the_corner_where_rows_are_wrong(reflected: tuple[Path, s
     assert "gross errors have no such pattern" in " ".join(run.out.split())
 
 
-def test_a_joint_s_stretch_is_counted_by_pose_too(plain: Fit) -> None:
-    """Two poses of several rows that are near each other in a joint's travel are so by chance."""
-    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
-    data = plain.problem.datasets[0]
-    labels = list(dict.fromkeys(data.groups[np.argsort(data.q[:, 1], kind="stable")].tolist()))
-    out = module.left_out(without(plain, np.isin(data.groups, labels[:2])))
-    assert out.count >= 8
-    assert out.stretch is None
-
-
 def test_rows_of_one_pose_are_one_at_a_place(plain: Fit) -> None:
     """A pose typed wrong takes all its rows with it: two such poses are near by chance."""
     module = pytest.importorskip("ppmcal.calibration.left_out_rows")
