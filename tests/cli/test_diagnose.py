@@ -321,21 +321,21 @@ def test_four_poses(tmp_path: Path) -> None:
     test_hardly_any_data(tmp_path, 4)
 
 
-def test_a_value_beyond_its_physical_range_is_not_named(tmp_path: Path) -> None:
-    """Directions written down the wrong way round: only a negative width would fit."""
+def test_directions_the_other_way_round_are_the_other_side(tmp_path: Path) -> None:
+    """Whether an encoder sits before the play or `dir_` is turned, the width takes the sign."""
     simulate(tmp_path, "3-RPR", [effect("backlash", ["leg1"], width=0.03)])
     table = rows(tmp_path / DATA)
     for r in table:
         r["dir_leg1"] = str(-int(r["dir_leg1"]))
     write_csv(tmp_path / DATA, table)
     ppmcal("diagnose", "m.yaml", DATA, "--kind", "backlash", "--draws", "1000", "--out", "d",
-           cwd=tmp_path, expect=3)
+           cwd=tmp_path, expect=0)
     found = found_in(tmp_path)
-    assert found["verdict"] == "misread"
-    assert named(found) == {}
-    (mistake,) = found["misreadings"]
-    assert mistake["kind"] == "sign" and mistake["columns"] == ["dir_leg1"]
-    assert mistake["read"] == {"signs": {"dir_leg1": -1}}
+    assert found["verdict"] == "named"
+    (one,) = found["effects"]
+    assert one["kind"] == "backlash" and one["on"] == ["leg1"] and one["side"] == "lags"
+    width = one["parameters"]["width"]
+    assert abs(width["value"] + 0.03) < 4.0 * width["sigma"]
 
 
 # --- named sets and next measurements -----------------------------------------------------------
@@ -418,9 +418,10 @@ def test_diagnosis_json(made: Callable[[str], Path], name: str) -> None:
         assert e["kind"] not in e["alternatives"]
         assert e["parameters"]
         for v in e["parameters"].values():
-            assert set(v) == {"value", "sigma", "unit"}
+            assert set(v) == {"value", "sigma", "unit", "low", "high"}
             assert math.isfinite(v["value"])
             assert v["sigma"] > 0.0
+            assert v["low"] < v["value"] < v["high"]
     assert set(found["remainder"]) >= {"follows", "p_value"}
     assert found["remainder"]["follows"] is None or isinstance(found["remainder"]["follows"], str)
     assert 0.0 < found["remainder"]["p_value"] <= 1.0

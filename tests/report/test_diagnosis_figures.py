@@ -142,7 +142,7 @@ def test_sizes_have_the_interval_of_the_fit_and_held_out_rows_say_what_they_chos
             assert value.sigma is not None and value.half > 1.9 * value.sigma
             seen += 1
     assert seen
-    assert case.record["gap"]["chose"] == ["effects", "learned"]
+    assert case.record["gap"]["chose"] == ["effects", "learned terms"]
     assert case.record["coverage"] == pytest.approx(coverage(case.result.identification.fit))
 
 

@@ -34,7 +34,7 @@ from ppmcal.io.results.other_models import OtherModel, TriedSet, other_files
 from ppmcal.io.results.record import Flag, Provenance, Record, Shown, Text, UnitNames
 from ppmcal.io.results.validation import ValidatedDataset
 
-CHOSEN = ("effects", "learned")
+CHOSEN = ("effects", "learned terms")
 """What rows left out of the fits choose all the same: which names stand, and which shapes."""
 
 

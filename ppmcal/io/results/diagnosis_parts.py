@@ -208,7 +208,7 @@ class HeldOutGap(Part):
     ``closed`` = 1 - excess(after)/excess(before), with its 95 % ``interval``; ``rms_closed`` =
     1 - rms(after)/rms(before). ``blocks``: the same with a third of the rows left out in turn,
     ``by`` what the thirds are of. ``chose``: what was chosen with the help of these rows, for
-    which they are not unseen: ``effects``, ``learned``; sizes were not fitted to them.
+    which they are not unseen: ``effects``, ``learned terms``; sizes were not fitted to them.
     """
 
     by: Text = ""
