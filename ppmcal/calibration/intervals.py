@@ -91,6 +91,13 @@ def coverage_by(degrees: float) -> float:
     return Z95 if np.isinf(degrees) else float(stdtrit(degrees, 0.975))
 
 
+def half_interval(low: float | None, high: float | None, sigma: float | None) -> float | None:
+    """Return half of a 95 % interval from its ends, else from sigma as if the noise were known."""
+    if low is not None and high is not None:
+        return 0.5 * (high - low)
+    return None if sigma is None else Z95 * sigma
+
+
 @stage("widening intervals where rows disagree")
 def honest(fit: Fit, inflation: float) -> tuple[Disagreement | None, Disagreement | None]:
     """Return what sessions and what blocks of rows make of a fit's uncertainty.

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.kinematics.closure import Model
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
@@ -65,8 +64,7 @@ def direction_sigma(mechanism: Mechanism, rows: Environment) -> Array:
 def _ratios(mechanism: Mechanism) -> Array:
     """Return by how much each joint moves per unit of q (k,)."""
     out = np.ones(len(mechanism.actuators))
-    for limb, values in zip(mechanism.limbs, Model(mechanism).limb_values, strict=True):
-        out[limb.actuator] = abs(float(values.get("ratio", 1.0)))
+    out[[limb.actuator for limb in mechanism.limbs]] = np.abs(mechanism.limb_ratios)
     return out
 
 

@@ -138,10 +138,9 @@ def corrected_commands(mechanism: Mechanism, nominal: Array, way: Array) -> Arra
     real = replace(mechanism, effects=joint_effects(mechanism))
     want = _coordinates(mechanism.nominal(), nominal, way)
     scale = np.max(np.abs(nominal), axis=0) + 1e-9
-    ratio = np.array([limb.slots.values(mechanism.values).get("ratio", 1.0)
-                      for limb in mechanism.limbs])
     actuator = np.array([limb.actuator for limb in mechanism.limbs])
-    share = (actuator[:, None] == np.arange(nominal.shape[1])) / ratio[:, None]
+    share = (actuator[:, None] == np.arange(nominal.shape[1])
+             ) / mechanism.limb_ratios[:, None]
     share /= np.bincount(actuator, minlength=nominal.shape[1])
     low, high = known_commands(mechanism).T
     out: Array = np.clip(nominal, low, high)

@@ -161,6 +161,11 @@ class Mechanism:
                  for limb in reversed(self.limbs)}
         return tuple(ratio[a] for a in range(len(self.actuators)))
 
+    @cached_property
+    def limb_ratios(self) -> Array:
+        """Drive ratio of each limb (L,), at the present values; 1 without one."""
+        return np.array([limb.slots.values(self.values).get("ratio", 1.0) for limb in self.limbs])
+
     def joint_factors(self, units: Units | None = None) -> Array:
         """Return the SI value of one unit of each joint variable (k,); 1 with a ratio.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmcal.calibration.change_detection import Change, ChangePart, Comparison
 from ppmcal.calibration.common_misfit import DifferenceNoise
-from ppmcal.calibration.disagreement import Z95
+from ppmcal.calibration.intervals import half_interval
 from ppmcal.calibration.pose_difference import PoseDifference
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Text, Whole
@@ -30,7 +30,7 @@ LEFT = 0.01
 
 def half_of(half: float | None, sigma: float | None) -> float | None:
     """Return half of a 95 % interval; where a file does not say, as if the noise were known."""
-    return half if half is not None or sigma is None else Z95 * sigma
+    return half if half is not None else half_interval(None, None, sigma)
 
 
 class ParameterDifference(Part):

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from ppmcal.calibration.disagreement import Z95
-from ppmcal.calibration.intervals import coverage
+from ppmcal.calibration.intervals import coverage, half_interval
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.derived_errors import derived
 from ppmcal.diagnosis.held_out_blocks import BlockGap
@@ -41,17 +40,22 @@ class EffectValue(Part):
     low: Shown | None = None
     high: Shown | None = None
 
+    @classmethod
+    def of(cls, value: float, sigma: float | None, quantity: str, units: Units, times: float
+           ) -> EffectValue:
+        """Return a value, SI, in file units; ``times``: sigmas to an end of its 95 % interval."""
+        f, unit = units.factor(quantity), units.name(quantity)
+        value /= f
+        if sigma is None:
+            return cls(value=value, unit=unit)
+        sigma /= f
+        return cls(value=value, sigma=sigma, unit=unit, low=value - times * sigma,
+                   high=value + times * sigma)
+
     @property
     def half(self) -> float | None:
         """Half of the 95 % interval, None without one."""
-        if self.low is not None and self.high is not None:
-            return 0.5 * (self.high - self.low)
-        return None if self.sigma is None else Z95 * self.sigma
-
-
-def _wide(value: float, sigma: float, times: float) -> dict[str, float]:
-    """Return the ends of a 95 % interval that is so many sigmas long to each side."""
-    return {"low": value - times * sigma, "high": value + times * sigma}
+        return half_interval(self.low, self.high, self.sigma)
 
 
 class EventRow(Part):
@@ -95,10 +99,7 @@ class EffectInSession(Part):
         units, times = mechanism.units, coverage(result.identification.fit)
         quantities = [mechanism.parameters[mechanism.names.index(n)].quantity for n in found.names]
         return tuple(cls(session=label, parameters={
-            n.rpartition(".")[2]: EffectValue(value=float(v) / units.factor(q),
-                                              sigma=float(s) / units.factor(q), unit=units.name(q),
-                                              **_wide(float(v) / units.factor(q),
-                                                      float(s) / units.factor(q), times))
+            n.rpartition(".")[2]: EffectValue.of(float(v), float(s), q, units, times)
             for n, q, v, s in zip(found.names, quantities, value, sigma, strict=True)})
             for label, value, sigma in zip(found.labels, found.value, found.sigma, strict=True))
 
@@ -355,20 +356,9 @@ def _derived(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
     if found is None:
         return {}
     units = result.identification.mechanism.units
-
-    def value(size: float, quantity: str) -> dict[str, Any]:
-        return {"value": size / units.factor(quantity), "unit": units.name(quantity)}
-
-    stroke = {"mid_stroke": EffectValue(**value(found.middle, found.quantity))} if any(
-        f.name.endswith("_mid_stroke") for f in found.all) else {}
     times = coverage(result.identification.fit)
-
-    def sure(size: float, sigma: float | None, quantity: str) -> EffectValue:
-        if sigma is None:
-            return EffectValue(**value(size, quantity))
-        f = units.factor(quantity)
-        ends = _wide(size / f, sigma / f, times)
-        return EffectValue(value=size / f, sigma=sigma / f, unit=units.name(quantity),
-                           low=ends["low"], high=ends["high"])
-
-    return {**stroke, "derived": {f.name: sure(f.value, f.sigma, f.quantity) for f in found.all}}
+    stroke = {}
+    if any(f.name.endswith("_mid_stroke") for f in found.all):
+        stroke["mid_stroke"] = EffectValue.of(found.middle, None, found.quantity, units, times)
+    return {**stroke, "derived": {
+        f.name: EffectValue.of(f.value, f.sigma, f.quantity, units, times) for f in found.all}}

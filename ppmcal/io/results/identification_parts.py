@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
-from ppmcal.calibration.disagreement import Z95
 from ppmcal.calibration.estimates import Estimate
 from ppmcal.calibration.freedom_choice import FreedomChoice
+from ppmcal.calibration.intervals import half_interval
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.noise import FAILED_NOISE, Noise, noise_state
 from ppmcal.calibration.posterior import of_data
@@ -78,9 +78,7 @@ class ParameterEstimate(Part):
     @property
     def half(self) -> float | None:
         """Half of the 95 % interval, None without one."""
-        if self.low is not None and self.high is not None:
-            return 0.5 * (self.high - self.low)
-        return None if self.sigma is None else Z95 * self.sigma
+        return half_interval(self.low, self.high, self.sigma)
 
     @property
     def tolerances(self) -> float | None:
