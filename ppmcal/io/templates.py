@@ -59,10 +59,11 @@ def find_template(name: str) -> Path:
 def for_editors(path: Path, kind: str, stem: str) -> str:
     """Return a template's text with the line by which editors find the schema of its kind.
 
-    The commands in it name the files as they will be called: ``stem.yaml``, ``stem.scenario.yaml``.
+    The commands in it name the files as they will be called: ``stem.yaml``, ``stem.scenario.yaml``;
+    a name that a comment cannot hold (one with a line break) is left out.
     """
     schema = Path(__file__).with_name("schemas") / f"{kind}.json"
     text = path.read_text("utf-8")
-    for ending in (".yaml", ".scenario.yaml"):
+    for ending in (".yaml", ".scenario.yaml") if stem.isprintable() else ():
         text = text.replace(f" {path.stem}{ending}", f" {stem}{ending}")
     return f"# yaml-language-server: $schema={schema.as_uri()}\n{text}"

@@ -131,7 +131,7 @@ def test_next_step_agrees_with_the_findings() -> None:
     last, left = result.found.last, result.remainder
     for confirmed in (True, False):
         seen = replace(gap, confirmed=confirmed)
-        said = findings(result.before, result.before, left, result.effects, seen,
+        said = findings(result.before, result.found.after, left, result.effects, seen,
                         LeftOut(0, 1, False, "", 0.0, 1.0), ())
         step = next_step(last, {}, "named", 0, seen).reason
         assert any("do not confirm" in f for f in said) == (not confirmed)

@@ -23,3 +23,9 @@ def test_init_writes_them_so(tmp_path: Path) -> None:
     ppmcal("init", "3-RPR", "--out", "stage.yaml", cwd=tmp_path, expect=0)
     assert "ppmcal check stage.yaml" in (tmp_path / "stage.yaml").read_text("utf-8")
     assert "stage.yaml stage.scenario.yaml" in (tmp_path / "stage.scenario.yaml").read_text("utf-8")
+
+
+def test_a_name_that_a_comment_cannot_hold_spoils_no_file() -> None:
+    path = find_template("3-RPR")
+    lines = for_editors(path, "mechanism", "line\nbreak").splitlines()
+    assert lines[1:] == path.read_text("utf-8").splitlines()
