@@ -31,7 +31,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.calibration.estimates import Z95, estimates
+from ppmcal.calibration.coverage import Z95
+from ppmcal.calibration.estimates import estimates
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import noise_check, with_noise

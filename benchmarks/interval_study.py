@@ -34,7 +34,8 @@ import numpy as np
 import yaml
 from campaigns import CONFIGS, Array, dataset, fresh, fresh_errors
 
-from ppmcal.calibration.estimates import Z95, estimates
+from ppmcal.calibration.coverage import Z95
+from ppmcal.calibration.estimates import estimates
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.intervals import honest

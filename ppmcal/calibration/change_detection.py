@@ -17,6 +17,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc, ndtr
 
 from ppmcal.calibration.common_misfit import DifferenceNoise, noise_between
+from ppmcal.calibration.coverage import coverage_by
 from ppmcal.calibration.equal_freedoms import with_equal_freedoms
 from ppmcal.calibration.explanations import (
     CHANGED,
@@ -28,7 +29,6 @@ from ppmcal.calibration.explanations import (
 )
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.intervals import coverage_by
 from ppmcal.calibration.joint_rows import joint_rows
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.pose_difference import PoseDifference, pose_difference

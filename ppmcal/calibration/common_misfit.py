@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtr, chdtrc
 
-from ppmcal.calibration.noise import FAILED_NOISE, LEAST
+from ppmcal.calibration.coverage import LEAST
+from ppmcal.calibration.noise import FAILED_NOISE
 from ppmcal.calibration.posterior import Posterior, SessionKnowledge, Sight
 from ppmcal.linalg import Array, Ints
 

@@ -19,9 +19,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtrc, ndtr
+from scipy.special import chdtrc
 
 from ppmcal import linalg
+from ppmcal.calibration.coverage import Z95, coverage_of, half_of_mixture
 from ppmcal.calibration.fit import Fit, posterior, prediction_covariance
 from ppmcal.calibration.session_clusters import Clusters, Components, components
 from ppmcal.errors import LinearAlgebraError
@@ -33,7 +34,6 @@ STEP = 1.3
 """Of the logarithm of a variance's root."""
 RIDGE = 1e-6
 """Information, in units of tolerance, where there is none: what nothing sees stays finite."""
-Z95 = 1.959963984540054
 NOTHING, THIN = 1e-6, 3
 """Tolerances that clusters differ by where they do not; every third draw is looked at again."""
 SIZES = (-3.0, -1.5, 0.0)
@@ -61,6 +61,7 @@ class Disagreement:
         p_value: of all clusters having one value, by parameter (F,).
         spread: class of parameters -> how far clusters differ, in tolerances (rms).
         sessions: whether clusters are sessions, not stretches of rows.
+        coverage: half of a 95 % interval over ``own_sigma``, the size of the noise integrated out.
     """
 
     labels: tuple[str, ...]
@@ -72,6 +73,7 @@ class Disagreement:
     p_value: Array
     spread: dict[str, float]
     sessions: bool = True
+    coverage: float = Z95
 
     @property
     def differ(self) -> bool:
@@ -240,7 +242,8 @@ def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float
               zip(parts.names, drawn[:, :-1].T, strict=True)}
     return Disagreement(data.labels, covariance * unit, half,
                         chances.evidence(0.5 * np.log(drawn[::THIN])), own * scale,
-                        sigma * scale, p_value, spread)
+                        sigma * scale, p_value, spread,
+                        coverage=coverage_of(drawn[:, -1] / np.median(drawn[:, -1])))
 
 
 def _registered(data: Clusters, parts: Components, count: int) -> Array:
@@ -260,17 +263,6 @@ def _registered(data: Clusters, parts: Components, count: int) -> Array:
         taken[where] = linalg.solve(block, a[where] @ parts.directions)
         out.append(taken)
     return np.concatenate(out, axis=1)
-
-
-def half_of_mixture(variance: Array) -> Array:
-    """Return the half width (C,) that holds 95 % of a mixture of normals, variances (n, C)."""
-    sigma = np.sqrt(np.maximum(variance, 1e-300))
-    low, high = sigma.min(axis=0), 10.0 * sigma.max(axis=0)
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        inside = 2.0 * ndtr(middle / sigma).mean(axis=0) - 1.0
-        low, high = np.where(inside < 0.95, middle, low), np.where(inside < 0.95, high, middle)
-    return np.asarray(0.5 * (low + high))
 
 
 def _each(data: Clusters, prior: Array, count: int, noise: float) -> tuple[Array, Array, Array]:

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.calibration.disagreement import Z95, Disagreement
+from ppmcal.calibration.coverage import Z95, half_or
+from ppmcal.calibration.disagreement import Disagreement
 from ppmcal.calibration.fit import Fit, posterior
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
 from ppmcal.calibration.problem import Problem, State
@@ -31,8 +32,8 @@ class Estimate:
     ``sigma``: by the noise of rows alone, prior included; ``by_noise``: half of the 95 % interval
     by noise of which the size is not known exactly, None: 1.96 sigma; ``half``: the
     same with what sessions differ by, None where only noise is known of; ``by_session``: label,
-    value and sigma of each session's own fit; ``p_value`` of these being one value, and whether
-    they ``disagree``.
+    value, sigma and half of the 95 % interval of each session's own fit; ``p_value`` of these
+    being one value, and whether they ``disagree``.
     """
 
     name: str
@@ -46,7 +47,7 @@ class Estimate:
     status: str
     by_noise: float | None = None
     half: float | None = None
-    by_session: tuple[tuple[str, float, float], ...] = ()
+    by_session: tuple[tuple[str, float, float, float], ...] = ()
     p_value: float | None = None
     disagree: bool = False
 
@@ -56,11 +57,14 @@ class Estimate:
         return self.value - self.nominal
 
     @property
+    def half_by_noise(self) -> float | None:
+        """Half of the 95 % interval by noise alone, None without one."""
+        return half_or(self.by_noise, self.sigma)
+
+    @property
     def interval(self) -> tuple[float, float] | None:
         """The 95 % interval of the value, prior and disagreement of sessions included."""
-        half = self.by_noise if self.half is None else self.half
-        if half is None and self.sigma is not None:
-            half = Z95 * self.sigma
+        half = self.half_by_noise if self.half is None else self.half
         return None if half is None else (self.value - half, self.value + half)
 
     @property
@@ -107,8 +111,9 @@ def _by_session(estimate: Estimate, wider: Disagreement, column: int) -> dict[st
     parts: dict[str, Any] = {"half": max(float(wider.half[column]), estimate.by_noise or 0.0)}
     if wider.sessions:
         values = (estimate.value + wider.own[:, column]).tolist()
-        parts |= {"by_session": tuple(zip(wider.labels, values, wider.own_sigma[:, column].tolist(),
-                                          strict=True)),
+        sigma = wider.own_sigma[:, column]
+        parts |= {"by_session": tuple(zip(wider.labels, values, sigma.tolist(),
+                                          (wider.coverage * sigma).tolist(), strict=True)),
                   "p_value": float(wider.p_value[column]),
                   "disagree": bool(wider.disagree[column])}
     return parts

@@ -17,10 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import linalg
+from ppmcal.calibration.coverage import LEAST
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.intervals import spatial_blocks
 from ppmcal.calibration.least_squares import column_scale, prior_weights
-from ppmcal.calibration.noise import LEAST, with_estimated_noise
+from ppmcal.calibration.noise import with_estimated_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.registration_freedoms import WORTH
 from ppmcal.linalg import Array

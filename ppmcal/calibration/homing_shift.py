@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal import linalg
+from ppmcal.calibration.coverage import coverage_of, variances
 from ppmcal.calibration.fit import Fit, values_fitted
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import session_masks
@@ -31,12 +32,16 @@ MOST = 20000
 
 @dataclass(frozen=True)
 class HomingShift:
-    """A joint's zero in one session against the others: ``value`` +- ``sigma``, unit of q."""
+    """A joint's zero in one session against the others: ``value`` +- ``sigma``, SI.
+
+    ``half``: of the 95 % interval, the size of the noise not being known exactly.
+    """
 
     session: str
     actuator: str
     value: float
     sigma: float
+    half: float
     p_value: float
 
 
@@ -53,19 +58,20 @@ def homing_shifts(fit: Fit) -> Iterator[HomingShift]:
     while len(sessions) > 1:
         trials = []
         for n, (_, rows) in enumerate(sessions):
-            estimate, information = _shift(fit, keep, rows)
+            estimate, information, times = _shift(fit, keep, rows)
             if estimate is not None:
                 square = float(estimate @ information @ estimate)
-                trials.append((square, n, estimate, information))
+                trials.append((square, n, estimate, information, times))
         if not trials:
             return
         most = max(t[0] for t in trials)
         alike = [t for t in trials if t[0] > 0.99 * most]
-        square, n, estimate, information = min(alike, key=lambda t: sessions[t[1]][1].size - t[1])
+        square, n, estimate, information, times = min(
+            alike, key=lambda t: sessions[t[1]][1].size - t[1])
         if float(chdtrc(estimate.size, square)) * len(sessions) > SHIFTED:
             return
         label, rows = sessions.pop(n)
-        yield from _which(label, fit.problem.mechanism.actuators, estimate, information)
+        yield from _which(label, fit.problem.mechanism.actuators, estimate, information, times)
         keep = _apart(keep, rows)
 
 
@@ -99,11 +105,11 @@ def _by_dataset(whole: Bools, keep: Sequence[Bools]) -> list[Bools]:
     return np.split(whole, np.cumsum([len(k) for k in keep])[:-1])
 
 
-def _shift(fit: Fit, keep: Sequence[Bools], rows: Ints) -> tuple[Array | None, Array]:
+def _shift(fit: Fit, keep: Sequence[Bools], rows: Ints) -> tuple[Array | None, Array, float]:
     """Return the shifts of the joints in some rows (k,) and their information (k, k).
 
     The normal equations of all columns with the shifts as added ones; the noise is taken as
-    the residuals show it.
+    the residuals show it, and last comes half of a 95 % interval over the sigma it makes.
     """
     size = len(fit.problem.columns)
     k = len(fit.problem.mechanism.actuators)
@@ -111,35 +117,40 @@ def _shift(fit: Fit, keep: Sequence[Bools], rows: Ints) -> tuple[Array | None, A
     free = list(fit.problem.free)
     away = fit.state.g[free] - fit.problem.mechanism.nominals[free]
     prior[:len(free)] = fit.prior[:len(free)]
-    normal = np.diag(prior**2)
-    right = np.zeros(size)
-    right[:len(free)] = -prior[:len(free)] ** 2 * away
+    held, pull = np.diag(prior**2), np.zeros(size)
+    pull[:len(free)] = -prior[:len(free)] ** 2 * away
+    seen, moved = np.zeros((size, size)), np.zeros(size)
     cross, own, other = np.zeros((size, k)), np.zeros((k, k)), np.zeros(k)
     square, count = 0.0, 0
     if fit.problem.earlier is not None:
         missed, slope = fit.problem.earlier.rows(fit.problem.mechanism, free, fit.state.g)
-        normal[:len(free), :len(free)] += slope.T @ slope
-        right[:len(free)] += slope.T @ missed
+        held[:len(free), :len(free)] += slope.T @ slope
+        pull[:len(free)] += slope.T @ missed
     for jacobian, joints, residual in _blocks(fit, keep, rows):
-        normal += jacobian.T @ jacobian
-        right += jacobian.T @ residual
+        seen += jacobian.T @ jacobian
+        moved += jacobian.T @ residual
         cross += jacobian.T @ joints
         own += joints.T @ joints
         other += joints.T @ residual
         square += float(residual @ residual)
         count += residual.size
-    scale = fit.scale
+    scale, normal, right = fit.scale, seen + held, moved + pull
     w, v = linalg.eigh(normal * np.outer(scale, scale))
     use = w > SEEN * max(float(w[-1]), 1e-300)
     inverse = ((v[:, use] / w[use]) @ v[:, use].T) * np.outer(scale, scale)
     information = own - cross.T @ inverse @ cross
     if not np.all(linalg.eigvalsh(information) > 1e-9 * max(np.trace(own), 1e-300)):
-        return None, information
+        return None, information, np.inf
     estimate = linalg.solve(information, other - cross.T @ inverse @ right)
-    left = square - right @ inverse @ right - estimate @ information @ estimate
+    # what the rows then miss; tolerances give way too, which is no noise
+    step = inverse @ (right - cross @ estimate)
+    left = max(0.0, square - 2.0 * (step @ moved + estimate @ other) + step @ seen @ step
+               + 2.0 * step @ cross @ estimate + estimate @ own @ estimate)
     fitted = values_fitted(int(use.sum()), np.diagonal(inverse), prior) + k
-    noise = max(1.0, float(left) / max(count - fitted, 1.0))
-    return np.asarray(estimate), np.asarray(information / noise)
+    degrees = max(count - fitted, 1.0)
+    noise = max(1.0, float(left) / degrees)
+    times = coverage_of(variances(float(left) / noise, degrees))
+    return np.asarray(estimate), np.asarray(information / noise), times
 
 
 def _blocks(fit: Fit, keep: Sequence[Bools], rows: Ints) -> Iterator[tuple[Array, Array, Array]]:
@@ -179,7 +190,7 @@ def _homed(problem: Problem, i: int) -> Problem:
         o.about for o in problem.opens))
 
 
-def _which(label: str, names: Sequence[str], estimate: Array, information: Array
+def _which(label: str, names: Sequence[str], estimate: Array, information: Array, times: float
            ) -> Iterator[HomingShift]:
     """Yield the fewest joints whose shifts explain a session, the largest first."""
     chosen: list[int] = []
@@ -201,5 +212,6 @@ def _which(label: str, names: Sequence[str], estimate: Array, information: Array
     inner = linalg.inv(information[np.ix_(chosen, chosen)])
     value = inner @ target[chosen]
     for c, v, variance in zip(chosen, value, np.diagonal(inner), strict=True):
-        yield HomingShift(label, names[c], float(v), float(np.sqrt(variance)),
-                    float(chdtrc(1, v * v / variance)))
+        sigma = float(np.sqrt(variance))
+        yield HomingShift(label, names[c], float(v), sigma, times * sigma,
+                          float(chdtrc(1, v * v / variance)))

@@ -10,7 +10,9 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
+from ppmcal.calibration.coverage import Z95
 from ppmcal.calibration.fit import Fit, directions, posterior
+from ppmcal.calibration.intervals import coverage
 from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
 from ppmcal.calibration.problem import Problem
 from ppmcal.kinematics.closure import Model
@@ -43,12 +45,14 @@ class Scale:
     """How well a distance between two measured positions is known, m.
 
     ``length``: their distance; ``sigma``: its standard deviation with the tolerances,
-    ``sigma_data`` by the data alone (inf where they leave it open).
+    ``sigma_data`` by the data alone (inf where they leave it open); ``times``: half of a 95 %
+    interval over each.
     """
 
     length: float
     sigma: float
     sigma_data: float
+    times: float = Z95
 
     @property
     def needed(self) -> float:
@@ -99,12 +103,18 @@ def predict_identifiability(problem: Problem, method: str) -> Identifiability:
 
 
 @stage("what the data leave open")
-def identifiability(fit: Fit) -> Identifiability:
-    """Return what the rows and priors of a fit, or of a machine before it, leave open."""
+def identifiability(fit: Fit, times: float = Z95) -> Identifiability:
+    """Return what the rows and priors of a fit, or of a machine before it, leave open.
+
+    Args:
+        fit: with its noise.
+        times: half of a 95 % interval over the sigma that the noise makes; before a fit it is
+            taken as known.
+    """
     if not fit.problem.free:
         return Identifiability(None, ())
     return Identifiability(
-        _scale(fit), tuple(sorted(_collinear(fit), key=lambda t: -abs(t.correlation)))
+        _scale(fit, times), tuple(sorted(_collinear(fit), key=lambda t: -abs(t.correlation)))
     )
 
 
@@ -121,10 +131,10 @@ def with_held(fit: Fit, held: Iterable[int]) -> Identifiability:
     wide = replace(fit.problem, free=tuple(sorted({*fit.problem.free, *held})), pivots=pivots)
     return identifiability(Fit(wide, fit.state, qr_factor(wide, fit.state, fit.keep),
                                prior_weights(wide, "prior"), column_scale(wide), fit.keep, 0,
-                               fit.converged))
+                               fit.converged), coverage(fit))
 
 
-def _scale(fit: Fit) -> Scale | None:
+def _scale(fit: Fit, times: float) -> Scale | None:
     """Judge the distance of the two measured points that lie farthest apart, in one data set."""
     found = [s for i in range(len(fit.problem.datasets)) if (s := _farthest(fit, i)) is not None]
     if not found:
@@ -134,6 +144,7 @@ def _scale(fit: Fit) -> Scale | None:
         length,
         _prediction_sigma(fit, slope, fit.prior),
         _prediction_sigma(fit, slope, 0.0 * fit.prior),
+        times,
     )
 
 

@@ -13,17 +13,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtri, stdtrit
 
-from ppmcal.calibration.disagreement import (
-    Z95,
-    Disagreement,
-    differs,
-    disagreement,
-    half_of_mixture,
-)
+from ppmcal.calibration.coverage import coverage_of, half_of_mixture, variances
+from ppmcal.calibration.disagreement import Disagreement, differs, disagreement
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
-from ppmcal.calibration.noise import LEAST, noise_parts
+from ppmcal.calibration.noise import noise_parts
 from ppmcal.calibration.session_clusters import clusters
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
@@ -35,24 +29,24 @@ STRETCHES = 1.0
 """Blocks, of one machine, differ by no more than so many tolerances."""
 
 
-NODES, BETWEEN = 200, 9
-"""Sizes of the noise that an interval is a mixture of, and how many of them are worked out."""
+BETWEEN = 9
+"""Sizes of the noise, of all that an interval is a mixture of, that are worked out."""
 
 
 def by_noise(fit: Fit, options: FitOptions) -> Array:
     """Return half of the 95 % interval of every column (C,), the size of the noise integrated out.
 
     The variance of the rows is a scaled inverse chi-squared about the stated one, which counts as
-    :data:`LEAST` values, and what the rows show of it that no error of the machine can explain.
-    Without a prior on the parameters this is Student's t; a parameter that its tolerance holds is
-    no less certain for noisy rows. inf where the column is unbounded.
+    :data:`ppmcal.calibration.coverage.LEAST` values, and what the rows show of it that no error
+    of the machine can explain. Without a prior on the parameters this is Student's t; a parameter
+    that its tolerance holds is no less certain for noisy rows. inf where the column is unbounded.
 
     Args:
         fit: with the noise that its intervals are made with, so far.
         options: that it was made with; a prior that was chosen by the residuals goes with the
             noise.
     """
-    variance = _variances(fit)
+    variance = variances(*noise_parts(fit))
     if options.method == "gcv" or not fit.prior.any():
         each = np.outer(variance, np.diagonal(prediction_covariance(fit)))
     else:
@@ -66,36 +60,12 @@ def by_noise(fit: Fit, options: FitOptions) -> Array:
     return np.where(np.isinf(np.diagonal(posterior(fit))), np.inf, half)
 
 
-def _variances(fit: Fit) -> Array:
-    """Return equally likely variances of the rows (n,), over those that the fit has."""
-    chi2, degrees = noise_parts(fit)
-    freedom = LEAST + max(degrees, 0)
-    chance = (np.arange(NODES) + 0.5) / NODES
-    return np.asarray((LEAST + chi2 * (degrees > 0)) / chdtri(freedom, chance))
-
-
 def coverage(fit: Fit) -> float:
     """Return half of a 95 % interval over the sigma that the fit's noise makes.
 
     As :func:`by_noise` has it, of what no tolerance holds: an effect's size, a learned curve.
     """
-    return float(half_of_mixture(_variances(fit)[:, None])[0])
-
-
-def coverage_by(degrees: float) -> float:
-    """Return the same of a noise that was estimated from so many degrees of freedom (Student).
-
-    >>> round(coverage_by(float("inf")), 2), round(coverage_by(10.0), 2)
-    (1.96, 2.23)
-    """
-    return Z95 if np.isinf(degrees) else float(stdtrit(degrees, 0.975))
-
-
-def half_interval(low: float | None, high: float | None, sigma: float | None) -> float | None:
-    """Return half of a 95 % interval from its ends, else from sigma as if the noise were known."""
-    if low is not None and high is not None:
-        return 0.5 * (high - low)
-    return None if sigma is None else Z95 * sigma
+    return coverage_of(variances(*noise_parts(fit)))
 
 
 @stage("widening intervals where rows disagree")
@@ -196,14 +166,18 @@ def _near(q: Array) -> Ints:
 SHOWN, VISIBLE = 3, 1.05
 
 
-def in_words(fit: Fit, found: Disagreement | None) -> list[str]:
-    """Return what the user must look at: parameters that sessions disagree about, file units."""
+def in_words(fit: Fit, found: Disagreement | None, alone: Array) -> list[str]:
+    """Return what the user must look at: parameters that sessions disagree about, file units.
+
+    Args:
+        fit: of all rows.
+        found: what sessions or stretches of rows disagree about.
+        alone: half of the 95 % interval of each parameter by noise alone (F,), nan without one.
+    """
     if found is None or not (found.differ or found.disagree.any()):
         return []
-    sigma = np.sqrt(np.diagonal(posterior(fit)))[:len(fit.problem.free)]
-    known = np.isfinite(sigma) & (sigma > 0.0)
-    wide = float(np.median(found.half[:sigma.size][known] / (Z95 * sigma[known])
-                           )) if known.any() else 1.0
+    known = np.isfinite(alone) & (alone > 0.0)
+    wide = float(np.median(found.half[:alone.size][known] / alone[known])) if known.any() else 1.0
     if not found.sessions:
         return [f"what the model leaves is smooth over {found.labels[0].rsplit(' ', 1)[0]}: "
                 f"rows there are not independent, and intervals count it{_longer(wide)}"]
@@ -230,7 +204,7 @@ def _values(fit: Fit, found: Disagreement, column: int) -> str:
     factor = units.factor(parameter.quantity)
     value = float(fit.state.g[place])
     each = ", ".join(
-        f"{(value + own) / factor:.6g} +- {Z95 * sigma / factor:.2g} in {label}"
+        f"{(value + own) / factor:.6g} +- {found.coverage * sigma / factor:.2g} in {label}"
         for label, own, sigma in zip(found.labels, found.own[:, column].tolist(),
                                      found.own_sigma[:, column].tolist(), strict=True))
     return (f"{parameter.name} {each} {units.name(parameter.quantity)}"

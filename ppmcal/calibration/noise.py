@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from ppmcal.calibration.coverage import LEAST
 from ppmcal.calibration.fit import (
     Fit,
     FitOptions,
@@ -28,9 +29,6 @@ from ppmcal.model.repeats import repeats
 
 log = logging.getLogger(__package__)
 
-LEAST = 5.0
-"""A data set of less redundancy keeps its stated noise; where that is only where an estimate
-starts, it counts as so many redundant values more."""
 ROUNDS, SETTLED = 30, 0.005
 
 

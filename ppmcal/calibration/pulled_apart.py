@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.calibration.disagreement import SURE, Z95
+from ppmcal.calibration.coverage import LEAST, coverage_by
+from ppmcal.calibration.disagreement import SURE
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
-from ppmcal.calibration.noise import KNOWN, LEAST, typical_noise
+from ppmcal.calibration.noise import KNOWN, typical_noise
 from ppmcal.linalg import Array, Bools, svd
 from ppmcal.model.dataset import Dataset
 
@@ -50,12 +51,13 @@ class PulledApart:
     """How instruments pull apart.
 
     ``p_value``: chance of as much if one machine is behind all; ``noise``: of each alone over the
-    stated one; ``row``: data set and row without which they agree best, None where they never do;
-    ``without``: the chance then.
+    stated one, from so many ``degrees`` of freedom; ``row``: data set and row without which they
+    agree best, None where they never do; ``without``: the chance then.
     """
 
     p_value: float
     noise: tuple[float, ...]
+    degrees: tuple[float, ...]
     row: tuple[int, int] | None = None
     without: float = 0.0
 
@@ -95,12 +97,12 @@ def split(instruments: Sequence[InstrumentRows], held: Array, draws: int = DRAWS
     noise = np.sqrt(own / freedom)
     degrees = _left(_stacked(instruments, noise), held)[1] - sum(d for _, d in alone)
     if degrees <= 0:
-        return PulledApart(1.0, tuple(noise.tolist()))
+        return PulledApart(1.0, tuple(noise.tolist()), tuple(freedom.tolist()))
     drawn = np.sqrt(own / np.random.default_rng(0).chisquare(freedom, (draws, own.size)))
     excess = [_left(_stacked(instruments, s), held)[0] - sum(
         chi2 / f**2 for (chi2, _), f in zip(alone, s, strict=True)) for s in drawn]
     p_value = float(np.mean(chdtrc(degrees, np.maximum(excess, 0.0))))
-    return PulledApart(p_value, tuple(noise.tolist()))
+    return PulledApart(p_value, tuple(noise.tolist()), tuple(freedom.tolist()))
 
 
 def _instruments(fit: Fit, factor: Sequence[float]) -> list[InstrumentRows]:
@@ -170,8 +172,9 @@ def _sentence(fit: Fit, instruments: Sequence[InstrumentRows], found: PulledApar
     if worst is not None:
         out += "; " + ", ".join(
             f"{n} alone {'say' if k else 'say ' + _name(fit, worst)} "
-            + _value(fit, worst, float(v[worst]), float(d[worst]))
-            for k, (n, v, d) in enumerate(zip(names, values, sigma, strict=True)))
+            + _value(fit, worst, float(v[worst]), coverage_by(f) * float(d[worst]))
+            for k, (n, v, d, f) in enumerate(zip(names, values, sigma, found.degrees,
+                                                 strict=True)))
     if found.row is None:
         return (out + "; no single row explains it: one of them is off, or something is missing "
                 "in the model")
@@ -185,12 +188,12 @@ def _name(fit: Fit, column: int) -> str:
     return fit.problem.mechanism.names[fit.problem.free[column]]
 
 
-def _value(fit: Fit, column: int, step: float, sigma: float) -> str:
+def _value(fit: Fit, column: int, step: float, half: float) -> str:
     """Return a parameter's value and 95 % interval, a step of SI from the fit's, file units."""
     place = fit.problem.free[column]
     parameter, units = fit.problem.mechanism.parameters[place], fit.problem.mechanism.units
     factor = units.factor(parameter.quantity)
-    return (f"{(float(fit.state.g[place]) + step) / factor:.6g} +- {Z95 * sigma / factor:.2g} "
+    return (f"{(float(fit.state.g[place]) + step) / factor:.6g} +- {half / factor:.2g} "
             f"{units.name(parameter.quantity)}")
 
 

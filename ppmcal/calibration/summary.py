@@ -14,6 +14,7 @@ import numpy as np
 from ppmcal import linalg
 from ppmcal.calibration.before import before
 from ppmcal.calibration.campaign import WeakCampaign
+from ppmcal.calibration.coverage import LEAST
 from ppmcal.calibration.disagreement import Disagreement
 from ppmcal.calibration.estimates import (
     Estimate,
@@ -26,7 +27,7 @@ from ppmcal.calibration.extrapolation import from_home
 from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import Identifiability, identifiability
-from ppmcal.calibration.intervals import by_noise, honest, in_words
+from ppmcal.calibration.intervals import by_noise, coverage, honest, in_words
 from ppmcal.calibration.left_out_rows import (
     DoubtfulStretch,
     LeftOut,
@@ -35,7 +36,6 @@ from ppmcal.calibration.left_out_rows import (
 )
 from ppmcal.calibration.measured_ranges import measured_by
 from ppmcal.calibration.noise import (
-    LEAST,
     Noise,
     against_tolerances,
     noise_check,
@@ -188,7 +188,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
                     LeftOut(0, 0, False, "", 0.0, 1.0), notes)
     index = observability(rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep))
     told = _findings(fit, noise, inflation, found, out, wider)
-    open_ = secondary("what the data leave open", lambda: identifiability(fit),
+    open_ = secondary("what the data leave open", lambda: identifiability(fit, coverage(fit)),
                       Identifiability(None, ()), notes)
     sets = secondary("what the data see only together",
                      lambda: unidentifiable(rank, fit.problem.columns), (), notes)
@@ -279,7 +279,8 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    f"({chance(noise.prior_p)}): the tolerances are too tight, or something is "
                    "missing in the model, so 95 % intervals hold less often; widen the tolerances "
                    "or use --prior flat")
-    out += in_words(fit, wider)
+    alone = [np.nan if (h := found[p].half_by_noise) is None else h for p in fit.problem.free]
+    out += in_words(fit, wider, np.array(alone))
     far = far_from_nominal(found)
     if far:
         out.append(far)

@@ -100,7 +100,7 @@ def _show_parameters(record: IdentificationRecord, console: Console) -> None:
              "unit", "status"],
             [[p.name, *[number(p.nominal, 7)] * (not wider), number(p.error),
               number(p.half, 3),
-              *[_half(p.sigma)] * wider, p.unit,
+              *[number(p.by_noise, 3)] * wider, p.unit,
               p.status + ", sessions disagree" * bool(p.disagree)] for p in shown],
             (1, 2, 3)))
         if wider:
@@ -111,12 +111,6 @@ def _show_parameters(record: IdentificationRecord, console: Console) -> None:
     if len(free) > len(shown):
         console.say(f"The {len(shown)} largest errors against tolerance; all {len(free)} in "
                     "parameters.csv.")
-
-
-def _half(sigma: float | None) -> str:
-    from ppmcal.calibration.disagreement import Z95
-
-    return number(None if sigma is None else Z95 * sigma, 3)
 
 
 PRIOR_DOMINATED = 0.8

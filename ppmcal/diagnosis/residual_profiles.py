@@ -12,10 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
 
 from ppmcal import linalg
-from ppmcal.calibration.disagreement import Z95
+from ppmcal.calibration.coverage import Z95, coverage_by
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.response import Rows
@@ -165,4 +164,4 @@ def half_width(values: Array, row: Ints) -> float:
     sums = np.bincount(np.asarray(label).reshape(-1), weights=values - values.mean())
     rows = sums.size
     error = np.sqrt(np.sum(sums**2) * rows / (rows - 1)) / values.size
-    return float(stdtrit(rows - 1, 0.975) * error)
+    return coverage_by(rows - 1) * float(error)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ppmcal.calibration.coverage import Z95
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.frozen_models import Validated
 from ppmcal.calibration.model_averaging import Reading
@@ -44,6 +45,7 @@ class SessionEffect:
         names: of its free parameters in the model (p,).
         value, sigma: SI (S, p).
         p_value: of being the same in all of them.
+        times: half of a 95 % interval over ``sigma``, the noise's size not being known exactly.
     """
 
     labels: tuple[str, ...]
@@ -51,6 +53,7 @@ class SessionEffect:
     value: Array
     sigma: Array
     p_value: float
+    times: float = Z95
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal import linalg
+from ppmcal.calibration.coverage import coverage_of, variances
 from ppmcal.calibration.fit import Fit, residual_freedom
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.sessions import session_masks
@@ -43,15 +44,16 @@ def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
             quantity = mechanism.parameters[mechanism.names.index(first)].quantity
             unit = mechanism.units.factor(quantity)
             each = ", ".join(
-                f"{value / unit:.3g} ± {sigma / unit:.2g} {mechanism.units.name(quantity)} in "
-                f"{label}" for label, value, sigma in zip(
-                    sizes.labels, sizes.value[:, 0], sizes.sigma[:, 0], strict=True))
+                f"{value / unit:.3g} ± {half / unit:.2g} {mechanism.units.name(quantity)} in "
+                f"{label}" for label, value, half in zip(
+                    sizes.labels, sizes.value[:, 0], sizes.times * sizes.sigma[:, 0],
+                    strict=True))
             place = where(effect.on, len(mechanism.actuators))
             # one hypothesis may have a value for each of several actuators
             kind = effect.hypothesis.label.partition(" on ")[0]
             name = f"{kind} on {place}" if place else kind
             told.append(f"{name} is not the same in all sessions (p = "
-                        f"{sizes.p_value:.1g}): {first.rpartition('.')[2]} {each}")
+                        f"{sizes.p_value:.1g}): {first.rpartition('.')[2]} {each} (95 %)")
     return tuple(replace(e, sessions=s) for e, s in zip(effects, found, strict=True)), told
 
 
@@ -100,7 +102,8 @@ def _cut(fit: Fit, system: System, own: Sequence[int], masks: Sequence[Bools],
     gradient[:len(rest)] = 0.0
     left = len(rest)
     step = -(inverse @ gradient)[left:].reshape(len(seen), len(own))
-    noise = max(1.0, fit.reduced.square / residual_freedom(fit))
+    degrees = residual_freedom(fit)
+    noise = max(1.0, fit.reduced.square / degrees)
     covariance = inverse[left:, left:] * noise
     apart = _apart(step, covariance)
     size = scale[list(own)]
@@ -109,7 +112,7 @@ def _cut(fit: Fit, system: System, own: Sequence[int], masks: Sequence[Bools],
     sigma = np.sqrt(np.diagonal(covariance)).reshape(step.shape) * size
     return SessionEffect(tuple(labels[s] for s in seen),
                          tuple(fit.problem.mechanism.names[p] for p in parameters), value, sigma,
-                         apart)
+                         apart, coverage_of(variances(fit.reduced.square / noise, degrees)))
 
 
 def _apart(step: Array, covariance: Array) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from ppmcal.calibration.disagreement import Z95
+from ppmcal.calibration.coverage import half_or
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
 from ppmcal.report.format import listed, sig, to_sigma, typeset
 from ppmcal.report.html import paragraph, table, words
@@ -33,7 +33,8 @@ def changes(compared: Sequence[CampaignRecord]) -> Section | None:
 
 def _change(q: CampaignQuantity) -> str:
     name = f"{q.name}: {q.parameter}" if q.parameter else q.name
-    half = "" if q.sigma is None else f" ± {sig(Z95 * q.sigma, 2)}"
+    wide = half_or(q.half, q.sigma)
+    half = "" if wide is None else f" ± {sig(wide, 2)}"
     instead = f" (or {listed(q.status.split(', '), 3)})" if q.status else ""
     return f"{name} {to_sigma(q.value, q.sigma)}{half} {q.unit}".rstrip() + instead
 

@@ -13,7 +13,6 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from ppmcal.calibration.disagreement import Z95
 from ppmcal.io.output import json_text
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.web import spec, told
@@ -111,14 +110,14 @@ def plot_scripts(sections: Sequence[str]) -> Markup:
     return Markup(f"<script>{library}</script><script>{script}</script>")
 
 
-def error_bar(error: float | None, tolerance: float | None, sigma: float | None) -> str:
+def error_bar(error: float | None, tolerance: float | None, half: float | None) -> str:
     """Return a small bar: the error against its tolerance, with the 95 % interval.
 
     The shaded zone is one tolerance to each side of nominal, the ends are three.
     """
     if error is None or tolerance is None or not tolerance > 0.0:
         return ""
-    half = Z95 * (sigma or 0.0)
+    half = half or 0.0
 
     def at(value: float) -> float:
         return 65.0 + 20.0 * max(-2.9, min(2.9, value / tolerance))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmcal.calibration.disagreement import Z95
 from ppmcal.io.results.identifiability import unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
@@ -165,15 +164,15 @@ def parameters(r: IdentificationRecord) -> Section | None:
 
 def _row(p: ParameterEstimate) -> list[Cell]:
     sigma, value, low, high = p.sigma, p.value, p.low, p.high
-    if low is None and high is None and sigma is not None and value is not None:
-        low, high = value - Z95 * sigma, value + Z95 * sigma
+    if low is None and high is None and p.half is not None and value is not None:
+        low, high = value - p.half, value + p.half
     interval = "–" if low is None and high is None else (
         f"{to_sigma(low, sigma)} … {to_sigma(high, sigma)}")
     return [dotted(p.name), words(p.unit), amount(p.nominal, exact(p.nominal)),
             amount(value, to_sigma(value, sigma)), amount(low, interval),
             amount(p.error, to_sigma(p.error, sigma), bad=(p.tolerances or 0.0) > 3.0),
             amount(p.tolerance, exact(p.tolerance)),
-            Cell(error_bar(p.error, p.tolerance, None if p.half is None else p.half / Z95),
+            Cell(error_bar(p.error, p.tolerance, p.half),
                  number(p.tolerances)),
             amount(sigma, sig(sigma, 2)), amount(p.sigma_data, sig(p.sigma_data, 2)),
             words(p.status + ", sessions disagree" * bool(p.disagree),

@@ -225,6 +225,8 @@ class Designed:
 class TruthRow:
     """One parameter: error put in, error found, in ``unit``; z = (found - true)/sigma.
 
+    ``half``: of the 95 % interval, None without one.
+
     Of what has no nominal value, the values.
     """
 
@@ -234,6 +236,7 @@ class TruthRow:
     found: float
     sigma: float | None
     status: str
+    half: float | None = None
 
     @property
     def z(self) -> float | None:

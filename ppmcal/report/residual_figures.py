@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.calibration.disagreement import Z95
 from ppmcal.io.results.record import UnitNames
 from ppmcal.linalg import Array, Bools
 from ppmcal.plotting.canvas import Drawing
@@ -225,7 +224,7 @@ def truth_figures(c: ComparedMachines) -> list[Drawing]:
     for unit in dict.fromkeys(r.unit for r in c.rows):
         rows = [r for r in c.rows if r.unit == unit]
         true, found = (np.array([getattr(r, k) for r in rows]) for k in ("true", "found"))
-        two = np.array([Z95 * (r.sigma or 0.0) for r in rows])
+        two = np.array([r.half or 0.0 for r in rows])
         x, y = span(true), span(np.concatenate([true, found - two, found + two]))
         ends = [max(x.low, y.low), min(x.high, y.high)]
         said = Points([f"{r.name}\n± {sig(w, 2)} {unit} (95 %)".rstrip()

@@ -81,7 +81,7 @@ def compared(folder: str, one: Identified, truth: TruthRecord) -> ComparedMachin
         if differs:
             other.append(p.name)
         if p.status != "fixed" or true != 0.0:
-            rows.append(TruthRow(p.name, p.unit, true, found, p.sigma, p.status))
+            rows.append(TruthRow(p.name, p.unit, true, found, p.sigma, p.status, p.half))
     note = [f"{what[0].upper()}{what[1:]}: {some(names)}." for what, names in lacking.items()]
     return ComparedMachines(folder, one.folder, tuple(rows), " ".join(note), tuple(other))
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ppmcal.calibration import disagreement as module
-from ppmcal.calibration.estimates import Z95
+from ppmcal.calibration.coverage import Z95
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.intervals import by_blocks

@@ -123,14 +123,13 @@ def test_intervals_of_sessions_hold_those_of_blocks(monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize("count", [2, 3, 5])
 def test_three_parameters_are_named_and_the_others_counted(monkeypatch: pytest.MonkeyPatch,
                                                            count: int) -> None:
-    monkeypatch.setattr(intervals, "posterior", lambda fit: np.eye(6))
     monkeypatch.setattr(intervals, "_values", lambda fit, found, c: f"p{c}")
     found = replace(answer((2.0, 2.0)), p_value=np.array([1e-9 * (6 - c) if c >= 6 - count else 1.0
                                                           for c in range(6)]),
                     half=np.full(6, 2.0))
     fit = fit_of(free=tuple(range(6)))
     assert int(found.disagree.sum()) == count
-    said, = in_words(fit, found)
+    said, = in_words(fit, found, np.ones(6))
     assert f"sessions disagree about {count} of 6 parameters" in said
     assert "; ".join(f"p{c}" for c in range(5, 5 - min(count, 3), -1)) in said
     assert ("; and 2 more" in said) == (count == 5)

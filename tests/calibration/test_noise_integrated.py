@@ -9,10 +9,11 @@ import pytest
 from scipy.special import stdtrit
 
 import ppmcal
+from ppmcal.calibration.coverage import LEAST, coverage_by
 from ppmcal.calibration.fit import Fit, FitOptions, posterior
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.intervals import by_noise, coverage, coverage_by
-from ppmcal.calibration.noise import LEAST, noise_check, noise_parts, with_noise
+from ppmcal.calibration.intervals import by_noise, coverage
+from ppmcal.calibration.noise import noise_check, noise_parts, with_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
 from ppmcal.linalg import Array

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,17 +13,18 @@ import yaml
 from helpers.commands import ppmcal
 from helpers.instruments import data_of, truth
 from helpers.printers import joints_at, printer, touches
-from helpers.sessions import drawn, machine
-from helpers.sessions import session as poses
+from helpers.sessions import two_sessions
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
+from ppmcal.calibration.coverage import LEAST, Z95
 from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.homing_shift import HomingShift
+from ppmcal.calibration.homing_shift import HomingShift, homing_shifts
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.outliers import find_gross_errors
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
-from ppmcal.io.results.gross_errors import GrossErrorSummary, row_sentences
+from ppmcal.io.results.gross_errors import GrossErrorSummary, HomingShiftEntry, row_sentences
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -111,17 +113,6 @@ def test_a_distance_that_stands_alone_is_unchecked(tmp_path: Path) -> None:
     assert not find_gross_errors(fitted(mechanism, bed, several)).unchecked
 
 
-def two_sessions(seed: int, shift: float, second: int = 20) -> tuple[Mechanism, Dataset]:
-    """Return measurements of a 3-RPR in sessions A and B; in B leg 2's zero is elsewhere."""
-    mechanism, rng = machine("3-RPR"), np.random.default_rng([11, seed])
-    g = drawn(mechanism, rng)
-    data = poses(mechanism, "3-RPR", g, rng, 60)
-    moved = data.q.copy()
-    in_b = np.arange(60) >= 60 - second
-    moved[in_b, 1] -= shift
-    return mechanism, replace(data, q=moved, sessions=tuple(np.where(in_b, "B", "A").tolist()))
-
-
 def found_shifts(seed: int, shift: float, second: int = 20) -> tuple[HomingShift, ...]:
     mechanism, data = two_sessions(seed, shift, second)
     return find_gross_errors(fitted(mechanism, data)).homing_shifts
@@ -137,6 +128,21 @@ def test_a_zero_that_moved_is_named(second: int) -> None:
         assert (found.session, found.actuator) == ("B", "leg2")
         hits += abs(found.value - 3e-4) < 1.96 * found.sigma
     assert hits >= 6
+
+
+def test_a_zero_that_moved_has_the_interval_of_an_estimated_noise() -> None:
+    """Noise stated twice too small: its size is what few redundant values show, Student's t."""
+    mechanism, data = two_sessions(2, 3e-3, 6)
+    fit = fitted(mechanism, data.take(np.arange(60) >= 48).noisier(0.5), robust=False)
+    values = fit.reduced.count - len(fit.problem.columns) - len(mechanism.actuators)
+    least = stdtrit(LEAST + values + len(fit.problem.free), 0.975)
+    found = list(homing_shifts(fit))
+    assert "leg2" in [s.actuator for s in found]
+    for shift in found:
+        assert shift.half > least * shift.sigma > 1.03 * Z95 * shift.sigma
+        said = HomingShiftEntry.of(replace(shift, half=2.0 * shift.half), mechanism)
+        half = re.search(r"\+- (\S+)", said.sentence())[1]
+        assert float(half) == pytest.approx(said.half, rel=0.06)    # two digits
 
 
 @pytest.mark.slow

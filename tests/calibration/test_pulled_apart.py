@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmcal.calibration.noise import LEAST
+from ppmcal.calibration.coverage import LEAST
 from ppmcal.calibration.pulled_apart import InstrumentRows, split
 
 COLUMNS = 6
@@ -39,3 +39,8 @@ def test_two_machines_are_told() -> None:
     rng = np.random.default_rng(8)
     chances = np.array([split(campaign(rng, 1.0, 4.0), HELD, 60).p_value for _ in range(50)])
     assert np.mean(chances < 0.01) > 0.9
+
+
+def test_instruments_that_pull_apart_know_how_many_values_their_noise_is_of() -> None:
+    found = split(campaign(np.random.default_rng(8), 1.0, 4.0), HELD, 20)
+    assert found.degrees == tuple(LEAST + size - COLUMNS for size in SIZES.values())

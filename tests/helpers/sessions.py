@@ -53,3 +53,14 @@ def drawn(mechanism: Mechanism, rng: np.random.Generator) -> Array:
     for p in mechanism.free:
         g[p] += (mechanism.parameters[p].tolerance or 0.0) * rng.normal()
     return g
+
+
+def two_sessions(seed: int, shift: float, second: int = 20) -> tuple[Mechanism, Dataset]:
+    """Return measurements of a 3-RPR in sessions A and B; in B leg 2's zero is elsewhere."""
+    mechanism, rng = machine("3-RPR"), np.random.default_rng([11, seed])
+    g = drawn(mechanism, rng)
+    data = session(mechanism, "3-RPR", g, rng, 60)
+    moved = data.q.copy()
+    in_b = np.arange(60) >= 60 - second
+    moved[in_b, 1] -= shift
+    return mechanism, replace(data, q=moved, sessions=tuple(np.where(in_b, "B", "A").tolist()))

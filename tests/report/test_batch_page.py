@@ -165,3 +165,10 @@ def test_who_failed_or_changed_is_to_be_looked_at_and_nothing_is_fetched():
     assert {link for link in links if link[0] != "#"} == {"a/2026-01-10/identify/",
                                                           "b/2026-01-10/identify/"}
     assert "http" not in re.sub(r'xmlns(:\w+)?="http[^"]+"', "", page)
+
+
+def test_a_batch_shows_the_interval_of_a_change():
+    page = batch_page([record("a", CampaignQuantity(
+        what="change", name="leg1.offset", value=0.4, sigma=0.1, half=0.31, unit="mm"),
+        command="compare", verdict="changed", exit_code=1)])
+    assert "leg1.offset 0.40 ± 0.31 mm" in page

@@ -26,7 +26,8 @@ class CampaignQuantity(Part):
     - ``error``: rms of the residuals of a kind ``name`` at a stage ``parameter`` (before, after,
       holdout; of compensate before and after, as predicted);
     - ``noise``: rms of the residuals over the noise, before or after;
-    - ``parameter``: an identified value with ``nominal``, ``sigma`` and ``tolerance``;
+    - ``parameter``: an identified value with ``nominal``, ``sigma`` and ``tolerance``; ``half``,
+      as of effects and changes: of its 95 % interval;
     - ``effect``: of a named effect ``name`` on the actuators ``on``, one of its parameters;
     - ``change``: since the campaign before, by ``value``, as compare names it;
     - ``refused``: targets without a command.
@@ -38,6 +39,7 @@ class CampaignQuantity(Part):
     parameter: Text = ""
     value: Shown | None = None
     sigma: Shown | None = None
+    half: Shown | None = None
     nominal: Shown | None = None
     tolerance: Shown | None = None
     unit: Text = ""
@@ -115,7 +117,7 @@ def fit_quantities(found: Identification) -> Iterator[CampaignQuantity]:
     for estimate in found.estimates:
         e = ParameterEstimate.of(estimate, units)
         yield CampaignQuantity(what="parameter", name=e.name, value=e.value, sigma=e.sigma,
-                               nominal=e.nominal, tolerance=e.tolerance, unit=e.unit,
+                               half=e.half, nominal=e.nominal, tolerance=e.tolerance, unit=e.unit,
                                status=e.status)
 
 
@@ -130,7 +132,7 @@ def effect_quantities(record: DiagnosisRecord) -> Iterator[CampaignQuantity]:
             yield own
         for name, v in effect.parameters.items():
             yield own.model_copy(update={"parameter": name, "value": v.value, "sigma": v.sigma,
-                                         "unit": v.unit})
+                                         "half": v.half, "unit": v.unit})
 
 
 def change_quantities(record: ComparisonRecord) -> Iterator[CampaignQuantity]:
@@ -139,7 +141,7 @@ def change_quantities(record: ComparisonRecord) -> Iterator[CampaignQuantity]:
         for n in change.numbers:
             yield CampaignQuantity(
                 what="change", name=change.name, parameter=n.name, value=n.value, sigma=n.sigma,
-                unit=n.unit, p_value=change.p_value, status=", ".join(change.instead))
+                half=n.wide, unit=n.unit, p_value=change.p_value, status=", ".join(change.instead))
 
 
 def campaigns_table(records: Sequence[CampaignRecord]) -> bytes:

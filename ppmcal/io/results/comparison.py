@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmcal.calibration.change_detection import Change, ChangePart, Comparison
 from ppmcal.calibration.common_misfit import DifferenceNoise
-from ppmcal.calibration.intervals import half_interval
+from ppmcal.calibration.coverage import half_or
 from ppmcal.calibration.pose_difference import PoseDifference
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Text, Whole
@@ -26,11 +26,6 @@ ALIKE, HIDING = 0.3, 1.3
 """Misfit that is alike, and noise over the stated one, are told from so much on."""
 LEFT = 0.01
 """What is left is told where chance would leave as much this rarely."""
-
-
-def half_of(half: float | None, sigma: float | None) -> float | None:
-    """Return half of a 95 % interval; where a file does not say, as if the noise were known."""
-    return half if half is not None else half_interval(None, None, sigma)
 
 
 class ParameterDifference(Part):
@@ -55,7 +50,7 @@ class ParameterDifference(Part):
     @property
     def wide(self) -> float | None:
         """Half of the 95 % interval of the difference, None without one."""
-        return half_of(self.half, self.sigma)
+        return half_or(self.half, self.sigma)
 
 
 class PartOfChange(Part):
@@ -77,7 +72,7 @@ class PartOfChange(Part):
     @property
     def wide(self) -> float | None:
         """Half of the 95 % interval, None without one."""
-        return half_of(self.half, self.sigma)
+        return half_or(self.half, self.sigma)
 
 
 class NamedChange(Part):

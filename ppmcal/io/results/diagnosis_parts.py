@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from ppmcal.calibration.intervals import coverage, half_interval
+from ppmcal.calibration.coverage import half_interval
+from ppmcal.calibration.intervals import coverage
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.derived_errors import derived
 from ppmcal.diagnosis.held_out_blocks import BlockGap
@@ -96,10 +97,10 @@ class EffectInSession(Part):
         if found is None:
             return ()
         mechanism = result.identification.mechanism
-        units, times = mechanism.units, coverage(result.identification.fit)
+        units = mechanism.units
         quantities = [mechanism.parameters[mechanism.names.index(n)].quantity for n in found.names]
         return tuple(cls(session=label, parameters={
-            n.rpartition(".")[2]: EffectValue.of(float(v), float(s), q, units, times)
+            n.rpartition(".")[2]: EffectValue.of(float(v), float(s), q, units, found.times)
             for n, q, v, s in zip(found.names, quantities, value, sigma, strict=True)})
             for label, value, sigma in zip(found.labels, found.value, found.sigma, strict=True))
 

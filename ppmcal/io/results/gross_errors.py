@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from pydantic import Field
 
-from ppmcal.calibration.disagreement import Z95
+from ppmcal.calibration.coverage import half_or
 from ppmcal.calibration.homing_shift import HomingShift
 from ppmcal.calibration.outliers import GrossError, GrossErrors
 from ppmcal.io.results.record import Finite, Part, Text, Whole
@@ -65,20 +65,23 @@ class HomingShiftEntry(Part):
     sigma: Finite | None = None
     unit: Text = ""
     p_value: Finite | None = None
+    half: Finite | None = None
 
     @classmethod
     def of(cls, shift: HomingShift, mechanism: Mechanism) -> HomingShiftEntry:
         """Return the entry of a shift in file units."""
         factor, unit = mechanism.joint_units[mechanism.actuators.index(shift.actuator)]
         return cls(session=shift.session, actuator=shift.actuator, value=shift.value / factor,
-                   sigma=shift.sigma / factor, unit=unit, p_value=shift.p_value)
+                   sigma=shift.sigma / factor, unit=unit, p_value=shift.p_value,
+                   half=shift.half / factor)
 
     def sentence(self) -> str:
         """Return which joint's homing offset shifted in which session, by how much."""
-        if self.value is None or self.sigma is None or not (self.actuator and self.session):
+        half = half_or(self.half, self.sigma)
+        if self.value is None or half is None or not (self.actuator and self.session):
             return ""
         return (f"the homing offset of {self.actuator} shifted in {self.session}: by "
-                f"{self.value:+.4g} +- {Z95 * self.sigma:.2g} {self.unit or '(bare)'} against the "
+                f"{self.value:+.4g} +- {half:.2g} {self.unit or '(bare)'} against the "
                 "others; give that session a file of its own with `homing: per-file`")
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ppmcal.calibration.disagreement import Z95
+from ppmcal.calibration.coverage import Z95
 from ppmcal.calibration.flatness import Flat
 from ppmcal.calibration.identifiability import CALIPER, CollinearParameters, Identifiability, Scale
 from ppmcal.calibration.rank import Unidentifiable
@@ -50,7 +50,8 @@ class ScaleUncertainty(Part):
 
     ``sigma`` with the prior, ``sigma_data`` without, None where it is unobservable; ``open``:
     uncertain by an amount that matters; ``measure_at_least``: the distance that, measured to
-    ``measure_to`` (one sigma), halves the uncertainty.
+    ``measure_to`` (one sigma), halves the uncertainty; ``times``: half of a 95 % interval over
+    sigma, bare.
     """
 
     distance: Finite | None = None
@@ -61,6 +62,7 @@ class ScaleUncertainty(Part):
     measure_at_least: Finite | None = None
     measure_to: Finite | None = None
     unit: Text = ""
+    times: Finite = Z95
 
     @classmethod
     def of(cls, scale: Scale, units: Units) -> ScaleUncertainty:
@@ -69,7 +71,7 @@ class ScaleUncertainty(Part):
         return cls(distance=scale.length / f, sigma=scale.sigma / f,
                    sigma_data=scale.sigma_data / f, open=scale.open,
                    prior_dominated=scale.prior_dominated, measure_at_least=scale.needed / f,
-                   measure_to=CALIPER / f, unit=units.length)
+                   measure_to=CALIPER / f, unit=units.length, times=scale.times)
 
     def sentence(self) -> str:
         """Return how well a distance is known, and what to measure to know it better."""
@@ -82,10 +84,11 @@ class ScaleUncertainty(Part):
         needed, caliper = self.measure_at_least or 0.0, self.measure_to or 0.0
         if needed <= 0.0 or caliper <= 0.0:
             return ""
-        text = f"Scale: a distance of {size} is known to +- {Z95 * self.sigma:.3g} {unit} (95 %)"
+        text = (f"Scale: a distance of {size} is known to "
+                f"+- {self.times * self.sigma:.3g} {unit} (95 %)")
         if self.prior_dominated:
             alone = self.sigma_data
-            left = (f"+- {Z95 * alone:.2g} {unit}"
+            left = (f"+- {self.times * alone:.2g} {unit}"
                     if alone is not None and alone < self.distance else "it open")
             text += f", constrained by the prior; the data alone leave {left}"
         if needed <= self.distance:

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
+from ppmcal.calibration.coverage import half_interval, half_or
 from ppmcal.calibration.estimates import Estimate
 from ppmcal.calibration.freedom_choice import FreedomChoice
-from ppmcal.calibration.intervals import half_interval
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.noise import FAILED_NOISE, Noise, noise_state
 from ppmcal.calibration.posterior import of_data
@@ -24,11 +24,15 @@ from ppmcal.units import Units
 
 
 class SessionValue(Part):
-    """A parameter as one session alone gives it, prior included, in the parameter's unit."""
+    """A parameter as one session alone gives it, prior included, in the parameter's unit.
+
+    ``half``: of the 95 % interval, by noise.
+    """
 
     session: Text = ""
     value: Finite | None = None
     sigma: Finite | None = None
+    half: Finite | None = None
 
 
 class ParameterEstimate(Part):
@@ -37,7 +41,8 @@ class ParameterEstimate(Part):
     ``low``, ``high``: the 95 % interval, disagreement of sessions counted; ``sigma``: by noise
     alone, prior included; ``sigma_data``: without the prior; ``sigma_sessions``: half of
     the interval over 1.96, None where that is by noise alone; ``sessions``:
-    by each alone; ``disagree_p`` of those having one value; ``disagree``: whether it is too small.
+    by each alone; ``disagree_p`` of those having one value; ``disagree``: whether it is too small;
+    ``half_noise``: half of the 95 % interval by noise alone.
     """
 
     name: Text = ""
@@ -56,6 +61,7 @@ class ParameterEstimate(Part):
     sessions: tuple[SessionValue, ...] = ()
     disagree_p: Finite | None = None
     disagree: Flag | None = None
+    half_noise: Finite | None = None
 
     @classmethod
     def of(cls, e: Estimate, units: Units) -> ParameterEstimate:
@@ -71,14 +77,21 @@ class ParameterEstimate(Part):
                    unit=units.name(e.quantity) + "/unit" * e.per_unit, status=e.status,
                    of_tolerance=share,
                    sigma_sessions=None if e.half is None else _over(e.carried, f),
-                   sessions=tuple(SessionValue(session=label, value=value / f, sigma=sigma / f)
-                                  for label, value, sigma in e.by_session),
-                   disagree_p=e.p_value, disagree=e.disagree if e.by_session else None)
+                   sessions=tuple(SessionValue(session=label, value=value / f, sigma=sigma / f,
+                                               half=half / f)
+                                  for label, value, sigma, half in e.by_session),
+                   disagree_p=e.p_value, disagree=e.disagree if e.by_session else None,
+                   half_noise=_over(e.half_by_noise, f))
 
     @property
     def half(self) -> float | None:
         """Half of the 95 % interval, None without one."""
         return half_interval(self.low, self.high, self.sigma)
+
+    @property
+    def by_noise(self) -> float | None:
+        """Half of the 95 % interval by noise alone, None without one."""
+        return half_or(self.half_noise, self.sigma)
 
     @property
     def tolerances(self) -> float | None:

@@ -1,0 +1,88 @@
+"""Every interval of a noise that was estimated comes from one place."""
+
+from __future__ import annotations
+
+import ast
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.sessions import two_sessions
+
+import ppmcal
+from ppmcal.calibration.coverage import Z95, coverage_of, variances
+from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.intervals import coverage, in_words
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import report
+from ppmcal.io.results.identifiability import ScaleUncertainty
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+
+PACKAGE = Path(ppmcal.__file__).parent
+KNOWN = {
+    "calibration/coverage.py": "the one place",
+    "calibration/disagreement.py": "a tolerance, which is stated; the default of no noise",
+    "calibration/estimates.py": "the sigma that is as wide as an interval",
+    "calibration/identifiability.py": "before a fit the noise is as stated",
+    "io/results/identifiability.py": "the same, and files that do not say",
+    "report/learned_figures.py": "files that do not say",
+    "diagnosis/result.py": "the default of no noise",
+    "diagnosis/residual_profiles.py": "a standard normal of the same chance, no interval",
+}
+
+
+def fitted(mechanism: Mechanism, data: Dataset) -> Fit:
+    """Return a fit to twelve rows, six of each session, of noise stated twice too small."""
+    few = data.take(np.arange(60) >= 48).noisier(0.5)
+    return identify(Problem(mechanism, (few,), mechanism.free), FitOptions(robust=False))
+
+
+def test_no_module_has_an_interval_of_its_own() -> None:
+    """Where 1.96 is used, the size of the noise, or of a tolerance, is known."""
+    using = {str(p.relative_to(PACKAGE)) for p in PACKAGE.rglob("*.py") if any(
+        (isinstance(n, ast.Name) and n.id == "Z95")
+        or (isinstance(n, ast.Constant) and isinstance(n.value, float)
+            and re.match(r"1\.9(6|59)", str(n.value)))
+        for n in ast.walk(ast.parse(p.read_text(encoding="utf-8"))))}
+    assert using == set(KNOWN)
+
+
+def test_scale_and_sessions_have_the_interval_of_the_fit_s_noise() -> None:
+    mechanism, data = two_sessions(2, 3e-4, 6)
+    found = report(fitted(mechanism, data),
+                   FitOptions(robust=False), 0.0, 0)
+    scale = found.identifiability.scale
+    assert scale.times == coverage(found.fit) > 1.01 * Z95
+    said = replace(scale, sigma=0.01 * scale.length, sigma_data=0.02 * scale.length)
+    entry = ScaleUncertainty.of(said, mechanism.units)
+    half = float(re.search(r"\+- (\S+)", entry.sentence())[1])
+    assert half == pytest.approx(coverage(found.fit) * entry.sigma, rel=5e-3)
+    assert found.sessions.coverage > 1.01 * Z95
+    record = IdentificationRecord.of(found, {}, "prior")
+    for p in record.parameters:
+        assert all(s.half == pytest.approx(found.sessions.coverage * s.sigma) for s in p.sessions)
+    free = [e for e in found.estimates if e.status != "fixed"]
+    assert [p.by_noise for p in record.parameters if p.status != "fixed"] == pytest.approx(
+        [e.by_noise / mechanism.units.factor(e.quantity) for e in free])
+
+
+def test_parameters_by_session_are_told_with_that_interval() -> None:
+    mechanism, data = two_sessions(2, 3e-3, 6)
+    found = report(fitted(mechanism, data),
+                   FitOptions(robust=False), 0.0, 0)
+    sure = replace(found.sessions, p_value=np.where(
+        np.arange(len(found.fit.problem.free)) == 0, 1e-9, 1.0))
+    (said,) = in_words(found.fit, sure, np.ones(len(found.fit.problem.free)))
+    factor = mechanism.units.factor(mechanism.parameters[found.fit.problem.free[0]].quantity)
+    halves = [float(h) for h in re.findall(r"\+- (\S+) in", said)]
+    assert halves == pytest.approx(sure.coverage * sure.own_sigma[:, 0] / factor, rel=0.05)
+
+
+def test_known_noise_makes_the_normal_interval() -> None:
+    """Of very many redundant values nothing is left to integrate out."""
+    assert coverage_of(variances(1e7, 10**7)) == pytest.approx(Z95, rel=1e-3)
