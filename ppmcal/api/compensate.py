@@ -148,6 +148,7 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
         assume: conditions that all targets have, by the name of the column that they stand for.
         regardless: lift refusals of a model that misses the measurements that it was made from,
             and of corrections that are predicted to be worse than none; each is a finding then.
+            No other refusal is lifted.
 
     Raises:
         BadInput: anything wrong in the files, or a frame that the model does not know.

@@ -261,7 +261,9 @@ def _refuse_unexplained(model: Model, nominal: Model, registration: Registration
                 reason[n] = (
                     f"goes {before[i][n] / factor:.4g} {unit} from the uncorrected command, where "
                     f"the tolerances make {sizes[i] / factor:.2g} {unit} (1 sigma): no machine "
-                    f"within {IMPLAUSIBLE:.0f} tolerances is that far from its drawing")
+                    f"within {IMPLAUSIBLE:.0f} tolerances is that far from its drawing; "
+                    "if this one is, give its file larger tolerances (--regardless does not lift "
+                    "this)")
 
 
 def _refuse_unknown(good: Bools, sigma: tuple[Array, Array], status: list[str],

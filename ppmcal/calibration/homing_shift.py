@@ -56,7 +56,7 @@ def homing_shifts(fit: Fit) -> Iterator[HomingShift]:
         return
     keep = _taken_back(fit, sessions)
     while len(sessions) > 1:
-        trials = []
+        trials = list[tuple[float, int, Array, Array, float]]()
         for n, (_, rows) in enumerate(sessions):
             estimate, information, times = _shift(fit, keep, rows)
             if estimate is not None:

@@ -145,10 +145,10 @@ def _refuse_force(_: click.Context, __: click.Parameter, given: bool) -> None:
 
 
 def regardless_option(lifted: str) -> Callable[[F], F]:
-    """Return the option ``--regardless``, which lifts the refusals that are ``lifted``."""
+    """Return the option ``--regardless``, which lifts the refusals ``lifted`` and no other."""
     own = click.option("--regardless", is_flag=True,
-                       help=f"Lift the refusal of {lifted}; ends with exit code 1 where there was "
-                       "one.")
+                       help=f"Lift the refusal of {lifted}, and no other; ends with exit code 1 "
+                       "where there was one.")
     gone = click.option("--force", "was_two", is_flag=True, hidden=True, expose_value=False,
                         callback=_refuse_force, help="--overwrite, or --regardless.")
     return lambda function: own(gone(function))

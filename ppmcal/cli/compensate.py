@@ -50,10 +50,12 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     Without --frame base, TARGETS say where the measured mark is to be, in the frame of the
     instrument that measured it; with it, where the platform's origin is to be, in base axes.
 
-    Rows outside limits, across singularities, far outside the measured volume, worse off with
-    the correction than without, or not to be come to safely from the row before are refused, each
-    with its reason. A model whose residuals are far beyond the noise of its own measurements is
-    refused as a whole, unless --regardless says so. Writes commands.csv and commands.json.
+    Rows outside limits, across singularities, far outside the measured volume, farther from the
+    uncorrected command than tolerances explain, worse off with the correction than without, or not
+    to be come to safely from the row before are refused, each with its reason. A model whose
+    residuals are far beyond the noise of its own measurements is refused as a whole. --regardless
+    lifts that, and the refusal of rows worse off; what may break the machine stays refused.
+    Writes commands.csv and commands.json.
     """
     from ppmcal.api.compensate import compensate
 

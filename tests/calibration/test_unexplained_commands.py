@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.commands import ppmcal as run_command
 from helpers.paths import ROOT
 
 import ppmcal
@@ -98,3 +100,19 @@ def test_what_a_named_effect_does_is_explained_by_it() -> None:
     found = commands(slack, **{f"dir_{a}": np.ones(len(WANTED)) for a in mechanism.actuators})
     assert found.position_before.min() > 0.02
     assert set(found.status) == {"ok"}
+
+
+def test_regardless_sends_no_machine_farther_than_tolerances_explain() -> None:
+    """Whoever takes a correction that is worse than none has not said that the machine is bent."""
+    mechanism = off(machine(), 40.0)
+    targets = places(mechanism)[:, list(mechanism.dof)].copy()
+    targets /= [mechanism.units.factor("length")] * 3
+    made = ppmcal.compensate(mechanism, targets, frame="base", path=False, regardless=True)
+    far = [r for _, r in made.refused if "that far from its drawing" in r]
+    assert far
+    assert all("larger tolerances (--regardless does not lift this)" in r for r in far)
+    assert np.isnan(made.compensation.q[[n - 1 for n, r in made.refused if r in far]]).all()
+    for command in ("compensate", "export"):
+        said = " ".join(run_command(command, "--help", cwd=ROOT, expect=0).out.split())
+        assert re.search("--regardless Lift the refusal of .*, and no other; ends with exit code 1",
+                         said)
