@@ -144,12 +144,12 @@ def _shift(fit: Fit, keep: Sequence[Bools], rows: Ints) -> tuple[Array | None, A
     estimate = linalg.solve(information, other - cross.T @ inverse @ right)
     # what the rows then miss; tolerances give way too, which is no noise
     step = inverse @ (right - cross @ estimate)
-    left = max(0.0, square - 2.0 * (step @ moved + estimate @ other) + step @ seen @ step
-               + 2.0 * step @ cross @ estimate + estimate @ own @ estimate)
+    left = max(0.0, float(square - 2.0 * (step @ moved + estimate @ other) + step @ seen @ step
+                          + 2.0 * step @ cross @ estimate + estimate @ own @ estimate))
     fitted = values_fitted(int(use.sum()), np.diagonal(inverse), prior) + k
     degrees = max(count - fitted, 1.0)
-    noise = max(1.0, float(left) / degrees)
-    times = coverage_of(variances(float(left) / noise, degrees))
+    noise = max(1.0, left / degrees)
+    times = coverage_of(variances(left / noise, degrees))
     return np.asarray(estimate), np.asarray(information / noise), times
 
 
