@@ -61,10 +61,13 @@ def misreading_sentence(found: Misreading, units: Units) -> str:
 
 def mend_of(found: Sequence[Misreading]) -> str:
     """Return the lines to write into the sidecars, or what else to do."""
-    blocks: dict[str, list[str]] = {}
+    blocks: dict[tuple[str, str], list[str]] = {}
     for m in found:
         if m.block is not None:
-            blocks.setdefault(block_text(m.block), []).append(m.source)
+            # digits without an exponent: every reader of YAML takes them for a number
+            sigma = ", ".join(f"{k}: {np.format_float_positional(v, trim='-')}"
+                              for k, v in m.sigma.items())
+            blocks.setdefault((block_text(m.block), sigma), []).append(m.source)
     own = [MENDS[x.kind] for m in found for x in m.mistakes if x.kind in MENDS]
     if own:
         return ". ".join(dict.fromkeys(own))
@@ -82,5 +85,8 @@ def mend_of(found: Sequence[Misreading]) -> str:
     place = {b: f"sidecar{'s' * (len(own) > 1)} of {' and '.join(own)}" if named else "sidecar"
              for b, own in blocks.items()}
     return "Write into the " + "; into the ".join(
-        f"{place[b]}: `read: {b}`" for b in blocks) + (
+        f"{place[b]}: `read: {b[0]}`" + (
+            " and, as sigma is in the unit of the columns too, "
+            f"`instrument: {{sigma: {{{b[1]}}}}}`" * bool(b[1]))
+        for b in blocks) + (
         ". Or correct the mechanism file, if it has the mirror image" if mirrored else "")

@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ppmcal.calibration.readings import (
     AXES,
     IDENTITY,
@@ -19,6 +21,7 @@ from ppmcal.calibration.readings import (
     FileReading,
     JointReading,
     PoseReading,
+    unit_factor,
 )
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -215,3 +218,32 @@ def _units(joints: JointReading, pose: PoseReading, mechanism: Mechanism) -> dic
     named += [*zip(_axes(mechanism), pose.units, strict=False),
               *((t, pose.turn_unit) for t in _turns(mechanism))]
     return {name: unit for name, unit in named if unit}
+
+
+def other_sigma(reading: FileReading, data: Dataset, left: tuple[float, float]
+                ) -> dict[str, float]:
+    """Return the sigma that a sidecar is to state where columns are in another unit than it.
+
+    It goes with the columns where what is left agrees better with the noise then: nobody writes
+    values in one unit and their sigma in another, but instruments' makers state theirs in mm.
+
+    Args:
+        reading: how the file is to be read.
+        data: as it is read now.
+        left: median misses of positions and rotations that a fit of it read rightly leaves, m, rad.
+
+    Returns:
+        Entries of ``instrument.sigma``, in the sidecar's units; empty where they stay.
+    """
+    units, pose, out = data.units, reading.pose, dict[str, float]()
+    for key, unit, miss, sigma, declared in (
+            ("position", pose.units[0], left[0], data.sigma_position, units.factor("length")),
+            ("rotation", pose.turn_unit, left[1], data.sigma_rotation, units.factor("angle"))):
+        known = sigma[np.isfinite(sigma) & (sigma > 0.0)]
+        alike = known.size > 0 and np.ptp(known) <= 1e-9 * known[0]
+        if not unit or not alike or (key == "position" and len(set(pose.units)) > 1):
+            continue
+        factor, times = unit_factor(unit, declared), miss / known[0]
+        if times > 0.0 and abs(np.log(times / factor)) < abs(np.log(times)):
+            out[key] = float(f"{factor * known[0] / declared:.6g}")
+    return out

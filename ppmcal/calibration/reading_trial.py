@@ -7,13 +7,13 @@ an unknown frame may be renumbered in several ways that cannot be told apart, no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ppmcal.calibration.mistakes import Mistake, mistakes, read_block
+from ppmcal.calibration.mistakes import Mistake, mistakes, other_sigma, read_block
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.reading_search import Scored, search_readings
@@ -63,6 +63,7 @@ class Misreading:
             where only the user can.
         before, after: median miss, m or rad (``quantity``), with the nominal machine.
         noise_after: what a short fit leaves, times the noise.
+        sigma: entries of the sidecar's ``instrument.sigma`` that are in the columns' unit too.
     """
 
     source: str
@@ -72,6 +73,7 @@ class Misreading:
     before: float
     after: float
     noise_after: float
+    sigma: Mapping[str, float] = field(default_factory=dict)
 
 
 Judge = Callable[[Problem, float], Trial]
@@ -111,8 +113,9 @@ def find_misreading(problem: Problem, index: int, as_read: Trial, judge: Judge
     reading, what, best = min(
         (g for g in good if g[2].after <= AS_GOOD * max(least, 1.0)), key=_cost)
     block = None if reading is None else read_block(reading, mechanism, data)
+    sigma = {} if reading is None else other_sigma(reading, data, best.left)
     return Misreading(data.source, what, block, *telling(
-        (as_read.position, as_read.rotation), (best.position, best.rotation)), best.after)
+        (as_read.position, as_read.rotation), (best.position, best.rotation)), best.after, sigma)
 
 
 def telling(before: tuple[float, float], after: tuple[float, float]) -> tuple[str, float, float]:

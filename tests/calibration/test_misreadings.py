@@ -49,6 +49,7 @@ from ppmcal.calibration.validation import held_out, residuals
 from ppmcal.calibration.wrong_rows import refuse_wrong_rows, wrong_parts
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.errors import BadInput
+from ppmcal.io.results.misreading import misreading_entries
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.rotations import ORDERS
 from ppmcal.kinematics.tables import inverse_table
@@ -147,6 +148,37 @@ def test_the_mend_of_the_message_can_be_copied(tmp_path: Path) -> None:
     assert line is not None
     mended(path, yaml.safe_load(line[1]))
     assert misfit(problem_of(path)).times < 1.0
+
+
+@pytest.mark.parametrize("unit", ["in", "m"])
+def test_sigma_goes_with_the_unit_of_the_whole_file(tmp_path: Path, unit: str) -> None:
+    """Values and their sigma in mm under a sidecar that says otherwise: both lines mend it."""
+    right = problem_of(session(tmp_path / "right")).datasets[0]
+    path = session(tmp_path / "wrong", None, lambda text: text.replace(
+        "length: mm", f"length: {unit}"))
+    with pytest.raises(Misread) as refused:
+        refuse_misread(problem_of(path))
+    lines = [yaml.safe_load(line) for line in re.findall(r"`(.*?)`", refused.value.mend)]
+    assert [list(line) for line in lines] == [["read"], ["instrument"]]
+    mended(path, lines[0]["read"])
+    sidecar = path.with_suffix(".yaml")
+    text = yaml.safe_load(sidecar.read_text(encoding="utf-8"))
+    text["instrument"]["sigma"] |= lines[1]["instrument"]["sigma"]
+    sidecar.write_text(yaml.safe_dump(text), encoding="utf-8")
+    found = problem_of(path).datasets[0]
+    np.testing.assert_allclose(found.position, right.position, rtol=1e-12)
+    np.testing.assert_allclose(found.sigma_position, right.sigma_position, rtol=1e-4)
+    (entry, *_) = misreading_entries(refused.value.found, refused.value.units)
+    assert entry.sigma == lines[1]["instrument"]["sigma"]
+
+
+def test_a_sigma_that_is_right_stays(tmp_path: Path) -> None:
+    """Positions in inches, and the tracker's sigma as its maker states it, mm."""
+    path = session(tmp_path, scaled(("x", "y", "z"), 1.0 / 25.4))
+    with pytest.raises(Misread) as refused:
+        refuse_misread(problem_of(path))
+    assert [m.sigma for m in refused.value.found] == [{}]
+    assert "sigma" not in refused.value.mend
 
 
 @pytest.mark.slow

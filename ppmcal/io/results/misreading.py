@@ -27,7 +27,8 @@ class MisreadingEntry(Part):
     """One mistake in one file.
 
     ``read``: the sidecar's block that mends all mistakes of that file; null where only the user
-    can. ``rows``: where not all.
+    can; ``sigma``: entries of its ``instrument.sigma`` that belong to that, in its units.
+    ``rows``: where not all.
     """
 
     file: Text = ""
@@ -37,6 +38,7 @@ class MisreadingEntry(Part):
     read: Mapping[str, Any] | None = None
     residual: MedianMiss | None = Field(default=None)
     text: Text = ""
+    sigma: Mapping[str, float] | None = None
 
 
 def misreading_entries(found: Sequence[Misreading], units: Units) -> tuple[MisreadingEntry, ...]:
@@ -49,5 +51,6 @@ def misreading_entries(found: Sequence[Misreading], units: Units) -> tuple[Misre
         known = np.isfinite(one.after)
         out += [MisreadingEntry(
             file=one.source, kind=m.kind, columns=m.columns, rows=m.rows or None, read=one.block,
-            residual=miss if known else None, text=m.text) for m in one.mistakes]
+            residual=miss if known else None, text=m.text,
+            sigma=dict(one.sigma) or None) for m in one.mistakes]
     return tuple(out)
