@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -9,13 +10,26 @@ import pytest
 import yaml
 from helpers.commands import number, rows
 from helpers.commands import ppmcal as command
+from scipy.special import bdtrc
 
 import ppmcal
-from ppmcal.calibration.frozen_models import FrozenModel, validated, with_and_without
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.frozen_models import (
+    FrozenModel,
+    _registered,
+    validated,
+    with_and_without,
+)
+from ppmcal.calibration.problem import Problem, squares_by_noise_of, white_squares
+from ppmcal.calibration.registration_freedoms import opened
 from ppmcal.errors import BadInput
 from ppmcal.io.mechanism_writer import write_mechanism
-from ppmcal.io.results.validation import ValidationRecord, effects_sentence
+from ppmcal.io.results.validation import (
+    ValidatedDataset,
+    ValidationRecord,
+    effects_sentence,
+    misled,
+)
+from ppmcal.linalg import finite_rows
 
 ERRORS = {"leg1.base.point.x": 0.4, "leg2.offset": -0.3, "leg3.offset": 0.2}
 EFFECTS = [{"kind": "backlash", "on": ["leg1"], "parameters": {"width": 0.08}},
@@ -244,3 +258,64 @@ def test_a_bed_that_lies_elsewhere_is_demanded(tmp_path):
     assert found.errors[0].noise == pytest.approx(1.0, abs=0.4)
     (same,) = validated([FrozenModel("model", printer)], [rows])
     assert same.demanded == ()
+
+
+@pytest.mark.parametrize("typed", [6e-5, 2e-4])
+def test_a_row_that_is_wrong_within_tolerances_is_named_and_counts(truth, day, typed):
+    """A tolerance of 0.5 mm explains it, the other 79 rows do not."""
+    wrong = day[0].position.copy()
+    wrong[17, 1] += typed
+    (found,) = validated(with_and_without(truth), [replace(day[0], position=wrong)])
+    (row,) = found.unlike
+    assert found.rows == (80, 80)
+    assert row.row == day[0].rows[17]
+    assert row.error == pytest.approx(typed, rel=0.2)
+    assert row.median < 1.5e-5
+    (said,) = (s for s in misled([ValidatedDataset.of(found, truth.units)]) if "others" in s)
+    assert f"row {row.row} is off by " in said and "they count here" in said
+
+
+def test_a_row_beyond_tolerances_is_left_out_and_named(truth, day):
+    wrong = day[0].position.copy()
+    wrong[17, 1] += 0.05
+    (found,) = validated(with_and_without(truth), [replace(day[0], position=wrong)])
+    assert (found.rows, found.left_out) == ((79, 80), (int(day[0].rows[17]),))
+    assert found.unlike == ()
+    (said,) = misled([ValidatedDataset.of(found, truth.units)])
+    assert f"row {day[0].rows[17]} left out" in said
+
+
+@pytest.mark.slow
+def test_rows_of_noise_alone_are_hardly_ever_named(truth, stage):
+    """By Bonferroni one campaign in twenty: of 24, more than 5 have a chance below 1e-3."""
+    days = [ppmcal.simulate(stage, scenario(100 + n, EFFECTS)).data[0] for n in range(24)]
+    named = sum(bool(v.unlike) for v in validated(with_and_without(truth)[:1], days))
+    assert bdtrc(5, 24, 0.05) < 1e-3
+    assert named <= 5
+
+
+@pytest.mark.parametrize("actuator", [0.0, 0.02])
+def test_a_registration_with_more_freedom_never_fits_worse(actuator):
+    """Chi-squared by the noise at the wider one, by which that is the least; mm may grow."""
+    hexapod = ppmcal.load(ppmcal.shipped("6-UPS"))
+    data = ppmcal.simulate(hexapod, {
+        "format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
+        "poses": {"random": {"center": dict.fromkeys(("x", "y", "rx", "ry", "rz"), 0)
+                             | {"z": 2000},
+                             "half_range": {"x": 150, "y": 150, "z": 100, "rx": 1, "ry": 1,
+                                            "rz": 1}, "count": 40}},
+        "errors": {"random": {"scale": 3.0}},
+        "frame": dict.fromkeys(("z", "rx", "ry"), 0) | {"x": 5, "y": -3, "rz": 10},
+        "target": [30, -20, 50], "seed": 4,
+        "instrument": {"kind": "pose", "sigma": {"position": 0.01, "rotation": 0.001,
+                                                 "actuator": actuator}}}).data[0]
+    sets = [("frame",), ("frame", "target"), ("frame", "rotation"),
+            ("frame", "target", "rotation"), ("frame", "target", "rotation", "homing")]
+    fits = {words: _registered(hexapod, opened(data, words, True)) for words in sets}
+    for less, more in itertools.permutations(sets, 2):
+        if set(less) < set(more):
+            rows = [finite_rows(a) & finite_rows(b) for a, b in zip(
+                fits[less].state.poses, fits[more].state.poses, strict=True)]
+            wide = fits[more].problem, fits[more].state
+            narrow = squares_by_noise_of((fits[less].problem, fits[less].state), wide, rows)
+            assert white_squares(*wide, rows)[0] <= narrow, (less, more)

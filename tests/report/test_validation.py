@@ -48,6 +48,11 @@ def folder(day, tmp_path):
 def test_words(day):
     assert registered_sentence(day) == ("may: 40 of 41 rows; fitted: the frame and the joints' "
                                         "zeros (the joints' zeros since the data demand it).")
+    turned = day.errors[0].model_copy(update={"rotation": ErrorSize(rms=0.1, unit="deg")})
+    both = day.model_copy(update={"errors": (turned, *day.errors[1:]), "demanded": ()})
+    assert registered_sentence(both) == (
+        "may: 40 of 41 rows; fitted: the frame and the joints' zeros, to the least square of "
+        "positions and rotations over their noise.")
     assert effects_sentence(day) == "It is made smaller by backlash (0.03 mm)."
 
 

@@ -20,6 +20,8 @@ OPENED = {"frame": "the frame", "target": "the target", "rotation": "the body's 
 ONE_ROW, FEW = 0.8, 5
 """A miss that is for so large a part of its mean square that of one row, of so many at least,
 tells of that row and not of the machine."""
+SHOWN = 3
+"""Rows that a finding names; the others are counted."""
 SIZES = ("rms", "rms_low", "rms_high", "p95", "p95_low", "p95_high", "max")
 """Figures of an error, and the ends of their 95 % intervals."""
 
@@ -96,10 +98,20 @@ class NoiseUsed(Part):
                    factor=found.factor, source=found.source)
 
 
+class UnlikeRowEntry(Part):
+    """A row that does not fit with the others: its ``error``, and the ``median`` of theirs."""
+
+    row: Whole = 0
+    error: Finite | None = None
+    median: Finite | None = None
+    unit: Text = ""
+
+
 class ValidatedDataset(Part):
     """One data set; ``fitted``: what of the registration, ``demanded`` by the data alone.
 
-    ``elsewhere``: so many rows were measured in another assembly mode than home's.
+    ``elsewhere``: so many rows were measured in another assembly mode than home's; ``unlike``:
+    rows that do not fit with the others; ``left_out``: rows typed wrong, which count nowhere.
     """
 
     name: Text = ""
@@ -111,16 +123,24 @@ class ValidatedDataset(Part):
     noise: NoiseUsed | None = None
     errors: tuple[PredictedError, ...] = ()
     elsewhere: Whole = 0
+    unlike: tuple[UnlikeRowEntry, ...] = ()
+    left_out: tuple[Whole, ...] = ()
 
     @classmethod
     def of(cls, found: Validated, units: Units, noise: DayNoise | None = None
            ) -> ValidatedDataset:
         """Return a data set in file units."""
+        first = found.errors[0]
+        factor, unit = (units.factor("length"), units.length) if first.position else (
+            units.factor("angle"), units.angle)
         return cls(name=found.name, source=found.source, rows=found.rows[0], of_rows=found.rows[1],
                    fitted=found.fitted, demanded=found.demanded,
                    noise=None if noise is None else NoiseUsed.of(noise, units),
                    errors=tuple(PredictedError.of(e, units, n == 0)
                                 for n, e in enumerate(found.errors)),
+                   unlike=tuple(UnlikeRowEntry(row=r.row, error=r.error / factor, unit=unit,
+                                               median=r.median / factor) for r in found.unlike),
+                   left_out=found.left_out,
                    **({"elsewhere": found.elsewhere} if found.elsewhere else {}))
 
 
@@ -180,12 +200,14 @@ def _column_units(units: Units, datasets: Sequence[ValidatedDataset]) -> dict[st
 
 
 def registered_sentence(data: ValidatedDataset) -> str:
-    """Return what the registration fitted."""
+    """Return what the registration fitted, and what it makes least: no error in mm alone."""
     names = [OPENED.get(w, w) for w in data.fitted]
     fitted = "nothing" if not names else _listed(names)
     more = [OPENED.get(w, w) for w in data.demanded]
     tail = f" ({_listed(more)} since the data demand it)" if more else ""
-    return f"{data.name}: {data.rows} of {data.of_rows} rows; fitted: {fitted}{tail}."
+    both = names and data.errors and data.errors[0].position and data.errors[0].rotation
+    how = ", to the least square of positions and rotations over their noise" if both else ""
+    return f"{data.name}: {data.rows} of {data.of_rows} rows; fitted: {fitted}{tail}{how}."
 
 
 def noise_sentence(data: ValidatedDataset) -> str:
@@ -265,11 +287,26 @@ def _missed(data: ValidatedDataset) -> list[str]:
         "measurements of another machine, or of one that has changed")]
 
 
+def _unlike(data: ValidatedDataset) -> list[str]:
+    """Return which rows do not fit with the others, empty where all do."""
+    out = [f"{data.name}: row{'s' * (len(data.left_out) > 1)} "
+           f"{', '.join(map(str, data.left_out[:SHOWN]))}{' ...' * (len(data.left_out) > SHOWN)} "
+           "left out: no machine comes near the values there"] if data.left_out else []
+    if not data.unlike or data.elsewhere:
+        return out
+    each = ", ".join(f"row {r.row} is off by {number(r.error)} {r.unit}"
+                     for r in data.unlike[:SHOWN])
+    more = f", and {len(data.unlike) - SHOWN} more rows" * (len(data.unlike) > SHOWN)
+    first = data.unlike[0]
+    return [*out, f"{data.name}: {each}{more}, where half of the others are within "
+            f"{number(first.median)} {first.unit}: look at the values there; they count here"]
+
+
 def misled(datasets: Sequence[ValidatedDataset]) -> list[str]:
     """Return what a person must look at: a miss, effects that make it worse, better machines."""
     out = []
     for data in datasets:
-        out += _missed(data)
+        out += [*_missed(data), *_unlike(data)]
         for e in data.errors:
             if e.verdict == "better" and e.closer is not None:
                 ends = "" if e.low is None or e.high is None else (
