@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.calibration.fit import FitOptions
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.noise import (
     ENOUGH_REPEATS,
     FAILED_NOISE,
@@ -34,6 +34,14 @@ STATED, RESIDUALS, REPEATS = "stated", "residuals", "repeats"
 
 
 @dataclass(frozen=True)
+class UnlikeRow:
+    """A row, by its number in the CSV, that is so many ``times`` the noise off the others."""
+
+    row: int
+    times: float
+
+
+@dataclass(frozen=True)
 class DayNoise:
     """The noise that a day is judged by.
 
@@ -41,11 +49,13 @@ class DayNoise:
         factor: over the stated one.
         sigma: of a typical value or position, m; nan where neither was measured.
         source: ``stated``; ``residuals`` of a fit to that day alone, or its ``repeats``.
+        unlike: rows that such a fit of the first machine leaves out.
     """
 
     factor: float
     sigma: float
     source: str
+    unlike: tuple[UnlikeRow, ...] = ()
 
 
 def day_noise(machines: Sequence[Mechanism], data: Dataset) -> DayNoise:
@@ -62,20 +72,31 @@ def day_noise(machines: Sequence[Mechanism], data: Dataset) -> DayNoise:
     wide = opened(data, OPENED.get(data.kind, OPEN))
     known = float("nan") if data.kind == "pose" and not np.isfinite(
         data.sigma_position).any() else typical_noise(data)
-    found = [n for m in machines if (n := _noise(m, wide)) is not None]
-    factor, source = min(found, default=(1.0, STATED))
-    return DayNoise(factor, factor * known, source)
+    fits = [f for m in machines if (f := _own_fit(m, wide)) is not None]
+    factor, source = min((_noise(fit, own, data) for fit, own in fits), default=(1.0, STATED))
+    return DayNoise(factor, factor * known, source, _unlike(fits[0][0], data) if fits else ())
 
 
-def _noise(machine: Mechanism, data: Dataset) -> tuple[float, str] | None:
-    """Return the noise over the stated one and its source, None where a fit does not tell."""
-    options = FitOptions()
+def _own_fit(machine: Mechanism, data: Dataset) -> tuple[Fit, float] | None:
+    """Return a fit to that day alone and its noise over the stated one, None without one."""
     try:
         fit, factors = with_estimated_noise(
-            Problem(machine, (data,), machine.free), options, [data.estimated])
+            Problem(machine, (data,), machine.free), FitOptions(), [data.estimated])
     except PpmcalError:
         return None
-    factor, check = float(factors[0]), noise_check(fit)
+    return fit, float(factors[0])
+
+
+def _unlike(fit: Fit, data: Dataset) -> tuple[UnlikeRow, ...]:
+    """Return the rows that a day's own fit leaves out, as `identify` would, worst first."""
+    found = [UnlikeRow(int(data.rows[n]), fit.times[0][n])
+             for n in np.flatnonzero(fit.outliers[0]).tolist() if n in fit.times[0]]
+    return tuple(sorted(found, key=lambda r: -r.times))
+
+
+def _noise(fit: Fit, factor: float, data: Dataset) -> tuple[float, str]:
+    """Return the noise over the stated one and its source."""
+    check = noise_check(fit)
     repeats = check.repeat_ratio if check.repeat_degrees >= ENOUGH_REPEATS else None
     if data.estimated:
         if repeats and repeats < 1.0:    # the rest is what the model misses

@@ -7,7 +7,7 @@ where it is asked for, or where the data demand it. Every machine is judged by t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import compress
@@ -15,11 +15,10 @@ from itertools import compress
 import numpy as np
 
 from ppmcal.calibration.error_intervals import RmsDraws, quantile_interval, rms_interval
-from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.other_assembly import in_other_assembly
-from ppmcal.calibration.outliers import distances, worst
 from ppmcal.calibration.problem import Problem, squares_by_noise_of, white_squares
 from ppmcal.calibration.registration_freedoms import OPEN as OPEN
 from ppmcal.calibration.registration_freedoms import OPENED, fall, is_open, opened
@@ -70,18 +69,6 @@ class ModelError:
         return int(self.interval[0] > 0.0) - int(self.interval[1] < 0.0)
 
 
-@dataclass(frozen=True)
-class UnlikeRow:
-    """A row that is not like the others: its number in the CSV, its error and half of theirs.
-
-    ``error``: m, or rad where no position was measured; ``median``: of the other rows.
-    """
-
-    row: int
-    error: float
-    median: float
-
-
 @dataclass(frozen=True, eq=False)
 class Validated:
     """One data set, predicted by every machine.
@@ -94,7 +81,6 @@ class Validated:
         errors: by machine, the reference first.
         elsewhere: of the judged rows, how many the reference machine closes in another assembly
             mode near what was measured.
-        unlike: judged rows that do not fit with the others, worst first; they count.
         left_out: rows typed wrong, by every machine, which count nowhere; numbers in the CSV.
     """
 
@@ -105,7 +91,6 @@ class Validated:
     demanded: tuple[str, ...]
     errors: tuple[ModelError, ...]
     elsewhere: int = 0
-    unlike: tuple[UnlikeRow, ...] = ()
     left_out: tuple[int, ...] = ()
 
 
@@ -194,19 +179,7 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
     return Validated(data.name, data.source, (int(rows.sum()), len(whole)), (*asked, *demanded),
                      demanded, _compared(errors, data.groups[rows], seed),
                      int((in_other_assembly(fits[0]) & rows).sum()),
-                     tuple(_unlike(fits[0], rows, found[0])),
                      tuple(np.setdiff1d(whole.rows, data.rows).tolist()))
-
-
-def _unlike(fit: Fit, rows: Bools, found: Residuals) -> Iterator[UnlikeRow]:
-    """Yield which of the rows (N,) a fit of all would leave out, by what the others miss."""
-    away = distances(fit.problem, fit.state, prediction_covariance(fit), [rows])
-    size = found.position[0] if np.isfinite(found.position[0]).any() else found.rotation[0]
-    for _, n, _ in worst(away, [rows], away.factor([rows])):
-        others = size[rows & (np.arange(rows.size) != n)]
-        if np.isfinite(size[n]) and np.isfinite(others).any():
-            yield UnlikeRow(int(fit.problem.datasets[0].rows[n]), float(size[n]),
-                            float(np.nanmedian(others)))
 
 
 def _typed_right(models: Sequence[FrozenModel], data: Dataset) -> Dataset:

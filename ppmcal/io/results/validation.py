@@ -99,19 +99,18 @@ class NoiseUsed(Part):
 
 
 class UnlikeRowEntry(Part):
-    """A row that does not fit with the others: its ``error``, and the ``median`` of theirs."""
+    """A row that does not fit with the others by so many ``times`` their noise, bare."""
 
     row: Whole = 0
-    error: Finite | None = None
-    median: Finite | None = None
-    unit: Text = ""
+    times: Finite | None = None
 
 
 class ValidatedDataset(Part):
     """One data set; ``fitted``: what of the registration, ``demanded`` by the data alone.
 
     ``elsewhere``: so many rows were measured in another assembly mode than home's; ``unlike``:
-    rows that do not fit with the others; ``left_out``: rows typed wrong, which count nowhere.
+    rows that a fit of these alone leaves out, which count here; ``left_out``: rows typed wrong,
+    which count nowhere.
     """
 
     name: Text = ""
@@ -130,16 +129,14 @@ class ValidatedDataset(Part):
     def of(cls, found: Validated, units: Units, noise: DayNoise | None = None
            ) -> ValidatedDataset:
         """Return a data set in file units."""
-        first = found.errors[0]
-        factor, unit = (units.factor("length"), units.length) if first.position else (
-            units.factor("angle"), units.angle)
         return cls(name=found.name, source=found.source, rows=found.rows[0], of_rows=found.rows[1],
                    fitted=found.fitted, demanded=found.demanded,
                    noise=None if noise is None else NoiseUsed.of(noise, units),
                    errors=tuple(PredictedError.of(e, units, n == 0)
                                 for n, e in enumerate(found.errors)),
-                   unlike=tuple(UnlikeRowEntry(row=r.row, error=r.error / factor, unit=unit,
-                                               median=r.median / factor) for r in found.unlike),
+                   unlike=tuple(UnlikeRowEntry(row=r.row, times=r.times)
+                                for r in (noise.unlike if noise else ())
+                                if r.row not in found.left_out),
                    left_out=found.left_out,
                    **({"elsewhere": found.elsewhere} if found.elsewhere else {}))
 
@@ -294,12 +291,12 @@ def _unlike(data: ValidatedDataset) -> list[str]:
            "left out: no machine comes near the values there"] if data.left_out else []
     if not data.unlike or data.elsewhere:
         return out
-    each = ", ".join(f"row {r.row} is off by {number(r.error)} {r.unit}"
+    each = ", ".join(f"row {r.row} ({number(r.times, 2)} times the noise)"
                      for r in data.unlike[:SHOWN])
     more = f", and {len(data.unlike) - SHOWN} more rows" * (len(data.unlike) > SHOWN)
-    first = data.unlike[0]
-    return [*out, f"{data.name}: {each}{more}, where half of the others are within "
-            f"{number(first.median)} {first.unit}: look at the values there; they count here"]
+    verb = "do" if len(data.unlike) > 1 else "does"
+    return [*out, f"{data.name}: {each}{more} {verb} not fit with the others, whatever the "
+            "geometry: look at the values; here they count"]
 
 
 def misled(datasets: Sequence[ValidatedDataset]) -> list[str]:
