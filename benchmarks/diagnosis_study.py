@@ -199,9 +199,9 @@ def coverage(found: Hidden, result: Diagnosis) -> str:
         for name in effect.parameters:
             short = name.rsplit(".", 1)[1]
             e = values[name]
-            if short in truth.parameters and e.sigma and np.isfinite(e.sigma):
+            if short in truth.parameters and e.sigma and e.interval and np.isfinite(e.sigma):
                 total += 1
-                hits += abs(e.value - truth.parameters[short]) <= 1.96 * e.sigma
+                hits += e.interval[0] <= truth.parameters[short] <= e.interval[1]
     return f"{hits}/{total}"
 
 
