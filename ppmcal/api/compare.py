@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -66,10 +66,13 @@ def compare(old: Path_, new: Path_) -> ComparisonResult:
     """
     first, second = (p / "identified.yaml" if p.is_dir() else p for p in (Path(old), Path(new)))
     mechanism = read_mechanism(second)
-    odd = same_machine(mechanism, read_mechanism(first), first)
+    earlier = read_mechanism(first)
     paths = [p.with_name("identification.json") for p in (first, second)]
     before, after = (read_posterior(p, mechanism) for p in paths)
     knowledge = read_knowledge(paths[0], mechanism)
+    # what either had free is no fixed value
+    both = replace(mechanism, free=tuple({*before.places, *after.places}))
+    odd = same_machine(both, earlier, first)
     only = sorted(mechanism.names[p] for p in {*before.places} ^ {*after.places})
     found, notes, more = _found(mechanism, (before, after), only, (first.parent, second.parent),
                                 knowledge.volume)
