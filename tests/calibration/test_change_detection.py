@@ -14,6 +14,7 @@ from helpers.sessions import BOX, CONFIGS, POSITION, Array, drawn, machine, sess
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.change_detection import Comparison, between, posterior_of
+from ppmcal.calibration.common_misfit import noise_between
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.joint_fit import fitted_together
@@ -480,3 +481,15 @@ def test_a_changed_stiffness_is_named(tmp_path: Path) -> None:
     (change,) = found["changes"]
     assert change["name"] == "compliance.stiffness"
     assert change["value"] == pytest.approx(-2000, abs=3 * change["sigma"] + 200)
+
+
+def test_what_one_session_misses_the_other_is_allowed_too() -> None:
+    """Rows that a fit left out, or poses that met no worn place, make no session exact."""
+    whole = machine("3-RPR")
+    rng = np.random.default_rng(3)
+    g = drawn(whole, rng)
+    one, _ = worn(whole, "3-RPR", g, g, rng, 10.0 * POSITION)
+    two = session(whole, "3-RPR", g, rng, 30, "b")
+    own = [noisy(identify(Problem(whole, (d,), whole.free), OPTIONS), OPTIONS) for d in (one, two)]
+    noise = noise_between(own[0], own[1])
+    assert own[1].inflation == 1.0 and noise.old > noise.new > 2.0
