@@ -115,4 +115,8 @@ def test_drives_have_the_scale_of_the_joints_and_slots_their_tolerance() -> None
     assert whole.keys() == half.keys()
     for name, scale in whole.items():
         assert half[name] == pytest.approx(0.5 * np.array(scale), rel=1e-6)
-        assert np.isfinite(scale).all() == (not name.startswith("gain"))
+        if not name.startswith("geometry"):
+            assert np.isfinite(scale).all() == name.startswith("curvature")
+    slots = {f"geometry {p.name} True": p.prior_sigma for p in found.mechanism.parameters}
+    frozen = [n for n in whole if slots.get(n)]
+    assert frozen and all(whole[n] == (slots[n],) for n in frozen)
