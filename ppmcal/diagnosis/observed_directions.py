@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.tolerance_moves import as_pose, by_tolerances
-from ppmcal.diagnosis.linear_system import System, SystemPart
+from ppmcal.diagnosis.joint_tolerances import tolerated
+from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
 from ppmcal.linalg import Array
-from ppmcal.model.effects import Shift
 
 HALF = 0.5
 """A displacement has more than this part of its square in what is seen. Of an error that lies
@@ -78,20 +77,11 @@ def observed_motion(system: System) -> ObservedMotion:
     mechanism = system.problem.mechanism
     metric = np.array([1.0] * 3 + [mechanism.length_scale] * 3)
     seen = _seen(system, metric)
-    displaced, asked, by_tolerance = [], [], []
-    for part in system.parts:
-        pose = as_pose(part.response)
-        joints = np.stack([pose.column(s) for s in joint_shifts(part)], axis=-1)
-        across = metric[:, None] * joints
-        displaced.append(across)
-        sigma = by_tolerances(pose, mechanism)
-        sigma = sigma[..., np.isfinite(sigma).all(axis=(0, 1))]    # one of inf says nothing
-        by_tolerance.append(np.sum(sigma**2, axis=2))
-        asked.append(np.sum((linalg.pinv(across) @ (metric[:, None] * sigma)) ** 2, axis=2))
+    displaced, by_tolerance, asked = zip(*(tolerated(p, system) for p in system.parts), strict=True)
     whole = np.concatenate(displaced)
     felt, size = (np.sum(m**2, axis=(0, 1)) for m in (seen @ whole, whole))
     return ObservedMotion(
-        seen, tuple(displaced), np.sqrt(felt / np.maximum(size, 1e-300)),
+        seen, displaced, np.sqrt(felt / np.maximum(size, 1e-300)),
         *(np.sqrt(np.mean(np.concatenate(v), axis=0)) for v in (by_tolerance, asked)))
 
 
@@ -112,10 +102,3 @@ def _seen(system: System, metric: Array) -> Array:
     w, v = linalg.eigh(total)
     use = w > WEAK_SURVIVAL**2 * max(float(w[-1]), 1e-300)
     return np.asarray(v[:, use] @ v[:, use].T)
-
-
-def joint_shifts(part: SystemPart) -> list[Shift]:
-    """Return the shifts of one unit of each joint coordinate, in the rows of a part."""
-    count = len(part.response.pose)
-    return [Shift({(i, "offset"): np.ones(count) for i, limb in enumerate(part.setting.limbs)
-                   if limb.actuator == a}) for a in range(part.setting.turning.size)]
