@@ -16,7 +16,7 @@ from ppmcal import linalg
 from ppmcal.diagnosis.joint_tolerances import tolerated
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Bools
 
 HALF = 0.5
 """A displacement has more than this part of its square in what is seen. Of an error that lies
@@ -33,7 +33,8 @@ class ObservedMotion:
         across: the platform's displacement with each joint (n, 6, k), by part of the system.
         joints: of the platform's displacement with each joint (rms), the part that is seen (k,).
         place_sigma: standard deviation of the pose by the tolerances (6,), m and rad.
-        joint_sigma: of each joint's coordinate, by what that displacement asks of it (k,).
+        joint_sigma: of each joint's coordinate, by what that displacement asks of it (k,). Where no
+            finite tolerance says anything, both are of the size of the machine.
     """
 
     seen: Array
@@ -80,9 +81,17 @@ def observed_motion(system: System) -> ObservedMotion:
     displaced, by_tolerance, asked = zip(*(tolerated(p, system) for p in system.parts), strict=True)
     whole = np.concatenate(displaced)
     felt, size = (np.sum(m**2, axis=(0, 1)) for m in (seen @ whole, whole))
+    lengths = np.arange(6) < 3, np.array([q == "length" for q in mechanism.actuator_quantity])
     return ObservedMotion(
         seen, displaced, np.sqrt(felt / np.maximum(size, 1e-300)),
-        *(np.sqrt(np.mean(np.concatenate(v), axis=0)) for v in (by_tolerance, asked)))
+        *(_or_machine(np.sqrt(np.mean(np.concatenate(v), axis=0)), long, mechanism.reach)
+          for v, long in zip((by_tolerance, asked), lengths, strict=True)))
+
+
+def _or_machine(sigma: Array, lengths: Bools, reach: float) -> Array:
+    """Return standard deviations (n,); where tolerances give none, the reach, or a radian."""
+    size = np.where(lengths, reach, 1.0)
+    return np.where(sigma > np.finfo(float).eps * size, sigma, size)
 
 
 def _seen(system: System, metric: Array) -> Array:
