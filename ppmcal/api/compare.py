@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
+from ppmcal.api.fitted_again import reason, with_equal_freedoms
 from ppmcal.api.inputs import Path_, recorded, same_machine, source_of
 from ppmcal.api.result import Result
 from ppmcal.calibration.change_detection import Comparison, between
+from ppmcal.calibration.posterior import Posterior
+from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.comparison import ComparisonRecord, verdict_sentence
 from ppmcal.io.results.knowledge import read_knowledge, read_posterior
@@ -38,7 +41,8 @@ class ComparisonResult(Result):
     @property
     def needs_a_look(self) -> bool:
         """Whether the machine has changed, or there are findings."""
-        return self.comparison.changed or bool(self.findings)
+        return (self.comparison.changed or bool(self.comparison.why_not)
+                or bool(self.findings))
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return compare.csv and comparison.json."""
@@ -62,12 +66,38 @@ def compare(old: Path_, new: Path_) -> ComparisonResult:
     """
     first, second = (p / "identified.yaml" if p.is_dir() else p for p in (Path(old), Path(new)))
     mechanism = read_mechanism(second)
-    odd = same_machine(mechanism, read_mechanism(first), first)
+    earlier = read_mechanism(first)
     paths = [p.with_name("identification.json") for p in (first, second)]
     before, after = (read_posterior(p, mechanism) for p in paths)
     knowledge = read_knowledge(paths[0], mechanism)
-    found, notes = between(mechanism, before, after, knowledge.volume, np.random.default_rng(0))
+    # what either had free is no fixed value
+    both = replace(mechanism, free=tuple({*before.places, *after.places}))
+    odd = same_machine(both, earlier, first)
+    only = sorted(mechanism.names[p] for p in {*before.places} ^ {*after.places})
+    found, notes, more = _found(mechanism, (before, after), only, (first.parent, second.parent),
+                                knowledge.volume)
     findings = (*odd, *notes)
-    source = source_of("compare", [*mechanism.inputs, *(str(p) for p in paths)], None)
-    return ComparisonResult(source, findings, mechanism, found,
-                            ComparisonRecord.of(found, mechanism, source, findings))
+    source = source_of("compare", [*mechanism.inputs, *(str(p) for p in paths), *more], None)
+    return ComparisonResult(source, findings, mechanism, found, ComparisonRecord.of(
+        found, mechanism, source, findings, only))
+
+
+def _found(mechanism: Mechanism, known: tuple[Posterior, Posterior], only: Sequence[str],
+           folders: Sequence[Path], volume: Mapping[str, tuple[float, float]]
+           ) -> tuple[Comparison, list[str], list[str]]:
+    """Return the comparison, what makes it doubtful, and the tables that it read again.
+
+    ``only``: parameters that one of the two had free; ``folders``: of both; ``volume``: as
+    :func:`ppmcal.calibration.change_detection.between`.
+    """
+    more = list[str]()
+    if only:
+        try:
+            known, more = with_equal_freedoms(mechanism, folders, known)
+        except PpmcalError as error:
+            return Comparison.impossible(reason(error, only)), [], []
+    values = mechanism.values.copy()
+    values[list(known[1].places)] = known[1].estimate(mechanism)
+    found, notes = between(mechanism.with_values(values), *known, volume,
+                           np.random.default_rng(0))
+    return found, notes, more

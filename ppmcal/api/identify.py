@@ -129,7 +129,7 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
             FREEDOMS, partial(with_chosen_freedoms, problem, options, _estimated(problem, sigma)),
             (problem, None), extra)
         begin("fitting")
-        fit, odd, told = _fit(problem, options, sigma)
+        fit, odd, told = fitted_rows(problem, options, sigma)
         begin("looking for wrong rows")
         refuse_after_fit(fit)
         begin("judging the fit")
@@ -214,7 +214,8 @@ def with_unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Ite
         raise type(error)(error.what, where, mend) from None
 
 
-def _fit(problem: Problem, options: FitOptions, sigma: str) -> tuple[Fit, list[str], list[str]]:
+def fitted_rows(problem: Problem, options: FitOptions, sigma: str
+                ) -> tuple[Fit, list[str], list[str]]:
     """Fit, with the noise as stated or as the residuals show it.
 
     Returns:

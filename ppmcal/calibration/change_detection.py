@@ -17,7 +17,6 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc, ndtr
 
 from ppmcal.calibration.common_misfit import DifferenceNoise, noise_between
-from ppmcal.calibration.equal_freedoms import with_equal_freedoms
 from ppmcal.calibration.explanations import (
     CHANGED,
     VISIBLE,
@@ -32,7 +31,7 @@ from ppmcal.calibration.intervals import coverage_by
 from ppmcal.calibration.joint_rows import joint_rows
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.pose_difference import PoseDifference, pose_difference
-from ppmcal.calibration.posterior import Earlier, Posterior, of_data
+from ppmcal.calibration.posterior import Posterior, of_data
 from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.session_knowledge import session_knowledge
 from ppmcal.errors import BadInput
@@ -79,6 +78,7 @@ class Comparison:
         noise: of the differences, over the stated ones.
         pose_difference: what it means at the platform, None where no pose was had.
         covariance: of the differences, as ``sigma`` (F, F).
+        why_not: why the two cannot be compared, empty where they can.
     """
 
     names: tuple[str, ...]
@@ -95,6 +95,15 @@ class Comparison:
     noise: DifferenceNoise
     pose_difference: PoseDifference | None
     covariance: Array
+    why_not: str = ""
+
+    @classmethod
+    def impossible(cls, why: str) -> Comparison:
+        """Return the comparison of two calibrations that cannot be compared: it has no p-value."""
+        none = np.zeros(0)
+        return cls((), none, none, none, none, none, 0.0, 0, np.nan, (), np.nan,
+                   DifferenceNoise(np.nan, np.nan, np.inf, 1.0, False), None, np.zeros((0, 0)),
+                   why)
 
     @property
     def coverage(self) -> float:
@@ -104,7 +113,7 @@ class Comparison:
     @property
     def changed(self) -> bool:
         """Whether all together say more than chance would."""
-        return self.p_value < CHANGED or bool(self.changes)
+        return not self.why_not and (self.p_value < CHANGED or bool(self.changes))
 
 
 def between(mechanism: Mechanism, old: Posterior, new: Posterior,
@@ -115,36 +124,27 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
     ``mechanism``: the newer; ``volume``: coordinate -> (low, high) of the poses to compare at.
 
     Raises:
-        BadInput: they have no free parameter in common.
+        BadInput: they had other parameters free; see :mod:`joint_fit`.
     """
-    common = [p for p in old.places if p in new.places]
-    if not common:
-        raise BadInput("has no free parameter in common with the newer one", old.source,
-                       "Compare calibrations of one machine")
-    notes = []
+    if set(old.places) != set(new.places):
+        raise BadInput("had other parameters free than the newer one", old.source,
+                       "Identify both with the same --free")
+    common, notes = list(old.places), list[str]()
     both = sorted(set(old.inputs) & set(new.inputs))
     if both:
         notes.append(f"{new.inputs[both[0]]} is in both calibrations: they are not independent, "
                      "and changes look smaller than they are")
-    only = {mechanism.names[p] for p in set(old.places) ^ set(new.places)}
-    if only:
-        notes.append(f"free in only one of the two, and compared as if it were in neither: "
-                     f"{', '.join(sorted(only))}; identify both with the same --free to be surer")
-        old, new = with_equal_freedoms(mechanism, old, new)
     found = _compared(mechanism, old, new, common, notes)
+    if not found.freedom:
+        return Comparison.impossible("the two sessions have no direction in common that both "
+                                     "measured: nothing that one found foretells the other"), notes
     poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES) for c in POSE_COORDINATES],
                      axis=-1)
     # a machine of fewer actuators than coordinates does not reach poses drawn at random
     if mechanism.equations == len(mechanism.actuators):
-        value = mechanism.values[list(old.places)]
-        here = [old.places.index(p) for p in common]
-        value[here] = found.new
-
         def apart() -> PoseDifference | None:
-            noise = np.zeros((DRAWS, value.size))
-            noise[:, here] = _drawn(found.covariance, DRAWS, rng)
-            return pose_difference(mechanism, Earlier(old.places, old.matrix, old.right, old.value),
-                                   value, poses, noise)
+            return pose_difference(mechanism, old.places, found.old, found.new, poses,
+                                   _drawn(found.covariance, DRAWS, rng))
 
         moved = secondary("how far the platform has moved", apart, None, notes)
         return replace(found, pose_difference=moved), notes
@@ -178,7 +178,7 @@ def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list
     found, left = secondary("what has changed", named, ([], rows.misfit), notes)
     here = [new.places.index(p) for p in common]
     covariance = rows.covariance()[np.ix_(here, here)]
-    value, explained = new.value[here], np.zeros(len(common))
+    value, explained = new.estimate(mechanism)[here], np.zeros(len(common))
     for f in found:
         for part, step in zip(f.explanation.columns, f.value.tolist(), strict=True):
             step *= scale[place[next(iter(part))]]
@@ -186,7 +186,7 @@ def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list
     size, chi2 = rows.misfit.size, float(rows.misfit @ rows.misfit)
     used = sum(f.value.size for f in found)
     return Comparison(
-        tuple(names), old.value[[old.places.index(p) for p in common]], value,
+        tuple(names), old.estimate(mechanism), value,
         np.sqrt(np.maximum(np.diagonal(covariance), 0.0)),
         _alone(rows.columns[:, here], rows.misfit),
         np.array([_step(mechanism, p, v, s) for p, v, s in zip(
@@ -221,7 +221,7 @@ def _in_units(mechanism: Mechanism, found: TakenExplanation, place: Mapping[str,
         sigma = float(np.sqrt(found.covariance[i, i])) * float(scale[at])
         value = step
         if at < len(new.places):
-            value = _step(mechanism, new.places[at], float(new.value[at]), step)
+            value = _step(mechanism, new.places[at], float(new.estimate(mechanism)[at]), step)
             sigma *= value / step if step else 1.0
         parts.append(ChangePart(name, first, value, sigma))
     return Change(found.explanation.name, tuple(parts), found.p_value, found.instead)
@@ -245,7 +245,12 @@ def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:
     if fixed:
         return [f"parameters that the earlier calibration had found are fixed now: "
                 f"{', '.join(fixed[:4])}{' ...' if len(fixed) > 4 else ''}"]
-    alone = identify(replace(fit.problem, earlier=None), options, fit.state, near=True)
+    # what only the new rows have free is where the earlier calibration held it
+    problem, g = replace(fit.problem, free=before.places, earlier=None), fit.state.g.copy()
+    held = sorted(free - set(before.places))
+    g[held] = problem.mechanism.values[held]
+    state = problem.solve(replace(fit.state, g=g)) if held else fit.state
+    alone = identify(problem, options, state, near=True)
     new = posterior_of(with_noise(alone, noise_check(alone).inflation, options))
     found, _ = between(fit.problem.mechanism, before, new, {}, np.random.default_rng(0))
     if not found.changed:

@@ -69,10 +69,21 @@ def noise_between(old: Posterior, new: Posterior) -> DifferenceNoise:
         apart = max(1.0, session.spread / max(session.noise, 1e-300)) if share == 1.0 else 1.0
         ratios.append(ratio * apart if failed else 1.0)
         degrees += session.degrees * failed
+    if degrees and share == 1.0 and _alike(one, two):
+        # what one shows the other misses too, at poses that it has not or as rows left out
+        square = sum(s.degrees * r**2 for s, r in zip((one, two), ratios, strict=True))
+        both = float(np.sqrt(square / (one.degrees + two.degrees)))
+        ratios = [max(r, both) for r in ratios]
     pairs = _single_rows(one, two) if same and one.single and two.single else None
     shared = same and (share < 1.0 or min(one.degrees, two.degrees) < LEAST)
     return DifferenceNoise(ratios[0], ratios[1], degrees or np.inf, share, same, pairs,
                  shared * MISSED * max(old.inflation, new.inflation, one.noise, two.noise))
+
+
+def _alike(old: SessionKnowledge, new: SessionKnowledge) -> bool:
+    """Return whether two sessions measured with instruments of the same kinds."""
+    one, two = (sorted({(v.kind, v.rotations) for v in s.sights}) for s in (old, new))
+    return one == two
 
 
 def _single_rows(old: SessionKnowledge, new: SessionKnowledge) -> tuple[Ints, Ints] | None:

@@ -61,11 +61,13 @@ def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: Diff
     right_old, slope = before.rows(mechanism, new.places, g)
     weight = np.where(np.isfinite(new.tolerance), 1.0 / new.tolerance, 0.0) * new.scale
     # at the new minimum the tolerances pull as much as the data do
-    pull = -(new.matrix.T @ new.right) * new.scale / new.inflation**2
+    pull = new.pull() * new.scale
     held = np.where(weight > 0.0, pull / np.where(weight > 0.0, weight, 1.0), 0.0)
     # a machine that is farther off than its tolerances is not held by them
     loose = max(1.0, float(np.max(np.abs(held), initial=0.0)) / FAR)
     weight, held = weight / loose, held / loose
+    if new.step is not None:
+        held = held + weight * new.step / new.scale
     here = np.concatenate([second[0], two], axis=1) * scale / noise.new
     prior = np.diag(np.concatenate([weight, np.ones(natural.size)]))
     blocks = [np.concatenate([slope, one], axis=1) * scale / noise.old, here, prior]

@@ -17,9 +17,10 @@ from scipy.special import bdtrc, gammaln
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.validation import Residuals
 from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.repeats import repeats
 from ppmcal.wording import counted
 from ppmcal.wording.progress import stage
 
@@ -29,6 +30,8 @@ LEVEL = 0.01
 """where chance would give as many, or as clear a pattern over all that are tried, this rarely."""
 FEWEST = 4
 """Fewer rows have no pattern."""
+FEWEST_POSES = 3
+"""Nor have fewer poses of a stretch of travel: two that were typed wrong are near by chance."""
 THIRDS = 3
 FOR_STRETCHES, FOR_PLACES = 0.2, 0.2
 """Stretches of travel are many, and so are places: each have this part of the level, all others the
@@ -98,23 +101,26 @@ class DoubtfulStretch:
 
 def left_out(fit: Fit) -> LeftOut:
     """Return what the rows that a fit left out have in common."""
-    gone = fit.outliers
+    gone, datasets = fit.outliers, fit.problem.datasets
     used = [k | g for k, g in zip(fit.keep, gone, strict=True)]
     count, rows = (sum(int(m.sum()) for m in masks) for masks in (gone, used))
     too_many = count > 0 and bool(bdtrc(count - 1, rows, GROSS_SHARE) < LEVEL)
     found: list[tuple[float, float, _Pattern]] = []
     for patterns, level in ((_circumstances, 1.0 - FOR_STRETCHES - FOR_PLACES),
                             (_stretches, FOR_STRETCHES), (_places, FOR_PLACES)):
-        # rows at one pose are at one place: what hit the pose has hit them all
-        mine = _one_of_each_pose(fit, used, gone) if patterns is _places else used
+        # what hits a pose hits all its rows: at a place they are one, in a stretch its repeats
+        mine = used if patterns is _circumstances else _one_of_each(
+            used, gone, [d.groups if patterns is _places else repeats(d) for d in datasets])
         out, total = _rows_in(gone, mine), _rows_in(mine, mine)
         tests = []
         for pattern in _patterns(fit, patterns) if FEWEST <= out < total else ():
             inside = _rows_in(pattern.rows, mine)
             hits = sum(int((m & g & u).sum()) for m, g, u in zip(
                 pattern.rows, gone, mine, strict=True))
+            few = patterns is _stretches and _poses(fit, pattern.rows) < FEWEST_POSES
             if 0 < inside < total:
-                tests.append((_as_many(hits, total, inside, out), hits / out, pattern))
+                tests.append((1.0 if few else _as_many(hits, total, inside, out), hits / out,
+                              pattern))
         found += [(min(1.0, p * len(tests) / level), share, pattern) for p, share, pattern in tests]
     best, share, pattern = min(found, default=(1.0, 0.0, _Pattern("", [])), key=lambda f: f[:2])
     if best >= LEVEL:
@@ -126,16 +132,23 @@ def _rows_in(one: Sequence[Bools], other: Sequence[Bools]) -> int:
     return sum(int((a & b).sum()) for a, b in zip(one, other, strict=True))
 
 
-def _one_of_each_pose(fit: Fit, used: Sequence[Bools], gone: Sequence[Bools]) -> list[Bools]:
-    """Return one of the ``used`` rows (N,) of each commanded pose, one that is ``gone`` if any."""
+def _one_of_each(used: Sequence[Bools], gone: Sequence[Bools], labels: Sequence[Ints]
+                 ) -> list[Bools]:
+    """Return one of the ``used`` rows (N,) of each label (N,), one that is ``gone`` if any."""
     out = []
-    for data, u, g in zip(fit.problem.datasets, used, gone, strict=True):
+    for label, u, g in zip(labels, used, gone, strict=True):
         rows = np.flatnonzero(u)
         rows = rows[np.argsort(~g[rows], kind="stable")]
         mask = np.zeros_like(u)
-        mask[rows[np.unique(data.groups[rows], return_index=True)[1]]] = True
+        mask[rows[np.unique(label[rows], return_index=True)[1]]] = True
         out.append(mask)
     return out
+
+
+def _poses(fit: Fit, rows: Sequence[Bools]) -> int:
+    """Return at how many commanded poses some of the rows (N,) were left out."""
+    return sum(np.unique(d.groups[r & o]).size for d, r, o in zip(
+        fit.problem.datasets, rows, fit.outliers, strict=True))
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.posterior import Earlier
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.tables import inverse_table
@@ -17,6 +17,8 @@ from ppmcal.model.mechanism import Mechanism
 
 LEAST = 3
 """Poses that two machines are laid on each other by."""
+NEAR = 1e-3
+"""Steps are taken by this part of themselves, and what they make is counted so much larger."""
 
 
 @dataclass(frozen=True)
@@ -36,36 +38,37 @@ class PoseDifference:
 
 
 def pose_difference(
-    mechanism: Mechanism, old: Earlier, new: Array, volume: Array, noise: Array
+    mechanism: Mechanism, places: Sequence[int], old: Array, new: Array, volume: Array,
+    noise: Array,
 ) -> PoseDifference | None:
     """Return how far the poses of two machines lie apart at the same joints.
 
     Args:
         mechanism: the newer one.
-        old: what the earlier calibration knew, and at which values.
-        new: values of the same parameters in the newer one (F,), SI.
+        places: parameters that both found (F,).
+        old: their values in the older one (F,), SI.
+        new: in the newer one (F,), SI.
         volume: poses (N, 6) of the older in the base frame, whose joints are compared.
         noise: steps from the older values (D, F) that noise alone makes, drawn.
     """
-    places = list(old.places)
-
     def machine(value: Array) -> Model:
         g = mechanism.values.copy()
-        g[places] = value
+        g[list(places)] = value
         return Model(mechanism, g)
 
-    first = machine(old.value)
+    first = machine(old)
     q = inverse_table(first, volume).q
     q = q[np.isfinite(q).all(axis=1)]
     if len(q) < LEAST:
         return None
     start, size = forward(first, q).pose, mechanism.length_scale
     found = _apart(start, forward(machine(new), q).pose, size)
+    # far off in a direction that hardly shows, nothing but its bend would be seen
     drawn = [d for step in noise
-             if (d := _apart(start, forward(machine(old.value + step), q).pose, size))]
+             if (d := _apart(start, forward(machine(old + NEAR * step), q).pose, size))]
     if found is None or not drawn:
         return found
-    position, rotation = (np.sqrt(np.mean([value**2 for value in values])) for values in zip(
+    position, rotation = (np.sqrt(np.mean([value**2 for value in values])) / NEAR for values in zip(
         *((d.position_rms, d.rotation_rms) for d in drawn), strict=True))
     return replace(found, position_chance=float(position), rotation_chance=float(rotation))
 

@@ -103,8 +103,8 @@ class Posterior:
 
     Attributes:
         places: parameters that were free (F,).
-        value: the estimate (F,).
-        matrix, right: rows |matrix s - right|^2 of its data about the estimate (k, F), (k,),
+        value: the estimate (F,), or where the rows are from and ``step`` leads to it from.
+        matrix, right: rows |matrix s - right|^2 of its data about the value (k, F), (k,),
             white by the stated noise.
         tolerance: the prior's standard deviation (F,), inf where there was none.
         scale: natural unit of each parameter (F,).
@@ -114,6 +114,7 @@ class Posterior:
         source: the file.
         session: what the data say beyond its parameters; None where a file does not hold it.
         known: rows by which copies of those tables are told.
+        step: from the value to the estimate (F,), SI; None: the value is the estimate.
     """
 
     places: tuple[int, ...]
@@ -127,6 +128,19 @@ class Posterior:
     source: str
     session: SessionKnowledge | None = None
     known: tuple[KnownRows, ...] = ()
+    step: Array | None = None
+
+    def estimate(self, mechanism: Mechanism) -> Array:
+        """Return where data and tolerances together have their minimum (F,), SI."""
+        if self.step is None:
+            return self.value
+        return np.array([mechanism.parameters[p].stepped(v, s) for p, v, s in zip(
+            self.places, self.value.tolist(), self.step.tolist(), strict=True)])
+
+    def pull(self) -> Array:
+        """Return the gradient of the data's half chi-squared at the estimate (F,), SI."""
+        left = self.right if self.step is None else self.right - self.matrix @ self.step
+        return -np.asarray(self.matrix.T @ left) / self.inflation**2
 
     def data(self) -> Earlier:
         """Return the data's part, without the prior."""

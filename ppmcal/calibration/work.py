@@ -10,11 +10,16 @@ from dataclasses import dataclass
 
 @dataclass
 class Work:
-    """Steps of fits that a search may still try; ``ended``: more were wanted than there were."""
+    """Steps of fits that a search may still try; ``ended``: more were wanted than there were.
+
+    ``within``: the work that these steps are a part of; ``cut``: parts that ended of themselves.
+    """
 
     most: int
     left: int
     ended: bool = False
+    within: Work | None = None
+    cut: int = 0
 
 
 _WORK: ContextVar[Work | None] = ContextVar("work", default=None)
@@ -22,22 +27,32 @@ _WORK: ContextVar[Work | None] = ContextVar("work", default=None)
 
 @contextmanager
 def bounded(steps: int) -> Iterator[Work]:
-    """Let all fits inside try so many steps together; what is not done by then is given up."""
-    work = Work(steps, steps)
+    """Let all fits inside try so many steps together; what is not done by then is given up.
+
+    Steps inside of another bound are steps of that too.
+    """
+    within = _WORK.get()
+    work = Work(steps, steps, within=within)
     token = _WORK.set(work)
     try:
         yield work
     finally:
         _WORK.reset(token)
+        if within is not None:
+            within.cut += work.ended or work.cut
 
 
 def another_step() -> bool:
     """Count a step that a fit is about to try; whether it may."""
+    bounds = []
     work = _WORK.get()
-    if work is None:
-        return True
-    if work.left <= 0:
-        work.ended = True
-        return False
-    work.left -= 1
+    while work is not None:
+        bounds.append(work)
+        work = work.within
+    for bound in reversed(bounds):
+        if bound.left <= 0:
+            bound.ended = True
+            return False
+    for bound in bounds:
+        bound.left -= 1
     return True

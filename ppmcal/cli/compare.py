@@ -36,7 +36,8 @@ def command(old: Path, new: Path, out: Path, console: Console) -> None:
     Both are folders that identify wrote (or the identified.yaml in them), from different
     measurements. All parameters are judged together, with what was taken for known: homing, where
     bed, instrument and measured body were. The likeliest explanations of a change are named, and
-    those that are as likely. Writes compare.csv and comparison.json.
+    those that are as likely. If only one of the two had a parameter free, both are fitted to their
+    measurements again with it free. Writes compare.csv and comparison.json.
     """
     from ppmcal.api.compare import compare
 
@@ -61,6 +62,7 @@ def _show(record: ComparisonRecord, console: Console) -> None:
     if not console.speaks:
         return
     from ppmcal.io.results.comparison import (
+        anew_sentence,
         apart_sentence,
         change_sentence,
         noise_sentence,
@@ -72,9 +74,12 @@ def _show(record: ComparisonRecord, console: Console) -> None:
     console.say(verdict_sentence(record))
     for c in record.changes:
         console.say(change_sentence(c))
-    for sentence in (remainder_sentence(record), apart_sentence(record), noise_sentence(record)):
+    for sentence in (remainder_sentence(record), apart_sentence(record), noise_sentence(record),
+                     anew_sentence(record)):
         if sentence:
             console.say(sentence)
+    if not record.parameters:
+        return
     rows = sorted(record.parameters, key=lambda r: r.p_alone or 0.0)
     console.table(plain_table(
         ["parameter", "new", "new - old", "+- 95 %", "unit", "changed"],

@@ -17,6 +17,7 @@ from ppmcal.diagnosis.hypotheses import (
     frozen_slots,
     shapes,
 )
+from ppmcal.diagnosis.joint_tolerances import joint_tolerances
 from ppmcal.diagnosis.library_columns import only_slots
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.search import Search, columns_of
@@ -138,7 +139,7 @@ class _Kinds(Collector):
 
         def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float]) -> None:
             self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual, named,
-                                           constants))
+                                           self._scale(on, specs), constants))
 
         if not kind.per_actuator:
             add((), self._columns(kind, on, values, specs), shown)
@@ -159,7 +160,17 @@ class _Kinds(Collector):
                 on_names, False,
                 tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
                 high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),
-                named * len(own), shown))
+                named * len(own), sum((self._scale((a,), specs) for a in on_names), ()), shown))
+
+    def _scale(self, on: Sequence[str], specs: Sequence[EffectParameter]) -> tuple[float, ...]:
+        """Return how large tolerances make coefficients: an error of a drive is one of joints."""
+        own = self._joint_tolerances[[self.actuators.index(a) for a in on]]
+        sigma = float(np.sqrt(np.mean(own**2))) if own.size else 0.0
+        return tuple(sigma if s.of_stroke and sigma > 0.0 else np.inf for s in specs)
+
+    @cached_property
+    def _joint_tolerances(self) -> Array:
+        return joint_tolerances(self.system)
 
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:

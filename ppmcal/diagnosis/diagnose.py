@@ -43,6 +43,7 @@ from ppmcal.diagnosis.other_days import other_days, worse_days
 from ppmcal.diagnosis.other_models import other_models
 from ppmcal.diagnosis.plausibility import implausible, implausible_words, misread_column
 from ppmcal.diagnosis.recorded import with_whole_rows
+from ppmcal.diagnosis.refit import MOST_STEPS as REFIT_STEPS
 from ppmcal.diagnosis.refit import nothing_named, with_mechanism
 from ppmcal.diagnosis.result import Diagnosis, Found, LearnedTerms, NamedEffect, Onset, Survival
 from ppmcal.diagnosis.rivals import rivals
@@ -62,6 +63,7 @@ from ppmcal.diagnosis.verdict import (
     refuse_unredundant,
 )
 from ppmcal.model.dataset import Dataset
+from ppmcal.wording import counted
 from ppmcal.wording.progress import begin
 
 MOST_STEPS = 4000
@@ -71,6 +73,9 @@ ENDED = (f"the search was ended after {MOST_STEPS} steps of its fits, which wand
          "by then is told as far as its fit had got, and rivals, learned terms and what to measure "
          "next may be missing; state what is known (stiffness, load) in the mechanism file, or "
          "try fewer kinds")
+
+CUT = ("{} with further effects wandered and went no farther than " + str(REFIT_STEPS)
+       + " steps: effects that only a longer one would show may be missing")
 
 
 def diagnose(problem: Problem, options: DiagnosisOptions | None = None
@@ -86,9 +91,8 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
     """
     with bounded(MOST_STEPS) as work:
         found = _diagnosed(problem, options or DiagnosisOptions())
-    if not work.ended:
-        return found
-    return replace(found, findings=(*found.findings, ENDED))
+    said = [ENDED] if work.ended else [CUT.format(counted(work.cut, "fit"))] if work.cut else []
+    return replace(found, findings=(*found.findings, *said))
 
 
 def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:

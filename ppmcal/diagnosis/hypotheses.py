@@ -36,6 +36,8 @@ class Hypothesis:
         low, high: physical range of each column's coefficient.
         usual: the range in which machines have it, by column; empty: any.
         named: the range in which it is named at last, by column; empty: not asked in this search.
+        scale: how large its coefficients are in a machine within its tolerances, one standard
+            deviation by column; inf: nothing is known of it; empty: of none.
         columns: where its columns are in the library.
         effect: the kind with its traits; None for a frozen slot or a shape without a cause.
         part: of a kind whose parameters are causes of their own, the one that it has; of a shape
@@ -55,6 +57,7 @@ class Hypothesis:
     columns: tuple[int, ...]
     usual: tuple[tuple[float, float], ...] = ()
     named: tuple[tuple[float, float], ...] = ()
+    scale: tuple[float, ...] = ()
     constants: dict[str, float] = field(default_factory=dict)
     slot: str = ""
     anonymous: bool = False
@@ -128,6 +131,7 @@ def united(hypotheses: Sequence[Hypothesis]) -> Hypothesis:
         columns=sum((f.columns for f in hypotheses), ()),
         usual=sum((f.usual for f in hypotheses), ()),
         named=sum((f.named for f in hypotheses), ()),
+        scale=sum((f.scale for f in hypotheses), ()),
     )
 
 
@@ -218,6 +222,7 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
                 (-np.inf,),
                 (np.inf,),
                 (column,),
+                scale=(parameter.prior_sigma or np.inf,),
                 slot=parameter.name,
             )
         )

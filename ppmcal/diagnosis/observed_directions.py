@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.tolerance_moves import as_pose, by_tolerances
-from ppmcal.diagnosis.linear_system import System, SystemPart
+from ppmcal.diagnosis.joint_tolerances import tolerated
+from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
-from ppmcal.linalg import Array
-from ppmcal.model.effects import Shift
+from ppmcal.linalg import Array, Bools
 
 HALF = 0.5
 """A displacement has more than this part of its square in what is seen. Of an error that lies
@@ -34,7 +33,8 @@ class ObservedMotion:
         across: the platform's displacement with each joint (n, 6, k), by part of the system.
         joints: of the platform's displacement with each joint (rms), the part that is seen (k,).
         place_sigma: standard deviation of the pose by the tolerances (6,), m and rad.
-        joint_sigma: of each joint's coordinate, by what that displacement asks of it (k,).
+        joint_sigma: of each joint's coordinate, by what that displacement asks of it (k,). Where no
+            finite tolerance says anything, both are of the size of the machine.
     """
 
     seen: Array
@@ -78,21 +78,20 @@ def observed_motion(system: System) -> ObservedMotion:
     mechanism = system.problem.mechanism
     metric = np.array([1.0] * 3 + [mechanism.length_scale] * 3)
     seen = _seen(system, metric)
-    displaced, asked, by_tolerance = [], [], []
-    for part in system.parts:
-        pose = as_pose(part.response)
-        joints = np.stack([pose.column(s) for s in joint_shifts(part)], axis=-1)
-        across = metric[:, None] * joints
-        displaced.append(across)
-        sigma = by_tolerances(pose, mechanism)
-        sigma = sigma[..., np.isfinite(sigma).all(axis=(0, 1))]    # one of inf says nothing
-        by_tolerance.append(np.sum(sigma**2, axis=2))
-        asked.append(np.sum((linalg.pinv(across) @ (metric[:, None] * sigma)) ** 2, axis=2))
+    displaced, by_tolerance, asked = zip(*(tolerated(p, system) for p in system.parts), strict=True)
     whole = np.concatenate(displaced)
     felt, size = (np.sum(m**2, axis=(0, 1)) for m in (seen @ whole, whole))
+    lengths = np.arange(6) < 3, np.array([q == "length" for q in mechanism.actuator_quantity])
     return ObservedMotion(
-        seen, tuple(displaced), np.sqrt(felt / np.maximum(size, 1e-300)),
-        *(np.sqrt(np.mean(np.concatenate(v), axis=0)) for v in (by_tolerance, asked)))
+        seen, displaced, np.sqrt(felt / np.maximum(size, 1e-300)),
+        *(_or_machine(np.sqrt(np.mean(np.concatenate(v), axis=0)), long, mechanism.reach)
+          for v, long in zip((by_tolerance, asked), lengths, strict=True)))
+
+
+def _or_machine(sigma: Array, lengths: Bools, reach: float) -> Array:
+    """Return standard deviations (n,); where tolerances give none, the reach, or a radian."""
+    size = np.where(lengths, reach, 1.0)
+    return np.where(sigma > np.finfo(float).eps * size, sigma, size)
 
 
 def _seen(system: System, metric: Array) -> Array:
@@ -112,10 +111,3 @@ def _seen(system: System, metric: Array) -> Array:
     w, v = linalg.eigh(total)
     use = w > WEAK_SURVIVAL**2 * max(float(w[-1]), 1e-300)
     return np.asarray(v[:, use] @ v[:, use].T)
-
-
-def joint_shifts(part: SystemPart) -> list[Shift]:
-    """Return the shifts of one unit of each joint coordinate, in the rows of a part."""
-    count = len(part.response.pose)
-    return [Shift({(i, "offset"): np.ones(count) for i, limb in enumerate(part.setting.limbs)
-                   if limb.actuator == a}) for a in range(part.setting.turning.size)]

@@ -14,9 +14,10 @@ import numpy as np
 from ppmcal.calibration.estimates import registered
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.model_averaging import Reading
+from ppmcal.calibration.work import bounded
 from ppmcal.diagnosis.effect_sets import effect_sets
 from ppmcal.diagnosis.extended_model import with_named
-from ppmcal.diagnosis.refit import with_mechanism
+from ppmcal.diagnosis.refit import MOST_STEPS, with_mechanism
 from ppmcal.diagnosis.rivals import Rival
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.errors import PpmcalError
@@ -31,21 +32,23 @@ def other_models(
     Args:
         whole: the fit of all rows without effects.
         stage: where the effects were chosen.
-        rivals: by named hypothesis; sets that cannot be fitted are left out, and those at whose
-            fit an effect is beyond its physical range: no machine is so, and none is commanded so.
-        options: of the fits.
+        rivals: by named hypothesis; sets that cannot be fitted are left out, those whose fit was
+            given up, and those at whose fit an effect is beyond its physical range: no machine is
+            so, and none is commanded so.
+        options: of the fits, which share the steps of one.
     """
     out = []
-    for other in effect_sets(stage, rivals):
-        named = [i for i in other.chosen if not other.search.hypotheses[i].anonymous]
-        try:
-            mechanism, _ = with_named(whole.problem.mechanism, other.search, named)
-            fit = with_mechanism(whole, mechanism, options) if named else whole
-        except PpmcalError:
-            continue
-        if beyond_physics(fit):
-            continue
-        out.append(Reading(other.effect, other.instead, other.odds, fitted(fit), other.labels))
+    with bounded(MOST_STEPS):
+        for other in effect_sets(stage, rivals):
+            named = [i for i in other.chosen if not other.search.hypotheses[i].anonymous]
+            try:
+                mechanism, _ = with_named(whole.problem.mechanism, other.search, named)
+                fit = with_mechanism(whole, mechanism, options) if named else whole
+            except PpmcalError:
+                continue
+            if (named and not fit.converged) or beyond_physics(fit):
+                continue
+            out.append(Reading(other.effect, other.instead, other.odds, fitted(fit), other.labels))
     return (*out, Reading("", "", 1.0, fitted(whole)))
 
 

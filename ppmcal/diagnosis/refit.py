@@ -12,6 +12,7 @@ from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, residual_freedom
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.work import bounded
 from ppmcal.diagnosis.added_variable_test import log_p
 from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.hypotheses import Hypothesis
@@ -31,6 +32,8 @@ from ppmcal.model.mechanism import Mechanism
 
 NEAR = 30
 """Iterations of a fit that starts where one of the same measurements ended: at most so many."""
+MOST_STEPS = 300
+"""Steps that all fits of such a refit may try together, with those that leave rows out."""
 
 
 def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
@@ -75,9 +78,10 @@ def _near(problem: Problem, state: State, options: FitOptions) -> Fit:
     start = problem.solve(state)
     lost = any((finite_rows(old) & ~finite_rows(new)).any()
                for old, new in zip(state.poses, start.poses, strict=True))
-    if lost:
-        return identify(replace(problem, pivots=None), options)
-    return identify(problem, options, start=start, near=True)
+    with bounded(MOST_STEPS):
+        if lost:
+            return identify(replace(problem, pivots=None), options)
+        return identify(problem, options, start=start, near=True)
 
 
 SURE, MOSTLY_KNOWN = 0.01, 0.5

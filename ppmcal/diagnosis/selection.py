@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import gammaln
 
+from ppmcal import linalg
 from ppmcal.diagnosis.added_variable_test import log_p
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.search import Search, columns_of
@@ -99,7 +100,8 @@ MOST_PAIRS = 2
 def bic(search: Search, chosen: Sequence[int]) -> float:
     """Return n log(RSS/n) + k log n + 2 log C(families, effects), the extended BIC.
 
-    Constants of a grid count as parameters; the last term pays for the search.
+    Constants of a grid count as parameters; the last term pays for the search. To it comes what
+    the sizes cost by their priors, :func:`size_costs`.
     """
     columns = columns_of(search, chosen)
     left = search.test.left(columns)
@@ -111,7 +113,41 @@ def bic(search: Search, chosen: Sequence[int]) -> float:
     looked += sum(search.hypotheses[i].choices for i in chosen)
     seldom = sum(f.effect.seldom for i in chosen if (f := search.hypotheses[i]).effect is not None)
     return float(n * np.log(max(left, 1e-300) / n) + ANONYMOUS * anonymous + seldom
-                 + (len(columns) + searched) * np.log(n) + 2.0 * looked)
+                 + (len(columns) + searched) * np.log(n) + 2.0 * looked
+                 + sum(size_costs(search, chosen)))
+
+
+def size_costs(search: Search, chosen: Sequence[int]) -> list[float]:
+    """Return by how much each chosen hypothesis fits worse for the prior of its size, 0 without.
+
+    Coefficients b are known with covariance V and have scales S. An error of slots has the
+    normal prior that its tolerance is: b' (V + S S)^-1 b more. Tolerances say of an effect
+    how large errors are in a machine that is built so, not how large it is itself: normal with a
+    variance that is known as if from one value, so a Cauchy distribution (Gelman et al. 2008,
+    doi:10.1214/08-AOAS191): (k + 1) log(1 + b' (S S)^-1 b) for k coefficients of one cause, and
+    never more than b' V^-1 b, for which the fit does without it.
+    """
+    columns = columns_of(search, chosen)
+    if not any(np.isfinite(search.hypotheses[i].scale).any() for i in chosen):
+        return [0.0] * len(chosen)
+    value, covariance = search.test.fit(columns)
+    place = {c: j for j, c in enumerate(columns)}
+    out = []
+    for i in chosen:
+        own = search.hypotheses[i]
+        known = [(place[c], s) for c, s in zip(own.columns, own.scale, strict=bool(own.scale))
+                 if np.isfinite(s)]
+        at, scale = [j for j, _ in known], np.array([s for _, s in known])
+        out.append(_size_cost(value[at] / scale, covariance[np.ix_(at, at)]
+                              / np.outer(scale, scale), bool(own.slot)) if at else 0.0)
+    return out
+
+
+def _size_cost(b: Array, covariance: Array, normal: bool) -> float:
+    """Return what coefficients (k,) with a covariance cost, all in scales."""
+    spread = covariance + np.eye(b.size) if normal else covariance
+    square = float(b @ linalg.pinv(spread, hermitian=True) @ b)
+    return square if normal else min(square, (b.size + 1) * float(np.log1p(b @ b)))
 
 
 def possible(search: Search, chosen: Sequence[int], usual: bool = True, named: bool = True

@@ -17,8 +17,9 @@ import numpy as np
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
 from ppmcal.diagnosis.adequacy import varies
+from ppmcal.diagnosis.joint_tolerances import joint_shifts
 from ppmcal.diagnosis.linear_system import System, Whitening
-from ppmcal.diagnosis.observed_directions import ObservedMotion, joint_shifts, observed_motion
+from ppmcal.diagnosis.observed_directions import ObservedMotion, observed_motion
 from ppmcal.diagnosis.wandering import slow_waves
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting

@@ -87,7 +87,7 @@ def _attempt(model: Model, q: Array, pose: Array) -> tuple[Array, Bools]:
         return solved, converged & same & (_contraction(sizes) <= CONTRACTION)
     with np.errstate(invalid="ignore"):  # nan where an offset universal joint cannot stand
         side = np.sign(np.linalg.det(closure.pose_matrix(pose)))
-    solved, converged, contraction = newton(closure, pose)
+    solved, converged, contraction = newton(closure, pose, most=CONTRACTION)
     same = np.zeros(q.shape[0], dtype=bool)
     if converged.any():
         same[converged] = side[converged] == np.sign(np.linalg.det(
@@ -113,9 +113,11 @@ def _lead(model: Model, origin: Array, q: Array, pose: Array) -> tuple[Array, Ar
     return pose, at
 
 
-def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS
+def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: float = np.inf
            ) -> tuple[Array, Bools, Array]:
     """Solve the closure for the motors, batched.
+
+    Rows that contract by less than ``most`` in their second step are given up then.
 
     Returns:
         motors (N, 8), converged (N,), and the ratio of the second step's length to the
@@ -127,7 +129,7 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS
     if tables is not None:
         pose, converged, two, _ = tables.newton(pose, iterations, STEP, CLOSED)
         return pose, converged, _contraction(two)
-    pose = np.array(pose)
+    pose, slow = np.array(pose), np.zeros(pose.shape[0], dtype=bool)
     sizes: list[Array] = []
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         for _ in range(iterations):
@@ -137,7 +139,9 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS
             size = np.hypot(np.linalg.norm(step[:, :3], axis=1) / scale,
                             np.linalg.norm(step[:, 3:], axis=1))
             sizes.append(size)
-            finite = np.isfinite(size) & (size < 10.0 * reach / scale)
+            if len(sizes) == 2 and most < np.inf:
+                slow = _contraction(np.stack(sizes, axis=-1)) > most
+            finite = np.isfinite(size) & (size < 10.0 * reach / scale) & ~slow
             step[~finite] = 0.0
             pose = moved(pose, step)
             converged = finite & (size < STEP) & (np.max(np.abs(c), axis=1) < CLOSED * reach)

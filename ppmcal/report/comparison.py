@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ppmcal.io.results.comparison import (
+    NOT_COMPARED,
     ComparisonRecord,
     ParameterDifference,
+    anew_sentence,
     apart_sentence,
     noise_sentence,
     platform_sentence,
@@ -43,6 +45,9 @@ def verdict(r: ComparisonRecord) -> str:
 
 def attention(r: ComparisonRecord) -> list[str]:
     """Return what the user must look at."""
+    if r.verdict == NOT_COMPARED:
+        return [f"whether the machine has changed between the two calibrations cannot be told: "
+                f"{r.why_not}"]
     if r.verdict != "changed":
         return []
     names = [c.name or "?" for c in r.changes]
@@ -61,7 +66,7 @@ def _changes(r: ComparisonRecord) -> str:
                          amount(wide, f"± {sig(wide, 2)}"), words(n.unit),
                          amount(c.p_value, probability(c.p_value) or "–"),
                          words("" if i else listed(c.instead) or "nothing else", "wrap")])
-    said = [remainder_sentence(r), apart_sentence(r), noise_sentence(r)]
+    said = [remainder_sentence(r), apart_sentence(r), noise_sentence(r), anew_sentence(r)]
     return table("The likeliest changes that explain it",
                  ["what", "changed by", "95 %", "unit", "chance of noise alone",
                   "as likely"], rows) + "".join(paragraph(typeset(s)) for s in said if s)

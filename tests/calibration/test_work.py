@@ -8,6 +8,7 @@ from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.work import another_step, bounded
 from ppmcal.diagnosis import diagnose as diagnosis
+from ppmcal.diagnosis import refit
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 
 
@@ -22,6 +23,24 @@ def test_all_fits_inside_share_the_steps():
         assert [another_step() for _ in range(4)] == [True, True, True, False]
         assert work.ended
     assert another_step()
+
+
+def test_a_bound_inside_of_another_one_takes_of_its_steps():
+    with bounded(5) as whole:
+        with bounded(3) as part:
+            assert [another_step() for _ in range(4)] == [True, True, True, False]
+        assert part.ended and not whole.ended and (whole.left, whole.cut) == (2, 1)
+        with bounded(3) as part:
+            assert [another_step() for _ in range(3)] == [True, True, False]
+        assert whole.ended and not part.ended
+
+
+def test_a_refit_that_wanders_is_given_up_and_the_diagnosis_says_so(monkeypatch):
+    problem = campaign()
+    options = DiagnosisOptions(draws=200)
+    assert not any("wandered" in f for f in diagnosis.diagnose(problem, options).findings)
+    monkeypatch.setattr(refit, "MOST_STEPS", 0)
+    assert any("wandered" in f for f in diagnosis.diagnose(problem, options).findings)
 
 
 def test_a_fit_without_a_step_left_ends_where_it_is():

@@ -64,8 +64,18 @@ def test_an_infinite_tolerance_says_nothing_of_how_far_the_platform_moves(day) -
         False, True, False))
 
 
-@pytest.mark.xfail(strict=True, reason="sizes of 0: the prior divides by them, nothing is learned")
 def test_where_all_tolerances_are_infinite_a_term_may_be_of_any_size(day) -> None:
+    """No larger than the machine: what the rows observe is learned as with tolerances."""
     folder, data = day
-    fit, seen, _ = rows_of(machine(folder, **dict.fromkeys(STATED, float("inf"))), data)
-    assert all(c.sigma > 0.0 for c in candidates(seen, all_settings(fit)))
+    fit, seen, observed = rows_of(machine(folder, **dict.fromkeys(STATED, float("inf"))), data)
+    reach = fit.problem.mechanism.reach
+    assert observed.place_sigma[:3] == pytest.approx(np.full(3, reach))
+    assert observed.joint_sigma == pytest.approx(np.full(3, reach))
+    tried = candidates(seen, all_settings(fit))
+    assert tried and all(0.0 < c.sigma < np.inf for c in tried)
+    with np.errstate(divide="raise", invalid="raise"):
+        found = learn(seen, tried)
+    assert found is not None
+    first = found.terms[0].candidate
+    assert (first.curve.input, first.curve.acts, first.on) == ("travel", "joint", (
+        False, True, False))

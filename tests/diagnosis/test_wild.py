@@ -320,6 +320,31 @@ def test_diagnose_tells_the_corner_where_rows_are_wrong(reflected: tuple[Path, s
     assert "gross errors have no such pattern" in " ".join(run.out.split())
 
 
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_stretch_of_travel_is_of_several_poses(plain: Fit, count: int) -> None:
+    """Two poses typed wrong, of several rows each, are near in a joint's travel by chance."""
+    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
+    data = plain.problem.datasets[0]
+    labels = list(dict.fromkeys(data.groups[np.argsort(data.q[:, 1], kind="stable")].tolist()))
+    out = module.left_out(without(plain, np.isin(data.groups, labels[:count])))
+    assert out.count >= 4 * count
+    # a worn place that three poses have met is one
+    assert (out.stretch is not None) == (count == 3)
+
+
+def test_repeats_of_a_pose_are_one_in_a_stretch_of_travel(plain: Fit) -> None:
+    """Rows with the same joints and conditions are wrong together."""
+    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
+    data = plain.problem.datasets[0]
+    alike = {name: np.zeros(len(data)) for name in data.columns}
+    same = replace(plain, problem=replace(plain.problem, datasets=(
+        replace(data, columns=alike, approach="unknown"),)))
+    labels = list(dict.fromkeys(data.groups[np.argsort(data.q[:, 1], kind="stable")].tolist()))
+    gone = np.isin(data.groups, labels[:3])
+    assert module.left_out(without(plain, gone)).stretch is not None
+    assert module.left_out(without(same, gone)).stretch is None
+
+
 def test_rows_of_one_pose_are_one_at_a_place(plain: Fit) -> None:
     """A pose typed wrong takes all its rows with it: two such poses are near by chance."""
     module = pytest.importorskip("ppmcal.calibration.left_out_rows")

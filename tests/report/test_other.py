@@ -153,7 +153,7 @@ def test_a_change_of_several_numbers_has_a_row_each(tmp_path: Path) -> None:
     rows = cells(html, "The likeliest changes")[1:]
     assert [r[0] for r in rows] == ["instrument shifted: x", "instrument shifted: y"]
     assert [r[5] for r in rows] == ["target", ""] and "± 0.020" in rows[0][2]
-    assert "Noise is taken as 2.1 times the stated one" in text
+    assert "scatter 2 times what the files state in the old calibration and 2.1 times" in text
 
 
 def test_csv_alone_is_enough(folders: Path, tmp_path: Path) -> None:

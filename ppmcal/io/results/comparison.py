@@ -24,6 +24,7 @@ FITS_DIFFER = 2.5
 """Two fits differ otherwise than a change says where they do by so many standard deviations."""
 ALIKE, HIDING = 0.3, 1.3
 """Misfit that is alike, and noise over the stated one, are told from so much on."""
+NOT_COMPARED = "not compared"
 LEFT = 0.01
 """What is left is told where chance would leave as much this rarely."""
 
@@ -166,6 +167,9 @@ class ComparisonRecord(Record):
     """comparison.json, in the units of the new machine's file.
 
     ``chi2``, its ``degrees`` and ``p_value``, and ``p_left`` of what is not explained, are bare.
+    ``fitted_anew``: parameters that only one of the two had free, and both have here.
+    ``verdict``: ``changed``, ``unchanged``, or ``not compared`` for the reason ``why_not``, without
+    any of these.
     """
 
     FILE: ClassVar[str] = "comparison.json"
@@ -173,6 +177,8 @@ class ComparisonRecord(Record):
 
     name: Text = ""
     verdict: Text = ""
+    why_not: Text = ""
+    fitted_anew: tuple[Text, ...] = ()
     chi2: Finite | None = None
     degrees: Whole | None = None
     p_value: Finite | None = None
@@ -186,9 +192,13 @@ class ComparisonRecord(Record):
 
     @classmethod
     def of(cls, found: Comparison, mechanism: Mechanism, provenance: Mapping[str, Any],
-           notes: Sequence[str] = ()) -> ComparisonRecord:
-        """Return the record of a comparison."""
+           notes: Sequence[str] = (), anew: Sequence[str] = ()) -> ComparisonRecord:
+        """Return the record of a comparison; ``anew``: ``fitted_anew``."""
         moved = found.pose_difference
+        if found.why_not:
+            return cls(format=cls.FORMAT, name=mechanism.name, verdict=NOT_COMPARED,
+                       why_not=found.why_not, findings=tuple(notes),
+                       provenance=Provenance.model_validate(provenance))
         return cls(format=cls.FORMAT, name=mechanism.name,
                    verdict="changed" if found.changed else "unchanged", chi2=found.chi2,
                    degrees=found.freedom, p_value=found.p_value,
@@ -199,6 +209,7 @@ class ComparisonRecord(Record):
                                                                              mechanism.units),
                    noise=NoiseOfDifference.of(found.noise),
                    parameters=tuple(_parameters(found, mechanism)), findings=tuple(notes),
+                   fitted_anew=tuple(anew),
                    provenance=Provenance.model_validate(provenance))
 
     def files(self) -> dict[str, str]:
@@ -211,6 +222,9 @@ class ComparisonRecord(Record):
 
 def verdict_sentence(r: ComparisonRecord) -> str:
     """Return whether the machine has changed, empty where the record does not say."""
+    if r.verdict == NOT_COMPARED:
+        return (f"{r.name or 'Comparison'}: whether the machine has changed cannot be told: "
+                f"{r.why_not}.")
     what = {"changed": "the machine has changed", "unchanged": "nothing has changed"}.get(r.verdict)
     if not what:
         return ""
@@ -219,6 +233,14 @@ def verdict_sentence(r: ComparisonRecord) -> str:
         return f"{about}."
     chance = "" if r.p_value is None else f", p = {r.p_value:.2g}"
     return f"{about} (chi-squared {r.chi2:.4g} of {r.degrees} degrees of freedom{chance})."
+
+
+def anew_sentence(r: ComparisonRecord) -> str:
+    """Return what both were fitted anew with, empty where they are compared as they were."""
+    if not r.fitted_anew:
+        return ""
+    return (f"Only one of the two had these free: {', '.join(r.fitted_anew)}. Both were fitted to "
+            "their measurements again with these free; values are of those fits.")
 
 
 def remainder_sentence(r: ComparisonRecord) -> str:
@@ -262,15 +284,17 @@ def noise_sentence(r: ComparisonRecord) -> str:
     n = r.noise
     if n is None or n.old is None or n.new is None or n.alike is None:
         return ""
-    most = max(n.old, n.new)
     parts = []
     if n.alike > ALIKE:
         parts.append(f"{100.0 * n.alike:.0f} % of what the model misses is alike in both, and is "
                      "no change.")
-    if most > HIDING:
-        parts.append(f"Noise is taken as {most:.3g} times the stated one"
-                     + ("." if n.same_poses else ", as the model misses more than that; at the "
-                        "same poses in both calibrations smaller changes would show."))
+    times = [f"{v:.3g} times what the files state in the {label} calibration"
+             for label, v in (("old", n.old), ("new", n.new)) if v > HIDING]
+    if times:
+        parts.append("After the fit the residuals scatter " + " and ".join(times)
+                     + ": noise, or what the model misses. That is allowed for, in the test and in "
+                     "every +- here" + ("." if n.same_poses else
+                                        "; at the same poses in both, smaller changes would show."))
     return " ".join(parts)
 
 

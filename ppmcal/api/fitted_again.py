@@ -1,0 +1,111 @@
+"""Calibrations fitted anew to the tables behind them, with other parameters free."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ppmcal.api.identify import fitted_rows
+from ppmcal.api.inputs import IN_MEMORY, prepared
+from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.joint_fit import fitted_together
+from ppmcal.calibration.posterior import Posterior
+from ppmcal.calibration.problem import Problem
+from ppmcal.errors import BadInput, NoResult, PpmcalError
+from ppmcal.io.results.recorded_runs import FoundInputs, RecordedRun, runs_of
+from ppmcal.model.mechanism import Mechanism
+
+FUNCTION = "identify.identify"
+
+
+def with_equal_freedoms(mechanism: Mechanism, folders: Sequence[Path],
+                        known: tuple[Posterior, Posterior]
+                        ) -> tuple[tuple[Posterior, Posterior], list[str]]:
+    """Return two calibrations with all parameters free that either had, and the tables behind.
+
+    Both are fitted anew to their own rows, which are read again.
+
+    Args:
+        mechanism: the newer machine.
+        folders: of the older and the newer calibration.
+        known: what the two knew with their own parameters free.
+
+    Raises:
+        BadInput, NoResult: why that cannot be done.
+    """
+    free = sorted({*known[0].places, *known[1].places})
+    runs = [_run(folder) for folder in folders]
+    # the newer machine has every effect that the older one had
+    machine = _path(runs[1], runs[1].source.options["mechanism"])
+    old, new = (_fitted(run, machine, free, mechanism.names) for run in runs)
+    methods = {_method(run) for run in runs}
+    both = fitted_together(old, new, known, FitOptions(
+        methods.pop() if len(methods) == 1 else "prior"))
+    return both, sorted({d.source for f in (old, new) for d in f.problem.datasets} | {machine})
+
+
+def _run(folder: Path) -> RecordedRun:
+    """Return the run that wrote a calibration, of which all inputs are where they were.
+
+    Raises:
+        BadInput: it is not known how it was made, or its inputs have changed.
+    """
+    where = str(folder)
+    run = next((r for r in runs_of(folder) if r.source.function == FUNCTION), None)
+    if run is None or _in_memory(run.source.options):
+        raise BadInput("it is not recorded from which files it was made", where)
+    if run.source.options.get("keep"):
+        raise BadInput("carries on an earlier calibration, whose rows it does not have", where)
+    if wrong := FoundInputs(run, None).wrong:
+        state = "has changed since" if wrong[0].now else "is not there any more"
+        raise BadInput(f"{wrong[0].file}, behind it, {state}", where)
+    return run
+
+
+def _in_memory(options: Mapping[str, Any]) -> bool:
+    """Whether machine or data were objects of Python, which no file holds."""
+    data = options.get("data")
+    every = [options.get("mechanism"), *(data if isinstance(data, list) else [data])]
+    return any(not isinstance(v, str) or IN_MEMORY in v for v in every)
+
+
+def _path(run: RecordedRun, path: str) -> str:
+    there = os.path.join(run.working_folder, path)
+    return os.path.relpath(there) if os.path.exists(there) else path
+
+
+def _method(run: RecordedRun) -> str:
+    own = run.source.options
+    return "flat" if own.get("prior") == "flat" else str(own.get("method", "prior"))
+
+
+def _fitted(run: RecordedRun, machine: str, free: Sequence[int], names: Sequence[str]) -> Fit:
+    """Return a fit of a run's own rows with these parameters free.
+
+    Raises:
+        BadInput, NoResult: as ``identify``; or the machine's file has other parameters.
+    """
+    own = run.source.options
+    data = own["data"] if isinstance(own["data"], list) else [own["data"]]
+    found, datasets = prepared(machine, [_path(run, d) for d in data])
+    if list(found.names) != list(names):
+        raise BadInput(f"{machine} has other parameters than the calibration", str(run.folder))
+    method = _method(run)
+    options = FitOptions("prior" if method == "damped" else method,
+                         robust=not own.get("keep_outliers"))
+    found = replace(found, free=tuple(free), optional=())
+    return fitted_rows(Problem(found, datasets, found.free), options,
+                       str(own.get("sigma", "stated")))[0]
+
+
+def reason(error: PpmcalError, only: Sequence[str]) -> str:
+    """Return why calibrations with other parameters free could not be compared."""
+    assert isinstance(error, BadInput | NoResult)
+    named = ", ".join(only[:4]) + (" ..." if len(only) > 4 else "")
+    where = f"{error.where}: " if error.where else ""
+    return (f"{named} {'were' if len(only) > 1 else 'was'} free in only one of the two, and they "
+            f"could not be fitted anew with the same ones free ({where}{error.what}); identify "
+            "both with the same --free")
