@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.inference.columns import Columns
+from ppmcal.inference.columns import ColumnSource
 from ppmcal.linalg import Array, Ints
 
 
@@ -36,12 +36,6 @@ class Block:
     low: float = -np.inf
     high: float = np.inf
     group: str = ""
-    meta: object = field(default=None, compare=False)
-
-    @property
-    def bounded(self) -> bool:
-        """Whether the coefficient has a sign, or a range."""
-        return np.isfinite(self.low) or np.isfinite(self.high)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +73,7 @@ CHUNK = 512
 """Columns that are made at a time."""
 
 
-def batches(blocks: Sequence[Block], columns: Columns, count: int) -> list[Batch]:
+def batches(blocks: Sequence[Block], columns: ColumnSource, count: int) -> list[Batch]:
     """Return blocks as batches of one shape; ``count``: number n of values."""
     grams = _grams(blocks, columns)
     roots = [b.roots or (scaled_root(g, count),) for b, g in zip(blocks, grams, strict=True)]
@@ -92,7 +86,7 @@ def batches(blocks: Sequence[Block], columns: Columns, count: int) -> list[Batch
             for own in alike.values()]
 
 
-def _grams(blocks: Sequence[Block], columns: Columns) -> list[Array]:
+def _grams(blocks: Sequence[Block], columns: ColumnSource) -> list[Array]:
     """Return the inner products (k, k) of each block's columns, some columns at a time."""
     out: list[Array] = []
     begin = 0

@@ -12,7 +12,7 @@ import numpy as np
 from ppmcal.linalg import Array
 
 
-class Columns(Protocol):
+class ColumnSource(Protocol):
     """Columns (T) of n white values each."""
 
     @property
@@ -27,7 +27,7 @@ class Columns(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Matrix:
+class MatrixColumns:
     """Columns that stand in a matrix (n, T)."""
 
     values: Array
@@ -47,10 +47,10 @@ class Matrix:
 
 
 @dataclass(frozen=True, eq=False)
-class Joined:
+class JoinedColumns:
     """Columns of several makers, one after the other."""
 
-    parts: tuple[Columns, ...]
+    parts: tuple[ColumnSource, ...]
 
     @property
     def starts(self) -> list[int]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.inference.columns import Columns
+from ppmcal.inference.columns import ColumnSource
 from ppmcal.linalg import Array, Bools, Ints
 
 BLOCK = 64
@@ -66,7 +66,7 @@ class RowNoise:
 class Whitened:
     """Columns as they are where noise is correlated."""
 
-    columns: Columns
+    columns: ColumnSource
     noise: RowNoise
 
     @property

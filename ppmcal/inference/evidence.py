@@ -1,7 +1,8 @@
 """How much more likely values are with a block than without, its size integrated.
 
-A block's coefficients are s R z: z standard normal, s log-uniform over sizes, in units of the noise.
-With M = (I + Z Z')^-1 of what is taken, G = R'C'MC R, b = R'C'My and the noise's scale integrated,
+A block's coefficients are s R z: z standard normal, s log-uniform over sizes, in units of the
+noise. With M = (I + Z Z')^-1 of what is taken, G = R'C'MC R and b = R'C'My, and the noise's scale
+integrated,
 
     log Z(s) / Z(0) = -1/2 log|I + s^2 G| - (nu0 + n)/2 log(1 - b'(G + I/s^2)^-1 b / (nu0 + y'My))
 """
@@ -16,7 +17,7 @@ from scipy.special import logsumexp, ndtr, stdtr
 
 from ppmcal import linalg
 from ppmcal.inference.blocks import Batch
-from ppmcal.inference.given import Given
+from ppmcal.inference.given import Conditioned
 from ppmcal.inference.priors import LARGEST_SIZE, SIZE_STEPS, SMALLEST_SIZE
 from ppmcal.linalg import Array
 
@@ -26,7 +27,7 @@ LEAST = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class BatchOdds:
     """What a batch of B blocks looks like given what is taken.
 
     Attributes:
@@ -50,7 +51,7 @@ class Seen:
         return int(at[0]), int(at[1])
 
 
-def look(given: Given, batch: Batch) -> Seen:
+def look(given: Conditioned, batch: Batch) -> BatchOdds:
     """Return the odds of each block of a batch, given what is taken."""
     seen = given.seen[batch.columns]                                   # (B, k, r)
     inner = batch.gram - seen @ seen.transpose(0, 2, 1)
@@ -72,14 +73,14 @@ def look(given: Given, batch: Batch) -> Seen:
             - 0.5 * given.freedom * np.log(rest / given.spread))
     odds = np.where(np.sum(own, axis=-1) > 0.0, odds, 0.0)
     if batch.columns.shape[1] > 1 or batch.roots.shape[1] > 1:
-        return Seen(odds, np.empty((0, 0)), np.empty((0, 0)))
+        return BatchOdds(odds, np.empty((0, 0)), np.empty((0, 0)))
     root = np.abs(batch.roots[:, 0, 0, 0])[:, None] * SIZES            # (B, S) of the coefficient
     spread, sign = spread[..., 0, 0], np.sign(batch.roots[:, 0, 0, 0])[:, None]
     mean = root * SIZES * sign * along[:, 0] / spread
     deviation = root * np.sqrt(rest[..., 0] / given.freedom / spread)
     if batch.bounded:
         odds = odds + _within(batch, mean, deviation, root, given.freedom)[..., None]
-    return Seen(odds, mean, deviation)
+    return BatchOdds(odds, mean, deviation)
 
 
 def _within(batch: Batch, mean: Array, deviation: Array, root: Array, freedom: float) -> Array:
@@ -99,7 +100,7 @@ def _within(batch: Batch, mean: Array, deviation: Array, root: Array, freedom: f
         return np.asarray(np.log(np.maximum(after, LEAST)) - np.log(np.maximum(before, LEAST)))
 
 
-def odds_of_all(given: Given, some: Sequence[Batch], count: int) -> Array:
+def odds_of_all(given: Conditioned, some: Sequence[Batch], count: int) -> Array:
     """Return the log odds (count,) of each block of several batches."""
     out = np.full(count, -np.inf)
     for batch in some:

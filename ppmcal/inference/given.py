@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.inference.columns import Columns
+from ppmcal.inference.columns import ColumnSource
 from ppmcal.inference.priors import NOISE_FREEDOM
 from ppmcal.linalg import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class Conditioned:
     """White values y (n,) and columns C (n, T) where Gaussian blocks Z (n, r) are taken.
 
     A block's coefficients are standard normal in units of the noise, so that y has the covariance
@@ -26,7 +26,7 @@ class Given:
         rest: y'My. log_det: half the logarithm of the determinant of I + Z Z'.
     """
 
-    columns: Columns
+    columns: ColumnSource
     values: Array
     count: int
     basis: Array
@@ -36,7 +36,7 @@ class Given:
     log_det: float
 
     @classmethod
-    def nothing(cls, columns: Columns, values: Array, count: int | None = None) -> Given:
+    def nothing(cls, columns: ColumnSource, values: Array, count: int | None = None) -> Conditioned:
         """Return values (n,) and columns with no block taken.
 
         ``count``: of the values that were measured, the others are zero here and in all columns.
@@ -60,7 +60,7 @@ class Given:
         """Logarithm of the values' density, up to what depends on their number alone."""
         return -self.log_det - 0.5 * self.freedom * float(np.log(self.spread))
 
-    def taking(self, block: Array) -> Given:
+    def taking(self, block: Array) -> Conditioned:
         """Return this with a block Z (n, k) more: its columns times the root of its prior.
 
         Raises:
@@ -79,7 +79,7 @@ class Given:
             new = inside @ (turn / np.sqrt(1.0 + own))
         gone = new.T @ self.values
         more = self.columns.along(new)
-        return Given(self.columns, self.values, self.count, np.hstack([self.basis, new]),
+        return Conditioned(self.columns, self.values, self.count, np.hstack([self.basis, new]),
                      np.hstack([self.seen, more]), self.right - more @ gone,
-                     float(max(self.rest - gone @ gone, 0.0)),
+                     max(self.rest - float(gone @ gone), 0.0),
                      self.log_det + 0.5 * float(np.sum(np.log1p(own))))

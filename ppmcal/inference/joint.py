@@ -1,7 +1,7 @@
 """Blocks that are in the data together: their sizes, and how likely the values are with them.
 
-Where the geometry is taken, all that some blocks say of the values is in the inner products of their
-columns, so that any sizes of theirs cost no more than small matrices.
+Where the geometry is taken, all that some blocks say of the values is in the inner products of
+their columns, so that any sizes of theirs cost no more than small matrices.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 from ppmcal import linalg
 from ppmcal.inference.blocks import Block, scaled_root
 from ppmcal.inference.evidence import LEAST, SIZES
-from ppmcal.inference.given import Given
+from ppmcal.inference.given import Conditioned
 from ppmcal.linalg import Array, Ints
 
 SWEEPS = 6
@@ -23,7 +23,7 @@ SWEEPS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class JointBlocks:
     """Some blocks at the sizes and roots where all together are likeliest.
 
     Attributes:
@@ -38,11 +38,11 @@ class Joint:
     taken: Array
 
 
-def joint(given: Given, blocks: Sequence[Block]) -> Joint:
+def joint(given: Conditioned, blocks: Sequence[Block]) -> JointBlocks:
     """Return blocks in the data together, given what is taken."""
     if not blocks:
         none = np.zeros(0, dtype=np.int64)
-        return Joint(given.log_evidence, none, none, np.zeros((given.values.size, 0)))
+        return JointBlocks(given.log_evidence, none, none, np.zeros((given.values.size, 0)))
     system = _System(given, blocks)
     sizes = np.full(len(blocks), len(SIZES) // 2)
     grid = np.zeros(len(blocks), dtype=np.int64)
@@ -58,7 +58,7 @@ def joint(given: Given, blocks: Sequence[Block]) -> Joint:
         found = system.along(k, sizes, grid)
         best = float(found[sizes[k], grid[k]])
         slack += float(logsumexp(found)) - float(np.log(found.size)) - best
-    return Joint(given.log_evidence + best + slack, sizes, grid,
+    return JointBlocks(given.log_evidence + best + slack, sizes, grid,
                  np.hstack([system.made(k, int(grid[k])) * SIZES[sizes[k]]
                             for k in range(len(blocks))]))
 
@@ -66,7 +66,7 @@ def joint(given: Given, blocks: Sequence[Block]) -> Joint:
 class _System:
     """Inner products of the columns of some blocks, given what is taken."""
 
-    def __init__(self, given: Given, blocks: Sequence[Block]) -> None:
+    def __init__(self, given: Conditioned, blocks: Sequence[Block]) -> None:
         self.given = given
         every = list(dict.fromkeys(c for b in blocks for c in b.columns))
         at = {c: n for n, c in enumerate(every)}

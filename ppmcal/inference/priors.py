@@ -20,18 +20,10 @@ class Prior:
 
 
 SMALLEST_SIZE = Prior(0.03, "an effect of 0.03 sigma rms needs 10,000 values to be seen at all")
-LARGEST_SIZE = Prior(3000.0, "beyond 3000 sigma rms no fit converges; ten times more costs 0.2 nats")
-NOISE_FREEDOM = Prior(30.0, "a stated sigma is as good as one estimated from 30 values, within 13 %")
-WIDE = Prior(1e3, "frames, targets and offsets: known to nobody, yet within 1000 natural units")
-FAMILY = Prior(1 / 50, "some 30 families; of three calibrations about one shows an effect of some")
-ALL_ALIKE = Prior(1 / 2, "actuators are built alike: what one has, all have, in half the machines")
+LARGEST_SIZE = Prior(3000.0, "beyond it fits fail; ten times more of it would cost 0.2 nats")
+NOISE_FREEDOM = Prior(30.0, "a stated sigma is as good as one of 30 values, within 13 %")
 FURTHER_EVENT = Prior(1 / 4, "where one thing happened during the measurement, something else may")
-UNKNOWN = Prior(0.15, "libraries are not complete: one machine in seven does what nobody listed")
 CORRELATED = Prior(1 / 2, "noise from row to row is as often correlated as it is not")
-GROSS_ROW = Prior(1 / 100, "one row in a hundred is a wrong point, a typo, or a broken beam")
-MISREAD = Prior(1 / 200, "one file in two hundred has a column in another unit or a turned sign")
-CREDIBLE = Prior(0.95, "what is told as a set holds the truth in 19 of 20 cases")
-WEAK = Prior(0.05, "below one in twenty nothing is said")
 
 CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
 """Correlations from row to row that noise may have; with the same prior each."""

@@ -14,11 +14,11 @@ import numpy as np
 from scipy.special import logsumexp
 
 from ppmcal.inference.blocks import Batch, Block, batches
-from ppmcal.inference.columns import Columns
+from ppmcal.inference.columns import ColumnSource
 from ppmcal.inference.correlation import RowNoise, Whitened
 from ppmcal.inference.evidence import odds_of_all
-from ppmcal.inference.given import Given
-from ppmcal.inference.joint import Joint, joint
+from ppmcal.inference.given import Conditioned
+from ppmcal.inference.joint import JointBlocks, joint
 from ppmcal.inference.priors import CORRELATED, CORRELATIONS, FURTHER_EVENT
 from ppmcal.linalg import Array, Bools, Ints
 
@@ -34,11 +34,11 @@ Numbers = frozenset[int]
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class NoiseView:
     """The data as they are for one correlation of the noise."""
 
     log_prior: float
-    start: Given
+    start: Conditioned
     batches: tuple[Batch, ...]
 
 
@@ -53,7 +53,7 @@ class Question:
         apart: rows from each to the next (N - 1,), 0 where another sequence begins.
     """
 
-    columns: Columns
+    columns: ColumnSource
     values: Array
     geometry: Array
     blocks: tuple[Block, ...]
@@ -61,7 +61,7 @@ class Question:
     apart: Ints
 
     @cached_property
-    def views(self) -> tuple[View, ...]:
+    def views(self) -> tuple[NoiseView, ...]:
         """The data for every correlation."""
         rhos = (0.0, *CORRELATIONS) if self.apart.any() else (0.0,)
         return tuple(self._view(rho, self._log_prior(rho, len(rhos) - 1)) for rho in rhos)
@@ -73,13 +73,13 @@ class Question:
         share = float(CORRELATED) / others if rho else 1.0 - float(CORRELATED)
         return float(np.log(share))
 
-    def _view(self, rho: float, log_prior: float) -> View:
+    def _view(self, rho: float, log_prior: float) -> NoiseView:
         noise = RowNoise(rho, self.apart, self.observed)
         columns = Whitened(self.columns, noise) if rho else self.columns
         count = int(self.observed.sum())
         values = noise.apply(self.values[:, None])[:, 0]
-        start = Given.nothing(columns, values, count).taking(noise.apply(self.geometry))
-        return View(log_prior - noise.log_det, start,
+        start = Conditioned.nothing(columns, values, count).taking(noise.apply(self.geometry))
+        return NoiseView(log_prior - noise.log_det, start,
                     tuple(batches(self.blocks, columns, count)))
 
     @cached_property
@@ -122,7 +122,7 @@ class Question:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class BlockSet:
     """A set of blocks as it is in the data.
 
     ``views``: for each correlation that is likely its number, log p and blocks' sizes.
@@ -131,17 +131,17 @@ class State:
     question: Question
     chosen: tuple[int, ...]
     log_p: float
-    views: tuple[tuple[int, float, Joint], ...] = field(repr=False)
+    views: tuple[tuple[int, float, JointBlocks], ...] = field(repr=False)
 
     @cached_property
-    def given(self) -> tuple[tuple[View, float, Given], ...]:
+    def given(self) -> tuple[tuple[NoiseView, float, Conditioned], ...]:
         """For each likely correlation: what the values are past the set, and its log p."""
         return tuple((view, log_p, view.start.taking(found.taken)) for n, log_p, found in self.views
                      for view in (self.question.views[n],))
 
     @cached_property
     def scores(self) -> Array:
-        """log p of the set with each block more (B,); -inf for those that are in it."""
+        """Log p of the set with each block more (B,); -inf for those that are in it."""
         question = self.question
         count = len(question.blocks)
         every = np.array([log_p + odds_of_all(given, view.batches, count)
@@ -152,7 +152,7 @@ class State:
         return out
 
 
-def state(question: Question, chosen: Sequence[int]) -> State:
+def state(question: Question, chosen: Sequence[int]) -> BlockSet:
     """Return a set of blocks in the data."""
     blocks = [question.blocks[i] for i in chosen]
     prior = question.log_prior(chosen)
@@ -160,11 +160,11 @@ def state(question: Question, chosen: Sequence[int]) -> State:
     each = [question.views[n].log_prior + j.log_evidence + prior for n, j in found]
     views = tuple((n, log_p, j) for (n, j), log_p in zip(found, each, strict=True)
                   if log_p > max(each) - NEGLIGIBLE)
-    return State(question, tuple(chosen), float(logsumexp(each)), views)
+    return BlockSet(question, tuple(chosen), float(logsumexp(each)), views)
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class SetPosterior:
     """What is in the data.
 
     The likeliest set, and those where one of its blocks is another, or missing, are counted one by
@@ -179,7 +179,7 @@ class Posterior:
         beside: log odds of each block beside the best set (B,).
     """
 
-    best: State
+    best: BlockSet
     log_p: dict[Numbers, float]
     places: tuple[Array, ...]
     beside: Array
@@ -221,7 +221,7 @@ class Posterior:
         return dict(sorted(out.items(), key=lambda item: -item[1]))
 
 
-def posterior(question: Question) -> Posterior:
+def posterior(question: Question) -> SetPosterior:
     """Return which blocks are in the data: search from nothing, then what is near the best."""
     seen = _Visited(question)
     best = seen.visit(())
@@ -241,7 +241,7 @@ def posterior(question: Question) -> Posterior:
         for j in np.flatnonzero(rest.scores > best.log_p - NEGLIGIBLE).tolist():
             counted.setdefault(key | {j}, float(rest.scores[j]))
     total = float(logsumexp(list(counted.values())))
-    return Posterior(best, {key: log_p - total for key, log_p in counted.items()}, tuple(places),
+    return SetPosterior(best, {key: log_p - total for key, log_p in counted.items()}, tuple(places),
                      best.scores - best.log_p)
 
 
@@ -250,16 +250,16 @@ class _Visited:
 
     def __init__(self, question: Question) -> None:
         self.question = question
-        self.states: dict[Numbers, State] = {}
+        self.states: dict[Numbers, BlockSet] = {}
 
-    def visit(self, chosen: tuple[int, ...]) -> State:
+    def visit(self, chosen: tuple[int, ...]) -> BlockSet:
         """Return a set, which is looked at once."""
         key = frozenset(chosen)
         if key not in self.states:
             self.states[key] = state(self.question, chosen)
         return self.states[key]
 
-    def better(self, now: State) -> State | None:
+    def better(self, now: BlockSet) -> BlockSet | None:
         """Return a set that is likelier and one move away, None where there is none."""
         moves: list[tuple[float, tuple[int, ...]]] = []
         if len(now.chosen) < MOST:
@@ -276,7 +276,7 @@ class _Visited:
         return None
 
     @staticmethod
-    def _best(at: State) -> tuple[float, tuple[int, ...]]:
+    def _best(at: BlockSet) -> tuple[float, tuple[int, ...]]:
         if not at.scores.size:
             return -np.inf, at.chosen
         i = int(np.argmax(at.scores))

@@ -7,9 +7,9 @@ import pytest
 from scipy import integrate, special, stats
 
 from ppmcal.inference.blocks import Block, batches
-from ppmcal.inference.columns import Joined, Matrix
+from ppmcal.inference.columns import JoinedColumns, MatrixColumns
 from ppmcal.inference.evidence import SIZES, look, odds_of_all
-from ppmcal.inference.given import Given
+from ppmcal.inference.given import Conditioned
 from ppmcal.inference.priors import NOISE_FREEDOM
 
 ROWS = 40
@@ -24,13 +24,13 @@ def drawn(columns: int, seed: int = 0, effect: float = 0.0) -> tuple[np.ndarray,
     return matrix, values
 
 
-def odds(given: Given, blocks: list[Block]) -> np.ndarray:
+def odds(given: Conditioned, blocks: list[Block]) -> np.ndarray:
     return odds_of_all(given, batches(blocks, given.columns, given.values.size), len(blocks))
 
 
 def density(values: np.ndarray, covariance: np.ndarray) -> float:
     """Return the log density of values ~ N(0, s^2 C), the scale s^2 integrated numerically."""
-    sign, log_det = np.linalg.slogdet(covariance)
+    _, log_det = np.linalg.slogdet(covariance)
     square = float(values @ np.linalg.solve(covariance, values))
     n = values.size
 
@@ -40,7 +40,8 @@ def density(values: np.ndarray, covariance: np.ndarray) -> float:
         return float(np.exp(prior - 0.5 * (n * np.log(2 * np.pi * s2) + log_det + square / s2)
                             + 0.5 * square + 0.5 * n * np.log(2 * np.pi)))
 
-    return float(np.log(integrate.quad(integrand, -2.0, 3.0, limit=400, epsabs=0.0)[0])) - 0.5 * square
+    whole = integrate.quad(integrand, -2.0, 3.0, limit=400, epsabs=0.0)[0]
+    return float(np.log(whole)) - 0.5 * square
 
 
 @pytest.mark.parametrize("geometry", [0, 3])
@@ -48,7 +49,7 @@ def density(values: np.ndarray, covariance: np.ndarray) -> float:
 def test_odds_are_those_of_integrals_made_by_brute_force(geometry: int, size: int) -> None:
     matrix, values = drawn(8, seed=size, effect=0.5)
     nuisance = matrix[:, 8 - geometry:] * 3.0
-    given = Given.nothing(Matrix(matrix), values).taking(nuisance)
+    given = Conditioned.nothing(MatrixColumns(matrix), values).taking(nuisance)
     block = Block("", "", tuple(range(size)), 0.0)
     batch, = batches([block], given.columns, ROWS)
     found = look(given, batch).log_odds[0, :, 0]
@@ -62,7 +63,7 @@ def test_odds_are_those_of_integrals_made_by_brute_force(geometry: int, size: in
 
 def test_a_root_makes_one_sigma_rms() -> None:
     matrix, values = drawn(4)
-    given = Given.nothing(Matrix(matrix), values)
+    given = Conditioned.nothing(MatrixColumns(matrix), values)
     batch, = batches([Block("", "", (0, 1, 2), 0.0)], given.columns, ROWS)
     made = matrix[:, :3] @ batch.roots[0, 0]
     assert np.sum(made**2) / ROWS == pytest.approx(1.0)
@@ -70,7 +71,7 @@ def test_a_root_makes_one_sigma_rms() -> None:
 
 def test_sign_and_range_are_those_of_the_integral_over_the_coefficient() -> None:
     matrix, values = drawn(1, effect=0.4)
-    given = Given.nothing(Matrix(matrix), values)
+    given = Conditioned.nothing(MatrixColumns(matrix), values)
     best = float(matrix[:, 0] @ values / (matrix[:, 0] @ matrix[:, 0]))
     for low, high in ((0.0, np.inf), (-np.inf, 0.0), (0.5 * best, 1.1 * best), (-best, 0.0)):
         block = Block("", "", (0,), 0.0, low=low, high=high)
@@ -92,7 +93,7 @@ def test_units_and_order_of_columns_and_rows_do_not_matter() -> None:
     nuisance = matrix[:, 4:]
 
     def found(columns: np.ndarray, y: np.ndarray, other: np.ndarray, factor: float) -> np.ndarray:
-        given = Given.nothing(Matrix(columns), y).taking(other)
+        given = Conditioned.nothing(MatrixColumns(columns), y).taking(other)
         return odds(given, [Block("", "", (0,), 0.0, low=0.0, high=2.0 / factor),
                             Block("", "", (1, 2), 0.0)])
 
@@ -107,7 +108,7 @@ def test_units_and_order_of_columns_and_rows_do_not_matter() -> None:
 
 def test_what_is_taken_together_is_taken_one_after_the_other() -> None:
     matrix, values = drawn(7, effect=1.0)
-    plain = Given.nothing(Matrix(matrix), values)
+    plain = Conditioned.nothing(MatrixColumns(matrix), values)
     at_once = plain.taking(matrix[:, :4])
     in_turn = plain.taking(matrix[:, :1]).taking(matrix[:, 1:3]).taking(matrix[:, 3:4])
     assert in_turn.log_evidence == pytest.approx(at_once.log_evidence, abs=1e-9)
@@ -118,7 +119,7 @@ def test_what_is_taken_together_is_taken_one_after_the_other() -> None:
 
 def test_a_taken_block_adds_what_its_odds_say() -> None:
     matrix, values = drawn(5, effect=1.0)
-    given = Given.nothing(Matrix(matrix), values).taking(5.0 * matrix[:, 3:])
+    given = Conditioned.nothing(MatrixColumns(matrix), values).taking(5.0 * matrix[:, 3:])
     batch, = batches([Block("", "", (0, 1), 0.0)], given.columns, ROWS)
     seen = look(given, batch)
     for s in (3, 15, 30):
@@ -129,7 +130,7 @@ def test_a_taken_block_adds_what_its_odds_say() -> None:
 
 def test_what_geometry_does_as_well_is_not_in_the_data() -> None:
     matrix, values = drawn(4, effect=5.0)
-    given = Given.nothing(Matrix(np.column_stack([matrix, matrix[:, 0]])), values)
+    given = Conditioned.nothing(MatrixColumns(np.column_stack([matrix, matrix[:, 0]])), values)
     wide = given.taking(1e3 * matrix[:, :1])
     assert odds(given, [Block("", "", (4,), 0.0)])[0] > 20.0
     assert abs(odds(wide, [Block("", "", (4,), 0.0)])[0]) < 0.5
@@ -138,14 +139,14 @@ def test_what_geometry_does_as_well_is_not_in_the_data() -> None:
 def test_a_column_of_nothing_says_nothing() -> None:
     matrix, values = drawn(2)
     matrix[:, 0] = 0.0
-    given = Given.nothing(Matrix(matrix), values)
+    given = Conditioned.nothing(MatrixColumns(matrix), values)
     assert odds(given, [Block("", "", (0,), 0.0), Block("", "", (0,), 0.0, low=0.0)]) == (
         pytest.approx([0.0, 0.0], abs=1e-9))
 
 
 def test_joined_columns_are_those_of_each() -> None:
     matrix, values = drawn(6)
-    both = Joined((Matrix(matrix[:, :2]), Matrix(matrix[:, 2:])))
+    both = JoinedColumns((MatrixColumns(matrix[:, :2]), MatrixColumns(matrix[:, 2:])))
     which = [5, 0, 2, 1]
     assert both.count == 6
     assert np.array_equal(both.some(which), matrix[:, which])
@@ -157,13 +158,13 @@ def test_odds_against_nothing_keep_to_their_bound_where_nothing_is() -> None:
     rng = np.random.default_rng(3)
     matrix, _ = drawn(30)
     blocks = [Block("", "", (i,), -np.log(30.0), low=0.0 if i % 2 else -np.inf) for i in range(30)]
-    sets = batches(blocks, Matrix(matrix), ROWS)
+    sets = batches(blocks, MatrixColumns(matrix), ROWS)
     prior = np.array([b.log_prior for b in blocks])
     totals = []
     for _ in range(400):
         # the noise's scale as its prior has it
         scale = np.sqrt(NU / rng.chisquare(NU))
-        given = Given.nothing(Matrix(matrix), scale * rng.normal(size=ROWS))
+        given = Conditioned.nothing(MatrixColumns(matrix), scale * rng.normal(size=ROWS))
         totals.append(float(special.logsumexp(odds_of_all(given, sets, 30) + prior)))
     ratio = np.exp(totals)
     assert np.mean(ratio > 19.0) <= 1 / 19 + 3 * np.sqrt(1 / 19 / 400)

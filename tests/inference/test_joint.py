@@ -7,19 +7,19 @@ import pytest
 from scipy.special import logsumexp
 
 from ppmcal.inference.blocks import Block, batches
-from ppmcal.inference.columns import Matrix
+from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.evidence import SIZES, look
-from ppmcal.inference.given import Given
+from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import joint
 
 
-def drawn(seed: int) -> Given:
+def drawn(seed: int) -> Conditioned:
     rng = np.random.default_rng(seed)
     matrix = rng.normal(size=(80, 7)) * rng.uniform(0.1, 20.0, 7)
     matrix[:, 1] += 0.5 * matrix[:, 0] * np.std(matrix[:, 1]) / np.std(matrix[:, 0])
     values = rng.normal(size=80) + matrix[:, 0] / np.std(matrix[:, 0]) + (
         0.7 * matrix[:, 1] / np.std(matrix[:, 1]))
-    return Given.nothing(Matrix(matrix), values).taking(4.0 * matrix[:, 5:])
+    return Conditioned.nothing(MatrixColumns(matrix), values).taking(4.0 * matrix[:, 5:])
 
 
 def test_one_block_is_as_likely_as_its_odds_say() -> None:

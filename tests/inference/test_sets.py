@@ -1,4 +1,4 @@
-"""Sets of blocks: what is planted is found, what is said is so often right, order does not matter."""
+"""Sets of blocks: what is planted is found, and what is said is so often right."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ppmcal.inference.blocks import Block
-from ppmcal.inference.columns import Matrix
+from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.evidence import SIZES
 from ppmcal.inference.priors import NOISE_FREEDOM
 from ppmcal.inference.sets import Question, posterior, state
@@ -30,8 +30,8 @@ def library(rng: np.random.Generator) -> tuple[np.ndarray, tuple[Block, ...]]:
 def question(matrix: np.ndarray, blocks: tuple[Block, ...], values: np.ndarray,
              geometry: np.ndarray, correlated: bool = False) -> Question:
     apart = np.full(ROWS - 1, int(correlated))
-    return Question(Matrix(matrix), values, geometry, blocks, np.ones((ROWS, WIDTH), dtype=bool),
-                    apart)
+    return Question(MatrixColumns(matrix), values, geometry, blocks,
+                    np.ones((ROWS, WIDTH), dtype=bool), apart)
 
 
 def drawn(seed: int, sizes: dict[int, float], rho: float = 0.0) -> Question:
@@ -71,7 +71,8 @@ def test_an_event_and_the_one_that_undoes_it_are_two_of_one_group() -> None:
     assert set(found.best.chosen) == {first, second}
     alone = found.best.question.log_prior([first])
     pair = found.best.question.log_prior([first, second])
-    assert pair - alone == pytest.approx(np.log(0.25 / len(found.best.question.groups["slip on a"])))
+    onsets = len(found.best.question.groups["slip on a"])
+    assert pair - alone == pytest.approx(np.log(0.25 / onsets))
 
 
 def test_the_order_of_rows_of_columns_and_of_blocks_does_not_matter() -> None:
