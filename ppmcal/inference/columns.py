@@ -1,0 +1,78 @@
+"""Columns that evidence is asked of: what they are stays with those who made them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Protocol
+
+import numpy as np
+
+from ppmcal.linalg import Array
+
+
+class ColumnSource(Protocol):
+    """Columns (T) of n white values each."""
+
+    @property
+    def count(self) -> int:
+        """How many there are, T."""
+
+    def along(self, values: Array) -> Array:
+        """Return the inner products (T, b) of all columns with values (n, b)."""
+
+    def some(self, which: Sequence[int]) -> Array:
+        """Return the columns (n, k) of these numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixColumns:
+    """Columns that stand in a matrix (n, T)."""
+
+    values: Array
+
+    @property
+    def count(self) -> int:
+        """How many columns there are."""
+        return int(self.values.shape[1])
+
+    def along(self, values: Array) -> Array:
+        """Return the inner products (T, b) of all columns with values (n, b)."""
+        return np.asarray(self.values.T @ values)
+
+    def some(self, which: Sequence[int]) -> Array:
+        """Return the columns (n, k) of these numbers."""
+        return self.values[:, list(which)]
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedColumns:
+    """Columns of several makers, one after the other."""
+
+    parts: tuple[ColumnSource, ...]
+
+    @property
+    def starts(self) -> list[int]:
+        """Where each part begins, and last where all end."""
+        return [0, *accumulate(p.count for p in self.parts)]
+
+    @property
+    def count(self) -> int:
+        """How many columns there are."""
+        return self.starts[-1]
+
+    def along(self, values: Array) -> Array:
+        """Return the inner products (T, b) of all columns with values (n, b)."""
+        return np.concatenate([p.along(values) for p in self.parts])
+
+    def some(self, which: Sequence[int]) -> Array:
+        """Return the columns (n, k) of these numbers."""
+        at = np.asarray(which, dtype=np.int64)
+        home = np.searchsorted(self.starts, at, side="right") - 1
+        found = [(home == h, self.parts[h].some((at[home == h] - self.starts[h]).tolist()))
+                 for h in np.unique(home).tolist()]
+        out = np.empty((len(found[0][1]) if found else 0, at.size))
+        for mine, columns in found:
+            out[:, mine] = columns
+        return out

@@ -1,0 +1,85 @@
+"""Rows and columns given the blocks that are taken: "past the geometry" and "given these"."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.inference.columns import ColumnSource
+from ppmcal.inference.priors import NOISE_FREEDOM
+from ppmcal.linalg import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Conditioned:
+    """White values y (n,) and columns C (n, T) where Gaussian blocks Z (n, r) are taken.
+
+    A block's coefficients are standard normal in units of the noise, so that y has the covariance
+    I + Z Z' before the noise's scale; its inverse is M = I - W W'.
+
+    Attributes:
+        columns: all columns that can be asked for.
+        values: y. count: how many of them were measured, n. basis: W (n, r).
+        seen: C'W (T, r). right: C'My (T,).
+        rest: y'My. log_det: half the logarithm of the determinant of I + Z Z'.
+    """
+
+    columns: ColumnSource
+    values: Array
+    count: int
+    basis: Array
+    seen: Array
+    right: Array
+    rest: float
+    log_det: float
+
+    @classmethod
+    def nothing(cls, columns: ColumnSource, values: Array, count: int | None = None) -> Conditioned:
+        """Return values (n,) and columns with no block taken.
+
+        ``count``: of the values that were measured, the others are zero here and in all columns.
+        """
+        return cls(columns, values, values.size if count is None else count,
+                   np.zeros((values.size, 0)), np.zeros((columns.count, 0)),
+                   columns.along(values[:, None])[:, 0], float(values @ values), 0.0)
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the noise's posterior: the prior's and the values'."""
+        return float(NOISE_FREEDOM) + self.count
+
+    @property
+    def spread(self) -> float:
+        """Sum of squares behind the noise's posterior, the prior's with it."""
+        return float(NOISE_FREEDOM) + self.rest
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the values' density, up to what depends on their number alone."""
+        return -self.log_det - 0.5 * self.freedom * float(np.log(self.spread))
+
+    def taking(self, block: Array) -> Conditioned:
+        """Return this with a block Z (n, k) more: its columns times the root of its prior.
+
+        Raises:
+            LinearAlgebraError: if the block holds anything but numbers.
+        """
+        if block.shape[1] == 0:
+            return self
+        if self.basis.shape[1] == 0:    # a first block may be wide: its square would lose digits
+            left, size, _ = linalg.svd(block)
+            own = size**2
+            new = left * (size / np.sqrt(1.0 + own))
+        else:
+            inside = block - self.basis @ (self.basis.T @ block)
+            own, turn = linalg.eigh(block.T @ inside)
+            own = np.maximum(own, 0.0)
+            new = inside @ (turn / np.sqrt(1.0 + own))
+        gone = new.T @ self.values
+        more = self.columns.along(new)
+        return Conditioned(self.columns, self.values, self.count, np.hstack([self.basis, new]),
+                     np.hstack([self.seen, more]), self.right - more @ gone,
+                     max(self.rest - float(gone @ gone), 0.0),
+                     self.log_det + 0.5 * float(np.sum(np.log1p(own))))

@@ -1,0 +1,115 @@
+"""Blocks that are in the data together: their sizes, and how likely the values are with them.
+
+Where the geometry is taken, all that some blocks say of the values is in the inner products of
+their columns, so that any sizes of theirs cost no more than small matrices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from ppmcal import linalg
+from ppmcal.inference.blocks import Block, scaled_root
+from ppmcal.inference.evidence import LEAST, SIZES
+from ppmcal.inference.given import Conditioned
+from ppmcal.linalg import Array, Ints
+
+SWEEPS = 6
+"""Each size is chosen again, given the others, at most so often."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointBlocks:
+    """Some blocks at the sizes and roots where all together are likeliest.
+
+    Attributes:
+        log_evidence: logarithm of the values' density with them, sizes and roots integrated.
+        sizes: number of each block's size. grid: of its root.
+        taken: columns times roots times sizes (n, q): the block that all of them are.
+    """
+
+    log_evidence: float
+    sizes: Ints
+    grid: Ints
+    taken: Array
+
+
+def joint(given: Conditioned, blocks: Sequence[Block]) -> JointBlocks:
+    """Return blocks in the data together, given what is taken."""
+    if not blocks:
+        none = np.zeros(0, dtype=np.int64)
+        return JointBlocks(given.log_evidence, none, none, np.zeros((given.values.size, 0)))
+    system = _System(given, blocks)
+    sizes = np.full(len(blocks), len(SIZES) // 2)
+    grid = np.zeros(len(blocks), dtype=np.int64)
+    for _ in range(SWEEPS):
+        before = sizes.copy(), grid.copy()
+        for k in range(len(blocks)):
+            found = system.along(k, sizes, grid)
+            sizes[k], grid[k] = np.unravel_index(int(np.argmax(found)), found.shape)
+        if np.array_equal(before[0], sizes) and np.array_equal(before[1], grid):
+            break
+    best, slack = 0.0, 0.0
+    for k in range(len(blocks)):
+        found = system.along(k, sizes, grid)
+        best = float(found[sizes[k], grid[k]])
+        slack += float(logsumexp(found)) - float(np.log(found.size)) - best
+    return JointBlocks(given.log_evidence + best + slack, sizes, grid,
+                 np.hstack([system.made(k, int(grid[k])) * SIZES[sizes[k]]
+                            for k in range(len(blocks))]))
+
+
+class _System:
+    """Inner products of the columns of some blocks, given what is taken."""
+
+    def __init__(self, given: Conditioned, blocks: Sequence[Block]) -> None:
+        self.given = given
+        every = list(dict.fromkeys(c for b in blocks for c in b.columns))
+        at = {c: n for n, c in enumerate(every)}
+        values = given.columns.some(every)
+        gram = values.T @ values
+        seen = given.seen[every]
+        self.inner, self.right = gram - seen @ seen.T, given.right[every]
+        self.values, self.at = values, [[at[c] for c in b.columns] for b in blocks]
+        self.roots = [b.roots or (scaled_root(gram[np.ix_(i, i)], given.count),)
+                      for b, i in zip(blocks, self.at, strict=True)]
+
+    def made(self, k: int, g: int) -> Array:
+        """Return a block's columns times one of its roots (n, q)."""
+        return np.asarray(self.values[:, self.at[k]] @ self.roots[k][g])
+
+    def along(self, k: int, sizes: Ints, grid: Ints) -> Array:
+        """Return log odds against none of them (S, G), block k at every size, the others as set."""
+        rest = [i for i in range(len(self.roots)) if i != k]
+        fixed = self._lifted([(i, int(grid[i]), float(SIZES[sizes[i]])) for i in rest])
+        inner, right = fixed.T @ self.inner @ fixed, fixed.T @ self.right
+        factor = linalg.cholesky(np.eye(len(inner)) + inner)
+        held = linalg.solve(factor, np.column_stack([fixed.T @ self.inner, right]))
+        base = -float(np.sum(np.log(np.diagonal(factor))))
+        gone = float(held[:, -1] @ held[:, -1])
+        left = self.inner - held[:, :-1].T @ held[:, :-1]
+        along = self.right - held[:, :-1].T @ held[:, -1]
+        out = np.empty((len(SIZES), len(self.roots[k])))
+        for g in range(len(self.roots[k])):
+            lift = self._lifted([(k, g, 1.0)])
+            own, turn = linalg.eigh(lift.T @ left @ lift)
+            own, part = np.maximum(own, 0.0), (turn.T @ (lift.T @ along)) ** 2
+            spread = 1.0 + SIZES[:, None] ** 2 * own
+            more = np.sum(SIZES[:, None] ** 2 * part / spread, axis=1)
+            rest_of = np.maximum(self.given.spread - gone - more, LEAST)
+            out[:, g] = (base - 0.5 * np.sum(np.log(spread), axis=1)
+                         - 0.5 * self.given.freedom * np.log(rest_of / self.given.spread))
+        return out
+
+    def _lifted(self, some: Sequence[tuple[int, int, float]]) -> Array:
+        """Return roots times sizes in the rows of all columns (c, q)."""
+        out = [np.zeros((self.values.shape[1], 0))]
+        for i, g, size in some:
+            root = np.zeros((self.values.shape[1], self.roots[i][g].shape[1]))
+            root[self.at[i]] = self.roots[i][g] * size
+            out.append(root)
+        return np.hstack(out)

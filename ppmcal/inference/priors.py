@@ -1,0 +1,31 @@
+"""Every number that decides what is in the data, each with its reason.
+
+Nothing else of the package, and nobody outside it, holds a number of this kind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Prior:
+    """A number that decides: ``value``, and the ``reason`` for it."""
+
+    value: float
+    reason: str
+
+    def __float__(self) -> float:
+        return self.value
+
+
+SMALLEST_SIZE = Prior(0.03, "an effect of 0.03 sigma rms needs 10,000 values to be seen at all")
+LARGEST_SIZE = Prior(3000.0, "beyond it fits fail; ten times more of it would cost 0.2 nats")
+NOISE_FREEDOM = Prior(30.0, "a stated sigma is as good as one of 30 values, within 13 %")
+FURTHER_EVENT = Prior(1 / 4, "where one thing happened during the measurement, something else may")
+CORRELATED = Prior(1 / 2, "noise from row to row is as often correlated as it is not")
+
+CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
+"""Correlations from row to row that noise may have; with the same prior each."""
+SIZE_STEPS = 34
+"""Points between the smallest and the largest size: three to the factor of two or so."""

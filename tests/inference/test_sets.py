@@ -1,0 +1,131 @@
+"""Sets of blocks: what is planted is found, and what is said is so often right."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ppmcal.inference.blocks import Block
+from ppmcal.inference.columns import MatrixColumns
+from ppmcal.inference.evidence import SIZES
+from ppmcal.inference.priors import NOISE_FREEDOM
+from ppmcal.inference.sets import Question, posterior, state
+
+ROWS, WIDTH, KINDS = 60, 2, 12
+
+
+def library(rng: np.random.Generator) -> tuple[np.ndarray, tuple[Block, ...]]:
+    """Return columns (n, T) of kinds on three joints and all, and events on one of them."""
+    n = ROWS * WIDTH
+    plain = rng.normal(size=(n, KINDS)) * rng.uniform(0.1, 10.0, KINDS)
+    onsets = np.arange(6, ROWS - 5, 6)
+    step = rng.normal(size=n)
+    events = np.stack([np.where(np.arange(n) // WIDTH >= o, step, 0.0) for o in onsets], axis=1)
+    blocks = [Block(f"kind{i}", f"kind{i}", (i,), np.log(1 / 50)) for i in range(KINDS)]
+    blocks += [Block(f"slip at {o}", "slip", (KINDS + i,), np.log(1 / 50 / len(onsets)),
+                     group="slip on a") for i, o in enumerate(onsets)]
+    return np.hstack([plain, events]), tuple(blocks)
+
+
+def question(matrix: np.ndarray, blocks: tuple[Block, ...], values: np.ndarray,
+             geometry: np.ndarray, correlated: bool = False) -> Question:
+    apart = np.full(ROWS - 1, int(correlated))
+    return Question(MatrixColumns(matrix), values, geometry, blocks,
+                    np.ones((ROWS, WIDTH), dtype=bool), apart)
+
+
+def drawn(seed: int, sizes: dict[int, float], rho: float = 0.0) -> Question:
+    """Return a campaign with blocks of some sizes (rms over sigma) in it."""
+    rng = np.random.default_rng(seed)
+    matrix, blocks = library(rng)
+    geometry = 3.0 * rng.normal(size=(len(matrix), 6))
+    noise = rng.normal(size=(ROWS, WIDTH))
+    for i in range(1, ROWS if rho else 0):
+        noise[i] = rho * noise[i - 1] + np.sqrt(1 - rho**2) * noise[i]
+    values = geometry @ rng.normal(size=6) + noise.reshape(-1)
+    for i, size in sizes.items():
+        values = values + size * matrix[:, i] / np.sqrt(np.mean(matrix[:, i] ** 2))
+    return question(matrix, blocks, values, geometry, bool(rho))
+
+
+@pytest.mark.parametrize("planted", [{}, {3: 1.0}, {3: 1.0, 7: -0.8}, {0: 2.0, 5: 1.0, 9: 0.7}])
+def test_what_is_planted_is_found(planted: dict[int, float]) -> None:
+    found = posterior(drawn(1, planted))
+    assert set(found.best.chosen) == set(planted)
+    if planted:
+        assert found.nothing < 1e-3
+        for place in range(len(planted)):
+            name, p = next(iter(found.families(place).items()))
+            assert name in {f"kind{i}" for i in planted} and p > 0.9
+    else:
+        assert found.nothing > 0.5
+
+
+def test_an_event_and_the_one_that_undoes_it_are_two_of_one_group() -> None:
+    first, second = KINDS + 2, KINDS + 6
+    rng = np.random.default_rng(2)
+    matrix, blocks = library(rng)
+    geometry = rng.normal(size=(len(matrix), 4))
+    values = (rng.normal(size=len(matrix)) + 2.0 * matrix[:, first] - 2.0 * matrix[:, second])
+    found = posterior(question(matrix, blocks, values, geometry))
+    assert set(found.best.chosen) == {first, second}
+    alone = found.best.question.log_prior([first])
+    pair = found.best.question.log_prior([first, second])
+    onsets = len(found.best.question.groups["slip on a"])
+    assert pair - alone == pytest.approx(np.log(0.25 / onsets))
+
+
+def test_the_order_of_rows_of_columns_and_of_blocks_does_not_matter() -> None:
+    asked = drawn(3, {3: 1.0, 7: 0.7})
+    plain = posterior(asked)
+    rows = np.random.default_rng(0).permutation(len(asked.values))
+    turned = tuple(reversed(asked.blocks))
+    other = posterior(question(asked.columns.values[rows], turned, asked.values[rows],
+                               asked.geometry[rows][:, ::-1]))
+    last = len(turned) - 1
+    assert {last - i for i in other.best.chosen} == set(plain.best.chosen)
+    assert other.best.log_p == pytest.approx(plain.best.log_p, abs=1e-7)
+    assert other.nothing == pytest.approx(plain.nothing, abs=1e-9)
+
+
+def test_correlated_noise_is_no_cause() -> None:
+    """A walk of the noise is told as noise where correlation is asked for, and as cause else."""
+    asked = drawn(4, {}, rho=0.8)
+    found = posterior(asked)
+    assert found.nothing > 0.5
+    likely = max(found.best.views, key=lambda v: v[1])[0]
+    assert likely > 0
+
+
+def test_sizes_that_are_integrated_do_not_depend_on_the_order_of_a_set() -> None:
+    asked = drawn(5, {3: 1.0, 7: 0.7})
+    assert state(asked, (3, 7)).log_p == pytest.approx(state(asked, (7, 3)).log_p, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_what_is_said_with_a_probability_is_so_often_right() -> None:
+    """Campaigns drawn as the priors have them: said against true, in bins of what is said."""
+    acting, campaigns = 0.1, 1500
+    rng = np.random.default_rng(6)
+    bins = np.array([0.0, 0.02, 0.1, 0.3, 0.7, 0.9, 0.98, 1.0 + 1e-9])
+    said, true, variance = (np.zeros(len(bins) - 1) for _ in range(3))
+    for _ in range(campaigns):
+        matrix, _ = library(rng)
+        matrix = matrix[:, :KINDS]
+        blocks = tuple(Block(f"kind{i}", f"kind{i}", (i,), np.log(acting / (1.0 - acting)))
+                       for i in range(KINDS))
+        geometry = 3.0 * rng.normal(size=(len(matrix), 6))
+        acts = rng.uniform(size=KINDS) < acting
+        scale = np.sqrt(float(NOISE_FREEDOM) / rng.chisquare(float(NOISE_FREEDOM)))
+        sizes = np.where(acts, rng.choice(SIZES, KINDS) * rng.normal(size=KINDS), 0.0)
+        unit = matrix / np.sqrt(np.mean(matrix**2, axis=0))
+        values = scale * (rng.normal(size=len(matrix)) + geometry @ rng.normal(size=6)
+                          + unit @ sizes)
+        found = posterior(question(matrix, blocks, values, geometry))
+        p = found.probability
+        home = np.digitize(p, bins) - 1
+        for total, part in ((said, p), (true, acts), (variance, p * (1.0 - p))):
+            np.add.at(total, home, part)
+    # a count of independent events is within 3.5 standard deviations of its mean, and half a case
+    assert np.all(np.abs(true - said) < 3.5 * np.sqrt(variance) + 0.5), (said, true)
+    assert variance.min() > 0.0
