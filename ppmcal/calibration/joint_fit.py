@@ -16,10 +16,11 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal import linalg
+from ppmcal.calibration.coverage import LEAST
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
-from ppmcal.calibration.noise import FAILED_NOISE, LEAST
+from ppmcal.calibration.noise import FAILED_NOISE
 from ppmcal.calibration.posterior import Posterior, SessionKnowledge, of_data
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.session_knowledge import session_knowledge
