@@ -61,6 +61,9 @@ SESSIONS = 3
 CURVED = {"p2": 0.05, "p3": 0.03, "p4": 0.0}
 """A curvature of the drives, mm, that is not named; so many times as large it is."""
 NAMED = 8.0
+QUIET, KNOWN = 0.05, 0.5
+"""Noise over the scenario's, and what is known to this part of its tolerance: what rows decide
+about geometry, tolerances do not."""
 WARMER = 3.0
 """Standard deviation of a session's mean temperature, K."""
 
@@ -69,13 +72,15 @@ WARMER = 3.0
 class Setting:
     """What a campaign is like: number of sessions, what differs, what the model does not know.
 
-    ``curved``: drives, times :data:`CURVED`; ``rows``: of a session, 0: those of the scenario.
+    ``curved``: drives, times :data:`CURVED`; ``rows``: of a session, 0: those of the scenario;
+    ``noise``: over the scenario's.
     """
 
     sessions: int
     differ: bool
     curved: float = 0.0
     rows: int = 0
+    noise: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +107,8 @@ def load(machine: str, setting: Setting) -> tuple[Mechanism, Scenario]:
         raw["conditions"] = {"temperature": {"mean": 20, "swing": 0}}
     if setting.rows:
         next(iter(raw["poses"].values()))["count"] = setting.rows
+    sigma = raw["instrument"]["sigma"]
+    raw["instrument"]["sigma"] = {k: setting.noise * v for k, v in sigma.items()}
     if setting.curved:
         raw["effects"].append({"kind": "curvature", "parameters": {
             name: setting.curved * size for name, size in CURVED.items()}})
@@ -248,7 +255,8 @@ def few_rows(machine: str, stated: float, sigma: str, seed: int, effect: bool) -
     count = int(rng.integers(ROWS[0], ROWS[1] + 1))
 
     def rows(curved: float) -> tuple[Mechanism, Dataset, Array]:
-        mechanism, (day,), true, _ = campaign(machine, Setting(1, False, curved, count), seed)
+        mechanism, (day,), true, _ = campaign(machine, Setting(
+            1, False, curved, count, 1.0 if curved else QUIET), seed)
         return mechanism, day.noisier(stated), true
 
     mechanism, day, true = rows(0.0)
@@ -256,7 +264,8 @@ def few_rows(machine: str, stated: float, sigma: str, seed: int, effect: bool) -
     value = {n: t / mechanism.units.factor(p.quantity) for n, p, t in
              zip(mechanism.names, mechanism.parameters, true.tolist(), strict=True)}
     inside = [p.low <= value[p.name] <= p.high for p in found.record.parameters
-              if p.status != "fixed" and p.low is not None and p.high is not None]
+              if p.of_tolerance is not None and p.of_tolerance < KNOWN
+              and p.low is not None and p.high is not None]
     sizes = list[bool]()
     if effect:
         mechanism, day, _ = rows(NAMED)

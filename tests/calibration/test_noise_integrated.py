@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from interval_study import few_rows
-from scipy.special import bdtr, stdtrit
+from scipy.special import bdtr, ndtr, stdtrit
 
 import ppmcal
 from ppmcal.calibration.coverage import LEAST, coverage_by
@@ -112,17 +112,19 @@ def test_the_interval_of_an_estimate_is_that_one(stage: Mechanism) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("stated", "sigma"), [(0.67, "stated"), (1.5, "stated"),
-                                               (0.67, "estimated"), (1.5, "estimated")])
+@pytest.mark.parametrize(("stated", "sigma"), [(0.67, "stated"), (0.67, "estimated"),
+                                               (1.5, "estimated")])
 def test_intervals_of_few_rows_hold_whatever_noise_is_stated(stated: float, sigma: str) -> None:
     """20 to 60 rows, from end to end: what parameters.csv says against the truth.
 
-    Parameters of one campaign are not independent, campaigns are: one parameter of each, drawn,
-    holds by a binomial law of 0.95. Fewer than the bound have a chance below 1e-3; that is worked
-    out, not set. Stated too large, intervals may be too wide: that is no fault here.
+    Parameters of one campaign are not independent, campaigns are: one parameter of each that the
+    rows decide about, drawn, holds by a binomial law of 0.95. Fewer than the bound have a chance
+    below 1e-3. Intervals by a noise of 0.67 as it is stated, whatever the residuals, would hold
+    81 % and fall below it in most runs.
     """
-    rng, count = np.random.default_rng(3), 40
+    rng, count = np.random.default_rng(3), 60
     hits = sum(bool(rng.choice(few_rows("3-RPR", stated, sigma, 1000 + seed, False).geometry))
                for seed in range(count))
     least = min(k for k in range(count + 1) if bdtr(k, count, 0.95) >= 1e-3)
+    assert bdtr(least - 1, count, 2.0 * ndtr(0.67 * 1.96) - 1.0) > 0.5      # it can fail
     assert hits >= least
