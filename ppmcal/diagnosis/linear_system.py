@@ -91,6 +91,11 @@ class System:
         return int(self.observed.sum())
 
     @cached_property
+    def jacobian_scale(self) -> Array:
+        """By which the columns of the Jacobian are scaled (C,)."""
+        return column_scale(self.problem)
+
+    @cached_property
     def stroke(self) -> float:
         """The longest way of a joint in these rows, m or rad."""
         travel = np.concatenate([p.setting.travel for p in self.parts])

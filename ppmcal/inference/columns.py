@@ -47,6 +47,23 @@ class MatrixColumns:
 
 
 @dataclass(frozen=True, eq=False)
+class UnitColumns:
+    """One column for each of n values, that is one there: what rows that do not belong have."""
+
+    count: int
+
+    def along(self, values: Array) -> Array:
+        """Return the inner products (n, b) of all columns with values (n, b)."""
+        return values
+
+    def some(self, which: Sequence[int]) -> Array:
+        """Return the columns (n, k) of these numbers."""
+        out = np.zeros((self.count, len(which)))
+        out[list(which), np.arange(len(which))] = 1.0
+        return out
+
+
+@dataclass(frozen=True, eq=False)
 class JoinedColumns:
     """Columns of several makers, one after the other."""
 

@@ -25,6 +25,12 @@ NOISE_FREEDOM = Prior(30.0, "a stated sigma is as good as one of 30 values, with
 FURTHER_EVENT = Prior(1 / 4, "where one thing happened during the measurement, something else may")
 CORRELATED = Prior(1 / 2, "noise from row to row is as often correlated as it is not")
 
+WIDE = Prior(1e3, "frames, targets and offsets: known to nobody, yet within 1000 natural units")
+FAMILY = Prior(1 / 50, "some 30 families; of three calibrations about one shows an effect of some")
+ALL_ALIKE = Prior(1 / 2, "actuators are built alike: what one has, all have, in half the machines")
+UNKNOWN = Prior(0.15, "libraries are not complete: one machine in seven does what nobody listed")
+GROSS_ROW = Prior(1 / 100, "one row in a hundred is a wrong point, a typo, or a broken beam")
+
 CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
 """Correlations from row to row that noise may have; with the same prior each."""
 SIZE_STEPS = 34

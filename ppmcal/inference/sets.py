@@ -24,9 +24,9 @@ from ppmcal.linalg import Array, Bools, Ints
 
 NEGLIGIBLE = 14.0
 """Sets less likely than the best by this logarithm are not counted: less than one in a million."""
-MOST = 8
-"""Blocks in a set at most."""
-MOVES = 40
+MOST = 40
+"""Blocks in a set at most, rows that do not belong among them."""
+MOVES = 100
 """Changes of the set at most; more would be a circle."""
 
 Numbers = frozenset[int]
@@ -260,13 +260,23 @@ class _Visited:
         return self.states[key]
 
     def better(self, now: BlockSet) -> BlockSet | None:
-        """Return a set that is likelier and one move away, None where there is none."""
-        moves: list[tuple[float, tuple[int, ...]]] = []
+        """Return a set that is likelier and one move away, None where there is none.
+
+        One more is tried first, then each in turn gone, or another in its place.
+        """
         if len(now.chosen) < MOST:
-            moves.append(self._best(now))
+            more = self._likelier(now, [self._best(now)])
+            if more is not None:
+                return more
+        moves: list[tuple[float, tuple[int, ...]]] = []
         for i in now.chosen:
             rest = self.visit(tuple(j for j in now.chosen if j != i))
             moves += [(rest.log_p, rest.chosen), self._best(rest)]
+        return self._likelier(now, moves)
+
+    def _likelier(self, now: BlockSet, moves: Iterable[tuple[float, tuple[int, ...]]]
+                  ) -> BlockSet | None:
+        """Return the first of the moves, likeliest first, that holds once sizes are chosen anew."""
         for log_p, chosen in sorted(moves, reverse=True):
             if log_p <= now.log_p:
                 return None

@@ -1,0 +1,66 @@
+"""What rows left out would be predicted to be: one function for poses, times, conditions, sessions.
+
+With y ~ N(0, s^2 K), K = I + Z Z' and M = K^-1, rows g that are left out miss their prediction from
+the others by e_g = (M_gg)^-1 (M y)_g, of covariance s^2 (M_gg)^-1: no fit is made again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.special import gammaln
+
+from ppmcal import linalg
+from ppmcal.inference.given import Conditioned
+from ppmcal.linalg import Array, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """Groups of values, each predicted from all others.
+
+    Attributes:
+        error: by which each value misses its prediction, in units of the stated noise (n,).
+        spread: its standard deviation by noise and by what the others leave open (n,).
+        log_score: logarithm of the density at each group's values (G,), Student's.
+    """
+
+    error: Array
+    spread: Array
+    log_score: Array
+
+
+def predicted(given: Conditioned, group: Ints) -> Predicted:
+    """Return each group of values as predicted from the others.
+
+    Args:
+        given: with the blocks taken that predict.
+        group: label of each value, 0 to G - 1 (n,); of a value that was not measured -1.
+
+    Raises:
+        LinearAlgebraError: if a group's values are known exactly from the others.
+    """
+    past = given.values - given.basis @ (given.basis.T @ given.values)
+    error, spread = np.full(group.size, np.nan), np.full(group.size, np.nan)
+    score = np.full(int(group.max(initial=-1)) + 1, np.nan)
+    order = np.argsort(group, kind="stable")
+    starts = np.searchsorted(group[order], np.arange(score.size + 1))
+    for g, (begin, end) in enumerate(pairwise(starts)):
+        at = order[begin:end]
+        if at.size == 0:
+            continue
+        own = given.basis[at]
+        factor = linalg.cholesky(np.eye(at.size) - own @ own.T, "how well rows are predicted")
+        back = linalg.solve(factor, np.column_stack([past[at], np.eye(at.size)]))
+        square = float(back[:, 0] @ back[:, 0])
+        freedom = given.freedom - at.size
+        scale = max(given.spread - square, np.finfo(float).tiny) / freedom
+        error[at] = back[:, 1:].T @ back[:, 0]
+        spread[at] = np.sqrt(scale * np.sum(back[:, 1:] ** 2, axis=0))
+        score[g] = (gammaln(0.5 * (freedom + at.size)) - gammaln(0.5 * freedom)
+                    - 0.5 * at.size * np.log(np.pi * freedom * scale)
+                    + float(np.sum(np.log(np.diagonal(factor))))
+                    - 0.5 * (freedom + at.size) * np.log1p(square / (freedom * scale)))
+    return Predicted(error, spread, score)

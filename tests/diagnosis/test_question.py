@@ -1,0 +1,64 @@
+"""A fit as a question to the evidence: the library's causes and rows that do not belong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden import Options, hide
+
+from ppmcal.calibration.fit import FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.diagnosis.candidates import library
+from ppmcal.diagnosis.linear_system import build
+from ppmcal.diagnosis.question import ROW_FAMILY, UNKNOWN_FAMILY, LibrarySource, question
+from ppmcal.diagnosis.recorded import with_whole_rows
+from ppmcal.inference.sets import Question, SetPosterior, posterior
+
+
+def asked(machine: str, kinds: list[str], eta: float, poses: int = 60,
+          spoiled: tuple[int, ...] = ()) -> Question:
+    """Return the question of a campaign in which effects are hidden, and rows off by 20 sigma."""
+    found = hide(machine, 7, kinds, eta, Options(poses=poses), "all")
+    data = found.dataset
+    for row in spoiled:
+        data.position[row] += 20.0 * data.sigma_position[row]
+    fit = identify(with_whole_rows(Problem(found.mechanism, (data,), found.mechanism.free)),
+                   FitOptions())
+    keep = [k | o for k, o in zip(fit.keep, fit.outliers, strict=True)]
+    system = build(fit.problem, fit.state, keep)
+    return question(system, library(system))
+
+
+def names(found: SetPosterior) -> list[str]:
+    return [found.best.question.blocks[i].family for i in found.best.chosen]
+
+
+def test_columns_are_those_of_the_library() -> None:
+    found = asked("3-RPR", [], 1.0, poses=30)
+    source = found.columns.parts[0]     # type: ignore[attr-defined]
+    assert isinstance(source, LibrarySource)
+    some = [5, 0, source.count - 1]
+    values = np.random.default_rng(0).normal(size=(source.observed.size, 2))
+    assert source.along(values)[some] == pytest.approx(source.some(some).T @ values)
+
+
+def test_nothing_is_found_where_nothing_is() -> None:
+    found = posterior(asked("3-RPR", [], 1.0))
+    assert not found.best.chosen and found.nothing > 0.5
+
+
+def test_a_hidden_effect_is_found() -> None:
+    found = posterior(asked("3-RPR", ["curvature"], 2.0))
+    assert names(found) == ["curvature"]
+    assert found.families(0)["curvature"] > 0.9
+
+
+def test_rows_that_do_not_belong_are_told_from_causes() -> None:
+    found = posterior(asked("3-RPR", ["curvature"], 2.0, spoiled=(10, 11, 40)))
+    assert sorted(names(found)) == ["curvature", *[ROW_FAMILY] * 3]
+
+
+def test_what_no_kind_does_is_unknown() -> None:
+    found = posterior(asked("3-RRR-1", ["bump"], 2.0))
+    assert UNKNOWN_FAMILY in names(found)
