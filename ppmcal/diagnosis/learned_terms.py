@@ -93,8 +93,6 @@ def _judged(base: Fit, whole: Fit, found: Learned, held: Sequence[Dataset], outl
         gap = measure_gap(base, fit, held, noise, seed)
         if gap is None or gap.worse or gap.after >= gap.before:
             return None
-        if gap.interval is not None and gap.interval[0] <= 0.0:
-            return None    # of what poses show that taught no term, nothing is closed for sure
         learned, seen, final = _fitted(whole, _start(whole, outliers), chosen, whitening, options)
         judged = _JudgedRows(whole, final, seen, learned.terms)
     except PpmcalError:
