@@ -17,9 +17,10 @@ from scipy.special import chdtrc
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.noise import (
     ENOUGH_REPEATS,
-    FAILED_NOISE,
+    LARGER,
     Noise,
     noise_check,
+    noise_state,
     typical_noise,
     with_estimated_noise,
 )
@@ -111,7 +112,7 @@ def _noise(fit: Fit, factor: float, data: Dataset) -> tuple[float, str]:
 def _noisier(check: Noise) -> bool:
     """Whether repeats scatter by more than the stated noise can."""
     ratio, degrees = check.repeat_ratio or 0.0, check.repeat_degrees
-    return bool(ratio > 1.0 and chdtrc(degrees, degrees * ratio**2) < FAILED_NOISE)
+    return noise_state(ratio, float(chdtrc(degrees, degrees * ratio**2))) == LARGER
 
 
 def with_day_noise(machines: Sequence[Mechanism], datasets: Sequence[Dataset], notes: list[str]

@@ -20,7 +20,7 @@ from ppmcal.calibration.coverage import LEAST
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
-from ppmcal.calibration.noise import FAILED_NOISE
+from ppmcal.calibration.noise import LARGER, noise_state
 from ppmcal.calibration.posterior import Posterior, SessionKnowledge, of_data
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.session_knowledge import session_knowledge
@@ -100,7 +100,7 @@ def _inflation(session: SessionKnowledge, known: Posterior) -> float:
     if session.degrees < LEAST:
         return known.inflation
     chance = float(chdtrc(session.degrees, session.degrees * session.noise**2))
-    return max(1.0, session.noise) if chance < FAILED_NOISE else 1.0
+    return session.noise if noise_state(session.noise, chance) == LARGER else 1.0
 
 
 def _to_minimum(matrix: Array, right: Array, prior: Array, away: Array, scale: Array) -> Array:

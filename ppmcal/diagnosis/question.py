@@ -54,12 +54,13 @@ def question(system: System, library: Library) -> Question:
     """
     problem = system.problem
     free = list(problem.free)
-    tolerance = np.array([problem.mechanism.parameters[p].tolerance or np.inf for p in free])
     scale = system.jacobian_scale
     away = np.zeros(scale.size)
     away[:len(free)] = (system.state.g - problem.mechanism.nominals)[free] / scale[:len(free)]
     prior = np.full(scale.size, float(WIDE))
-    prior[:len(free)] = np.where(np.isfinite(tolerance), tolerance / scale[:len(free)], WIDE.value)
+    for column, p in enumerate(free):
+        if (sigma := problem.mechanism.parameters[p].prior_sigma) is not None:
+            prior[column] = sigma / scale[column]
     observed = system.observed
     flat = system.jacobian.reshape(observed.size, -1) * observed.reshape(-1, 1)
     values = system.residual.reshape(-1) * observed.reshape(-1) + flat @ away

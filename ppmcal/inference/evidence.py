@@ -10,7 +10,6 @@ integrated,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp, ndtr, stdtr
@@ -26,33 +25,25 @@ SIZES = np.geomspace(float(SMALLEST_SIZE), float(LARGEST_SIZE), SIZE_STEPS)
 LEAST = 1e-300
 
 
-@dataclass(frozen=True, eq=False)
-class BatchOdds:
-    """What a batch of B blocks looks like given what is taken.
+def odds_by_size(given: Conditioned, own: Array, part: Array, gone: float = 0.0) -> Array:
+    """Return log Z at each size over log Z without the block (..., S).
 
-    Attributes:
-        log_odds: for each block, size and root (B, S, G): log Z with it over Z without.
-        mean, deviation: of the coefficient of single columns (B, S), else empty.
+    Args:
+        given: what is taken.
+        own: eigenvalues of G (..., q).
+        part: squares of b along them (..., q).
+        gone: what other blocks than those taken have explained of y'My.
     """
-
-    log_odds: Array
-    mean: Array
-    deviation: Array
-
-    @property
-    def total(self) -> Array:
-        """Log odds of each block (B,), all sizes and roots together."""
-        few = self.log_odds[0].size if len(self.log_odds) else 1
-        return np.asarray(logsumexp(self.log_odds, axis=(1, 2)) - np.log(few))
-
-    def mode(self, block: int) -> tuple[int, int]:
-        """Return the numbers of the size and root at which a block's odds are largest."""
-        at = np.unravel_index(int(np.argmax(self.log_odds[block])), self.log_odds[block].shape)
-        return int(at[0]), int(at[1])
+    own, part = np.maximum(own, 0.0)[..., None, :], part[..., None, :]
+    grown = SIZES[:, None] ** 2
+    spread = 1.0 + grown * own
+    rest = np.maximum(given.spread - gone - np.sum(grown * part / spread, axis=-1), LEAST)
+    return np.asarray(-0.5 * np.sum(np.log(spread), axis=-1)
+                      - 0.5 * given.freedom * np.log(rest / given.spread))
 
 
-def look(given: Conditioned, batch: Batch) -> BatchOdds:
-    """Return the odds of each block of a batch, given what is taken."""
+def odds(given: Conditioned, batch: Batch) -> Array:
+    """Return the log odds of each block of a batch at each root and size (B, G, S)."""
     seen = given.seen[batch.columns]                                   # (B, k, r)
     inner = batch.gram - seen @ seen.transpose(0, 2, 1)
     right = given.right[batch.columns]                                 # (B, k)
@@ -63,38 +54,38 @@ def look(given: Conditioned, batch: Batch) -> BatchOdds:
     else:
         own, turn = linalg.eigh(square)
         part = np.einsum("bgqp,bgq->bgp", turn, along)
-    own = np.maximum(own, 0.0)[:, None]                                # (B, 1, G, q)
-    part = (part**2)[:, None]
-    grown = SIZES[None, :, None, None] ** 2
-    spread = 1.0 + grown * own
-    gone = np.sum(grown * part / spread, axis=-1)                      # (B, S, G)
-    rest = np.maximum(given.spread - gone, LEAST)
-    odds = (-0.5 * np.sum(np.log(spread), axis=-1)
-            - 0.5 * given.freedom * np.log(rest / given.spread))
-    odds = np.where(np.sum(own, axis=-1) > 0.0, odds, 0.0)
-    if batch.columns.shape[1] > 1 or batch.roots.shape[1] > 1:
-        return BatchOdds(odds, np.empty((0, 0)), np.empty((0, 0)))
-    root = np.abs(batch.roots[:, 0, 0, 0])[:, None] * SIZES            # (B, S) of the coefficient
-    spread, sign = spread[..., 0, 0], np.sign(batch.roots[:, 0, 0, 0])[:, None]
-    mean = root * SIZES * sign * along[:, 0] / spread
-    deviation = root * np.sqrt(rest[..., 0] / given.freedom / spread)
-    if batch.bounded:
-        odds = odds + _within(batch, mean, deviation, root, given.freedom)[..., None]
-    return BatchOdds(odds, mean, deviation)
+    out = odds_by_size(given, own, part**2)
+    out = np.where(np.sum(np.maximum(own, 0.0), axis=-1)[..., None] > 0.0, out, 0.0)
+    if batch.bounded and batch.columns.shape[1] == batch.roots.shape[1] == 1:
+        out = out + _within(given, batch, own[:, 0], along[:, 0])[:, None]
+    return np.asarray(out)
 
 
-def _within(batch: Batch, mean: Array, deviation: Array, root: Array, freedom: float) -> Array:
+def total(log_odds: Array) -> Array:
+    """Return the log odds of each block (B,), of all roots and sizes (B, G, S) together."""
+    few = log_odds[0].size if len(log_odds) else 1
+    return np.asarray(logsumexp(log_odds, axis=(1, 2)) - np.log(few))
+
+
+def _within(given: Conditioned, batch: Batch, own: Array, along: Array) -> Array:
     """Return by how much odds change where the coefficient has to be between two ends (B, S).
 
     The posterior is Student's, the prior normal; what the prior has between the ends, over all
-    sizes, is one.
+    sizes, is one. ``own``, ``along`` (B, 1): G and b of the single columns.
     """
+    sign = np.sign(batch.roots[:, 0, 0, 0])[:, None]
+    root = np.abs(batch.roots[:, 0, 0]) * SIZES                        # (B, S) of the coefficient
+    own = np.maximum(own, 0.0)
+    spread = 1.0 + SIZES**2 * own
+    rest = np.maximum(given.spread - SIZES**2 * along**2 / spread, LEAST)
+    mean = root * SIZES * sign * along / spread
+    deviation = root * np.sqrt(rest / given.freedom / spread)
     low, high = batch.low[:, None], batch.high[:, None]
     safe, wide = np.maximum(deviation, LEAST), np.maximum(root, LEAST)
     a, b = (low - mean) / safe, (high - mean) / safe
     turned = a > 0.0                    # differences of small tails, not of numbers near one
     a, b = np.where(turned, -b, a), np.where(turned, -a, b)
-    after = stdtr(freedom, b) - stdtr(freedom, a)
+    after = stdtr(given.freedom, b) - stdtr(given.freedom, a)
     before = np.mean(ndtr(high / wide) - ndtr(low / wide), axis=1, keepdims=True)
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(np.maximum(after, LEAST)) - np.log(np.maximum(before, LEAST)))
@@ -104,5 +95,5 @@ def odds_of_all(given: Conditioned, some: Sequence[Batch], count: int) -> Array:
     """Return the log odds (count,) of each block of several batches."""
     out = np.full(count, -np.inf)
     for batch in some:
-        out[batch.which] = look(given, batch).total
+        out[batch.which] = total(odds(given, batch))
     return out

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 from ppmcal import linalg
 from ppmcal.inference.blocks import Block, scaled_root
-from ppmcal.inference.evidence import LEAST, SIZES
+from ppmcal.inference.evidence import SIZES, odds_by_size
 from ppmcal.inference.given import Conditioned
 from ppmcal.linalg import Array, Ints
 
@@ -58,9 +58,8 @@ def joint(given: Conditioned, blocks: Sequence[Block]) -> JointBlocks:
         found = system.along(k, sizes, grid)
         best = float(found[sizes[k], grid[k]])
         slack += float(logsumexp(found)) - float(np.log(found.size)) - best
-    return JointBlocks(given.log_evidence + best + slack, sizes, grid,
-                 np.hstack([system.made(k, int(grid[k])) * SIZES[sizes[k]]
-                            for k in range(len(blocks))]))
+    taken = [system.made(k, int(grid[k])) * SIZES[sizes[k]] for k in range(len(blocks))]
+    return JointBlocks(given.log_evidence + best + slack, sizes, grid, np.hstack(taken))
 
 
 class _System:
@@ -97,12 +96,8 @@ class _System:
         for g in range(len(self.roots[k])):
             lift = self._lifted([(k, g, 1.0)])
             own, turn = linalg.eigh(lift.T @ left @ lift)
-            own, part = np.maximum(own, 0.0), (turn.T @ (lift.T @ along)) ** 2
-            spread = 1.0 + SIZES[:, None] ** 2 * own
-            more = np.sum(SIZES[:, None] ** 2 * part / spread, axis=1)
-            rest_of = np.maximum(self.given.spread - gone - more, LEAST)
-            out[:, g] = (base - 0.5 * np.sum(np.log(spread), axis=1)
-                         - 0.5 * self.given.freedom * np.log(rest_of / self.given.spread))
+            part = (turn.T @ (lift.T @ along)) ** 2
+            out[:, g] = base + odds_by_size(self.given, own, part, gone)
         return out
 
     def _lifted(self, some: Sequence[tuple[int, int, float]]) -> Array:

@@ -8,7 +8,8 @@ from scipy import integrate, special, stats
 
 from ppmcal.inference.blocks import Block, batches
 from ppmcal.inference.columns import JoinedColumns, MatrixColumns
-from ppmcal.inference.evidence import SIZES, look, odds_of_all
+from ppmcal.inference.evidence import SIZES, odds_of_all
+from ppmcal.inference.evidence import odds as odds_of_batch
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.priors import NOISE_FREEDOM
 
@@ -52,7 +53,7 @@ def test_odds_are_those_of_integrals_made_by_brute_force(geometry: int, size: in
     given = Conditioned.nothing(MatrixColumns(matrix), values).taking(nuisance)
     block = Block("", "", tuple(range(size)), 0.0)
     batch, = batches([block], given.columns, ROWS)
-    found = look(given, batch).log_odds[0, :, 0]
+    found = odds_of_batch(given, batch)[0, 0]
     without = np.eye(ROWS) + nuisance @ nuisance.T
     part = matrix[:, :size] @ batch.roots[0, 0]
     base = density(values, without)
@@ -121,11 +122,11 @@ def test_a_taken_block_adds_what_its_odds_say() -> None:
     matrix, values = drawn(5, effect=1.0)
     given = Conditioned.nothing(MatrixColumns(matrix), values).taking(5.0 * matrix[:, 3:])
     batch, = batches([Block("", "", (0, 1), 0.0)], given.columns, ROWS)
-    seen = look(given, batch)
+    seen = odds_of_batch(given, batch)
     for s in (3, 15, 30):
         with_it = given.taking(SIZES[s] * matrix[:, :2] @ batch.roots[0, 0])
         assert with_it.log_evidence - given.log_evidence == pytest.approx(
-            seen.log_odds[0, s, 0], abs=1e-8)
+            seen[0, 0, s], abs=1e-8)
 
 
 def test_what_geometry_does_as_well_is_not_in_the_data() -> None:
