@@ -33,21 +33,33 @@ def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
     value, covariance = search.test.fit(columns)
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     place = {c: i for i, c in enumerate(columns)}
-    added: list[Added] = []
+    sized = []
     for i in chosen:
         hypothesis = search.hypotheses[i]
         at = [place[c] for c in hypothesis.columns]
         if hypothesis.leans:
             value, sigma = _over(search, chosen, hypothesis, place, at, value, sigma)
+        sized.append((hypothesis, value[at], sigma[at]))
+    return extended(mechanism, sized)
+
+
+def extended(mechanism: Mechanism, sized: Sequence[tuple[Hypothesis, Array, Array]]
+             ) -> tuple[Mechanism, tuple[Added, ...]]:
+    """Return the machine with hypotheses as free effects.
+
+    ``sized``: each with its coefficients and their standard deviations, by column.
+    """
+    added: list[Added] = []
+    for hypothesis, value, sigma in sized:
         if hypothesis.slot:
-            mechanism = _freed(mechanism, hypothesis.slot, float(value[at[0]]))
+            mechanism = _freed(mechanism, hypothesis.slot, float(value[0]))
             added.append(Added(hypothesis, hypothesis.on, (hypothesis.slot,)))
             continue
         count = 1 if hypothesis.shared else len(hypothesis.on)
         size = hypothesis.size // count
         for part in range(count):
             on = hypothesis.on if hypothesis.shared else (hypothesis.on[part],)
-            mine = at[part * size:(part + 1) * size]
+            mine = slice(part * size, (part + 1) * size)
             mechanism, names = _with(mechanism, hypothesis, on, value[mine], sigma[mine])
             added.append(Added(hypothesis, on, names))
     return mechanism, tuple(added)

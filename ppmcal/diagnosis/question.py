@@ -11,14 +11,13 @@ import numpy as np
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.library_columns import Products
 from ppmcal.diagnosis.linear_system import System
+from ppmcal.diagnosis.unknown_causes import SHAPES, UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import JoinedColumns, UnitColumns
 from ppmcal.inference.priors import ALL_ALIKE, FAMILY, GROSS_ROW, UNKNOWN, WIDE
 from ppmcal.inference.sets import Question
 from ppmcal.linalg import Array, Bools
 
-UNKNOWN_FAMILY = "unknown"
-"""The family of what no kind of the library does."""
 Form = tuple[tuple[str, ...], bool]
 """Actuators on which a family acts, and whether with one value for all of them."""
 
@@ -46,51 +45,70 @@ class LibrarySource:
         return np.asarray(values.reshape(self.observed.size, -1))
 
 
-def question(system: System, library: Library) -> Question:
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """A question, and what each of its blocks stands for."""
+
+    question: Question
+    system: System
+    sources: tuple[Hypothesis | UnknownCause | int, ...]
+
+
+def question(system: System, library: Library, unknown: UnknownCauses,
+             added: Sequence[int] = ()) -> Asked:
     """Return what may be in the residuals of a fit beside its geometry.
 
     The residuals are taken back to the nominal machine, so that tolerances are the prior of
-    geometry whatever the fit has made of it.
+    geometry whatever the fit has made of it. ``added``: columns of the problem that belong to
+    effects under test, which the system's Jacobian has no more.
     """
     problem = system.problem
-    free = list(problem.free)
     scale = system.jacobian_scale
-    away = np.zeros(scale.size)
-    away[:len(free)] = (system.state.g - problem.mechanism.nominals)[free] / scale[:len(free)]
-    prior = np.full(scale.size, float(WIDE))
-    for column, p in enumerate(free):
+    away, prior = np.zeros(scale.size), np.full(scale.size, float(WIDE))
+    for column, p in enumerate(problem.free):
+        away[column] = (system.state.g - problem.mechanism.nominals)[p] / scale[column]
         if (sigma := problem.mechanism.parameters[p].prior_sigma) is not None:
             prior[column] = sigma / scale[column]
+    rest = [c for c in range(scale.size) if c not in set(added)]
+    away, prior = away[rest], prior[rest]
     observed = system.observed
     flat = system.jacobian.reshape(observed.size, -1) * observed.reshape(-1, 1)
     values = system.residual.reshape(-1) * observed.reshape(-1) + flat @ away
-    columns = JoinedColumns((LibrarySource(library.products, observed),
+    columns = JoinedColumns((LibrarySource(library.products, observed), unknown.columns,
                              UnitColumns(observed.size)))
-    every = (*blocks(library, system), *rows(observed, library.count))
-    return Question(columns, values, flat * prior, every, observed, system.apart)
+    first = library.count + unknown.columns.count
+    every = (*blocks(library), *unknown.blocks(library.count), *rows(observed, first))
+    asked = Question(columns, values, flat * prior, tuple(b for b, _ in every), observed,
+                     system.apart)
+    return Asked(asked, system, tuple(source for _, source in every))
 
 
 ROW_FAMILY = "row"
 """The family of rows that do not belong, a wrong point, a typo, a broken beam."""
 
 
-def rows(observed: Bools, first: int) -> Iterator[Block]:
+def rows(observed: Bools, first: int) -> Iterator[tuple[Block, int]]:
     """Yield a block for each row that does not belong; ``first``: number of its first column."""
     width = observed.shape[1]
     for n, seen in enumerate(observed):
         own = np.flatnonzero(seen)
         if own.size:
             yield Block(f"row {n}", ROW_FAMILY,
-                        tuple((first + n * width + own).tolist()), float(np.log(float(GROSS_ROW))))
+                        tuple((first + n * width + own).tolist()),
+                        float(np.log(float(GROSS_ROW)))), n
 
 
-def blocks(library: Library, system: System) -> Iterator[Block]:
+def blocks(library: Library) -> Iterator[tuple[Block, Hypothesis]]:
     """Yield the library's hypotheses, each with its prior."""
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
+    slots = max(sum(1 for h in library.hypotheses if h.slot), 1)
     for h in library.hypotheses:
-        families[_family(h)][h.on, h.shared].append(h)
+        if h.leans is None:     # what leans on a compliance is asked once that is in the model
+            families[_family(h)][h.on, h.shared].append(h)
     for family, forms in families.items():
-        top = float(np.log(float(UNKNOWN) / 2.0 if family == UNKNOWN_FAMILY else float(FAMILY)))
+        top = float(np.log(float(UNKNOWN) * SHAPES if family == UNKNOWN_FAMILY else float(FAMILY)))
+        if any(h.slot for own in forms.values() for h in own):
+            top -= np.log(slots)
         share = _shares(list(forms))
         for form, own in forms.items():
             for h in own:
@@ -98,15 +116,7 @@ def blocks(library: Library, system: System) -> Iterator[Block]:
                 low, high = _range(h)
                 yield Block(h.label, family, h.columns,
                             top + np.log(share[form]) - np.log(len(own)), low=low, high=high,
-                            group=f"{family} on {' '.join(h.on)} {h.shared}" if event else "")
-    longest: dict[str, Hypothesis] = {}
-    for h in library.courses:
-        if h.part not in longest or h.size > longest[h.part].size:
-            longest[h.part] = h
-    for part, h in longest.items():
-        yield Block(f"a course of {part}", UNKNOWN_FAMILY, h.columns,
-                    float(np.log(float(UNKNOWN) / 2.0 / len(longest))),
-                    roots=tuple(_courses(system, library, h)))
+                            group=f"{family} on {' '.join(h.on)} {h.shared}" if event else ""), h
 
 
 def _family(h: Hypothesis) -> str:
@@ -129,16 +139,3 @@ def _range(h: Hypothesis) -> tuple[float, float]:
         return -np.inf, np.inf
     usual = h.usual[0] if h.usual else (-np.inf, np.inf)
     return max(h.low[0], usual[0]), min(h.high[0], usual[1])
-
-
-LENGTHS = (0.05, 0.1, 0.2, 0.4, 0.8)
-
-
-def _courses(system: System, library: Library, h: Hypothesis) -> Iterator[Array]:
-    """Yield roots (k, k) of Matern courses over time, of every length."""
-    columns = library.some(h.columns) * system.observed[..., None]
-    rms = np.sqrt(np.maximum(np.sum(columns**2, axis=(0, 1)) / system.count, 1e-300))
-    wave = np.pi * np.arange(1, h.size + 1)
-    for length in LENGTHS:
-        density = (1.0 + (length * wave) ** 2 / 5.0) ** -3.0
-        yield np.diag(np.sqrt(density / density.sum()) / rms)

@@ -126,7 +126,7 @@ def candidates(seen: Visible, everywhere: Sequence[Setting], skipped: Container[
     """
     observed = observed_motion(seen.system)
     tried = [(curve, on, columns_of(seen, curve, on))
-             for curve, on in _forms(seen, everywhere, skipped) if _is_seen(observed, curve, on)]
+             for curve, on in forms(seen, everywhere, skipped) if _is_seen(observed, curve, on)]
     return [TermCandidate(curve, on, columns, without_range(columns, seen.basis),
                           _by_tolerances(observed, curve, on), *_displacements(
                               seen, observed, curve, on))
@@ -184,7 +184,7 @@ def slow_inputs(seen: Visible) -> set[str]:
     return out
 
 
-def _forms(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str]
+def forms(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str]
            ) -> Iterator[tuple[LearnedCurve, tuple[bool, ...]]]:
     mechanism = seen.system.problem.mechanism
     k = len(mechanism.actuators)

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 from ppmcal import linalg
 from ppmcal.inference.blocks import Block, scaled_root
-from ppmcal.inference.evidence import SIZES, odds_by_size
+from ppmcal.inference.evidence import LEAST, SIZES, odds_by_size
 from ppmcal.inference.given import Conditioned
 from ppmcal.linalg import Array, Ints
 
@@ -30,12 +30,16 @@ class JointBlocks:
         log_evidence: logarithm of the values' density with them, sizes and roots integrated.
         sizes: number of each block's size. grid: of its root.
         taken: columns times roots times sizes (n, q): the block that all of them are.
+        values, sigmas: each block's coefficients (k,), mean and standard deviation in units of the
+            stated noise.
     """
 
     log_evidence: float
     sizes: Ints
     grid: Ints
     taken: Array
+    values: tuple[Array, ...] = ()
+    sigmas: tuple[Array, ...] = ()
 
 
 def joint(given: Conditioned, blocks: Sequence[Block]) -> JointBlocks:
@@ -59,7 +63,8 @@ def joint(given: Conditioned, blocks: Sequence[Block]) -> JointBlocks:
         best = float(found[sizes[k], grid[k]])
         slack += float(logsumexp(found)) - float(np.log(found.size)) - best
     taken = [system.made(k, int(grid[k])) * SIZES[sizes[k]] for k in range(len(blocks))]
-    return JointBlocks(given.log_evidence + best + slack, sizes, grid, np.hstack(taken))
+    return JointBlocks(given.log_evidence + best + slack, sizes, grid, np.hstack(taken),
+                       *system.coefficients(sizes, grid))
 
 
 class _System:
@@ -99,6 +104,18 @@ class _System:
             part = (turn.T @ (lift.T @ along)) ** 2
             out[:, g] = base + odds_by_size(self.given, own, part, gone)
         return out
+
+    def coefficients(self, sizes: Ints, grid: Ints) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+        """Return mean and standard deviation of each block's coefficients (k,)."""
+        lift = self._lifted([(i, int(grid[i]), float(SIZES[sizes[i]]))
+                             for i in range(len(self.roots))])
+        inner, right = lift.T @ self.inner @ lift, lift.T @ self.right
+        inverse = linalg.inv(np.eye(len(inner)) + inner)
+        mean = inverse @ right
+        scale = max(self.given.spread - float(right @ mean), LEAST) / self.given.freedom
+        value = lift @ mean
+        sigma = np.sqrt(scale * np.maximum(np.sum((lift @ inverse) * lift, axis=1), 0.0))
+        return (tuple(value[i] for i in self.at), tuple(sigma[i] for i in self.at))
 
     def _lifted(self, some: Sequence[tuple[int, int, float]]) -> Array:
         """Return roots times sizes in the rows of all columns (c, q)."""

@@ -6,7 +6,7 @@ log p(H | y) = log Z(H) + log pi(H), for every correlation of the noise, and the
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -202,13 +202,17 @@ class SetPosterior:
             counted[list(key)] += np.exp(log_p)
         return np.asarray(np.minimum(counted + (1.0 - counted) * self._beside, 1.0))
 
-    @property
-    def nothing(self) -> float:
-        """Probability that nothing is in the data beside the geometry."""
+    def nothing(self, beside: Container[str] = ()) -> float:
+        """Return the probability that nothing is in the data beside the geometry.
+
+        ``beside``: families that do not count, rows that do not belong.
+        """
+        blocks = self.best.question.blocks
         of_family: dict[str, float] = defaultdict(float)
-        for block, p in zip(self.best.question.blocks, self._beside, strict=True):
-            of_family[block.family] += float(p)
-        empty = float(np.exp(self.log_p.get(frozenset(), -np.inf)))
+        for block, p in zip(blocks, self._beside, strict=True):
+            of_family[block.family] += float(p) * (block.family not in beside)
+        empty = sum(float(np.exp(log_p)) for key, log_p in self.log_p.items()
+                    if all(blocks[i].family in beside for i in key))
         return empty * float(np.prod([1.0 - min(p, 1.0) for p in of_family.values()]))
 
     def families(self, place: int) -> dict[str, float]:

@@ -1,0 +1,150 @@
+"""What no kind of the library does, as blocks: smooth functions of each recorded input, of time.
+
+An unknown cause moves a joint, all joints alike, or the platform as a smooth function of something
+that is recorded: a spline through nodes, whose values have a Matern covariance (5/2). Over time it
+is any slow course, or a walk. Kennedy & O'Hagan 2001; Rasmussen & Williams 2006, 4.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ppmcal.diagnosis.linear_system import System, plain
+from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
+from ppmcal.inference.blocks import Block
+from ppmcal.inference.columns import MatrixColumns
+from ppmcal.inference.priors import UNKNOWN
+from ppmcal.linalg import Array
+from ppmcal.model.effects import Setting, Shift
+from ppmcal.model.effects.learned import JOINT, LearnedCurve
+from ppmcal.model.effects.setting import COORDINATES, PLACE
+
+UNKNOWN_FAMILY = "unknown"
+"""The family of what no kind of the library does."""
+SHAPES = 1 / 3
+"""Part of the unknown that is a shape of one joint's travel without a width of its own."""
+LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0)
+"""Lengths of a kernel, in parts of the input's range."""
+SECOND = 2.0
+"""Length along a second input."""
+WAVES = 24
+"""Half waves of a course in time."""
+WALK = "walk"
+
+
+@dataclass(frozen=True, eq=False)
+class UnknownCause:
+    """One block of columns ``number`` to ``number + width``, and what it looks like.
+
+    ``curve``, ``on``: the learned term that it would be; None for a course in time of ``way``.
+    """
+
+    label: str
+    width: int
+    roots: tuple[Array, ...]
+    share: float
+    curve: LearnedCurve | None = None
+    on: tuple[bool, ...] = ()
+    way: str = ""
+
+    def block(self, number: int) -> Block:
+        """Return it as a block whose columns begin at a number."""
+        return Block(self.label, UNKNOWN_FAMILY, tuple(range(number, number + self.width)),
+                     float(np.log(float(UNKNOWN) * self.share)), roots=self.roots)
+
+
+class UnknownCauses:
+    """All unknown causes that the rows of a system could tell, and their columns (n, T)."""
+
+    def __init__(self, system: System, everywhere: Sequence[Setting]) -> None:
+        self.system = system
+        self._columns: list[Array] = []
+        self.causes: list[UnknownCause] = []
+        inputs = list(self._of_inputs(everywhere))
+        courses = list(self._of_time())
+        groups = [g for g in (inputs, courses) if g]
+        for group in groups:
+            singles = sum(1 for found in group if not found[3])
+            several = len(group) - singles
+            for label, columns, kernels, together, curve, on, way in group:
+                half = (1.0 - SHAPES) / len(groups) * (0.5 if singles and several else 1.0)
+                self._take(label, columns, kernels, half / (several if together else singles),
+                           curve, on, way)
+
+    @cached_property
+    def columns(self) -> MatrixColumns:
+        """All columns (n, T), zero where nothing was observed."""
+        count = self.system.observed.size
+        return MatrixColumns(np.hstack([np.zeros((count, 0)), *self._columns]))
+
+    def blocks(self, first: int) -> Iterator[tuple[Block, UnknownCause]]:
+        """Yield all blocks; ``first``: number of the first column."""
+        for cause in self.causes:
+            yield cause.block(first), cause
+            first += cause.width
+
+    def _take(self, label: str, columns: Array, kernels: Sequence[Array], share: float,
+              curve: LearnedCurve | None, on: tuple[bool, ...], way: str) -> None:
+        gram = columns.T @ columns
+        if not np.isfinite(gram).all() or not np.trace(gram) > 0.0:
+            return
+        roots = []
+        for kernel in kernels:
+            w, v = np.linalg.eigh(kernel)
+            root = v * np.sqrt(np.maximum(w, 0.0))
+            size = np.sqrt(np.trace(root.T @ gram @ root) / self.system.count)
+            roots.append(root / size)
+        self._columns.append(columns)
+        self.causes.append(UnknownCause(label, columns.shape[1], tuple(roots), share, curve, on,
+                                        way))
+
+    def _of_inputs(self, everywhere: Sequence[Setting]):
+        mechanism = self.system.problem.mechanism
+        seen = Visible(self.system, plain(self.system), np.zeros((self.system.observed.size, 0)),
+                       self.system.residual.reshape(-1))
+        for curve, on in forms(seen, everywhere, ()):
+            second = _matern(curve.by_nodes, SECOND) if curve.by else np.ones((1, 1))
+            kernels = [np.kron(_matern(curve.nodes, length), second) for length in LENGTHS]
+            acted = [a for a, there in zip(mechanism.actuators, on, strict=True) if there]
+            where = curve.acts if curve.acts != JOINT else " ".join(acted)
+            together = curve.acts == JOINT and len(acted) > 1
+            label = (f"a function of {' and '.join(curve.inputs)}"
+                     f"{' by direction' if curve.signed else ''} acting on {where}")
+            yield label, columns_of(seen, curve, on), kernels, together, curve, on, ""
+
+    def _of_time(self):
+        system = self.system
+        parts, mechanism = system.parts, system.problem.mechanism
+        row = np.concatenate([p.response.rows.row for p in system.firsts])
+        if np.unique(row).size < 2 * WAVES // 2:
+            return
+        place = np.argsort(np.argsort(row, kind="stable"), kind="stable") / max(row.size - 1.0, 1.0)
+        wave = np.pi * np.arange(1, WAVES + 1)
+        waves = np.cos(place[:, None] * wave)
+        kernels = [np.diag((1.0 + (length * wave) ** 2 / 5.0) ** -3.0) for length in LENGTHS]
+        kernels.append(np.diag(wave**-2.0))    # a Wiener walk
+        ways = {f"the base's {c}": [Shift(frame=np.tile(np.eye(6)[PLACE[c]],
+                                                        (len(p.response.pose), 1)))
+                                    for p in parts] for c in COORDINATES[mechanism.motion]}
+        ways |= {f"the zero of {name}": [p.setting.at_joints(
+            np.ones_like(p.setting.travel), np.arange(len(mechanism.actuators)) == a)
+            for p in parts] for a, name in enumerate(mechanism.actuators)}
+        if len(set(mechanism.actuator_quantity)) == 1:
+            ways["all zeros"] = [p.setting.at_joints(
+                np.ones_like(p.setting.travel), np.ones(len(mechanism.actuators), dtype=bool))
+                for p in parts]
+        for way, shifts in ways.items():
+            unit = system.column(shifts) * system.observed
+            columns = (unit[..., None] * waves[:, None, :]).reshape(system.observed.size, WAVES)
+            yield (f"a slow course of {way}", columns, kernels, way == "all zeros", None, (), way)
+
+
+def _matern(nodes: Array, length: float) -> Array:
+    """Return the Matern kernel (5/2) between nodes (n, n); ``length`` in parts of their range."""
+    far = np.abs(nodes[:, None] - nodes[None, :]) / (nodes[-1] - nodes[0])
+    x = np.sqrt(5.0) * far / length
+    return np.asarray((1.0 + x + x**2 / 3.0) * np.exp(-x))
