@@ -79,7 +79,7 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     first = library.count + unknown.columns.count
     every = (*blocks(library), *unknown.blocks(library.count), *rows(observed, first))
     asked = Question(columns, values, flat * prior, tuple(b for b, _ in every), observed,
-                     system.apart)
+                     system.apart, frozenset({ROW_FAMILY}))
     return Asked(asked, system, tuple(source for _, source in every))
 
 

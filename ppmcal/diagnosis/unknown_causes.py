@@ -137,10 +137,23 @@ class UnknownCauses:
             ways["all zeros"] = [p.setting.at_joints(
                 np.ones_like(p.setting.travel), np.ones(len(mechanism.actuators), dtype=bool))
                 for p in parts]
-        for way, shifts in ways.items():
-            unit = system.column(shifts) * system.observed
+        units = {way: system.column(shifts) * system.observed for way, shifts in ways.items()}
+        for way, unit in units.items():
             columns = (unit[..., None] * waves[:, None, :]).reshape(system.observed.size, WAVES)
             yield (f"a slow course of {way}", columns, kernels, way == "all zeros", None, (), way)
+        for body, lever in (("base", "frame"), ("target", "target")):
+            own = [system.column([Shift(**{lever: np.tile(np.eye(6)[PLACE[c]],
+                                                          (len(p.response.pose), 1))})
+                                  for p in parts]) * system.observed
+                   for c in COORDINATES[mechanism.motion]]
+            own = [u / max(float(np.sqrt(np.sum(u**2) / system.count)), 1e-300) for u in own
+                   if np.any(u)]
+            if own:
+                columns = np.concatenate(
+                    [(u[..., None] * waves[:, None, :]).reshape(system.observed.size, WAVES)
+                     for u in own], axis=1)
+                yield (f"a slow course of the {body}", columns,
+                       [np.kron(np.eye(len(own)), k) for k in kernels], True, None, (), body)
 
 
 def _matern(nodes: Array, length: float) -> Array:

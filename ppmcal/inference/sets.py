@@ -6,13 +6,14 @@ log p(H | y) = log Z(H) + log pi(H), for every correlation of the noise, and the
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from scipy.special import logsumexp
 
+from ppmcal import linalg
 from ppmcal.inference.blocks import Batch, Block, batches
 from ppmcal.inference.columns import ColumnSource
 from ppmcal.inference.correlation import RowNoise, Whitened
@@ -28,6 +29,11 @@ MOST = 40
 """Blocks in a set at most, rows that do not belong among them."""
 MOVES = 100
 """Changes of the set at most; more would be a circle."""
+
+DEEP = 3
+"""Blocks that take the place of one at most, and families that are tried in that of several."""
+LEAST_GAIN = 1e-6
+"""A set is likelier by more than round-off."""
 
 Numbers = frozenset[int]
 """A set of blocks, by their numbers."""
@@ -51,6 +57,7 @@ class Question:
         values: y (n,), zero where ``observed`` (N, m) is not.
         geometry: Jacobian times the root of its prior (n, c).
         apart: rows from each to the next (N - 1,), 0 where another sequence begins.
+        alone: families of which none stands for several others: rows that do not belong.
     """
 
     columns: ColumnSource
@@ -59,6 +66,7 @@ class Question:
     blocks: tuple[Block, ...]
     observed: Bools
     apart: Ints
+    alone: frozenset[str] = frozenset()
 
     @cached_property
     def views(self) -> tuple[NoiseView, ...]:
@@ -174,14 +182,11 @@ class SetPosterior:
     Attributes:
         best: the likeliest set.
         log_p: log probability of the sets that were counted, whatever is beside them.
-        places: for each of the best set's blocks, log probability of every block in its place, and
-            last of nothing there (B + 1,).
         beside: log odds of each block beside the best set (B,).
     """
 
     best: BlockSet
     log_p: dict[Numbers, float]
-    places: tuple[Array, ...]
     beside: Array
 
     @cached_property
@@ -216,12 +221,17 @@ class SetPosterior:
         return empty * float(np.prod([1.0 - min(p, 1.0) for p in of_family.values()]))
 
     def families(self, place: int) -> dict[str, float]:
-        """Return the probability of each family in a place, largest first; "" of nothing."""
+        """Return the probability of each family in a place, largest first.
+
+        "" is of nothing; where other sets have several in its place, these are told together.
+        """
+        question = self.best.question
+        mine, best = self.best.chosen[place], set(self.best.chosen)
         out: dict[str, float] = defaultdict(float)
-        blocks = self.best.question.blocks
-        for name, p in zip([*(b.family for b in blocks), ""], np.exp(self.places[place]),
-                           strict=True):
-            out[name] += float(p)
+        for key, log_p in self.log_p.items():
+            other = {question.blocks[i].family for i in key - best} - question.alone
+            family = question.blocks[mine].family if mine in key else " and ".join(sorted(other))
+            out[family] += float(np.exp(log_p))
         return dict(sorted(out.items(), key=lambda item: -item[1]))
 
 
@@ -234,19 +244,17 @@ def posterior(question: Question) -> SetPosterior:
         if better is None:
             break
         best = better
-    counted, places = {frozenset(best.chosen): best.log_p}, []
     for i in best.chosen:
         rest = seen.visit(tuple(j for j in best.chosen if j != i))
-        every = np.append(rest.scores, rest.log_p)
-        every[i] = best.log_p
-        places.append(every - logsumexp(every))
         key = frozenset(rest.chosen)
-        counted[key] = rest.log_p
         for j in np.flatnonzero(rest.scores > best.log_p - NEGLIGIBLE).tolist():
-            counted.setdefault(key | {j}, float(rest.scores[j]))
+            seen.nearby.setdefault(key | {j}, float(rest.scores[j]))
+    counted = {key: at.log_p for key, at in seen.states.items()
+               if at.log_p > best.log_p - NEGLIGIBLE or not key}
+    counted = seen.nearby | counted
     total = float(logsumexp(list(counted.values())))
-    return SetPosterior(best, {key: log_p - total for key, log_p in counted.items()}, tuple(places),
-                     best.scores - best.log_p)
+    return SetPosterior(best, {key: log_p - total for key, log_p in counted.items()},
+                        best.scores - best.log_p)
 
 
 class _Visited:
@@ -255,6 +263,7 @@ class _Visited:
     def __init__(self, question: Question) -> None:
         self.question = question
         self.states: dict[Numbers, BlockSet] = {}
+        self.nearby: dict[Numbers, float] = {}
 
     def visit(self, chosen: tuple[int, ...]) -> BlockSet:
         """Return a set, which is looked at once."""
@@ -266,7 +275,9 @@ class _Visited:
     def better(self, now: BlockSet) -> BlockSet | None:
         """Return a set that is likelier and one move away, None where there is none.
 
-        One more is tried first, then each in turn gone, or another in its place.
+        One more is tried first; then each in turn gone, or another in its place; then what a
+        single step does not come to: several in the place of one, one in the place of several, two
+        events at once.
         """
         if len(now.chosen) < MOST:
             more = self._likelier(now, [self._best(now)])
@@ -276,7 +287,83 @@ class _Visited:
         for i in now.chosen:
             rest = self.visit(tuple(j for j in now.chosen if j != i))
             moves += [(rest.log_p, rest.chosen), self._best(rest)]
-        return self._likelier(now, moves)
+        found = self._likelier(now, moves)
+        if found is not None:
+            return found
+        for far in (*self._split(now), *self._merged(now), *self._pairs(now)):
+            if far.log_p > now.log_p + LEAST_GAIN:
+                return far
+        return None
+
+    def _split(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with one block gone, and others, of other families, in its place."""
+        blocks = self.question.blocks
+        for i in now.chosen:
+            if blocks[i].family in self.question.alone:
+                continue
+            at = self.visit(tuple(j for j in now.chosen if j != i))
+            gone = np.array([b.family == blocks[i].family for b in blocks])
+            for _ in range(DEEP):
+                log_p, chosen = self._best(at, gone)
+                if log_p <= at.log_p:
+                    break
+                at = self.visit(chosen)
+                yield at
+            yield from self._pairs(self.visit(tuple(j for j in now.chosen if j != i)))
+
+    def _merged(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with one more block, and without those that are not needed beside it."""
+        blocks = self.question.blocks
+        if len(now.chosen) < 2:
+            return
+        seen = set[str]()
+        for i in np.argsort(-now.scores).tolist():
+            if len(seen) == DEEP:
+                return
+            if blocks[i].family in seen or blocks[i].family in self.question.alone:
+                continue
+            seen.add(blocks[i].family)
+            yield self._pruned(self.visit((*now.chosen, i)), i)
+
+    def _pruned(self, at: BlockSet, held: int) -> BlockSet:
+        """Return the likeliest of a set and those with less, ``held`` in all of them."""
+        while True:
+            fewer = [self.visit(tuple(j for j in at.chosen if j != k)) for k in at.chosen
+                     if k != held]
+            best = max(fewer, key=lambda s: s.log_p, default=at)
+            if best.log_p <= at.log_p:
+                return at
+            at = best
+
+    def _pairs(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with the two events more, of one group each, that explain most together."""
+        for group in self.question.groups.values():
+            free = [i for i in group if i not in now.chosen]
+            if len(free) > 1:
+                i, j = self._likeliest_pair(now, free)
+                yield self.visit((*now.chosen, i, j))
+
+    def _likeliest_pair(self, now: BlockSet, free: Sequence[int]) -> tuple[int, int]:
+        """Return the two events whose columns explain most, whatever sizes they have."""
+        _, _, given = max(now.given, key=lambda g: g[1])
+        columns = np.array([self.question.blocks[i].columns for i in free])   # (E, k)
+        flat = columns.ravel()
+        values = given.columns.some(flat.tolist())
+        past = values - given.basis @ (given.basis.T @ values)
+        gram = (values.T @ past).reshape(*columns.shape, *columns.shape)      # (E, k, E, k)
+        right = given.right[columns]
+        each, width = np.arange(len(free)), columns.shape[1]
+        own = gram[each, :, each] + 1e-9 * np.eye(width) * np.trace(
+            gram[each, :, each], axis1=1, axis2=2)[:, None, None]
+        first, second = np.triu_indices(len(free), 1)
+        block = np.concatenate([
+            np.concatenate([own[first], gram[first, :, second]], axis=2),
+            np.concatenate([gram[second, :, first], own[second]], axis=2)], axis=1)
+        wanted = np.concatenate([right[first], right[second]], axis=1)
+        ridge = 1e-9 * np.trace(block, axis1=1, axis2=2)[:, None, None] + 1e-300
+        found = linalg.solve_blocks(block + ridge * np.eye(2 * width), wanted[..., None])[..., 0]
+        best = int(np.argmax(np.sum(found * wanted, axis=1)))
+        return free[first[best]], free[second[best]]
 
     def _likelier(self, now: BlockSet, moves: Iterable[tuple[float, tuple[int, ...]]]
                   ) -> BlockSet | None:
@@ -290,8 +377,10 @@ class _Visited:
         return None
 
     @staticmethod
-    def _best(at: BlockSet) -> tuple[float, tuple[int, ...]]:
+    def _best(at: BlockSet, gone: Bools | None = None) -> tuple[float, tuple[int, ...]]:
+        """Return the likeliest set with one block more, none of those ``gone``."""
         if not at.scores.size:
             return -np.inf, at.chosen
-        i = int(np.argmax(at.scores))
-        return float(at.scores[i]), (*at.chosen, i)
+        scores = at.scores if gone is None else np.where(gone, -np.inf, at.scores)
+        i = int(np.argmax(scores))
+        return float(scores[i]), (*at.chosen, i)
