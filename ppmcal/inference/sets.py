@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from scipy.special import logsumexp
@@ -45,7 +46,17 @@ class NoiseView:
 
     log_prior: float
     start: Conditioned
-    batches: tuple[Batch, ...]
+    blocks: tuple[Block, ...]
+
+    @cached_property
+    def batches(self) -> tuple[Batch, ...]:
+        """The blocks of one shape each together."""
+        return tuple(batches(self.blocks, self.start.columns, self.start.count))
+
+    @cached_property
+    def events(self) -> dict[str, Array]:
+        """Inner products of the columns of each group's events, (E k, E k)."""
+        return {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +98,7 @@ class Question:
         count = int(self.observed.sum())
         values = noise.apply(self.values[:, None])[:, 0]
         start = Conditioned.nothing(columns, values, count).taking(noise.apply(self.geometry))
-        return NoiseView(log_prior - noise.log_det, start,
-                    tuple(batches(self.blocks, columns, count)))
+        return NoiseView(log_prior - noise.log_det, start, self.blocks)
 
     @cached_property
     def groups(self) -> dict[str, list[int]]:
@@ -160,11 +170,12 @@ class BlockSet:
         return out
 
 
-def state(question: Question, chosen: Sequence[int]) -> BlockSet:
-    """Return a set of blocks in the data."""
+def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = ()) -> BlockSet:
+    """Return a set of blocks in the data; ``likely``: numbers of the correlations, default all."""
     blocks = [question.blocks[i] for i in chosen]
     prior = question.log_prior(chosen)
-    found = [(n, joint(view.start, blocks)) for n, view in enumerate(question.views)]
+    found = [(n, joint(question.views[n].start, blocks))
+             for n in likely or range(len(question.views))]
     each = [question.views[n].log_prior + j.log_evidence + prior for n, j in found]
     views = tuple((n, log_p, j) for (n, j), log_p in zip(found, each, strict=True)
                   if log_p > max(each) - NEGLIGIBLE)
@@ -238,12 +249,12 @@ class SetPosterior:
 def posterior(question: Question) -> SetPosterior:
     """Return which blocks are in the data: search from nothing, then what is near the best."""
     seen = _Visited(question)
-    best = seen.visit(())
+    best = seen.whole(seen.visit(()))
     for _ in range(MOVES):
         better = seen.better(best)
         if better is None:
             break
-        best = better
+        best = seen.whole(better)
     for i in best.chosen:
         rest = seen.visit(tuple(j for j in best.chosen if j != i))
         key = frozenset(rest.chosen)
@@ -264,13 +275,27 @@ class _Visited:
         self.question = question
         self.states: dict[Numbers, BlockSet] = {}
         self.nearby: dict[Numbers, float] = {}
+        self.settled = set[Numbers]()
+        self.likely: list[int] = []
 
     def visit(self, chosen: tuple[int, ...]) -> BlockSet:
-        """Return a set, which is looked at once."""
+        """Return a set, which is looked at once, for the correlations that are likely now."""
         key = frozenset(chosen)
         if key not in self.states:
-            self.states[key] = state(self.question, chosen)
+            self.states[key] = state(self.question, chosen, self.likely)
         return self.states[key]
+
+    def whole(self, found: BlockSet) -> BlockSet:
+        """Return a set for every correlation; those that are likely with it are from now on."""
+        key = frozenset(found.chosen)
+        if key not in self.settled:
+            self.states[key] = state(self.question, found.chosen)
+            self.settled.add(key)
+        found = self.states[key]
+        if (likely := [n for n, _, _ in found.views]) != self.likely:
+            self.likely = likely
+            self.states = {k: v for k, v in self.states.items() if k in self.settled}
+        return found
 
     def better(self, now: BlockSet) -> BlockSet | None:
         """Return a set that is likelier and one move away, None where there is none.
@@ -290,7 +315,7 @@ class _Visited:
         found = self._likelier(now, moves)
         if found is not None:
             return found
-        for far in (*self._split(now), *self._merged(now), *self._pairs(now)):
+        for far in chain(self._split(now), self._merged(now), self._pairs(now, now.log_p)):
             if far.log_p > now.log_p + LEAST_GAIN:
                 return far
         return None
@@ -309,7 +334,7 @@ class _Visited:
                     break
                 at = self.visit(chosen)
                 yield at
-            yield from self._pairs(self.visit(tuple(j for j in now.chosen if j != i)))
+            yield from self._pairs(self.visit(tuple(j for j in now.chosen if j != i)), now.log_p)
 
     def _merged(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with one more block, and without those that are not needed beside it."""
@@ -335,35 +360,42 @@ class _Visited:
                 return at
             at = best
 
-    def _pairs(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with the two events more, of one group each, that explain most together."""
-        for group in self.question.groups.values():
-            free = [i for i in group if i not in now.chosen]
+    def _pairs(self, at: BlockSet, least: float) -> Iterator[BlockSet]:
+        """Yield sets with two events of one group more that may be likelier than ``least``."""
+        for group in self.question.groups:
+            free = [i for i in self.question.groups[group] if i not in at.chosen]
             if len(free) > 1:
-                i, j = self._likeliest_pair(now, free)
-                yield self.visit((*now.chosen, i, j))
+                i, j, most = self._likeliest_pair(at, group, free)
+                if at.log_p + most + self.question.further(i, at.chosen) > least:
+                    yield self.visit((*at.chosen, i, j))
 
-    def _likeliest_pair(self, now: BlockSet, free: Sequence[int]) -> tuple[int, int]:
-        """Return the two events whose columns explain most, whatever sizes they have."""
-        _, _, given = max(now.given, key=lambda g: g[1])
+    def _likeliest_pair(self, at: BlockSet, group: str, free: Sequence[int]
+                        ) -> tuple[int, int, float]:
+        """Return the two events whose columns explain most, and how much likelier at most."""
+        view, _, given = max(at.given, key=lambda g: g[1])
         columns = np.array([self.question.blocks[i].columns for i in free])   # (E, k)
-        flat = columns.ravel()
-        values = given.columns.some(flat.tolist())
-        past = values - given.basis @ (given.basis.T @ values)
-        gram = (values.T @ past).reshape(*columns.shape, *columns.shape)      # (E, k, E, k)
-        right = given.right[columns]
-        each, width = np.arange(len(free)), columns.shape[1]
-        own = gram[each, :, each] + 1e-9 * np.eye(width) * np.trace(
-            gram[each, :, each], axis1=1, axis2=2)[:, None, None]
+        whole = self.question.groups[group]
+        if group not in view.events:
+            values = given.columns.some([c for i in whole for c in self.question.blocks[i].columns])
+            view.events[group] = values.T @ values
+        width, places = columns.shape[1], {i: n for n, i in enumerate(whole)}
+        own = np.concatenate([np.arange(width) + places[i] * width for i in free])
+        seen = given.seen[columns.ravel()]
+        gram = (view.events[group][np.ix_(own, own)] - seen @ seen.T).reshape(
+            *columns.shape, *columns.shape)
+        right, each = given.right[columns], np.arange(len(free))
+        alone = gram[each, :, each]
         first, second = np.triu_indices(len(free), 1)
         block = np.concatenate([
-            np.concatenate([own[first], gram[first, :, second]], axis=2),
-            np.concatenate([gram[second, :, first], own[second]], axis=2)], axis=1)
+            np.concatenate([alone[first], gram[first, :, second]], axis=2),
+            np.concatenate([gram[second, :, first], alone[second]], axis=2)], axis=1)
         wanted = np.concatenate([right[first], right[second]], axis=1)
-        ridge = 1e-9 * np.trace(block, axis1=1, axis2=2)[:, None, None] + 1e-300
+        ridge = 1e-6 * np.trace(block, axis1=1, axis2=2)[:, None, None] + 1e-300
         found = linalg.solve_blocks(block + ridge * np.eye(2 * width), wanted[..., None])[..., 0]
-        best = int(np.argmax(np.sum(found * wanted, axis=1)))
-        return free[first[best]], free[second[best]]
+        gains = np.sum(found * wanted, axis=1)
+        best = int(np.argmax(gains))
+        left = max(1.0 - float(gains[best]) / given.spread, 1e-9)
+        return free[first[best]], free[second[best]], -0.5 * given.freedom * float(np.log(left))
 
     def _likelier(self, now: BlockSet, moves: Iterable[tuple[float, tuple[int, ...]]]
                   ) -> BlockSet | None:
