@@ -20,6 +20,7 @@ from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCauses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.inference.sets import SetPosterior, posterior
+from ppmcal.linalg import Array
 
 ROUNDS = 4
 MASS = 0.95
@@ -104,15 +105,16 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
     return result
 
 
-def _sized(asked: Asked, answer: SetPosterior):
+def _sized(asked: Asked, answer: SetPosterior) -> list[tuple[Hypothesis, Array, Array]]:
+    """Return the hypotheses with a name, their coefficients and standard deviations."""
     best = answer.best
     _, _, joint = max(best.views, key=lambda v: v[1])
-    out = []
-    for i, value, sigma in zip(best.chosen, joint.values, joint.sigmas, strict=True):
-        source = asked.sources[i]
-        if isinstance(source, Hypothesis) and not source.anonymous:
-            out.append((source, value, sigma))
-    return out
+    out = [(source, value, sigma) for i, value, sigma in
+           zip(best.chosen, joint.values, joint.sigmas, strict=True)
+           if isinstance(source := asked.sources[i], Hypothesis) and not source.anonymous]
+    size = {(h.kind, h.on): float(value[0]) for h, value, _ in out if h.shared and value.size}
+    return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans else (h, value, sigma)
+            for h, value, sigma in out]
 
 
 def _told(asked: Asked, answer: SetPosterior, fit: Fit, added: tuple[Added, ...]) -> Explanation:

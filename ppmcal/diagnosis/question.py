@@ -103,8 +103,7 @@ def blocks(library: Library) -> Iterator[tuple[Block, Hypothesis]]:
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
     slots = max(sum(1 for h in library.hypotheses if h.slot), 1)
     for h in library.hypotheses:
-        if h.leans is None:     # what leans on a compliance is asked once that is in the model
-            families[_family(h)][h.on, h.shared].append(h)
+        families[_family(h)][h.on, h.shared].append(h)
     for family, forms in families.items():
         top = float(np.log(float(UNKNOWN) * SHAPES if family == UNKNOWN_FAMILY else float(FAMILY)))
         if any(h.slot for own in forms.values() for h in own):
@@ -116,7 +115,13 @@ def blocks(library: Library) -> Iterator[tuple[Block, Hypothesis]]:
                 low, high = _range(h)
                 yield Block(h.label, family, h.columns,
                             top + np.log(share[form]) - np.log(len(own)), low=low, high=high,
-                            group=f"{family} on {' '.join(h.on)} {h.shared}" if event else ""), h
+                            group=f"{family} on {' '.join(h.on)} {h.shared}" if event else "",
+                            gives=_place(h.kind, h.on) if h.shared else "",
+                            needs=_place(*h.leans) if h.leans else ""), h
+
+
+def _place(kind: str, on: Sequence[str]) -> str:
+    return f"{kind} on {' '.join(on)}"
 
 
 def _family(h: Hypothesis) -> str:

@@ -184,8 +184,8 @@ def slow_inputs(seen: Visible) -> set[str]:
     return out
 
 
-def forms(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str]
-           ) -> Iterator[tuple[LearnedCurve, tuple[bool, ...]]]:
+def forms(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str],
+          every: bool = False) -> Iterator[tuple[LearnedCurve, tuple[bool, ...]]]:
     mechanism = seen.system.problem.mechanism
     k = len(mechanism.actuators)
     each = [tuple(a == b for b in range(k)) for a in range(k)]
@@ -206,7 +206,7 @@ def forms(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str]
             if curve is None or source.name in PLACE:
                 continue
             yield curve, on
-            if sided and source.name == "travel":
+            if sided and (source.name == "travel" or every and not source.of_machine):
                 yield replace(curve, signed=True), on
             yield from ((c, on) for c in _pairs(curve, here, everywhere, on))
         if source.of_machine:
@@ -267,7 +267,7 @@ def _curve(source: LearnedInput, here: Sequence[Setting], everywhere: Sequence[S
     if not width > 1e-9 * float(np.abs(whole).max()):
         return None
     different = np.unique(np.round((used - whole.min()) / width, 6)).size
-    most = FINE if source.name == "travel" else COARSE
+    most = FINE if source.name in ("travel", "last move") else COARSE
     count = min(most, different, used.size // PER_NODE)
     if count < FEWEST:
         return None

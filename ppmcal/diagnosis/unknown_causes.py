@@ -21,6 +21,7 @@ from ppmcal.inference.priors import UNKNOWN
 from ppmcal.linalg import Array
 from ppmcal.model.effects import Setting, Shift
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
+from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import COORDINATES, PLACE
 
 UNKNOWN_FAMILY = "unknown"
@@ -54,7 +55,7 @@ class UnknownCause:
     def block(self, number: int) -> Block:
         """Return it as a block whose columns begin at a number."""
         return Block(self.label, UNKNOWN_FAMILY, tuple(range(number, number + self.width)),
-                     float(np.log(float(UNKNOWN) * self.share)), roots=self.roots)
+                     float(np.log(float(UNKNOWN) * self.share)), roots=self.roots, form=self.label)
 
 
 class UnknownCauses:
@@ -64,7 +65,7 @@ class UnknownCauses:
         self.system = system
         self._columns: list[Array] = []
         self.causes: list[UnknownCause] = []
-        inputs = list(self._of_inputs(everywhere))
+        inputs = [*self._of_inputs(everywhere), *self._of_ways()]
         courses = list(self._of_time())
         groups = [g for g in (inputs, courses) if g]
         for group in groups:
@@ -106,7 +107,7 @@ class UnknownCauses:
         mechanism = self.system.problem.mechanism
         seen = Visible(self.system, plain(self.system), np.zeros((self.system.observed.size, 0)),
                        self.system.residual.reshape(-1))
-        for curve, on in forms(seen, everywhere, ()):
+        for curve, on in forms(seen, everywhere, (), every=True):
             second = _matern(curve.by_nodes, SECOND) if curve.by else np.ones((1, 1))
             kernels = [np.kron(_matern(curve.nodes, length), second) for length in LENGTHS]
             acted = [a for a, there in zip(mechanism.actuators, on, strict=True) if there]
@@ -115,6 +116,43 @@ class UnknownCauses:
             label = (f"a function of {' and '.join(curve.inputs)}"
                      f"{' by direction' if curve.signed else ''} acting on {where}")
             yield label, columns_of(seen, curve, on), kernels, together, curve, on, ""
+
+    def _of_ways(self):
+        """Yield functions of the way from the row before, where no file says how rows were reached.
+
+        Nobody promises that a joint came that way; an unknown cause may yet follow it.
+        """
+        system, mechanism = self.system, self.system.problem.mechanism
+        here = [p.setting for p in system.parts]
+        if all(np.isfinite(s.move).any() for s in here):
+            return
+        way = np.concatenate([_way(system.problem.datasets[p.dataset].q)[system.row[p.at]]
+                              for p in system.firsts])
+        approach = np.concatenate([p.setting.approach for p in system.firsts])
+        sided = bool(np.isfinite(approach).all()) and bool(np.ptp(approach) > 0.0)
+        own = [system.column([p.setting.at_joints(np.ones_like(p.setting.travel),
+                                                  np.arange(len(mechanism.actuators)) == a)
+                              for p in system.parts]) * system.observed
+               for a in range(len(mechanism.actuators))]
+        each = [(a,) for a in range(len(own))]
+        alike = len(set(mechanism.actuator_quantity)) == 1 and len(own) > 1
+        for on in [*each, tuple(range(len(own)))] if alike else each:
+            known = way[:, list(on)]
+            if np.isfinite(known).sum() < 3 * WAVES:
+                continue
+            low, high = float(np.nanmin(known)), float(np.nanmax(known))
+            nodes = np.linspace(low, high, WAVES)
+            kernels = [_matern(nodes, length) for length in LENGTHS]
+            for signed in (False, True) if sided else (False,):
+                columns = np.zeros((system.observed.size, WAVES))
+                for a in on:
+                    weight = spline_basis(nodes, np.nan_to_num(way[:, a])) * np.isfinite(
+                        way[:, a])[:, None] * (approach[:, [a]] if signed else 1.0)
+                    columns += (own[a][..., None] * weight[:, None, :]).reshape(-1, WAVES)
+                acted = " ".join(mechanism.actuators[a] for a in on)
+                yield (f"a function of the way from the row before"
+                       f"{' by direction' if signed else ''} acting on {acted}",
+                       columns, kernels, len(on) > 1, None, (), "")
 
     def _of_time(self):
         system = self.system
@@ -129,7 +167,7 @@ class UnknownCauses:
         kernels.append(np.diag(wave**-2.0))    # a Wiener walk
         ways = {f"the base's {c}": [Shift(frame=np.tile(np.eye(6)[PLACE[c]],
                                                         (len(p.response.pose), 1)))
-                                    for p in parts] for c in COORDINATES[mechanism.motion]}
+                                    for p in parts] for c in _free(mechanism.motion)}
         ways |= {f"the zero of {name}": [p.setting.at_joints(
             np.ones_like(p.setting.travel), np.arange(len(mechanism.actuators)) == a)
             for p in parts] for a, name in enumerate(mechanism.actuators)}
@@ -145,7 +183,7 @@ class UnknownCauses:
             own = [system.column([Shift(**{lever: np.tile(np.eye(6)[PLACE[c]],
                                                           (len(p.response.pose), 1))})
                                   for p in parts]) * system.observed
-                   for c in COORDINATES[mechanism.motion]]
+                   for c in _free(mechanism.motion)]
             own = [u / max(float(np.sqrt(np.sum(u**2) / system.count)), 1e-300) for u in own
                    if np.any(u)]
             if own:
@@ -154,6 +192,16 @@ class UnknownCauses:
                      for u in own], axis=1)
                 yield (f"a slow course of the {body}", columns,
                        [np.kron(np.eye(len(own)), k) for k in kernels], True, None, (), body)
+
+
+def _way(q: Array) -> Array:
+    """Return the way of each joint from the row before (N, k), nan where that is not known."""
+    return np.concatenate([np.full((1, q.shape[1]), np.nan), np.diff(q, axis=0)])
+
+
+def _free(motion: str) -> tuple[str, ...]:
+    """Return the coordinates in which base and target can move, whatever the machine does."""
+    return COORDINATES["planar" if motion == "planar" else "spatial"]
 
 
 def _matern(nodes: Array, length: float) -> Array:

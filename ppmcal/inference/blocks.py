@@ -26,6 +26,8 @@ class Block:
         low, high: between which the coefficient of a single column is.
         group: events of one kind at one place share it: one more of them costs less than another
             cause; empty: no event.
+        form: what it looks like, where a family has several that differ much; empty: one.
+        gives, needs: a block with ``needs`` can only be there beside one that ``gives`` the same.
     """
 
     name: str
@@ -36,6 +38,9 @@ class Block:
     low: float = -np.inf
     high: float = np.inf
     group: str = ""
+    form: str = ""
+    gives: str = ""
+    needs: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,9 @@ MOVES = 100
 """Changes of the set at most; more would be a circle."""
 
 DEEP = 3
-"""Blocks that take the place of one at most, and families that are tried in that of several."""
+"""Blocks that take the place of one at most."""
+MOST_FORMS = 6
+"""Forms of blocks that are tried in the place of several."""
 LEAST_GAIN = 1e-6
 """A set is likelier by more than round-off."""
 
@@ -120,7 +122,9 @@ class Question:
 
     def further(self, i: int, there: Iterable[int]) -> float:
         """Return the log prior of block i beside others: of an event, one more costs less."""
-        block = self.blocks[i]
+        block, there = self.blocks[i], list(there)
+        if block.needs and not any(self.blocks[j].gives == block.needs for j in there):
+            return -np.inf
         groups = {self.blocks[j].group for j in there if self.blocks[j].family == block.family}
         groups.discard("")
         if not block.group or not groups:
@@ -133,7 +137,8 @@ class Question:
     def log_prior(self, chosen: Iterable[int]) -> float:
         """Return the log prior of a set, whatever its order."""
         total, there = 0.0, list[int]()
-        for i in sorted(chosen, key=lambda i: (-self.blocks[i].log_prior, i)):
+        for i in sorted(chosen, key=lambda i: (
+                bool(self.blocks[i].needs), -self.blocks[i].log_prior, i)):
             total += self.further(i, there)
             there.append(i)
         return total
@@ -176,10 +181,10 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = ())
     prior = question.log_prior(chosen)
     found = [(n, joint(question.views[n].start, blocks))
              for n in likely or range(len(question.views))]
-    each = [question.views[n].log_prior + j.log_evidence + prior for n, j in found]
-    views = tuple((n, log_p, j) for (n, j), log_p in zip(found, each, strict=True)
-                  if log_p > max(each) - NEGLIGIBLE)
-    return BlockSet(question, tuple(chosen), float(logsumexp(each)), views)
+    each = [question.views[n].log_prior + j.log_evidence for n, j in found]
+    views = tuple((n, log_z + prior, j) for (n, j), log_z in zip(found, each, strict=True)
+                  if log_z > max(each) - NEGLIGIBLE)
+    return BlockSet(question, tuple(chosen), float(logsumexp(each)) + prior, views)
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,18 +342,27 @@ class _Visited:
             yield from self._pairs(self.visit(tuple(j for j in now.chosen if j != i)), now.log_p)
 
     def _merged(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with one more block, and without those that are not needed beside it."""
-        blocks = self.question.blocks
+        """Yield sets with one more block, and without those that are not needed beside it.
+
+        What explains most by itself, and most beside what is there.
+        """
         if len(now.chosen) < 2:
             return
-        seen = set[str]()
-        for i in np.argsort(-now.scores).tolist():
-            if len(seen) == DEEP:
-                return
-            if blocks[i].family in seen or blocks[i].family in self.question.alone:
-                continue
-            seen.add(blocks[i].family)
+        tried = dict.fromkeys((*self._strongest(self.visit(()).scores, now),
+                               *self._strongest(now.scores, now)))
+        for i in tried:
             yield self._pruned(self.visit((*now.chosen, i)), i)
+
+    def _strongest(self, scores: Array, now: BlockSet) -> list[int]:
+        """Return the likeliest block of each of a few forms, those that are there left out."""
+        blocks, found = self.question.blocks, dict[str, int]()
+        for i in np.argsort(-scores).tolist():
+            form = blocks[i].form or blocks[i].family
+            if i not in now.chosen and blocks[i].family not in self.question.alone:
+                found.setdefault(form, i)
+            if len(found) == MOST_FORMS:
+                break
+        return list(found.values())
 
     def _pruned(self, at: BlockSet, held: int) -> BlockSet:
         """Return the likeliest of a set and those with less, ``held`` in all of them."""
