@@ -42,26 +42,28 @@ class JointBlocks:
     sigmas: tuple[Array, ...] = ()
 
 
-def joint(given: Conditioned, blocks: Sequence[Block]) -> JointBlocks:
-    """Return blocks in the data together, given what is taken."""
+def joint(given: Conditioned, blocks: Sequence[Block],
+          near: Sequence[tuple[int, int] | None] = ()) -> JointBlocks:
+    """Return blocks in the data together, given what is taken.
+
+    ``near``: numbers of the size and root of each from which the search for the likeliest starts.
+    """
     if not blocks:
         none = np.zeros(0, dtype=np.int64)
         return JointBlocks(given.log_evidence, none, none, np.zeros((given.values.size, 0)))
     system = _System(given, blocks)
-    sizes = np.full(len(blocks), len(SIZES) // 2)
-    grid = np.zeros(len(blocks), dtype=np.int64)
+    start = [own or (len(SIZES) // 2, 0) for own in near or [None] * len(blocks)]
+    sizes, grid = (np.array([own[n] for own in start], dtype=np.int64) for n in (0, 1))
+    order = sorted(range(len(blocks)), key=lambda k: bool(near and near[k]))
     for _ in range(SWEEPS):
-        before = sizes.copy(), grid.copy()
-        for k in range(len(blocks)):
+        before, best, slack = (sizes.copy(), grid.copy()), 0.0, 0.0
+        for k in order:
             found = system.along(k, sizes, grid)
             sizes[k], grid[k] = np.unravel_index(int(np.argmax(found)), found.shape)
+            best = float(found[sizes[k], grid[k]])
+            slack += float(logsumexp(found)) - float(np.log(found.size)) - best
         if np.array_equal(before[0], sizes) and np.array_equal(before[1], grid):
             break
-    best, slack = 0.0, 0.0
-    for k in range(len(blocks)):
-        found = system.along(k, sizes, grid)
-        best = float(found[sizes[k], grid[k]])
-        slack += float(logsumexp(found)) - float(np.log(found.size)) - best
     taken = [system.made(k, int(grid[k])) * SIZES[sizes[k]] for k in range(len(blocks))]
     return JointBlocks(given.log_evidence + best + slack, sizes, grid, np.hstack(taken),
                        *system.coefficients(sizes, grid))

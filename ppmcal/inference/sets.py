@@ -6,7 +6,7 @@ log p(H | y) = log Z(H) + log pi(H), for every correlation of the noise, and the
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
@@ -175,11 +175,17 @@ class BlockSet:
         return out
 
 
-def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = ()) -> BlockSet:
-    """Return a set of blocks in the data; ``likely``: numbers of the correlations, default all."""
+def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
+          near: Mapping[int, tuple[int, int]] | None = None) -> BlockSet:
+    """Return a set of blocks in the data.
+
+    ``likely``: numbers of the correlations, default all; ``near``: of each block's size and root,
+    from which the search for the likeliest starts.
+    """
+    start = [(near or {}).get(i) for i in chosen]
     blocks = [question.blocks[i] for i in chosen]
     prior = question.log_prior(chosen)
-    found = [(n, joint(question.views[n].start, blocks))
+    found = [(n, joint(question.views[n].start, blocks, start))
              for n in likely or range(len(question.views))]
     each = [question.views[n].log_prior + j.log_evidence for n, j in found]
     views = tuple((n, log_z + prior, j) for (n, j), log_z in zip(found, each, strict=True)
@@ -261,6 +267,8 @@ def posterior(question: Question) -> SetPosterior:
             break
         best = seen.whole(better)
     for i in best.chosen:
+        if question.blocks[i].family in question.alone:
+            continue
         rest = seen.visit(tuple(j for j in best.chosen if j != i))
         key = frozenset(rest.chosen)
         for j in np.flatnonzero(rest.scores > best.log_p - NEGLIGIBLE).tolist():
@@ -281,22 +289,26 @@ class _Visited:
         self.states: dict[Numbers, BlockSet] = {}
         self.nearby: dict[Numbers, float] = {}
         self.settled = set[Numbers]()
+        self.near: dict[int, tuple[int, int]] = {}
         self.likely: list[int] = []
 
     def visit(self, chosen: tuple[int, ...]) -> BlockSet:
         """Return a set, which is looked at once, for the correlations that are likely now."""
         key = frozenset(chosen)
         if key not in self.states:
-            self.states[key] = state(self.question, chosen, self.likely)
+            self.states[key] = state(self.question, chosen, self.likely, self.near)
         return self.states[key]
 
     def whole(self, found: BlockSet) -> BlockSet:
         """Return a set for every correlation; those that are likely with it are from now on."""
         key = frozenset(found.chosen)
         if key not in self.settled:
-            self.states[key] = state(self.question, found.chosen)
+            self.states[key] = state(self.question, found.chosen, (), self.near)
             self.settled.add(key)
         found = self.states[key]
+        _, _, sized = max(found.views, key=lambda view: view[1])
+        self.near |= {i: (int(size), int(root)) for i, size, root in
+                      zip(found.chosen, sized.sizes, sized.grid, strict=True)}
         if (likely := [n for n, _, _ in found.views]) != self.likely:
             self.likely = likely
             self.states = {k: v for k, v in self.states.items() if k in self.settled}
@@ -312,11 +324,13 @@ class _Visited:
         if len(now.chosen) < MOST:
             more = self._likelier(now, [self._best(now)])
             if more is not None:
-                return more
+                return self._with_others(now, more)
         moves: list[tuple[float, tuple[int, ...]]] = []
         for i in now.chosen:
             rest = self.visit(tuple(j for j in now.chosen if j != i))
-            moves += [(rest.log_p, rest.chosen), self._best(rest)]
+            moves.append((rest.log_p, rest.chosen))
+            if self.question.blocks[i].family not in self.question.alone:
+                moves.append(self._best(rest))
         found = self._likelier(now, moves)
         if found is not None:
             return found
@@ -324,6 +338,20 @@ class _Visited:
             if far.log_p > now.log_p + LEAST_GAIN:
                 return far
         return None
+
+    def _with_others(self, now: BlockSet, more: BlockSet) -> BlockSet:
+        """Return a set with one more that stands alone, and the likelier half of all of its kind.
+
+        Rows that do not belong are many at times; each is looked at again by itself.
+        """
+        question = self.question
+        if question.blocks[more.chosen[-1]].family not in question.alone:
+            return more
+        gains = now.scores - now.log_p
+        rows = [i for i in np.argsort(-gains).tolist() if gains[i] > 0.0
+                and question.blocks[i].family in question.alone]
+        many = self.visit((*now.chosen, *rows[:min(len(rows) // 2 + 1, MOST - len(now.chosen))]))
+        return many if many.log_p > more.log_p else more
 
     def _split(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with one block gone, and others, of other families, in its place."""
@@ -346,7 +374,7 @@ class _Visited:
 
         What explains most by itself, and most beside what is there.
         """
-        if len(now.chosen) < 2:
+        if sum(self.question.blocks[i].family not in self.question.alone for i in now.chosen) < 2:
             return
         tried = dict.fromkeys((*self._strongest(self.visit(()).scores, now),
                                *self._strongest(now.scores, now)))
@@ -368,7 +396,7 @@ class _Visited:
         """Return the likeliest of a set and those with less, ``held`` in all of them."""
         while True:
             fewer = [self.visit(tuple(j for j in at.chosen if j != k)) for k in at.chosen
-                     if k != held]
+                     if k != held and self.question.blocks[k].family not in self.question.alone]
             best = max(fewer, key=lambda s: s.log_p, default=at)
             if best.log_p <= at.log_p:
                 return at
