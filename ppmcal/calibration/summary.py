@@ -254,10 +254,6 @@ def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict
 def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate], gone: LeftOut,
               wider: Disagreement | None) -> tuple[str, ...]:
     out = [f for d in fit.problem.datasets for f in d.findings]
-    for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
-        if reasons:
-            out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, "
-                       "see residuals.csv for each reason")
     if fit.taken_back:
         out.append(f"{counted(fit.taken_back, 'row')} had no pose at the nominal machine, have one "
                    "at the fitted machine, and are in use")
@@ -289,6 +285,11 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    "its nominal value, which the intervals do not count")
     elif not fit.converged:
         out.append(f"the fit had not converged after {fit.iterations} iterations")
+    # the last: what is wrong with the rows is told below it
+    for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
+        if reasons:
+            out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, "
+                       "see residuals.csv for each reason")
     return tuple(out)
 
 
