@@ -618,3 +618,15 @@ def test_check_tells_rows_that_repeat_the_one_before_once(tmp_path: Path) -> Non
 
     said = " ".join(ppmcal("check", MACHINE, session(tmp_path, repeated), expect=1).out.split())
     assert said.count("are still those of the row before") == 1
+
+
+def test_a_mistake_is_named_on_a_machine_with_a_hidden_effect_too(tmp_path: Path) -> None:
+    """A play of ten times the noise is left by the right reading; by the wrong one everything."""
+    path = simulated(tmp_path, 7.0, [{"kind": "backlash", "on": ["leg2"],
+                                      "parameters": {"width": 0.1}}])
+    rows = read_rows(path)
+    swapped(rows)
+    write_rows(path, rows)
+    machine, datasets = prepared(MACHINE, [path])
+    (found,) = misfit(Problem(machine, datasets, machine.free)).readings
+    assert {m.kind for m in found.mistakes} == {"permuted"} and found.noise_after > 2.0
