@@ -71,10 +71,10 @@ def far_from_nominal(found: Sequence[Estimate], units: Units) -> str:
 
 
 def _times(e: Estimate, units: Units) -> str:
-    """Return ``leg1.offset by 4.8 times its tolerance of 0.2 mm``, and what of it data see."""
+    """Return ``leg1.offset by 4.8 times its tolerance of 0.2 mm``, and what data would show."""
     factor, tolerance = units.factor(e.quantity), e.tolerance or np.nan
     unit = units.name(e.quantity) + "/unit" * e.per_unit
     times = abs(e.error) / tolerance
     weak = "" if e.expected is None or times > farthest(1) else (
-        f", of which these data see {e.expected / factor:.2g}")
+        f", of which these data would show {e.expected / factor:.2g}")
     return f"{e.name} by {times:.2g} times its tolerance of {tolerance / factor:.4g} {unit}{weak}"
