@@ -292,7 +292,7 @@ def test_rows_of_noise_alone_are_hardly_ever_named(truth, stage):
 
     Of 48 days more than one has a chance below 1.2e-3 at the one level, of 0.7 at the other.
     """
-    days = [ppmcal.simulate(stage, scenario(100 + n, EFFECTS)).data[0] for n in range(48)]
+    days = [ppmcal.simulate(stage, scenario(1000 + n, EFFECTS)).data[0] for n in range(48)]
     named = sum(bool(day_noise([truth], d).unlike) for d in days)
     assert bdtrc(1, 48, FAILED_NOISE) < 1.2e-3 and bdtrc(1, 48, REJECT) > 0.65
     assert named <= 1
