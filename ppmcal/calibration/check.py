@@ -138,6 +138,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     if datasets and mechanism.free and value >= SINGULAR_HOME:
         problem = Problem(mechanism, tuple(datasets), mechanism.free)
         found, misreadings = found_wrong(problem)
+        findings = _not_told(findings, misreadings)
         for m in misreadings:
             what = misreading_sentence(m, mechanism.units)
             findings.append(f"{m.source}: {what}{'' if what.endswith('?') else '.'} "
@@ -169,6 +170,13 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     )
     return Check(tuple(findings), gaps, value, state.q, rank, columns, unseen, redundant, ahead,
                  listed, sets)
+
+
+def _not_told(findings: Sequence[str], misreadings: Sequence[Misreading]) -> list[str]:
+    """Return findings without those on a column that is told to be outside its limits."""
+    told = tuple(f"{m.source}: column {c}:" for m in misreadings for x in m.mistakes
+                 if x.kind == "outside-limits" for c in x.columns)
+    return [f for f in findings if not f.startswith(told)]
 
 
 def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:

@@ -221,7 +221,7 @@ def _differences(fit: Fit, noise: Noise, notes: list[str]
     except FAILURES as error:
         raise LinearAlgebraError(
             f"the intervals could not be had: the residuals are {noise.sigma_ratio:.3g} times the "
-            "stated noise", mend="State the sigma that the instrument has") from error
+            f"{noise.source} noise", mend="State the sigma that the instrument has") from error
 
 
 def _held(fit: Fit, options: FitOptions, holdout: float, seed: int, other: Sequence[Dataset],
@@ -260,12 +260,13 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
     if gone.sentence:
         out.append(gone.sentence)
     if noise.failed:
-        out.append(f"the residuals are {noise.sigma_ratio:.2f} times the stated noise "
+        out.append(f"the residuals are {noise.sigma_ratio:.2f} times the {noise.source} noise "
                    f"({chance(noise.chi2_p)}): something is missing in the model, or sigma is too "
-                   f"small; every measurement counts as {inflation:.2f} times as noisy as stated")
+                   f"small; every measurement counts as {inflation:.2f} times as noisy as "
+                   f"{noise.source}")
     if noise.overstated:
-        out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the stated noise: sigma "
-                   "is too large, in a wrong unit perhaps, so intervals are too wide"
+        out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the {noise.source} "
+                   "noise: sigma is too large, in a wrong unit perhaps, so intervals are too wide"
                    + (" and the data count too little against the tolerances" if fit.prior.any()
                       else "") + "; correct it, or use --sigma estimated")
     out += branch_findings(fit.problem, fit.state)

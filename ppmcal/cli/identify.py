@@ -80,7 +80,7 @@ def _show_noise(n: NoiseCheck, console: Console) -> None:
     from ppmcal.io.results.identification_wording import noise_verdict
 
     console.say(f"Noise: {noise_verdict(n)[0]}."
-                + (f" Repeats scatter {n.repeat_ratio:.3g} times the stated noise."
+                + (f" Repeats scatter {n.repeat_ratio:.3g} times the {n.source} noise."
                    if n.repeat_ratio else ""))
     if len(n.by_dataset) > 1:
         console.say("By file: " + ", ".join(f"{name} {number(r, 3)}"

@@ -121,7 +121,7 @@ def _of_identified(one: Identified) -> list[str]:
     if record.excluded and not any("left out" in t for t in out):
         out.append(f"{count(len(record.excluded), 'row')} left out of the fit")
     verdict, fine = noise_verdict(record.noise)
-    if not fine and not any("stated noise" in t for t in out):
+    if not fine and not any(f"{record.noise.source} noise" in t for t in out):
         out.append(verdict)
     if record.converged is False and not any("converged" in t or "stopped" in t for t in out):
         out.append("the fit had not converged")

@@ -109,10 +109,10 @@ def _fit_facts(r: IdentificationRecord) -> str:
 
 
 def _noise_facts(noise: NoiseCheck) -> list[tuple[str, str]]:
-    """Return what the residuals say about the stated noise."""
+    """Return what the residuals say about the stated or estimated noise."""
     facts: list[tuple[str, str]] = []
     if noise.sigma_ratio is not None:
-        facts.append(("Residual over stated noise", sig(noise.sigma_ratio)))
+        facts.append((f"Residual over {noise.source} noise", sig(noise.sigma_ratio)))
     if len(noise.by_dataset) > 1:
         facts.append(("The same by file",
                       ", ".join(f"{n} {sig(v)}" for n, v in noise.by_dataset.items())))
@@ -122,7 +122,7 @@ def _noise_facts(noise: NoiseCheck) -> list[tuple[str, str]]:
         facts.append(("χ² of errors against tolerances",
                       _chi2(noise.prior_chi2, noise.prior_degrees, noise.prior_p)))
     if noise.repeat_ratio is not None:
-        facts.append(("Scatter of repeats over stated noise", sig(noise.repeat_ratio)))
+        facts.append((f"Scatter of repeats over {noise.source} noise", sig(noise.repeat_ratio)))
     return facts
 
 

@@ -85,6 +85,7 @@ def test_which_point_targets_are_of_is_said(bench: Path) -> None:
                         (["--frame", "base"], "poses of the platform's origin, in the base frame")):
         run = ppmcal("compensate", "i", "t.csv", *words, "--out", "c", cwd=bench, expect=0)
         assert said in " ".join(run.out.split())
+        assert " mm in its axes)" in " ".join(run.out.split()) or words
         assert said in json.loads((bench / "c" / "commands.json").read_text())["targets"]
     told = ppmcal("compensate", "i", "t.csv", "--out", "c", cwd=bench, expect=0).out
     found = " ".join(told.split()).partition("to be: ")[2]

@@ -11,7 +11,7 @@ from ppmcal.calibration.coverage import half_interval, half_or
 from ppmcal.calibration.estimates import Estimate
 from ppmcal.calibration.freedom_choice import FreedomChoice
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
-from ppmcal.calibration.noise import FAILED_NOISE, Noise, noise_state
+from ppmcal.calibration.noise import FAILED_NOISE, STATED, Noise, noise_state
 from ppmcal.calibration.posterior import of_data
 from ppmcal.calibration.session_knowledge import session_knowledge
 from ppmcal.calibration.summary import Dependence, Identification
@@ -146,7 +146,10 @@ def before_words(before_is: str) -> str:
 
 
 class NoiseCheck(Part):
-    """Residuals against the stated noise, errors against tolerances; all bare."""
+    """Residuals against the noise, errors against tolerances; all bare.
+
+    ``source``: whether that noise is ``stated`` or ``estimated``.
+    """
 
     sigma_ratio: Finite | None = None
     chi2: Finite | None = None
@@ -158,6 +161,7 @@ class NoiseCheck(Part):
     prior_chi2: Finite | None = None
     prior_degrees: Finite | None = None
     prior_p: Finite | None = None
+    source: Text = STATED
 
     @property
     def state(self) -> str:
@@ -175,7 +179,7 @@ class NoiseCheck(Part):
         return cls(sigma_ratio=n.sigma_ratio, chi2=n.chi2, degrees=n.degrees, chi2_p=n.chi2_p,
                    prior_chi2=n.prior_chi2, prior_degrees=n.prior_degrees, prior_p=n.prior_p,
                    repeat_ratio=n.repeat_ratio, repeat_degrees=n.repeat_degrees,
-                   by_dataset=n.by_dataset)
+                   by_dataset=n.by_dataset, source=n.source)
 
 
 class CorrelatedPair(Part):
