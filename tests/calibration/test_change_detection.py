@@ -199,25 +199,30 @@ def test_what_only_one_calibration_could_fit_is_no_change() -> None:
     assert min(chances) > 1e-3 and np.mean(chances) > 0.2
 
 
-def worn(whole: Mechanism, name: str, g: Array, h: Array, rng: np.random.Generator, size: float
-         ) -> list[Dataset]:
+def worn(whole: Mechanism, name: str, g: Array, h: Array, rng: np.random.Generator, size: float,
+         unlike: bool = False) -> list[Dataset]:
     """Measure two sessions of machines ``g`` and ``h``, with the same worn stretch of each drive.
 
-    The drives are ``size`` off within it, unit of q, which no model here knows.
+    The drives are ``size`` off within it, unit of q, which no model here knows; ``unlike``: each by
+    half to one and a half of that, some not at all.
     """
     out = []
     low = None
+    each = np.full(len(whole.actuators), size)
+    if unlike:
+        each *= rng.uniform(0.5, 1.5, each.size) * (rng.uniform(size=each.size) < 0.7)
     for label, v in (("a", g), ("b", h)):
         data = session(whole, name, v, rng, 30, label)
         if low is None:
             low, travel = data.q.min(axis=0), np.ptp(data.q, axis=0)
             low = low + travel * rng.uniform(0.1, 0.7, low.size)
         inside = (data.q > low) & (data.q < low + 0.25 * travel)
-        out.append(replace(data, q=data.q - size * inside))
+        out.append(replace(data, q=data.q - each * inside))
     return out
 
 
-def worn_pairs(name: str, count: int, without: str, change: float) -> list[Comparison]:
+def worn_pairs(name: str, count: int, without: str, change: float, unlike: bool = False
+               ) -> list[Comparison]:
     """Compare sessions with a worn place of ten times the noise, other poses and freedoms."""
     whole = machine(name)
     offset = next(p for p in whole.free if whole.names[p].endswith("offset"))
@@ -227,8 +232,8 @@ def worn_pairs(name: str, count: int, without: str, change: float) -> list[Compa
         g = drawn(whole, rng)
         h = g.copy()
         h[offset] += change
-        found.append(in_both(whole, worn(whole, name, g, h, rng, 10.0 * POSITION), seed % 2,
-                             without))
+        found.append(in_both(whole, worn(whole, name, g, h, rng, 10.0 * POSITION, unlike),
+                             seed % 2, without))
     return found
 
 
@@ -238,6 +243,33 @@ def test_what_a_model_misses_is_no_change_whatever_was_free() -> None:
     p = np.array([c.p_value for c in worn_pairs("3-RPR", 40, ".platform.", 0.0)])
     # more than six of forty come with a chance of 0.3 %
     assert np.sum(p < 0.05) <= 6 and p.min() > 1e-3
+
+
+@pytest.mark.slow
+def test_rows_of_a_worn_place_that_one_fit_left_out_are_no_change() -> None:
+    """The places are worn unlike, so that fits leave out rows of them, or of the rest, or none."""
+    p = np.array([c.p_value for c in worn_pairs("delta-linear", 40, "rod", 0.0, True)])
+    assert np.sum(p < 0.05) <= 6 and p.min() > 1e-3
+
+
+def test_rows_left_out_are_misfit_and_a_gross_one_is_no_more_than_that() -> None:
+    """A row off by 300 or 30 000 sigma is one row; eight that are off alike are misfit."""
+    mechanism, rng = machine("3-RPR"), np.random.default_rng(8)
+    g = drawn(mechanism, rng)
+    data = session(mechanism, "3-RPR", g, rng, 40)
+
+    def noise(rows: int, size: float) -> float:
+        position = data.position.copy()
+        position[:rows, 0] += size * POSITION
+        fit = identify(Problem(mechanism, (replace(data, position=position),), mechanism.free))
+        assert fit.outliers[0][:rows].all()
+        found = posterior_of(fit).session
+        assert found
+        return found.noise
+
+    clean, gross, grosser = noise(0, 0.0), noise(1, 300.0), noise(1, 30000.0)
+    assert grosser == pytest.approx(gross, rel=0.02) and clean < gross < 1.2 * clean
+    assert noise(8, 12.0) > 1.5 * clean
 
 
 @pytest.mark.slow
@@ -343,6 +375,26 @@ def test_compare_says_why_it_cannot(sessions: Path, tmp_path: Path) -> None:
     run = ppmcal("compare", sessions / "idA", "id", "--out", "again", cwd=tmp_path, expect=1)
     assert "cannot be told" in " ".join(run.out.split()) and "p =" not in run.out
     assert rows(tmp_path / "again" / "compare.csv") == []
+
+
+def test_tables_are_read_where_they_are_unchanged(sessions: Path, tmp_path: Path) -> None:
+    """A table of that name in the old folder is another one now; the right one is right here."""
+    there, here = tmp_path / "there", tmp_path / "here"
+    for folder in (there, here):
+        folder.mkdir()
+        for name in ("measurements.csv", "measurements.yaml"):
+            (folder / name).write_bytes((sessions / "B" / name).read_bytes())
+        (folder / "m.yaml").write_bytes((sessions / "3-RPR.yaml").read_bytes())
+    ppmcal("identify", "m.yaml", "measurements.csv", "--free", "*.offset", "--quiet", "--out",
+           "id", cwd=there)
+    for name in ("measurements.csv", "measurements.yaml"):
+        (there / name).write_bytes((sessions / "C" / name).read_bytes())
+    run = ppmcal("compare", sessions / "idA", there / "id", "--json", "--out", "o", cwd=here,
+                 expect=0)
+    assert run.json["verdict"] == "unchanged"
+    inputs = run.json["provenance"]["inputs"]
+    assert "measurements.csv" in inputs and not any(
+        i.endswith("there/measurements.csv") for i in inputs)
 
 
 def test_keep_carries_on(sessions: Path, tmp_path: Path) -> None:
