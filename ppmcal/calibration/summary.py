@@ -19,11 +19,11 @@ from ppmcal.calibration.disagreement import Disagreement
 from ppmcal.calibration.estimates import (
     Estimate,
     estimates,
-    far_from_nominal,
     registered,
     with_estimates,
 )
 from ppmcal.calibration.extrapolation import from_home
+from ppmcal.calibration.far_from_nominal import far_from_nominal
 from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import Identifiability, identifiability
@@ -281,7 +281,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    "or use --prior flat")
     alone = [np.nan if (h := found[p].half_by_noise) is None else h for p in fit.problem.free]
     out += in_words(fit, wider, np.array(alone))
-    far = far_from_nominal(found)
+    far = far_from_nominal(found, fit.problem.mechanism.units)
     if far:
         out.append(far)
     if fit.stopped:
