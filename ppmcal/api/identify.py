@@ -172,8 +172,11 @@ def scale_sentences(found: Identification) -> Iterator[str]:
             place = names.index(f"scale of {data.name}")
             sigma = float(np.sqrt(found.covariance[place, place]))
             half = coverage(fit) * sigma
+            stated = "" if data.scale.sigma is None else (
+                f"; its file says {float(data.scale.value[0]):g} with a standard deviation of "
+                f"{data.scale.sigma:g}")
             yield (f"{data.name}: shows {registration.scale:.5f} +- {half:.2g} of true "
-                   "lengths (95 %).")
+                   f"lengths (95 %){stated}.")
 
 
 def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:

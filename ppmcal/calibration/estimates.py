@@ -120,14 +120,14 @@ def _by_session(estimate: Estimate, wider: Disagreement, column: int) -> dict[st
 
 
 def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
-    """Return the standard deviation of each identified column without its own prior, SI.
+    """Return the standard deviation of each identified column without its tolerance, SI.
 
     Redundant parameters must be held somehow: by their tolerance, or, where they have none,
     at their value.
     """
     held = [c for c in rank.dropped if fit.prior[c] == 0.0]
     used = [c for c in range(fit.scale.size) if c not in held]
-    prior = np.zeros(fit.scale.size)
+    prior = fit.stated
     prior[list(rank.dropped)] = fit.prior[list(rank.dropped)]
     matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(prior * fit.scale)])
     _, s, vt = svd(matrix[:, used])

@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 
 from ppmcal import linalg
 from ppmcal.calibration.coverage import LEAST
-from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.fit import Fit, FitOptions, data_rows
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
 from ppmcal.calibration.noise import LARGER, noise_state
@@ -78,12 +78,12 @@ def _of_session(joint: Fit, datasets: tuple[Dataset, ...], part: slice, known: P
                       tuple(o.about for o in whole.opens[part]))
     state = State(joint.state.g, joint.state.registrations[part], joint.state.poses[part])
     keep = joint.keep[part]
-    prior = prior_weights(problem, options.method) / joint.prior_scale
+    prior = prior_weights(problem, options.method, joint.prior_scale)
     fit = Fit(problem, state, qr_factor(problem, state, keep), prior, column_scale(problem), keep,
               0, True)
     free = list(problem.free)
     session, scale = session_knowledge(fit), fit.scale[:len(free)]
-    matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, len(free), scale)
+    matrix, right = of_data(*data_rows(fit), len(free), scale)
     inflation = _inflation(session, known)
     value, own = state.g[free], prior[:len(free)]
     away = np.where(own > 0.0, whole.mechanism.nominals[free] - value, 0.0)

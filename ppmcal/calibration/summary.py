@@ -24,7 +24,7 @@ from ppmcal.calibration.estimates import (
     with_estimates,
 )
 from ppmcal.calibration.extrapolation import from_home
-from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
+from ppmcal.calibration.fit import Fit, FitOptions, data_rows, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import Identifiability, identifiability
 from ppmcal.calibration.intervals import by_noise, coverage, honest, in_words
@@ -131,11 +131,12 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
     imitate them (theory.md, section 5).
     """
     count = len(fit.problem.free)
-    scaled = fit.reduced.triangle * fit.scale
+    triangle, _ = data_rows(fit)
+    scaled = triangle * fit.scale
     # carried-on rows are straight: what only their bend against the new ones tells is not told
     largest = float(np.linalg.norm(scaled[:, :count], axis=0).max(initial=BENT))
     least = RANK_TOLERANCE if fit.problem.earlier is None else BENT / largest
-    rank, kept, dropped = whole_rank(fit.reduced.triangle, count, fit.scale, least,
+    rank, kept, dropped = whole_rank(triangle, count, fit.scale, least,
                                      fit.problem.columns)
     redundant = []
     norms = np.linalg.norm(scaled, axis=0)
@@ -270,7 +271,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
     if noise.overstated:
         out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the stated noise: sigma "
                    "is too large, in a wrong unit perhaps, so intervals are too wide"
-                   + (" and the data count too little against the tolerances" if fit.prior.any()
+                   + (" and the data count too little against the tolerances" if fit.by_tolerances
                       else "") + "; correct it, or use --sigma estimated")
     out += branch_findings(fit.problem, fit.state)
     if noise.tight:

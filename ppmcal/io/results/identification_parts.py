@@ -9,6 +9,7 @@ from pydantic import Field
 
 from ppmcal.calibration.coverage import half_interval, half_or
 from ppmcal.calibration.estimates import Estimate
+from ppmcal.calibration.fit import data_rows
 from ppmcal.calibration.freedom_choice import FreedomChoice
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.noise import FAILED_NOISE, Noise, noise_state
@@ -255,7 +256,7 @@ class CovarianceEntry(Part):
         fit, units = result.fit, result.mechanism.units
         f = np.array([column_factor(result.mechanism, n) for n in result.columns])
         count = len(fit.problem.free)
-        matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, count, fit.scale[:count])
+        matrix, right = of_data(*data_rows(fit), count, fit.scale[:count])
         data = DataInformation(
             matrix=tuple(map(numbers, matrix * f[:count] * fit.noise)),
             right=numbers(right * fit.noise),
