@@ -133,11 +133,12 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         begin("looking for wrong rows")
         refuse_after_fit(fit)
         begin("judging the fit")
-        found = report(fit, options, fraction, seed, other, leave_out)
+        held = set(as_filed.free) - set(problem.free)
+        found = report(fit, options, fraction, seed, other, leave_out,
+                       [machine.names[p] for p in held])
         if chosen == "prior":
             refuse_other_machine(found.fit)
     begin("judging the campaign")
-    held = set(as_filed.free) - set(problem.free)
     if held:
         found = replace(found, identifiability=secondary(
             "what the data leave open", lambda: with_held(found.fit, held),

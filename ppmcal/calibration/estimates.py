@@ -29,8 +29,8 @@ class Estimate:
     ``nominal`` is nan where there is none: what a fitted effect's stiffness, period or time
     constant began at is only a start.
 
-    ``sigma``: by the noise of rows alone, prior included; ``by_noise``: half of the 95 % interval
-    by noise of which the size is not known exactly, None: 1.96 sigma; ``half``: the
+    ``sigma``: by the noise of rows, prior and held parameters included; ``by_noise``: half of the
+    95 % interval by noise of which the size is not known exactly, None: 1.96 sigma; ``half``: the
     same with what sessions differ by, None where only noise is known of; ``by_session``: label,
     value, sigma and half of the 95 % interval of each session's own fit; ``p_value`` of these
     being one value, and whether they ``disagree``.
@@ -74,7 +74,8 @@ class Estimate:
 
 
 def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
-              by_noise: Array | None = None) -> tuple[Estimate, ...]:
+              by_noise: Array | None = None, held: Array | None = None
+              ) -> tuple[Estimate, ...]:
     """Return all parameters of the machine with their uncertainties.
 
     Args:
@@ -82,8 +83,13 @@ def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
         rank: of its columns.
         wider: what sessions or stretches of rows disagree about.
         by_noise: half of the 95 % interval of each column by noise alone (C,), if not 1.96 sigma.
+        held: what parameters that were held, though they may be off, add to the columns'
+            variances (C,).
     """
-    variance = np.diagonal(posterior(fit))
+    variance, more = np.diagonal(posterior(fit)), 0.0 if held is None else held
+    variance = variance + more
+    if by_noise is not None:
+        by_noise = np.hypot(by_noise, Z95 * np.sqrt(more))
     data_sigma = from_data_alone(fit, rank)
     column = {p: c for c, p in enumerate(fit.problem.free)}
     out = []
