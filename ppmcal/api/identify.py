@@ -159,7 +159,7 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
     if sigma != "estimated":
         asked += secondary(APART, lambda: pulled_apart(fit, problem.datasets), [], extra)
     told += [*scale_sentences(found), *([choice_sentence(choice)] if choice else [])]
-    whole = replace(found, findings=(*notes, *units, *asked, *found.findings, *extra),
+    whole = replace(found, findings=(*notes, *units, *asked, *extra, *found.findings),
                     earlier=before, campaign=campaign)
     return IdentificationResult(source, tuple(whole.findings), whole, chosen, tuple(told),
                                 choice)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ppmcal.calibration.coverage import Z95, half_or
 from ppmcal.calibration.disagreement import Disagreement
+from ppmcal.calibration.far_from_nominal import expected_errors, farthest
 from ppmcal.calibration.fit import Fit, posterior
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
 from ppmcal.calibration.problem import Problem, State
@@ -19,7 +20,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
 IMPLAUSIBLE = 8.0
-"""A finding: a parameter that ends so many tolerances from its nominal value."""
+"""No machine is so many tolerances from its nominal values."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,9 @@ class Estimate:
     95 % interval by noise of which the size is not known exactly, None: 1.96 sigma; ``half``: the
     same with what sessions differ by, None where only noise is known of; ``by_session``: label,
     value, sigma and half of the 95 % interval of each session's own fit; ``p_value`` of these
-    being one value, and whether they ``disagree``.
+    being one value, and whether they ``disagree``. ``expected``: the error (one sigma) that such
+    data find in machines within their tolerances, None without a tolerance; ``far``: whether it is
+    farther from nominal than that allows.
     """
 
     name: str
@@ -50,6 +53,8 @@ class Estimate:
     by_session: tuple[tuple[str, float, float, float], ...] = ()
     p_value: float | None = None
     disagree: bool = False
+    expected: float | None = None
+    far: bool = False
 
     @property
     def error(self) -> float:
@@ -109,7 +114,23 @@ def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
             out[-1] = replace(out[-1], by_noise=float(by_noise[c]))
         if c is not None and wider is not None and sigma is not None:
             out[-1] = replace(out[-1], **_by_session(out[-1], wider, c))
-    return tuple(out)
+    return _judged(out, dict(zip(fit.problem.free, expected_errors(fit).tolist(), strict=True)))
+
+
+def _judged(found: Sequence[Estimate], expected: Mapping[int, float]) -> tuple[Estimate, ...]:
+    """Return the estimates with whether they are far from nominal; ``expected``: by parameter.
+
+    How far sessions differ adds to what noise makes.
+    """
+    out = list(found)
+    for p, sigma in expected.items():
+        e = out[p]
+        if e.sigma is not None and e.tolerance and np.isfinite([e.tolerance, e.error]).all():
+            more = max((e.carried or 0.0) ** 2 - e.sigma**2, 0.0)
+            out[p] = replace(e, expected=float(np.sqrt(sigma**2 + more)))
+    limit = farthest(sum(e.expected is not None for e in out))
+    return tuple(e if e.expected is None else replace(e, far=abs(e.error) > limit * e.expected)
+                 for e in out)
 
 
 def _by_session(estimate: Estimate, wider: Disagreement, column: int) -> dict[str, Any]:
@@ -160,15 +181,3 @@ def registered(problem: Problem, state: State) -> dict[str, Registration]:
     for data, s in zip(problem.datasets, state.registrations, strict=True):
         out[data.name] = Registration(s.frame, s.target, s.target_rotation, scale=s.scale)
     return out
-
-
-def far_from_nominal(found: Sequence[Estimate]) -> str:
-    """Return the parameters that end so far from nominal that something is wrong, in words."""
-    far = sorted((-abs(e.error) / e.tolerance, e.name) for e in found
-                 if e.status == "identified" and e.tolerance and np.isfinite(e.tolerance)
-                 and np.isfinite(e.error))
-    if not far or -far[0][0] <= IMPLAUSIBLE:
-        return ""
-    words = ", ".join(f"{name} by {-times:.0f}" for times, name in far[:3])
-    return (f"more than {IMPLAUSIBLE:.0f} tolerances from nominal: {words}; the nominal "
-            "values, the units or the data are wrong there")

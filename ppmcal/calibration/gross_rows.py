@@ -31,9 +31,14 @@ def explained_distances(problem: Problem, state: State) -> Distances:
     return distances(problem, state, np.diag(scale**2), nobody)
 
 
-def toleranced(problem: Problem) -> Problem:
-    """Return the problem with every parameter free that has a tolerance: all that may be wrong."""
-    own = {i for i, p in enumerate(problem.mechanism.parameters) if p.prior_sigma and not p.fixed}
+def toleranced(problem: Problem, fixed: bool = False) -> Problem:
+    """Return the problem with every parameter free that has a tolerance: all that may be wrong.
+
+    ``fixed``: also those that the file holds. What a fit may change is the user's choice, and says
+    nothing of what is off in the machine.
+    """
+    own = {i for i, p in enumerate(problem.mechanism.parameters)
+           if p.prior_sigma and (fixed or not p.fixed)}
     return replace(problem, free=tuple(sorted(own | set(problem.free))))
 
 

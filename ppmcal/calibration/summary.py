@@ -20,11 +20,11 @@ from ppmcal.calibration.disagreement import Disagreement
 from ppmcal.calibration.estimates import (
     Estimate,
     estimates,
-    far_from_nominal,
     registered,
     with_estimates,
 )
 from ppmcal.calibration.extrapolation import from_home
+from ppmcal.calibration.far_from_nominal import far_from_nominal
 from ppmcal.calibration.fit import Fit, FitOptions, data_rows, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import Identifiability, identifiability
@@ -263,10 +263,6 @@ def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict
 def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate], gone: LeftOut,
               wider: Disagreement | None) -> tuple[str, ...]:
     out = [f for d in fit.problem.datasets for f in d.findings]
-    for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
-        if reasons:
-            out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, "
-                       "see residuals.csv for each reason")
     if fit.taken_back:
         out.append(f"{counted(fit.taken_back, 'row')} had no pose at the nominal machine, have one "
                    "at the fitted machine, and are in use")
@@ -290,7 +286,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    "or use --prior flat")
     alone = [np.nan if (h := found[p].half_by_noise) is None else h for p in fit.problem.free]
     out += in_words(fit, wider, np.array(alone))
-    far = far_from_nominal(found)
+    far = far_from_nominal(found, fit.problem.mechanism.units)
     if far:
         out.append(far)
     if fit.stopped:
@@ -298,6 +294,11 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    "its nominal value, which the intervals do not count")
     elif not fit.converged:
         out.append(f"the fit had not converged after {fit.iterations} iterations")
+    # the last: what is wrong with the rows is told below it
+    for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
+        if reasons:
+            out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, "
+                       "see residuals.csv for each reason")
     return tuple(out)
 
 

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ppmcal.calibration.estimates import far_from_nominal
+from ppmcal.calibration.far_from_nominal import far_from_nominal
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.frozen_models import Validated
@@ -171,7 +171,8 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
                       chosen=options.held)
     if reported.fit.converged:  # where a fit that was given up has got to says nothing of a machine
         refuse_other_machine(reported.fit)
-    far = "" if named else far_from_nominal(reported.estimates)
+    far = "" if named else far_from_nominal(
+        reported.estimates, whole.problem.mechanism.units)
     if far:
         told.append(far)
         # a geometry that nobody has built absorbs whatever is wrong

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ppmcal.calibration.far_from_nominal import FAR
 from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.diagnosis_wording import unconfirmed
 from ppmcal.io.results.diagnosis_wording import verdict as diagnosis_verdict
@@ -127,11 +128,9 @@ def _of_identified(one: Identified) -> list[str]:
     scale = record.identifiability.scale
     if scale is not None and scale.sentence():
         out.append(scale.sentence())
-    far = [p.name for p in sorted(record.parameters, key=lambda p: -(p.tolerances or 0.0))
-           if (p.tolerances or 0.0) > 3.0]
-    if far:
-        out.append(f"{count(len(far), 'parameter')} more than 3 tolerances from nominal: "
-                   + some(far, "parameters.csv"))
+    far = [p.name for p in record.parameters if p.far]
+    if far and not any(FAR in t for t in out):
+        out.append(f"{FAR}: {some(far, 'parameters.csv')}")
     return out
 
 

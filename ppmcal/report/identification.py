@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ppmcal.calibration.far_from_nominal import FAR
 from ppmcal.io.results.identifiability import unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
@@ -157,9 +158,9 @@ def parameters(r: IdentificationRecord) -> Section | None:
         name = f"{count(len(fixed), 'parameter')} held fixed"
         out += (f"<details><summary>{name}</summary>"
                 + table("", ["parameter", "value", "unit"], rows) + "</details>")
-    far = sum((p.tolerances or 0.0) > 3.0 for p in free)
+    far = sum(bool(p.far) for p in free)
     return Section("Parameters", out, f"{count(len(free), 'parameter')} identified"
-                   + f", {far} beyond 3 tolerances" * bool(far))
+                   + f", {far} {FAR}" * bool(far))
 
 
 def _row(p: ParameterEstimate) -> list[Cell]:
@@ -170,7 +171,7 @@ def _row(p: ParameterEstimate) -> list[Cell]:
         f"{to_sigma(low, sigma)} … {to_sigma(high, sigma)}")
     return [dotted(p.name), words(p.unit), amount(p.nominal, exact(p.nominal)),
             amount(value, to_sigma(value, sigma)), amount(low, interval),
-            amount(p.error, to_sigma(p.error, sigma), bad=(p.tolerances or 0.0) > 3.0),
+            amount(p.error, to_sigma(p.error, sigma), bad=bool(p.far)),
             amount(p.tolerance, exact(p.tolerance)),
             Cell(error_bar(p.error, p.tolerance, p.half),
                  number(p.tolerances)),

@@ -149,7 +149,17 @@ def test_a_placeholder_is_no_nominal_and_several_comments_are_said(tmp_path: Pat
     assert found.printer.nominal.geometry.radius == REAL.radius
     assert found.printer.nominal.radius == np.inf
     words = " ".join(found.findings)
-    assert "never this printer's" in words and "174.75, 99 are commented out" in words
+    assert "99 mm in a comment of the body is 41.6 mm from the" in words
+    assert "174.75, 99 are commented out" in words
+
+
+def test_a_placeholder_in_force_is_not_said_to_be_another_printers(tmp_path: Path) -> None:
+    """What stands uncommented in the body is what the printer prints with."""
+    words = " ".join(import_config("klipper", written(tmp_path, config(
+        REAL, body="delta_radius: 99\n"))).findings)
+    assert "delta_radius 99 (line" in words and "wins over" in words
+    assert "99 mm in the body of the file is 41.6 mm from the" in words
+    assert "taken for a placeholder" in words and "never" not in words
 
 
 @pytest.mark.parametrize(("rods", "words"), [("34S", "34S"), ("-3", "no length"),
@@ -508,7 +518,7 @@ def test_real_beds_come_out_as_the_steps_that_were_worked_out_of_them(tmp_path: 
 def test_a_radius_that_was_measured_by_hand_is_nominal(tmp_path: Path) -> None:
     path = written(tmp_path, config(REAL, body="#delta_radius: 100.0\n"))
     said = import_config("klipper", path)
-    assert any("was never this printer's" in f for f in said.findings)
+    assert any("taken for a placeholder" in f for f in said.findings)
     found = import_config("klipper", path, radius=140.4)
     nominal = found.printer.nominal
     assert nominal.geometry.radius == 140.4 and nominal.origin["delta_radius"] == "--radius"

@@ -45,7 +45,8 @@ class ParameterEstimate(Part):
     alone, prior included; ``sigma_data``: without the prior; ``sigma_sessions``: half of
     the interval over 1.96, None where that is by noise alone; ``sessions``:
     by each alone; ``disagree_p`` of those having one value; ``disagree``: whether it is too small;
-    ``half_noise``: half of the 95 % interval by noise alone.
+    ``half_noise``: half of the 95 % interval by noise alone; ``far``: whether it is farther from
+    nominal than tolerances allow.
     """
 
     name: Text = ""
@@ -65,6 +66,7 @@ class ParameterEstimate(Part):
     disagree_p: Finite | None = None
     disagree: Flag | None = None
     half_noise: Finite | None = None
+    far: Flag | None = None
 
     @classmethod
     def of(cls, e: Estimate, units: Units) -> ParameterEstimate:
@@ -84,7 +86,8 @@ class ParameterEstimate(Part):
                                                half=half / f)
                                   for label, value, sigma, half in e.by_session),
                    disagree_p=e.p_value, disagree=e.disagree if e.by_session else None,
-                   half_noise=_over(e.half_by_noise, f))
+                   half_noise=_over(e.half_by_noise, f),
+                   far=None if e.expected is None else e.far)
 
     @property
     def half(self) -> float | None:
