@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 
 from ppmcal import linalg
 from ppmcal.calibration.coverage import LEAST
-from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.fit import Fit, FitOptions, data_rows
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
 from ppmcal.calibration.noise import LARGER, noise_state
@@ -85,12 +85,12 @@ def _of_session(joint: Fit, own: Fit, part: slice, known: Posterior, options: Fi
         keep.append(kept.copy())
         keep[-1][kept] = used
     state = State(joint.state.g, joint.state.registrations[part], tuple(poses))
-    prior = prior_weights(problem, options.method) / joint.prior_scale
+    prior = prior_weights(problem, options.method, joint.prior_scale)
     fit = Fit(problem, state, qr_factor(problem, state, keep), prior, column_scale(problem),
               tuple(keep), 0, True, own.noise_factor, reasons=own.reasons)
     free = list(problem.free)
     session, scale = session_knowledge(fit), fit.scale[:len(free)]
-    matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, len(free), scale)
+    matrix, right = of_data(*data_rows(fit), len(free), scale)
     inflation = _inflation(session, known)
     value, held = state.g[free], prior[:len(free)]
     away = np.where(held > 0.0, whole.mechanism.nominals[free] - value, 0.0)
