@@ -30,8 +30,8 @@ class Estimate:
     ``nominal`` is nan where there is none: what a fitted effect's stiffness, period or time
     constant began at is only a start.
 
-    ``sigma``: by the noise of rows alone, prior included; ``by_noise``: half of the 95 % interval
-    by noise of which the size is not known exactly, None: 1.96 sigma; ``half``: the
+    ``sigma``: by the noise of rows, prior and held parameters included; ``by_noise``: half of the
+    95 % interval by noise of which the size is not known exactly, None: 1.96 sigma; ``half``: the
     same with what sessions differ by, None where only noise is known of; ``by_session``: label,
     value, sigma and half of the 95 % interval of each session's own fit; ``p_value`` of these
     being one value, and whether they ``disagree``. ``expected``: the error (one sigma) that such
@@ -79,7 +79,8 @@ class Estimate:
 
 
 def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
-              by_noise: Array | None = None) -> tuple[Estimate, ...]:
+              by_noise: Array | None = None, held: Array | None = None
+              ) -> tuple[Estimate, ...]:
     """Return all parameters of the machine with their uncertainties.
 
     Args:
@@ -87,8 +88,13 @@ def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
         rank: of its columns.
         wider: what sessions or stretches of rows disagree about.
         by_noise: half of the 95 % interval of each column by noise alone (C,), if not 1.96 sigma.
+        held: what parameters that were held, though they may be off, add to the columns'
+            variances (C,).
     """
-    variance = np.diagonal(posterior(fit))
+    variance, more = np.diagonal(posterior(fit)), 0.0 if held is None else held
+    variance = variance + more
+    if by_noise is not None:
+        by_noise = np.hypot(by_noise, Z95 * np.sqrt(more))
     data_sigma = from_data_alone(fit, rank)
     column = {p: c for c, p in enumerate(fit.problem.free)}
     out = []
@@ -141,14 +147,14 @@ def _by_session(estimate: Estimate, wider: Disagreement, column: int) -> dict[st
 
 
 def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
-    """Return the standard deviation of each identified column without its own prior, SI.
+    """Return the standard deviation of each identified column without its tolerance, SI.
 
     Redundant parameters must be held somehow: by their tolerance, or, where they have none,
     at their value.
     """
     held = [c for c in rank.dropped if fit.prior[c] == 0.0]
     used = [c for c in range(fit.scale.size) if c not in held]
-    prior = np.zeros(fit.scale.size)
+    prior = fit.stated
     prior[list(rank.dropped)] = fit.prior[list(rank.dropped)]
     matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(prior * fit.scale)])
     _, s, vt = svd(matrix[:, used])

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.least_squares import parameter_scale
+from ppmcal.calibration.least_squares import parameter_scale, prior_weights
 from ppmcal.calibration.outliers import Distances, distances
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools
@@ -23,7 +23,9 @@ MOST_GROSS = 1.0 / 3.0
 def explained_distances(problem: Problem, state: State) -> Distances:
     """Return every row's distance from the machine, freed of what the tolerances explain."""
     problem = toleranced(problem)
-    scale = np.zeros(len(problem.columns))
+    weight = prior_weights(problem, "prior")
+    # frames and targets are where they are; how far a scale may be off its file says
+    scale = np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), 0.0)
     scale[:len(problem.free)] = parameter_scale(problem)
     nobody = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
     return distances(problem, state, np.diag(scale**2), nobody)

@@ -20,7 +20,7 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.calibration.gauss_newton import least_squares, prior_square
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, qr_factor
+from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, prior_weights, qr_factor
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
 from ppmcal.linalg import Array, Bools, svd
@@ -144,14 +144,14 @@ def with_noise(fit: Fit, factor: float, options: FitOptions) -> Fit:
     noisier = replace(fit.problem, datasets=datasets,
                       pivots=tuple(o.about for o in fit.problem.opens))
     chosen = options.method == "gcv"
+    wider = fit.prior_scale * (factor if chosen else 1.0)
     state, converged = fit.state, fit.converged
     if fit.prior.any() and not chosen:
         found = least_squares(noisier, state, fit.keep, fit.prior, options.most)
         state, converged = found.state, found.converged
     return replace(fit, state=state, reduced=qr_factor(noisier, state, fit.keep),
-                   prior=fit.prior / factor if chosen else fit.prior, noise=factor * fit.noise,
-                   prior_scale=fit.prior_scale * (factor if chosen else 1.0),
-                   converged=converged)
+                   prior=prior_weights(noisier, options.method, wider) if chosen else fit.prior,
+                   noise=factor * fit.noise, prior_scale=wider, converged=converged)
 
 
 def _scaled(datasets: Sequence[Dataset], factor: Array) -> tuple[Dataset, ...]:

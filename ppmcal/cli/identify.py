@@ -49,7 +49,7 @@ def show_result(result: Identification, record: IdentificationRecord, console: C
     _show_errors(record, console)
     _show_noise(record.noise, console)
     _show_parameters(record, console)
-    prior = bool(fit.prior.any())
+    prior = fit.by_tolerances
     _show_redundant(record, prior, console)
     if prior:
         _show_prior_dominated(record, console)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal.calibration.least_squares import prior_weights, to_prior
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.library_columns import Products
 from ppmcal.diagnosis.linear_system import System
@@ -53,14 +54,10 @@ def question(system: System, library: Library) -> Question:
     geometry whatever the fit has made of it.
     """
     problem = system.problem
-    free = list(problem.free)
     scale = system.jacobian_scale
-    away = np.zeros(scale.size)
-    away[:len(free)] = (system.state.g - problem.mechanism.nominals)[free] / scale[:len(free)]
-    prior = np.full(scale.size, float(WIDE))
-    for column, p in enumerate(free):
-        if (sigma := problem.mechanism.parameters[p].prior_sigma) is not None:
-            prior[column] = sigma / scale[column]
+    away = -to_prior(problem, system.state) / scale
+    weight = prior_weights(problem, "prior") * scale
+    prior = np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), float(WIDE))
     observed = system.observed
     flat = system.jacobian.reshape(observed.size, -1) * observed.reshape(-1, 1)
     values = system.residual.reshape(-1) * observed.reshape(-1) + flat @ away

@@ -7,8 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
+from ppmcal.calibration.considered import Considered
 from ppmcal.calibration.coverage import half_interval, half_or
 from ppmcal.calibration.estimates import Estimate
+from ppmcal.calibration.fit import data_rows
 from ppmcal.calibration.freedom_choice import FreedomChoice
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.noise import FAILED_NOISE, STATED, Noise, noise_state
@@ -18,6 +20,7 @@ from ppmcal.calibration.summary import Dependence, Identification
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.io.results.session_parts import SessionInformation
 from ppmcal.io.results.units import Numbers, column_factor, numbers
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.units import Units
@@ -242,10 +245,29 @@ class DataInformation(Part):
     unit_of_parameters: Numbers = ()
 
 
+class HeldParameters(Part):
+    """Parameters that were held though they may be off by ``sigma``, file units.
+
+    ``gain``: by how much each column of the covariance errs with the error of each.
+    """
+
+    names: tuple[Text, ...] = ()
+    sigma: Numbers = ()
+    gain: tuple[Numbers, ...] = ()
+
+    @classmethod
+    def of(cls, kept: Considered, mechanism: Mechanism, columns: Array) -> HeldParameters:
+        """Return the entry; ``columns``: SI value of one file unit of each column (C,)."""
+        own = np.array([column_factor(mechanism, n) for n in kept.names])
+        return cls(names=kept.names, sigma=numbers(kept.sigma / own),
+                   gain=tuple(map(numbers, kept.gain * own / columns[:, None])))
+
+
 class CovarianceEntry(Part):
     """Covariance of all columns in file units, and the points that the frames turn about.
 
-    ``prior``: standard deviations, None without; ``inflation``: a bare factor on the noise.
+    ``prior``: standard deviations, None without; ``inflation``: a bare factor on the noise;
+    ``held``: what was not fitted, which the matrix takes for exact.
     """
 
     names: tuple[Text, ...] = ()
@@ -255,14 +277,15 @@ class CovarianceEntry(Part):
     session: SessionInformation | None = None
     matrix: tuple[Numbers, ...] = ()
     frames_turn_about: Mapping[Text, Numbers] = Field(default_factory=dict)
+    held: HeldParameters | None = None
 
     @classmethod
     def of(cls, result: Identification) -> CovarianceEntry:
         """Return the entry in file units."""
-        fit, units = result.fit, result.mechanism.units
+        fit, units, kept = result.fit, result.mechanism.units, result.considered
         f = np.array([column_factor(result.mechanism, n) for n in result.columns])
         count = len(fit.problem.free)
-        matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, count, fit.scale[:count])
+        matrix, right = of_data(*data_rows(fit), count, fit.scale[:count])
         data = DataInformation(
             matrix=tuple(map(numbers, matrix * f[:count] * fit.noise)),
             right=numbers(right * fit.noise),
@@ -276,7 +299,9 @@ class CovarianceEntry(Part):
         return cls(names=result.columns, prior=prior, inflation=fit.noise, data=data,
                    session=session,
                    matrix=tuple(map(numbers, result.covariance / np.outer(f, f))),
-                   frames_turn_about=about)
+                   frames_turn_about=about,
+                   held=HeldParameters.of(kept, result.mechanism, f) if kept and kept.names
+                   else None)
 
 
 def summaries(values: Mapping[str, Mapping[str, float]], units: Units
