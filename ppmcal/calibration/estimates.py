@@ -18,9 +18,14 @@ from ppmcal.calibration.rank import Rank
 from ppmcal.linalg import Array, svd
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.units import Units
 
 IMPLAUSIBLE = 8.0
 """No machine is so many tolerances from its nominal values."""
+FAR = "farther from nominal than tolerances allow"
+"""What is said of such parameters."""
+SHOWN = 3
+"""So many are told, the farthest first."""
 
 
 @dataclass(frozen=True)
@@ -181,3 +186,24 @@ def registered(problem: Problem, state: State) -> dict[str, Registration]:
     for data, s in zip(problem.datasets, state.registrations, strict=True):
         out[data.name] = Registration(s.frame, s.target, s.target_rotation, scale=s.scale)
     return out
+
+
+def far_from_nominal(found: Sequence[Estimate], units: Units) -> str:
+    """Return in words the parameters that end farther from nominal than tolerances allow."""
+    far = sorted((e for e in found if e.far), key=lambda e: -abs(e.error) / (e.tolerance or 1.0))
+    if not far:
+        return ""
+    words = ", ".join(_times(e, units) for e in far[:SHOWN])
+    more = f" and {len(far) - SHOWN} more (parameters.csv)" * (len(far) > SHOWN)
+    return (f"{FAR}: {words}{more}; the nominal values, the "
+            "tolerances, the units or the data are wrong there")
+
+
+def _times(e: Estimate, units: Units) -> str:
+    """Return ``leg1.offset by 4.8 times its tolerance of 0.2 mm``, and what data would show."""
+    factor, tolerance = units.factor(e.quantity), e.tolerance or np.nan
+    unit = units.name(e.quantity) + "/unit" * e.per_unit
+    times = abs(e.error) / tolerance
+    weak = "" if e.expected is None or times > farthest(1) else (
+        f", of which these data would show {e.expected / factor:.2g}")
+    return f"{e.name} by {times:.2g} times its tolerance of {tolerance / factor:.4g} {unit}{weak}"

@@ -7,9 +7,6 @@ that of the tolerance less that of the posterior, without a prior it is the sum 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.special import ndtri
 
@@ -17,15 +14,6 @@ from ppmcal.calibration.fit import Fit, prediction_covariance
 from ppmcal.calibration.gauss_newton import CONVERGED
 from ppmcal.calibration.noise import FAILED_NOISE
 from ppmcal.linalg import Array
-from ppmcal.units import Units
-
-if TYPE_CHECKING:
-    from ppmcal.calibration.estimates import Estimate
-
-FAR = "farther from nominal than tolerances allow"
-"""What is said of such parameters."""
-SHOWN = 3
-"""So many are told, the farthest first."""
 
 
 def farthest(count: int) -> float:
@@ -57,24 +45,3 @@ def expected_errors(fit: Fit) -> Array:
     variance = (found**2 @ (tolerances / fit.scale) ** 2 + np.sum((known @ rows.T) ** 2, axis=1)
                 + CONVERGED * np.diagonal(known))
     return np.asarray((np.sqrt(variance) * fit.scale)[:len(problem.free)])
-
-
-def far_from_nominal(found: Sequence[Estimate], units: Units) -> str:
-    """Return in words the parameters that end farther from nominal than tolerances allow."""
-    far = sorted((e for e in found if e.far), key=lambda e: -abs(e.error) / (e.tolerance or 1.0))
-    if not far:
-        return ""
-    words = ", ".join(_times(e, units) for e in far[:SHOWN])
-    more = f" and {len(far) - SHOWN} more (parameters.csv)" * (len(far) > SHOWN)
-    return (f"{FAR}: {words}{more}; the nominal values, the "
-            "tolerances, the units or the data are wrong there")
-
-
-def _times(e: Estimate, units: Units) -> str:
-    """Return ``leg1.offset by 4.8 times its tolerance of 0.2 mm``, and what data would show."""
-    factor, tolerance = units.factor(e.quantity), e.tolerance or np.nan
-    unit = units.name(e.quantity) + "/unit" * e.per_unit
-    times = abs(e.error) / tolerance
-    weak = "" if e.expected is None or times > farthest(1) else (
-        f", of which these data would show {e.expected / factor:.2g}")
-    return f"{e.name} by {times:.2g} times its tolerance of {tolerance / factor:.4g} {unit}{weak}"

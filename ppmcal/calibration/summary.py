@@ -20,11 +20,11 @@ from ppmcal.calibration.disagreement import Disagreement
 from ppmcal.calibration.estimates import (
     Estimate,
     estimates,
+    far_from_nominal,
     registered,
     with_estimates,
 )
 from ppmcal.calibration.extrapolation import from_home
-from ppmcal.calibration.far_from_nominal import far_from_nominal
 from ppmcal.calibration.fit import Fit, FitOptions, data_rows, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import Identifiability, identifiability

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ppmcal.calibration.far_from_nominal import far_from_nominal
+from ppmcal.calibration.estimates import far_from_nominal
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.frozen_models import Validated

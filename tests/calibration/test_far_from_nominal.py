@@ -9,8 +9,8 @@ import pytest
 from scipy.special import bdtrc
 
 import ppmcal
-from ppmcal.calibration.estimates import IMPLAUSIBLE
-from ppmcal.calibration.far_from_nominal import FAR, expected_errors, farthest
+from ppmcal.calibration.estimates import FAR, IMPLAUSIBLE
+from ppmcal.calibration.far_from_nominal import expected_errors, farthest
 from ppmcal.calibration.noise import FAILED_NOISE
 from ppmcal.model.mechanism import Mechanism
 
