@@ -115,7 +115,9 @@ def _dataset() -> Schema:
         {"type": "object", "properties": {"same_as": {
             "type": "string", "description": "Name of the data set whose frame it is too."}},
          "required": ["same_as"], "additionalProperties": False})
-    about = {"type": "object", "properties": {"value": NUMBER, "sigma": NUMBER},
+    about = {"type": "object", "properties": {
+        "value": {**NUMBER, "description": "Measured lengths over true ones, as far as known."},
+        "sigma": {**NUMBER, "description": "Standard deviation of `value`."}},
              "required": ["value", "sigma"], "additionalProperties": False}
     out["properties"]["scale"] |= {"anyOf": [{"enum": ["known", "unknown"]}, NUMBER, about]}
     instrument = out["$defs"]["InstrumentFile"]["properties"]

@@ -248,19 +248,19 @@ class DataInformation(Part):
 class HeldParameters(Part):
     """Parameters that were held though they may be off by ``sigma``, file units.
 
-    ``gain``: by how much each column of the covariance errs with the error of each.
+    ``moved``: by how much each column of the covariance errs with the error of each.
     """
 
     names: tuple[Text, ...] = ()
     sigma: Numbers = ()
-    gain: tuple[Numbers, ...] = ()
+    moved: tuple[Numbers, ...] = ()
 
     @classmethod
     def of(cls, kept: Considered, mechanism: Mechanism, columns: Array) -> HeldParameters:
         """Return the entry; ``columns``: SI value of one file unit of each column (C,)."""
         own = np.array([column_factor(mechanism, n) for n in kept.names])
         return cls(names=kept.names, sigma=numbers(kept.sigma / own),
-                   gain=tuple(map(numbers, kept.gain * own / columns[:, None])))
+                   moved=tuple(map(numbers, kept.gain * own / columns[:, None])))
 
 
 class CovarianceEntry(Part):

@@ -83,11 +83,11 @@ def _considered(entry: HeldParameters | None, count: int) -> Considered:
     """Return what an identification held beside its columns (C), file units."""
     if entry is None:
         return Considered((), np.zeros(0), np.zeros((count, 0)))
-    _part(entry, "names", "sigma", "gain")
+    _part(entry, "names", "sigma", "moved")
     sigma = _finite(entry.sigma, len(entry.names))
     if np.any(sigma < 0.0):
         raise _Incomplete
-    return Considered(entry.names, sigma, _matrix(entry.gain, count, len(entry.names)))
+    return Considered(entry.names, sigma, _matrix(entry.moved, count, len(entry.names)))
 
 
 def read_noise(path: Path) -> MeasurementBasis | None:
