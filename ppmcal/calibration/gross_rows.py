@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -11,7 +12,6 @@ from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.least_squares import parameter_scale, prior_weights
 from ppmcal.calibration.outliers import Distances, distances
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.calibration.tolerance_moves import toleranced
 from ppmcal.linalg import Array, Bools
 
 GROSS = 5.0
@@ -29,6 +29,17 @@ def explained_distances(problem: Problem, state: State) -> Distances:
     scale[:len(problem.free)] = parameter_scale(problem)
     nobody = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
     return distances(problem, state, np.diag(scale**2), nobody)
+
+
+def toleranced(problem: Problem, fixed: bool = False) -> Problem:
+    """Return the problem with every parameter free that has a tolerance: all that may be wrong.
+
+    ``fixed``: also those that the file holds. What a fit may change is the user's choice, and says
+    nothing of what is off in the machine.
+    """
+    own = {i for i, p in enumerate(problem.mechanism.parameters)
+           if p.prior_sigma and (fixed or not p.fixed)}
+    return replace(problem, free=tuple(sorted(own | set(problem.free))))
 
 
 def gross_errors(problem: Problem, state: State, keep: Sequence[Bools]) -> list[Bools]:

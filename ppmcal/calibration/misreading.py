@@ -18,7 +18,7 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.gauss_newton import least_squares
-from ppmcal.calibration.gross_rows import beyond, explained_distances, gross_errors
+from ppmcal.calibration.gross_rows import beyond, explained_distances, gross_errors, toleranced
 from ppmcal.calibration.least_squares import prior_weights
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.negative_struts import negative_struts, with_positive_struts
@@ -28,7 +28,6 @@ from ppmcal.calibration.plain_mistakes import other_zeros
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import NOISE, Misreading, Trial, find_misreading
 from ppmcal.calibration.small_misreading import find_small_misreading
-from ppmcal.calibration.tolerance_moves import toleranced
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ppmcal.calibration.gross_rows import toleranced
 from ppmcal.calibration.mistakes import Mistake, mistakes, other_sigma, read_block
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.reading_search import Scored, search_readings
 from ppmcal.calibration.readings import FileReading
-from ppmcal.calibration.tolerance_moves import toleranced
 from ppmcal.errors import PpmcalError
 from ppmcal.model.scaled_points import other_radii
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.response import Response
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -47,14 +46,3 @@ def scaled(columns: Array, tolerance: Array) -> Array:
     """Return columns (..., F) times tolerances (F,); what does not move stays at 0."""
     with np.errstate(invalid="ignore"):
         return np.where(columns == 0.0, 0.0, columns * tolerance)
-
-
-def toleranced(problem: Problem, fixed: bool = False) -> Problem:
-    """Return the problem with every parameter free that has a tolerance: all that may be wrong.
-
-    ``fixed``: also those that the file holds. What a fit may change is the user's choice, and says
-    nothing of what is off in the machine.
-    """
-    own = {i for i, p in enumerate(problem.mechanism.parameters)
-           if p.prior_sigma and (fixed or not p.fixed)}
-    return replace(problem, free=tuple(sorted(own | set(problem.free))))

@@ -27,6 +27,7 @@ MOMENT = 0.02
 PATIENCE = 5.0
 """Seconds that cleaning up may take before the next signal ends it."""
 _first: float | None = None
+_stopped: Stopped | None = None
 """When the signal came that ends this run."""
 
 
@@ -115,7 +116,7 @@ def stop(number: int, frame: FrameType | None) -> None:
     Compiled modules print an interrupted import as a failure of their own, or turn it into
     another error. Where something is to be cleaned up, it waits for the module.
     """
-    global _first
+    global _first, _stopped
     if _first is not None:    # cleaning up already
         if monotonic() - _first > PATIENCE:
             os._exit(128 + number)
@@ -129,8 +130,13 @@ def stop(number: int, frame: FrameType | None) -> None:
         with contextlib.suppress(OSError):
             os.write(2, (CLEAR * line_shown + "Stopped.\n").encode())
         os._exit(128 + number)
-    _first = monotonic()
-    raise Stopped(number)
+    _first, _stopped = monotonic(), Stopped(number)
+    raise _stopped
+
+
+def stopped() -> Stopped | None:
+    """Return what a signal has raised: compiled modules may have made another error of it."""
+    return _stopped
 
 
 def _imports(frame: FrameType | None) -> bool:
@@ -177,8 +183,8 @@ def interruptible(to_the_end: bool = False) -> Iterator[None]:
         to_the_end: the process ends with the block: what comes later is ignored, so that
             Python's own end is quiet.
     """
-    global _first
-    _first = None
+    global _first, _stopped
+    _first = _stopped = None
     kept = {}
     hook, shown = sys.unraisablehook, sys.excepthook
 
