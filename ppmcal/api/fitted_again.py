@@ -65,14 +65,21 @@ def _run(folder: Path) -> tuple[RecordedRun, Mapping[str, Path]]:
     if wrong := found.wrong:
         state = "has changed since" if wrong[0].now else "is not there any more"
         raise BadInput(f"{wrong[0].file}, behind it, {state}", where)
-    for path in (p for p in _tables(run) if p in found.places):
-        # its sidecar is read from beside it
-        for other, digest in run.source.inputs.items():
-            if (os.path.splitext(other)[0] == os.path.splitext(path)[0] and digest != digest_of(
-                    found.places[path].with_name(os.path.basename(other)))):
-                raise BadInput(f"{other}, behind it, has changed since beside "
-                               f"{found.places[path]}", where)
+    _refuse_other_sidecars(run, found.places)
     return run, found.places
+
+
+def _refuse_other_sidecars(run: RecordedRun, places: Mapping[str, Path]) -> None:
+    """Refuse a table beside which, where it is read, stands another sidecar than was recorded.
+
+    Raises:
+        BadInput: with the sidecar's name.
+    """
+    stems = {os.path.splitext(path)[0]: places[path] for path in _tables(run) if path in places}
+    for other, digest in run.source.inputs.items():
+        table = stems.get(os.path.splitext(other)[0])
+        if table is not None and digest != digest_of(table.with_name(os.path.basename(other))):
+            raise BadInput(f"{other}, behind it, has changed since beside {table}", str(run.folder))
 
 
 def _tables(run: RecordedRun) -> list[str]:

@@ -7,6 +7,7 @@ import os
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from contextvars import ContextVar
 from dataclasses import replace
 from functools import wraps
@@ -110,13 +111,12 @@ def _refuse_words(signature: inspect.Signature, given: Mapping[str, Any]) -> Non
         kind = str(signature.parameters[name].annotation)
         if value is None or kind.removesuffix(" | None") not in ("float", "int"):
             continue
-        try:
-            fine = not isinstance(value, str) and isinstance(float(value), float)
-        except (TypeError, ValueError):
-            fine = False
-        if not fine:
-            raise BadInput(f"{str(value)[:40]!r} is not a number",
-                           f"--{name.replace('_', '-')}", "Give a bare number, without a unit")
+        with suppress(TypeError, ValueError):
+            if not isinstance(value, str):
+                float(value)
+                continue
+        raise BadInput(f"{str(value)[:40]!r} is not a number",
+                       f"--{name.replace('_', '-')}", "Give a bare number, without a unit")
 
 
 def _option(value: Any, default: Any = None) -> Any:
