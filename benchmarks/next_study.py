@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -205,7 +206,7 @@ def main() -> None:
         for case in pool.imap_unordered(one, jobs):
             if case is not None:
                 cases.append(case)
-                print(case, flush=True)
+                print(case, file=sys.stderr, flush=True)
             if len(cases) == given.count or time.monotonic() > end:
                 pool.terminate()
                 break

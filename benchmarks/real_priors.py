@@ -216,17 +216,18 @@ def repeated(folder: Path) -> None:
             found, _ = between(mechanism, *(posterior_of(f, {str(n): "heights"})
                                             for n, f in enumerate(noisy)), {},
                                np.random.default_rng(0))
-            names = "; ".join(_shown(c, mechanism) for c in found.changes)
+            names = "; ".join(_shown(c, mechanism, found.coverage) for c in found.changes)
             print(f"{one['id']:18s} -> {two['id'][:3]}  chi2 {found.chi2:8.3g} of "
                   f"{found.freedom:2d}, p = {found.p_value:8.2g}  {names}")
 
 
-def _shown(change: Change, mechanism: Mechanism) -> str:
+def _shown(change: Change, mechanism: Mechanism, coverage: float) -> str:
+    """Return a change; ``coverage``: half of a 95 % interval over sigma."""
     words = []
     for part in change.parts:
         f = column_factor(mechanism, part.column)
         unit = column_unit(mechanism, part.column) or "steps"
-        words.append(f"{part.value / f:+.3f} +- {1.96 * part.sigma / f:.3f} {unit}")
+        words.append(f"{part.value / f:+.3f} +- {coverage * part.sigma / f:.3f} {unit}")
     instead = f" (or {', '.join(change.instead[:3])})" if change.instead else ""
     return f"{change.name} {' '.join(words)}{instead}"
 

@@ -103,7 +103,8 @@ def honest(fit: Fit) -> list[Estimate]:
     inflation = max(1.0, noise_check(fit).sigma_ratio)
     fit = with_noise(fit, inflation, FitOptions())
     sessions, blocks = intervals.honest(fit, inflation)
-    return list(estimates(fit, rank_of(fit)[0], sessions or blocks))
+    return list(estimates(fit, rank_of(fit)[0], sessions or blocks,
+                          intervals.by_noise(fit, FitOptions())))
 
 
 def against_rig(found: list[Estimate], name: str, rig: list[float], key: str) -> None:
@@ -112,7 +113,7 @@ def against_rig(found: list[Estimate], name: str, rig: list[float], key: str) ->
     mine = [e for e in found if e.name.endswith(name)]
     for e, measured in zip(mine, rig, strict=True):
         half = 0.5e3 * (e.interval[1] - e.interval[0])
-        noise = 1.96e3 * e.sigma
+        noise = 1e3 * e.half_by_noise
         away = 1e3 * e.value - measured
         held[0] += abs(away) <= half
         held[1] += abs(away) <= noise
@@ -135,8 +136,8 @@ def curvatures(mechanism: Mechanism, days: dict[str, Dataset]) -> None:
             fit = identify(Problem(bent, sets, bent.free), FitOptions(robust=False))
             for e in (e for e in honest(fit) if e.name.endswith(".p2")):
                 half = 0.5e3 * (e.interval[1] - e.interval[0])
-                print(f"{e.name:34} {key:4} {1e3 * e.value:8.3f} mm +- {half:.3f} "
-                      f"(by noise {1.96e3 * e.sigma:.3f})" + "; sessions disagree" * e.disagree,
+                print(f"{e.name:34} {key:4} {1e3 * e.value:8.3f} mm +- {half:.3f} (by noise "
+                      f"{1e3 * e.half_by_noise:.3f})" + "; sessions disagree" * e.disagree,
                       flush=True)
 
 

@@ -37,12 +37,13 @@ class Units:
         return self._one(above) / self._one(below)
 
     def name(self, quantity: str) -> str:
-        """Return the unit's name: ``mm``, ``deg``, ``N/mm``; empty for a bare number."""
+        """Return the unit's name: ``mm``, ``N/mm``, ``mm/(N m)``; empty for a bare number."""
         own = {"length": self.length, "angle": self.angle, "N.m": "N m", "1": ""}
         above, _, below = quantity.partition("/")
         if not below:
             return own.get(above, above)
-        return f"{own.get(above, above) or 1}/{own.get(below, below)}"
+        under = own.get(below, below)
+        return f"{own.get(above, above) or 1}/{f'({under})' if ' ' in under else under}"
 
     def _one(self, part: str) -> float:
         if part == "length":
@@ -51,6 +52,12 @@ class Units:
 
 
 SI = Units("m", "rad")
+
+
+def as_now(name: str) -> str:
+    """Return a unit's name as it is today: older files have ``mm/N m`` for ``mm/(N m)``."""
+    above, _, below = name.partition("/")
+    return f"{above}/({below})" if " " in below and not below.startswith("(") else name
 
 
 def to_file(value: float, factor: float) -> float:

@@ -47,14 +47,13 @@ from ppmcal.io.results.commands import (
 from ppmcal.io.results.knowledge import knowledge_of, read_identification
 from ppmcal.io.results.other_models import read_other_models
 from ppmcal.io.results.own_calibration import of_other_values
+from ppmcal.kinematics.needed_columns import ORDER
 from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.linalg import finite_rows
 from ppmcal.model.dataset import WRENCH, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.wording import counted
-
-OR_ASSUME = ", or give one value for all rows with --assume, such as --assume temperature=22"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -291,7 +290,7 @@ def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence:
     rows = environment(poses.environment, mechanism.actuators, mechanism.gravity, joints, sequence)
     if rows.history is not None:    # whether joints went straight is seen once they are known
         rows = replace(rows, history=replace(rows.history, direct=np.ones(joints.shape[1], bool)))
-    refuse_unrecorded(mechanism, rows, "the model's effects", source, OR_ASSUME)
+    refuse_unrecorded(mechanism, rows, "the model's effects", source, _or_assume)
     # a load that the measurements had is none of 0 where only another one is given
     seen = mechanism.measured.ranges if mechanism.measured else {}
     needs = {need for effect in mechanism.effects for need in effect.kind.needs}
@@ -299,7 +298,14 @@ def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence:
                poses.environment and needs & {"load", "wrench"}]
     if lacking:
         raise BadInput(f"the model was identified with {', '.join(lacking)}, which is not there",
-                       f"{source}: header", f"Add the column {lacking[0]}{OR_ASSUME}")
+                       f"{source}: header", f"Add the column {lacking[0]}"
+                       + _or_assume(lacking[0]))
+
+
+def _or_assume(column: str) -> str:
+    """Return what may be done instead of adding a column; of an order there is no one value."""
+    return "" if column == ORDER else (
+        f", or give one value for all rows with --assume {column}=VALUE")
 
 
 def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:

@@ -160,7 +160,8 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
                               [d.estimated for d in datasets]), (problem, None), extra)
         found, told = diagnose_with_own_noise(problem, DiagnosisOptions(
             0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
-            by_session=bool(leave_out)))
+            by_session=bool(leave_out),
+            held=tuple(machine.names[p] for p in set(machine.free) - set(problem.free))))
     for line in (*told, *([choice_sentence(choice)] if choice else [])):
         note(line)
     begin("judging the campaign")

@@ -15,6 +15,7 @@ from ppmcal.calibration.joint_fit import fitted_together
 from ppmcal.calibration.posterior import Posterior
 from ppmcal.calibration.problem import Problem
 from ppmcal.errors import BadInput, NoResult, PpmcalError
+from ppmcal.io.folder_record import digest_of
 from ppmcal.io.results.recorded_runs import FoundInputs, RecordedRun, runs_of
 from ppmcal.model.mechanism import Mechanism
 
@@ -39,16 +40,17 @@ def with_equal_freedoms(mechanism: Mechanism, folders: Sequence[Path],
     free = sorted({*known[0].places, *known[1].places})
     runs = [_run(folder) for folder in folders]
     # the newer machine has every effect that the older one had
-    machine = _path(runs[1], runs[1].source.options["mechanism"])
-    old, new = (_fitted(run, machine, free, mechanism.names) for run in runs)
-    methods = {_method(run) for run in runs}
+    run, places = runs[1]
+    machine = _path(places, run.source.options["mechanism"])
+    old, new = (_fitted(*one, machine, free, mechanism.names) for one in runs)
+    methods = {_method(run) for run, _ in runs}
     both = fitted_together(old, new, known, FitOptions(
         methods.pop() if len(methods) == 1 else "prior"))
     return both, sorted({d.source for f in (old, new) for d in f.problem.datasets} | {machine})
 
 
-def _run(folder: Path) -> RecordedRun:
-    """Return the run that wrote a calibration, of which all inputs are where they were.
+def _run(folder: Path) -> tuple[RecordedRun, Mapping[str, Path]]:
+    """Return the run that wrote a calibration, and where each of its inputs is, unchanged.
 
     Raises:
         BadInput: it is not known how it was made, or its inputs have changed.
@@ -59,10 +61,30 @@ def _run(folder: Path) -> RecordedRun:
         raise BadInput("it is not recorded from which files it was made", where)
     if run.source.options.get("keep"):
         raise BadInput("carries on an earlier calibration, whose rows it does not have", where)
-    if wrong := FoundInputs(run, None).wrong:
+    found = FoundInputs(run, None)
+    if wrong := found.wrong:
         state = "has changed since" if wrong[0].now else "is not there any more"
         raise BadInput(f"{wrong[0].file}, behind it, {state}", where)
-    return run
+    _refuse_other_sidecars(run, found.places)
+    return run, found.places
+
+
+def _refuse_other_sidecars(run: RecordedRun, places: Mapping[str, Path]) -> None:
+    """Refuse a table beside which, where it is read, stands another sidecar than was recorded.
+
+    Raises:
+        BadInput: with the sidecar's name.
+    """
+    stems = {os.path.splitext(path)[0]: places[path] for path in _tables(run) if path in places}
+    for other, digest in run.source.inputs.items():
+        table = stems.get(os.path.splitext(other)[0])
+        if table is not None and digest != digest_of(table.with_name(os.path.basename(other))):
+            raise BadInput(f"{other}, behind it, has changed since beside {table}", str(run.folder))
+
+
+def _tables(run: RecordedRun) -> list[str]:
+    data = run.source.options["data"]
+    return list(data) if isinstance(data, list) else [data]
 
 
 def _in_memory(options: Mapping[str, Any]) -> bool:
@@ -72,9 +94,9 @@ def _in_memory(options: Mapping[str, Any]) -> bool:
     return any(not isinstance(v, str) or IN_MEMORY in v for v in every)
 
 
-def _path(run: RecordedRun, path: str) -> str:
-    there = os.path.join(run.working_folder, path)
-    return os.path.relpath(there) if os.path.exists(there) else path
+def _path(places: Mapping[str, Path], path: str) -> str:
+    """Return where an input is, as seen from here; a path that is no recorded input as it is."""
+    return os.path.relpath(places[path]) if path in places else path
 
 
 def _method(run: RecordedRun) -> str:
@@ -82,15 +104,15 @@ def _method(run: RecordedRun) -> str:
     return "flat" if own.get("prior") == "flat" else str(own.get("method", "prior"))
 
 
-def _fitted(run: RecordedRun, machine: str, free: Sequence[int], names: Sequence[str]) -> Fit:
-    """Return a fit of a run's own rows with these parameters free.
+def _fitted(run: RecordedRun, places: Mapping[str, Path], machine: str, free: Sequence[int],
+            names: Sequence[str]) -> Fit:
+    """Return a fit of a run's own rows, of which the inputs are at ``places``, with these free.
 
     Raises:
         BadInput, NoResult: as ``identify``; or the machine's file has other parameters.
     """
     own = run.source.options
-    data = own["data"] if isinstance(own["data"], list) else [own["data"]]
-    found, datasets = prepared(machine, [_path(run, d) for d in data])
+    found, datasets = prepared(machine, [_path(places, d) for d in _tables(run)])
     if list(found.names) != list(names):
         raise BadInput(f"{machine} has other parameters than the calibration", str(run.folder))
     method = _method(run)

@@ -133,11 +133,12 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         begin("looking for wrong rows")
         refuse_after_fit(fit)
         begin("judging the fit")
-        found = report(fit, options, fraction, seed, other, leave_out)
+        held = set(as_filed.free) - set(problem.free)
+        found = report(fit, options, fraction, seed, other, leave_out,
+                       [machine.names[p] for p in held])
         if chosen == "prior":
             refuse_other_machine(found.fit)
     begin("judging the campaign")
-    held = set(as_filed.free) - set(problem.free)
     if held:
         found = replace(found, identifiability=secondary(
             "what the data leave open", lambda: with_held(found.fit, held),
@@ -158,7 +159,7 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
     if sigma != "estimated":
         asked += secondary(APART, lambda: pulled_apart(fit, problem.datasets), [], extra)
     told += [*scale_sentences(found), *([choice_sentence(choice)] if choice else [])]
-    whole = replace(found, findings=(*notes, *units, *asked, *found.findings, *extra),
+    whole = replace(found, findings=(*notes, *units, *asked, *extra, *found.findings),
                     earlier=before, campaign=campaign)
     return IdentificationResult(source, tuple(whole.findings), whole, chosen, tuple(told),
                                 choice)
@@ -172,8 +173,11 @@ def scale_sentences(found: Identification) -> Iterator[str]:
             place = names.index(f"scale of {data.name}")
             sigma = float(np.sqrt(found.covariance[place, place]))
             half = coverage(fit) * sigma
+            stated = "" if data.scale.sigma is None else (
+                f"; its file says {float(data.scale.value[0]):g} with a standard deviation of "
+                f"{data.scale.sigma:g}")
             yield (f"{data.name}: shows {registration.scale:.5f} +- {half:.2g} of true "
-                   "lengths (95 %).")
+                   f"lengths (95 %){stated}.")
 
 
 def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:

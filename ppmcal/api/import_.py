@@ -17,7 +17,7 @@ from ppmcal.controllers.klipper_export import keys
 from ppmcal.controllers.klipper_refit import differences, refit, sentence, size_sentence
 from ppmcal.controllers.printer import Printer
 from ppmcal.controllers.printer_before import before_sentence, printer_before
-from ppmcal.controllers.printer_files import RODS, files, rods_of, scale_of
+from ppmcal.controllers.printer_files import RODS, SCALES, files, rods_of
 from ppmcal.errors import BadInput, unknown
 from ppmcal.wording import counted
 
@@ -39,7 +39,7 @@ class ImportResult(Result):
         file: the controller's file.
         printer: what it says, mm and degrees.
         rods: how rods are taken: ``fixed``, ``shared`` or ``single``.
-        scale: of measured distances: ``known``, or ``unknown``.
+        scale: of measured distances: ``printed``, ``known``, or ``unknown``.
         size: both readings of the size, by distances and by rods, in a sentence.
         choose: whether freedoms are left to what predicts best.
         off: saved number -> by how much it is not what the printer's own fit gives, mm and degrees.
@@ -94,7 +94,7 @@ class ImportResult(Result):
 
 @recorded
 def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | float] = (),
-                  mesh: Path_ | Sequence[Path_] = (), scale: str | None = None,
+                  mesh: Path_ | Sequence[Path_] = (), scale: str = "printed",
                   radius: float | None = None) -> ImportResult:
     """Turn a controller's configuration into a machine and its measurements.
 
@@ -110,9 +110,8 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
             where they differ]. One of each may be given.
         mesh: names of meshes that Klipper saved, logs of its touches, or RepRapFirmware's
             ``heightmap.csv``.
-        scale: ``known`` or ``unknown``: whether measured distances are true or, as on a printed
-            part, all too small or large by one factor  [default: unknown where ``rods`` says
-            how long they are].
+        scale: what measured distances are: ``printed``, of a part that shrinks as plastic
+            does; ``known``, true; ``unknown``, off by any one factor.
         radius: Klipper's ``delta_radius``, R of M665, as you know it, mm  [default: as the file
             has it].
 
@@ -126,6 +125,8 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
                        "joints' places at home from the file; docs/notes.md says why")
     if name not in FORMATS:
         raise unknown("format", form, tuple(FORMATS))
+    if scale not in SCALES:
+        raise unknown("scale of distances", scale, SCALES, "--scale")
     length, chosen = _rods(rods)
     if radius is not None and not SMALLEST <= radius < LONGEST:
         raise BadInput(f"{radius} is no radius, mm", "--radius",
@@ -135,7 +136,6 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
     printer = FORMATS[name](Path(file), length, meshes, radius)
     found = refit(printer) if name == "klipper" and printer.calibrated else None
     off = differences(printer.calibration, found) if found is not None else {}
-    scale = scale_of(printer, scale)
     findings = [*printer.findings, *([sentence(off)] if off else [])]
     if printer.distances and scale == "known" and not printer.nominal.rods_known:
         findings.append("the distances alone hold the size: where the part that they were "

@@ -7,6 +7,7 @@ import os
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from contextvars import ContextVar
 from dataclasses import replace
 from functools import wraps
@@ -71,6 +72,7 @@ def recorded(function: Callable[P, R]) -> Callable[P, R]:
         bound = signature.bind(*args, **kwargs)
         bound.apply_defaults()
         refuse_seed(bound.arguments.get("seed"))
+        _refuse_words(signature, bound.arguments)
         options = {k: _option(v, signature.parameters[k].default)
                    for k, v in bound.arguments.items() if k not in UNRECORDED}
         name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
@@ -97,6 +99,24 @@ def refuse_seed(seed: object) -> None:
         return
     raise BadInput(f"{str(seed)[:40]} is not a seed", "--seed",
                    f"Give a whole number from 0 to {LARGEST_WHOLE}")
+
+
+def _refuse_words(signature: inspect.Signature, given: Mapping[str, Any]) -> None:
+    """Refuse what is no number where a function takes nothing else.
+
+    Raises:
+        BadInput: with the name of the argument.
+    """
+    for name, value in given.items():
+        kind = str(signature.parameters[name].annotation)
+        if value is None or kind.removesuffix(" | None") not in ("float", "int"):
+            continue
+        with suppress(TypeError, ValueError):
+            if not isinstance(value, str):
+                float(value)
+                continue
+        raise BadInput(f"{str(value)[:40]!r} is not a number",
+                       f"--{name.replace('_', '-')}", "Give a bare number, without a unit")
 
 
 def _option(value: Any, default: Any = None) -> Any:
@@ -256,7 +276,7 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
         for d in datasets:
             refuse_unrecorded(machine, environment_of(machine, d),
                               f"the effects of {machine.source}", d.source,
-                              ", or take the effect out")
+                              lambda _: ", or take the effect out")
     return machine, datasets
 
 
@@ -273,20 +293,20 @@ def datasets_of(mechanism: Mechanism, data: Measurements) -> tuple[Dataset, ...]
 
 
 def refuse_unrecorded(mechanism: Mechanism, rows: Environment, owner: str, place: str,
-                      instead: str = "") -> None:
+                      instead: Callable[[str], str] = lambda _: "") -> None:
     """Refuse rows without a column that the effects of ``owner`` depend on.
 
     Raises:
-        BadInput: at ``place``, with the column to add, or what to do ``instead``.
+        BadInput: at ``place``, with the column to add, or what to do ``instead`` of adding it.
     """
     missing = missing_columns(mechanism, rows)
     if missing:
         if ORDER in missing:
             raise BadInput(f"{owner} depend on the order of the rows, each joint moving straight "
                            "from one to the next", place,
-                           f"Say `{ORDER}`, or add a column `time`{instead}")
+                           f"Say `{ORDER}`, or add a column `time`{instead(ORDER)}")
         raise BadInput(f"{owner} depend on {', '.join(missing)}, which is not there",
-                       f"{place}: header", f"Add the column {missing[0]}{instead}")
+                       f"{place}: header", f"Add the column {missing[0]}{instead(missing[0])}")
 
 
 def data_files(datasets: Sequence[Dataset]) -> list[str]:

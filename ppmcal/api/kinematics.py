@@ -242,7 +242,10 @@ def _solved(which: str, machine: Mechanism, table: Any, asked: tuple[Array | Non
     Last, how joint values and rates follow from another model of the machine.
     """
     model, (tool, rotation) = Model(machine), asked
-    instead = f", or take the effect out of {machine.source}"
+
+    def instead(_: str) -> str:
+        return f", or take the effect out of {machine.source}"
+
     if which == "forward":
         joints = read_joints(table, machine)
         rows = environment(joints.environment, machine.actuators, machine.gravity, joints.q)

@@ -26,7 +26,7 @@ from ppmcal.calibration.explanations import (
     best_of,
     explanations,
 )
-from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.fit import Fit, FitOptions, data_rows
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.joint_rows import joint_rows
 from ppmcal.calibration.noise import noise_check, with_noise
@@ -231,7 +231,7 @@ def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior
     """Return what a fit ended with; ``inputs``: as in :class:`posterior.Posterior`."""
     count, free = len(fit.problem.free), list(fit.problem.free)
     scale = fit.scale[:count]
-    matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, count, scale)
+    matrix, right = of_data(*data_rows(fit), count, scale)
     with np.errstate(divide="ignore"):
         tolerance = 1.0 / fit.prior[:count]
     return Posterior(fit.problem.free, fit.state.g[free], matrix * fit.noise, right * fit.noise,

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ppmcal.calibration.fit import Fit, data_rows
 from ppmcal.calibration.identifiability import Identifiability, predict_identifiability
-from ppmcal.calibration.least_squares import column_scale, qr_factor
+from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
 from ppmcal.calibration.misread import mend_of, misreading_sentence
 from ppmcal.calibration.misreading import MEND
 from ppmcal.calibration.other_branch import branch_findings
@@ -138,6 +139,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     if datasets and mechanism.free and value >= SINGULAR_HOME:
         problem = Problem(mechanism, tuple(datasets), mechanism.free)
         found, misreadings = found_wrong(problem)
+        findings = _not_told(findings, misreadings)
         for m in misreadings:
             what = misreading_sentence(m, mechanism.units)
             findings.append(f"{m.source}: {what}{'' if what.endswith('?') else '.'} "
@@ -169,6 +171,13 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     )
     return Check(tuple(findings), gaps, value, state.q, rank, columns, unseen, redundant, ahead,
                  listed, sets)
+
+
+def _not_told(findings: Sequence[str], misreadings: Sequence[Misreading]) -> list[str]:
+    """Return findings without those on a column that is told to be outside its limits."""
+    told = tuple(f"{m.source}: column {c}:" for m in misreadings for x in m.mistakes
+                 if x.kind == "outside-limits" for c in x.columns)
+    return [f for f in findings if not f.startswith(told)]
 
 
 def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:
@@ -310,10 +319,11 @@ def visibility(mechanism: Mechanism, datasets: Sequence[Dataset]
     lost = sum(int((~k).sum()) for k in keep)
     reduced = qr_factor(problem, state, keep)
     count = len(problem.free)
-    scale = column_scale(problem)
-    names = problem.columns
-    rank, kept, dropped = whole_rank(reduced.triangle, count, scale, names=names)
-    norms = np.linalg.norm(reduced.triangle[:, :count] * scale[:count], axis=0)
+    scale, names = column_scale(problem), problem.columns
+    triangle, _ = data_rows(Fit(problem, state, reduced, prior_weights(problem, "prior"), scale,
+                                tuple(keep), 0, False))
+    rank, kept, dropped = whole_rank(triangle, count, scale, names=names)
+    norms = np.linalg.norm(triangle[:, :count] * scale[:count], axis=0)
     blind = norms <= RANK_TOLERANCE * max(float(norms.max(initial=0.0)), 1e-300)
     return (len(kept), len(names), tuple(names[c] for c in range(count) if blind[c]),
             tuple(names[c] for c in dropped if c >= count or not blind[c]), lost,

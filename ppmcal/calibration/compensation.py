@@ -52,9 +52,10 @@ class Knowledge:
     """What an identification knows beyond the model file.
 
     ``names`` (C,) columns and ``covariance`` (C, C) as in
-    :class:`ppmcal.calibration.summary.Identification`; ``volume``: coordinate -> (low, high) of the
-    poses that were measured, base frame, SI. ``pivots``: the points about which the fitted
-    frames are turned, by data set (3,). ``before``: where the instrument stands if the
+    :class:`ppmcal.calibration.summary.Identification`, and behind them the parameters that
+    it held though they may be off, which the others err with; ``volume``: coordinate -> (low,
+    high) of the poses that were measured, base frame, SI. ``pivots``: the points about which the
+    fitted frames are turned, by data set (3,). ``before``: where the instrument stands if the
     nominal geometry is believed, by data set: the frame of the uncorrected commands.
     ``unexplained``: rms of what neither model nor noise explained, m and rad; ``doubtful``:
     stretches of a joint's travel that the model misses.
@@ -73,7 +74,11 @@ class Knowledge:
         """Return what an identification knows, as its identification.json would tell it."""
         problem = found.fit.problem
         left = found.unexplained
-        return cls(tuple(found.columns), found.covariance, found.measured_volume,
+        kept = found.considered
+        names, covariance = tuple(found.columns), found.covariance
+        if kept is not None:
+            names, covariance = (*names, *kept.names), kept.beside(covariance)
+        return cls(names, covariance, found.measured_volume,
                    {d.name: o.about for d, o in zip(problem.datasets, problem.opens, strict=True)},
                    found.before_registrations,
                    (float(left.get("position", 0.0)), float(left.get("rotation", 0.0))),

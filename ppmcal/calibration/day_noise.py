@@ -14,9 +14,10 @@ from functools import partial
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.noise import (
     ENOUGH_REPEATS,
+    FAILED_NOISE,
     LARGER,
     Noise,
     noise_check,
@@ -24,6 +25,7 @@ from ppmcal.calibration.noise import (
     typical_noise,
     with_estimated_noise,
 )
+from ppmcal.calibration.outliers import distances
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.registration_freedoms import OPEN, OPENED, opened
 from ppmcal.calibration.secondary import secondary
@@ -50,7 +52,8 @@ class DayNoise:
         factor: over the stated one.
         sigma: of a typical value or position, m; nan where neither was measured.
         source: ``stated``; ``residuals`` of a fit to that day alone, or its ``repeats``.
-        unlike: rows that such a fit of the first machine leaves out.
+        unlike: rows that such a fit of the first machine leaves out, and of which noise alone
+            would name any once in a thousand days.
     """
 
     factor: float
@@ -89,9 +92,15 @@ def _own_fit(machine: Mechanism, data: Dataset) -> tuple[Fit, float] | None:
 
 
 def _unlike(fit: Fit, data: Dataset) -> tuple[UnlikeRow, ...]:
-    """Return the rows that a day's own fit leaves out, as `identify` would, worst first."""
+    """Return the rows that a day's own fit leaves out, as a failed check would, worst first.
+
+    `identify` leaves out more: a fit is safer without a doubtful row, a day is not in doubt for it.
+    """
+    out, keep = fit.outliers[0], fit.keep[0]
+    away = distances(fit.problem, fit.state, prediction_covariance(fit), fit.keep)
+    failed = away.p_values(fit.noise_factor)[0] * int((keep | out).sum()) < FAILED_NOISE
     found = [UnlikeRow(int(data.rows[n]), fit.times[0][n])
-             for n in np.flatnonzero(fit.outliers[0]).tolist() if n in fit.times[0]]
+             for n in np.flatnonzero(out & failed).tolist() if n in fit.times[0]]
     return tuple(sorted(found, key=lambda r: -r.times))
 
 

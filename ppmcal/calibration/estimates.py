@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ppmcal.calibration.coverage import Z95, half_or
 from ppmcal.calibration.disagreement import Disagreement
+from ppmcal.calibration.far_from_nominal import expected_errors, farthest
 from ppmcal.calibration.fit import Fit, posterior
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
 from ppmcal.calibration.problem import Problem, State
@@ -17,9 +18,14 @@ from ppmcal.calibration.rank import Rank
 from ppmcal.linalg import Array, svd
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.units import Units
 
 IMPLAUSIBLE = 8.0
-"""A finding: a parameter that ends so many tolerances from its nominal value."""
+"""No machine is so many tolerances from its nominal values."""
+FAR = "farther from nominal than tolerances allow"
+"""What is said of such parameters."""
+SHOWN = 3
+"""So many are told, the farthest first."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +35,13 @@ class Estimate:
     ``nominal`` is nan where there is none: what a fitted effect's stiffness, period or time
     constant began at is only a start.
 
-    ``sigma``: by the noise of rows alone, prior included; ``by_noise``: half of the 95 % interval
-    by noise of which the size is not known exactly, None: 1.96 sigma; ``half``: the
+    ``sigma``: by the noise of rows, prior and held parameters included; ``by_noise``: half of the
+    95 % interval by noise of which the size is not known exactly, None: 1.96 sigma; ``half``: the
     same with what sessions differ by, None where only noise is known of; ``by_session``: label,
     value, sigma and half of the 95 % interval of each session's own fit; ``p_value`` of these
-    being one value, and whether they ``disagree``.
+    being one value, and whether they ``disagree``. ``expected``: the error (one sigma) that such
+    data find in machines within their tolerances, None without a tolerance; ``far``: whether it is
+    farther from nominal than that allows.
     """
 
     name: str
@@ -50,6 +58,8 @@ class Estimate:
     by_session: tuple[tuple[str, float, float, float], ...] = ()
     p_value: float | None = None
     disagree: bool = False
+    expected: float | None = None
+    far: bool = False
 
     @property
     def error(self) -> float:
@@ -74,7 +84,8 @@ class Estimate:
 
 
 def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
-              by_noise: Array | None = None) -> tuple[Estimate, ...]:
+              by_noise: Array | None = None, held: Array | None = None
+              ) -> tuple[Estimate, ...]:
     """Return all parameters of the machine with their uncertainties.
 
     Args:
@@ -82,8 +93,13 @@ def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
         rank: of its columns.
         wider: what sessions or stretches of rows disagree about.
         by_noise: half of the 95 % interval of each column by noise alone (C,), if not 1.96 sigma.
+        held: what parameters that were held, though they may be off, add to the columns'
+            variances (C,).
     """
-    variance = np.diagonal(posterior(fit))
+    variance, more = np.diagonal(posterior(fit)), 0.0 if held is None else held
+    variance = variance + more
+    if by_noise is not None:
+        by_noise = np.hypot(by_noise, Z95 * np.sqrt(more))
     data_sigma = from_data_alone(fit, rank)
     column = {p: c for c, p in enumerate(fit.problem.free)}
     out = []
@@ -103,7 +119,23 @@ def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
             out[-1] = replace(out[-1], by_noise=float(by_noise[c]))
         if c is not None and wider is not None and sigma is not None:
             out[-1] = replace(out[-1], **_by_session(out[-1], wider, c))
-    return tuple(out)
+    return _judged(out, dict(zip(fit.problem.free, expected_errors(fit).tolist(), strict=True)))
+
+
+def _judged(found: Sequence[Estimate], expected: Mapping[int, float]) -> tuple[Estimate, ...]:
+    """Return the estimates with whether they are far from nominal; ``expected``: by parameter.
+
+    How far sessions differ adds to what noise makes.
+    """
+    out = list(found)
+    for p, sigma in expected.items():
+        e = out[p]
+        if e.sigma is not None and e.tolerance and np.isfinite([e.tolerance, e.error]).all():
+            more = max((e.carried or 0.0) ** 2 - e.sigma**2, 0.0)
+            out[p] = replace(e, expected=float(np.sqrt(sigma**2 + more)))
+    limit = farthest(sum(e.expected is not None for e in out))
+    return tuple(e if e.expected is None else replace(e, far=abs(e.error) > limit * e.expected)
+                 for e in out)
 
 
 def _by_session(estimate: Estimate, wider: Disagreement, column: int) -> dict[str, Any]:
@@ -120,14 +152,14 @@ def _by_session(estimate: Estimate, wider: Disagreement, column: int) -> dict[st
 
 
 def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
-    """Return the standard deviation of each identified column without its own prior, SI.
+    """Return the standard deviation of each identified column without its tolerance, SI.
 
     Redundant parameters must be held somehow: by their tolerance, or, where they have none,
     at their value.
     """
     held = [c for c in rank.dropped if fit.prior[c] == 0.0]
     used = [c for c in range(fit.scale.size) if c not in held]
-    prior = np.zeros(fit.scale.size)
+    prior = fit.stated
     prior[list(rank.dropped)] = fit.prior[list(rank.dropped)]
     matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(prior * fit.scale)])
     _, s, vt = svd(matrix[:, used])
@@ -156,13 +188,22 @@ def registered(problem: Problem, state: State) -> dict[str, Registration]:
     return out
 
 
-def far_from_nominal(found: Sequence[Estimate]) -> str:
-    """Return the parameters that end so far from nominal that something is wrong, in words."""
-    far = sorted((-abs(e.error) / e.tolerance, e.name) for e in found
-                 if e.status == "identified" and e.tolerance and np.isfinite(e.tolerance)
-                 and np.isfinite(e.error))
-    if not far or -far[0][0] <= IMPLAUSIBLE:
+def far_from_nominal(found: Sequence[Estimate], units: Units) -> str:
+    """Return in words the parameters that end farther from nominal than tolerances allow."""
+    far = sorted((e for e in found if e.far), key=lambda e: -abs(e.error) / (e.tolerance or 1.0))
+    if not far:
         return ""
-    words = ", ".join(f"{name} by {-times:.0f}" for times, name in far[:3])
-    return (f"more than {IMPLAUSIBLE:.0f} tolerances from nominal: {words}; the nominal "
-            "values, the units or the data are wrong there")
+    words = ", ".join(_times(e, units) for e in far[:SHOWN])
+    more = f" and {len(far) - SHOWN} more (parameters.csv)" * (len(far) > SHOWN)
+    return (f"{FAR}: {words}{more}; the nominal values, the "
+            "tolerances, the units or the data are wrong there")
+
+
+def _times(e: Estimate, units: Units) -> str:
+    """Return ``leg1.offset by 4.8 times its tolerance of 0.2 mm``, and what data would show."""
+    factor, tolerance = units.factor(e.quantity), e.tolerance or np.nan
+    unit = units.name(e.quantity) + "/unit" * e.per_unit
+    times = abs(e.error) / tolerance
+    weak = "" if e.expected is None or times > farthest(1) else (
+        f", of which these data would show {e.expected / factor:.2g}")
+    return f"{e.name} by {times:.2g} times its tolerance of {tolerance / factor:.4g} {unit}{weak}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, QRFactor
+from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, QRFactor, to_prior
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, finite_rows, svd
 
@@ -81,6 +81,16 @@ class Fit:
                 "and it was still moving")
 
     @property
+    def stated(self) -> Array:
+        """The prior's weights (C,) that files of measurements state, 0 for the tolerances."""
+        return np.where(np.arange(self.prior.size) < len(self.problem.free), 0.0, self.prior)
+
+    @property
+    def by_tolerances(self) -> bool:
+        """Whether tolerances of parameters count."""
+        return bool(self.prior[:len(self.problem.free)].any())
+
+    @property
     def outliers(self) -> list[Bools]:
         """Which rows with a pose were left out as outliers, by data set (N,)."""
         out = []
@@ -89,6 +99,17 @@ class Fit:
             mask[[n for n, reason in reasons.items() if reason.startswith(OUTLIER)]] = True
             out.append(mask & finite_rows(pose) & ~keep)
         return out
+
+
+def data_rows(fit: Fit) -> tuple[Array, Array]:
+    """Return what files say at the end of a fit as rows |matrix s - right|^2 (k, C), (k,), SI.
+
+    What was measured, and what files say of their own scales: all but the tolerances.
+    """
+    weight = fit.stated
+    rows = np.flatnonzero(weight)
+    return (np.concatenate([fit.reduced.triangle, np.diag(weight)[rows]]),
+            np.concatenate([fit.reduced.right, (weight * to_prior(fit.problem, fit.state))[rows]]))
 
 
 def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bools]:

@@ -20,7 +20,7 @@ from ppmcal import linalg
 from ppmcal.calibration.coverage import LEAST
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.intervals import spatial_blocks
-from ppmcal.calibration.least_squares import column_scale, prior_weights
+from ppmcal.calibration.least_squares import column_scale, prior_weights, to_prior
 from ppmcal.calibration.noise import with_estimated_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.registration_freedoms import WORTH
@@ -146,8 +146,7 @@ def freedom_choice(fit: Fit, levels: Sequence[Sequence[int]], usual: int
     if len(rows) < FEWEST:
         return None
     unit, count, size = column_scale(wide), len(order), len(wide.columns)
-    away = np.zeros(size)
-    away[:count] = (machine.nominals[order] - fit.state.g[order]) / unit[:count]
+    away = to_prior(wide, fit.state) / unit
     ends = np.cumsum([len(level) for level in levels])
     square = np.stack([_left_out(rows, prior_weights(wide, "prior") * unit, away,
                                  np.r_[:end, count:size], count) for end in ends])

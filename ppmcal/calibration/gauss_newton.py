@@ -20,6 +20,7 @@ from ppmcal.calibration.least_squares import (
     normal_step,
     qr_factor,
     summed_step,
+    to_prior,
 )
 from ppmcal.calibration.normal_equations import normal_sums, row_squares
 from ppmcal.calibration.problem import Problem, State
@@ -235,6 +236,4 @@ def cost(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
 
 def prior_square(problem: Problem, state: State, prior: Array) -> float:
     """Return the prior's part of chi-squared."""
-    free = list(problem.free)
-    away = (state.g[free] - problem.mechanism.nominals[free]) * prior[:len(free)]
-    return float(np.sum(away**2))
+    return float(np.sum((prior * to_prior(problem, state)) ** 2))

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.least_squares import parameter_scale
+from ppmcal.calibration.least_squares import parameter_scale, prior_weights
 from ppmcal.calibration.outliers import Distances, distances
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools
@@ -23,15 +23,22 @@ MOST_GROSS = 1.0 / 3.0
 def explained_distances(problem: Problem, state: State) -> Distances:
     """Return every row's distance from the machine, freed of what the tolerances explain."""
     problem = toleranced(problem)
-    scale = np.zeros(len(problem.columns))
+    weight = prior_weights(problem, "prior")
+    # frames and targets are where they are; how far a scale may be off its file says
+    scale = np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), 0.0)
     scale[:len(problem.free)] = parameter_scale(problem)
     nobody = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
     return distances(problem, state, np.diag(scale**2), nobody)
 
 
-def toleranced(problem: Problem) -> Problem:
-    """Return the problem with every parameter free that has a tolerance: all that may be wrong."""
-    own = {i for i, p in enumerate(problem.mechanism.parameters) if p.prior_sigma and not p.fixed}
+def toleranced(problem: Problem, fixed: bool = False) -> Problem:
+    """Return the problem with every parameter free that has a tolerance: all that may be wrong.
+
+    ``fixed``: also those that the file holds. What a fit may change is the user's choice, and says
+    nothing of what is off in the machine.
+    """
+    own = {i for i, p in enumerate(problem.mechanism.parameters)
+           if p.prior_sigma and (fixed or not p.fixed)}
     return replace(problem, free=tuple(sorted(own | set(problem.free))))
 
 

@@ -15,6 +15,7 @@ from scipy.special import chdtrc
 from ppmcal import linalg
 from ppmcal.calibration.coverage import coverage_of, variances
 from ppmcal.calibration.fit import Fit, values_fitted
+from ppmcal.calibration.least_squares import to_prior
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.linalg import Array, Bools, Ints, subsample
@@ -113,12 +114,8 @@ def _shift(fit: Fit, keep: Sequence[Bools], rows: Ints) -> tuple[Array | None, A
     """
     size = len(fit.problem.columns)
     k = len(fit.problem.mechanism.actuators)
-    prior = np.zeros(size)
-    free = list(fit.problem.free)
-    away = fit.state.g[free] - fit.problem.mechanism.nominals[free]
-    prior[:len(free)] = fit.prior[:len(free)]
-    held, pull = np.diag(prior**2), np.zeros(size)
-    pull[:len(free)] = -prior[:len(free)] ** 2 * away
+    prior, free = fit.prior, list(fit.problem.free)
+    held, pull = np.diag(prior**2), prior**2 * to_prior(fit.problem, fit.state)
     seen, moved = np.zeros((size, size)), np.zeros(size)
     cross, own, other = np.zeros((size, k)), np.zeros((k, k)), np.zeros(k)
     square, count = 0.0, 0

@@ -143,7 +143,7 @@ def _scale(fit: Fit, times: float) -> Scale | None:
     return Scale(
         length,
         _prediction_sigma(fit, slope, fit.prior),
-        _prediction_sigma(fit, slope, 0.0 * fit.prior),
+        _prediction_sigma(fit, slope, fit.stated),
         times,
     )
 
@@ -196,7 +196,7 @@ def _collinear(fit: Fit) -> Iterator[CollinearParameters]:
     after = posterior(fit)[:count, :count] / np.outer(scale, scale)
     if not np.isfinite(after).all():
         return
-    s, vt, seen = directions(fit, WEAK * fit.prior)
+    s, vt, seen = directions(fit, fit.stated + WEAK * (fit.prior - fit.stated))
     half = vt[seen][:, :count].T / s[seen]
     weight = np.where(fit.prior[:count] > 0.0, fit.prior[:count] * scale, 1.0)
     kinds = kinds_of(fit.problem.mechanism, fit.problem.free)

@@ -260,14 +260,13 @@ def _flat_columns(problem: Problem, state: State, keep: Sequence[Bools], scale: 
 
 def _cross_validated(fit: Fit, options: FitOptions) -> Fit:
     """Refit with the prior scale that generalised cross-validation chooses."""
-    base = fit.prior
-    scale = 1.0
+    base, scale = fit.prior, 1.0
     for _ in range(5):
         new = gcv_scale(fit, base)
         done = abs(np.log(new / scale)) < 0.05
         scale = new
-        fit = fit_rows(fit.problem, fit.state, fit.keep, fit.reasons, base / scale, options,
-                   scale)
+        fit = fit_rows(fit.problem, fit.state, fit.keep, fit.reasons,
+                       prior_weights(fit.problem, options.method, scale), options, scale)
         if done:
             break
     return fit

@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 
 from ppmcal import linalg
 from ppmcal.calibration.coverage import LEAST
-from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.fit import Fit, FitOptions, data_rows
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
 from ppmcal.calibration.noise import LARGER, noise_state
@@ -37,7 +37,8 @@ def fitted_together(old: Fit, new: Fit, known: tuple[Posterior, Posterior], opti
         old: fit of the older session, the machine's parameters free that both are to have.
         new: of the newer one with the same free, each to its own rows.
         known: the two calibrations: their inputs, files, and noise where rows are few.
-        options: method of the fit to all rows; the rows are those that ``old`` and ``new`` kept.
+        options: method of the fit to all rows; the rows are those that ``old`` and ``new`` kept,
+            and what they left out counts as in :mod:`session_knowledge`.
 
     Raises:
         NoResult: the fit to all rows did not converge.
@@ -54,8 +55,8 @@ def fitted_together(old: Fit, new: Fit, known: tuple[Posterior, Posterior], opti
     if not joint.converged:
         raise NoResult(f"one fit to the rows of both: {joint.reached}", mechanism.source)
     count = len(sides[0])
-    first, second = (_of_session(joint, tuple(own), part, one, options) for own, part, one in zip(
-        sides, (slice(0, count), slice(count, None)), known, strict=True))
+    first, second = (_of_session(joint, own, part, one, options) for own, part, one in zip(
+        (old, new), (slice(0, count), slice(count, None)), known, strict=True))
     return first, second
 
 
@@ -70,26 +71,32 @@ def _labelled(datasets: Sequence[Dataset], label: str) -> list[Dataset]:
     return out
 
 
-def _of_session(joint: Fit, datasets: tuple[Dataset, ...], part: slice, known: Posterior,
-                options: FitOptions) -> Posterior:
+def _of_session(joint: Fit, own: Fit, part: slice, known: Posterior, options: FitOptions
+                ) -> Posterior:
     """Return what one session's rows know, at the minimum of them and the tolerances."""
     whole = joint.problem
-    problem = Problem(whole.mechanism, datasets, whole.free,
+    problem = Problem(whole.mechanism, own.problem.datasets, whole.free,
                       tuple(o.about for o in whole.opens[part]))
-    state = State(joint.state.g, joint.state.registrations[part], joint.state.poses[part])
-    keep = joint.keep[part]
-    prior = prior_weights(problem, options.method) / joint.prior_scale
-    fit = Fit(problem, state, qr_factor(problem, state, keep), prior, column_scale(problem), keep,
-              0, True)
+    poses, keep = [], []
+    for pose, kept, there, used in zip(own.state.poses, own.keep, joint.state.poses[part],
+                                       joint.keep[part], strict=True):
+        poses.append(pose.copy())
+        poses[-1][kept] = there
+        keep.append(kept.copy())
+        keep[-1][kept] = used
+    state = State(joint.state.g, joint.state.registrations[part], tuple(poses))
+    prior = prior_weights(problem, options.method, joint.prior_scale)
+    fit = Fit(problem, state, qr_factor(problem, state, keep), prior, column_scale(problem),
+              tuple(keep), 0, True, own.noise_factor, reasons=own.reasons)
     free = list(problem.free)
     session, scale = session_knowledge(fit), fit.scale[:len(free)]
-    matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, len(free), scale)
+    matrix, right = of_data(*data_rows(fit), len(free), scale)
     inflation = _inflation(session, known)
-    value, own = state.g[free], prior[:len(free)]
-    away = np.where(own > 0.0, whole.mechanism.nominals[free] - value, 0.0)
-    step = _to_minimum(matrix / inflation, right / inflation, own, away, scale)
+    value, held = state.g[free], prior[:len(free)]
+    away = np.where(held > 0.0, whole.mechanism.nominals[free] - value, 0.0)
+    step = _to_minimum(matrix / inflation, right / inflation, held, away, scale)
     with np.errstate(divide="ignore"):
-        tolerance = 1.0 / own
+        tolerance = 1.0 / held
     return replace(known, places=problem.free, value=value, matrix=matrix, right=right,
                    tolerance=tolerance, scale=scale, inflation=inflation, session=session,
                    step=step)

@@ -39,14 +39,22 @@ class QRFactor:
     count: int
 
 
-def prior_weights(problem: Problem, method: str) -> Array:
-    """Return 1/tau per column (C,), 0 where there is no prior."""
+def prior_weights(problem: Problem, method: str, factor: float = 1.0) -> Array:
+    """Return 1/sigma of each column's prior (C,), SI, 0 where there is none.
+
+    The tolerances of parameters, times ``factor``; and what files say of their own scales, which
+    is as good as measured: without the tolerances it counts all the same, and no method chooses
+    it. The damped scheme has neither.
+    """
     weights = np.zeros(len(problem.columns))
-    if method in ("flat", "damped"):
+    if method == "damped":
         return weights
     for c, p in enumerate(problem.free):
         tau = problem.mechanism.parameters[p].prior_sigma
-        weights[c] = 1.0 / tau if tau else 0.0
+        weights[c] = 1.0 / (factor * tau) if tau and method != "flat" else 0.0
+    for data, opened in zip(problem.datasets, problem.opens, strict=True):
+        if data.scale.sigma is not None:
+            weights[opened.scale] = 1.0 / data.scale.sigma
     return weights
 
 
@@ -205,15 +213,21 @@ def summed_step(problem: Problem, state: State, sums: NormalSums, prior: Array) 
     scale = column_scale(problem)
     matrix = sums.matrix * (scale[:, None] * scale)
     matrix[np.diag_indices_from(matrix)] += (prior * scale) ** 2
-    gradient = scale * (sums.gradient + prior**2 * _away(problem, state))
+    gradient = scale * (sums.gradient + prior**2 * to_prior(problem, state))
     return SummedStep(matrix, gradient, scale)
 
 
-def _away(problem: Problem, state: State) -> Array:
-    """Return how far each column's value is from nominal (C,), 0 for open ones."""
+def to_prior(problem: Problem, state: State) -> Array:
+    """Return the step of each column to the middle of its prior (C,), SI, 0 where it has none.
+
+    Of parameters to their nominals, of scales to what their files say.
+    """
     free = list(problem.free)
     away = np.zeros(len(problem.columns))
     away[:len(free)] = problem.mechanism.nominals[free] - state.g[free]
+    for data, opened, at in zip(problem.datasets, problem.opens, state.registrations, strict=True):
+        if data.scale.sigma is not None:
+            away[opened.scale] = float(data.scale.value[0]) - at.scale
     return away
 
 
@@ -224,10 +238,10 @@ def normal_step(problem: Problem, state: State, reduced: QRFactor, prior: Array)
         problem: the machine and its C columns.
         state: where the rows were linearised.
         reduced: all rows as one triangle.
-        prior: weight of each column's distance from its nominal value (C,), 1/tau, SI.
+        prior: weight of each column's distance from the middle of its prior (C,), 1/sigma, SI.
     """
     scale = column_scale(problem)
     matrix = np.concatenate([reduced.triangle * scale, np.diag(prior * scale)])
     u, s, vt = svd(matrix)
-    right = u.T @ np.concatenate([reduced.right, prior * _away(problem, state)])
+    right = u.T @ np.concatenate([reduced.right, prior * to_prior(problem, state)])
     return NormalStep(s, right, vt, scale)

@@ -40,7 +40,7 @@ class Misread(NoResult):
         """Return the refusal that names the mistakes and the lines that mend them."""
         several = len({m.source for m in found}) > 1
         what = "; ".join(f"{m.source}: " * several + misreading_sentence(m, units) for m in found)
-        error = cls(what, ", ".join(m.source for m in found), mend_of(found))
+        error = cls(what, ", ".join(dict.fromkeys(m.source for m in found)), mend_of(found))
         error.found, error.units = tuple(found), units
         return error
 

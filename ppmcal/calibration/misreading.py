@@ -135,7 +135,7 @@ def _misfit(problem: Problem) -> Misfit:
         state = few.start()
     except BadInput:
         nothing = Trial(np.inf, np.nan, np.nan, np.inf)
-        found = _sure(problem, nothing) or _other_zeros(problem)
+        found = _sure(_misreadings(problem, nothing)) or _other_zeros(problem)
         if not found:
             raise
         return Misfit(np.inf, np.nan, np.nan, np.nan, np.nan, 0, 0, found)
@@ -149,13 +149,17 @@ def _misfit(problem: Problem) -> Misfit:
     found = ()
     if times > DOUBTED or lost > LOST * rows:
         # a reading that explains everything needs no fit of what is read wrongly, which is slow
-        found = _sure(problem, Trial(times, position, rotation, np.inf))
+        likely = _misreadings(problem, Trial(times, position, rotation, np.inf))
+        found = _sure(likely)
         if not found:
             before = distances(few, state).times(keep)
             after = distances(few, _after_trial(few, state, keep)).times(keep)
             found = _other_zeros(problem) if after > TELLING else ()
             if not found and any(True for _ in right_parts(problem)):
                 before = after = float("nan")
+            elif not found and after > max(FAR_FROM_NOISE, HARDLY_LESS * before):
+                # what no geometry explains and a reading does, but for an effect of some size
+                found = tuple(m for m in likely if m.noise_after <= FAR_FROM_NOISE)
     return Misfit(times, position, rotation, before, after, lost, rows, found, gross)
 
 
@@ -231,9 +235,9 @@ def refuse_small_misreading(fit: Fit) -> None:
         raise Misread.of(found, fit.problem.mechanism.units)
 
 
-def _sure(problem: Problem, whole: Trial) -> tuple[Misreading, ...]:
+def _sure(readings: Sequence[Misreading]) -> tuple[Misreading, ...]:
     """Return the readings with which the data sets come to the noise."""
-    return tuple(m for m in _misreadings(problem, whole) if m.noise_after <= TELLING)
+    return tuple(m for m in readings if m.noise_after <= TELLING)
 
 
 def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:

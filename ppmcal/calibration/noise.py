@@ -20,7 +20,7 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.calibration.gauss_newton import least_squares, prior_square
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, qr_factor
+from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, prior_weights, qr_factor
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
 from ppmcal.linalg import Array, Bools, svd
@@ -144,14 +144,14 @@ def with_noise(fit: Fit, factor: float, options: FitOptions) -> Fit:
     noisier = replace(fit.problem, datasets=datasets,
                       pivots=tuple(o.about for o in fit.problem.opens))
     chosen = options.method == "gcv"
+    wider = fit.prior_scale * (factor if chosen else 1.0)
     state, converged = fit.state, fit.converged
     if fit.prior.any() and not chosen:
         found = least_squares(noisier, state, fit.keep, fit.prior, options.most)
         state, converged = found.state, found.converged
     return replace(fit, state=state, reduced=qr_factor(noisier, state, fit.keep),
-                   prior=fit.prior / factor if chosen else fit.prior, noise=factor * fit.noise,
-                   prior_scale=fit.prior_scale * (factor if chosen else 1.0),
-                   converged=converged)
+                   prior=prior_weights(noisier, options.method, wider) if chosen else fit.prior,
+                   noise=factor * fit.noise, prior_scale=wider, converged=converged)
 
 
 def _scaled(datasets: Sequence[Dataset], factor: Array) -> tuple[Dataset, ...]:
@@ -168,6 +168,18 @@ OVERSTATED = 0.5
 
 LARGER, SMALLER, AGREES = "larger", "smaller", "agrees"
 """What residuals may be against the stated noise."""
+
+
+STATED, ESTIMATED = "stated", "estimated"
+
+
+def noise_source(datasets: Sequence[Dataset]) -> str:
+    """Return where the noise of data sets is from: ``stated``, ``estimated``, or both in words.
+
+    It is estimated where the sidecar says so: what stands there nobody has stated.
+    """
+    kinds = {d.estimated for d in datasets}
+    return f"{STATED} or {ESTIMATED}" if len(kinds) > 1 else ESTIMATED if True in kinds else STATED
 
 
 def noise_state(ratio: float | None, p: float | None) -> str:
@@ -195,7 +207,8 @@ class Noise:
     machine can explain; ``chi2_p``: chance of a larger one; ``prior_chi2``, ``prior_degrees``,
     ``prior_p``: the same of the errors that were found against tolerances and noise;
     ``repeat_ratio``: scatter of repeats over stated noise, None without repeats; ``by_dataset``:
-    ``sigma_ratio`` of each data set that has redundancy enough.
+    ``sigma_ratio`` of each data set that has redundancy enough; ``source``: as
+    :func:`noise_source`.
     """
 
     sigma_ratio: float
@@ -208,6 +221,7 @@ class Noise:
     prior_chi2: float = 0.0
     prior_degrees: float = 0.0
     prior_p: float = float("nan")
+    source: str = STATED
 
     @property
     def state(self) -> str:
@@ -308,7 +322,7 @@ def noise_check(fit: Fit) -> Noise:
     own = {d.name: float(r) for d, r in zip(fit.problem.datasets, each, strict=True)
            if np.isfinite(r)}
     return Noise(ratio, chi2, degrees, _chance(chi2, degrees), repeat, repeat_degrees, own, prior,
-                 prior_degrees, _chance(prior, prior_degrees))
+                 prior_degrees, _chance(prior, prior_degrees), noise_source(fit.problem.datasets))
 
 
 def _repeated(groups: NDArray[np.int64], keep: Bools) -> Bools:

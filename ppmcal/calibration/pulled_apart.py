@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 from ppmcal.calibration.coverage import LEAST, coverage_by
 from ppmcal.calibration.disagreement import SURE
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
+from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, to_prior
 from ppmcal.calibration.noise import KNOWN, typical_noise
 from ppmcal.linalg import Array, Bools, svd
 from ppmcal.model.dataset import Dataset
@@ -201,10 +201,7 @@ def _alone(rows: Array, fit: Fit) -> tuple[Array, Array]:
     """Return what white rows and tolerances say of the parameters: steps and sigma (F,), SI."""
     count = len(fit.problem.free)
     held = fit.prior * fit.scale
-    machine = fit.problem.mechanism
-    away = np.zeros(held.size)
-    places = list(fit.problem.free)
-    away[:count] = (machine.nominals[places] - fit.state.g[places]) / fit.scale[:count]
+    away = to_prior(fit.problem, fit.state) / fit.scale
     u, s, vt = svd(np.concatenate([rows[:, :-1], np.diag(held)]))
     seen = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
     spread = vt[seen].T / s[seen]

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ppmcal.calibration.gross_rows import toleranced
 from ppmcal.calibration.mistakes import Mistake, mistakes, other_sigma, read_block
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
@@ -77,15 +78,6 @@ class Misreading:
 
 
 Judge = Callable[[Problem, float], Trial]
-
-
-def with_all_tolerances(problem: Problem) -> Problem:
-    """Return the problem with every parameter free that has a tolerance, also what is fixed.
-
-    What a fit may change is the user's choice, and says nothing of what is off in the machine.
-    """
-    own = {i for i, p in enumerate(problem.mechanism.parameters) if p.prior_sigma}
-    return replace(problem, free=tuple(sorted(own | set(problem.free))))
 
 
 def find_misreading(problem: Problem, index: int, as_read: Trial, judge: Judge
@@ -212,7 +204,7 @@ def other_registrations(problem: Problem, index: int) -> Iterator[Way]:
 def _registrations(alone: Problem, judge: Judge) -> Iterator[Way]:
     """Yield :func:`other_registrations` of a file that tolerances do not explain as it is read."""
     with suppress(PpmcalError):
-        if judge(with_all_tolerances(alone), 0.0).times <= WITHIN:
+        if judge(toleranced(alone, fixed=True), 0.0).times <= WITHIN:
             return
     yield from other_registrations(alone, 0)
 

@@ -17,6 +17,7 @@ from scipy.special import chdtrc
 
 from ppmcal.calibration.fit import Fit, values_fitted
 from ppmcal.calibration.gauss_newton import least_squares, linearised, prior_square
+from ppmcal.calibration.least_squares import prior_weights
 from ppmcal.calibration.observation import SCALARS, coordinates
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -169,8 +170,8 @@ def _with_outliers(fit: Fit) -> list[Bools]:
 
 
 def _padded(problem: Problem, fit: Fit) -> Array:
-    prior = np.zeros(len(problem.columns))
-    count = len(problem.free)
+    """Return the fit's prior of the columns (C,) of a problem with more open."""
+    prior, count = prior_weights(problem, "prior"), len(problem.free)
     prior[:count] = fit.prior[:count]
     return prior
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.gauss_newton import least_squares, prior_square
+from ppmcal.calibration.least_squares import prior_weights
 from ppmcal.calibration.outliers import HUBER, distances, huber_weights
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -45,7 +46,7 @@ def opened_in_turn(problem: Problem, state: State, keep: Sequence[Bools], robust
         def weigh(at: State, narrow: Problem = narrow) -> Sequence[Array]:
             return huber_weights(narrow, at, keep)
 
-        found = least_squares(narrow, found, keep, np.zeros(len(narrow.columns)), ITERATIONS,
+        found = least_squares(narrow, found, keep, prior_weights(narrow, "prior"), ITERATIONS,
                               weigh if robust else None, rough=True).state
     return None if found is None else found.registrations
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.least_squares import to_prior
 from ppmcal.calibration.normal_equations import white_blocks
 from ppmcal.linalg import Array, Bools
 
@@ -64,9 +65,7 @@ def clusters(fit: Fit, labels: Sequence[str], masks: Sequence[Sequence[Bools]]) 
                     own = block.rows[mine].reshape(-1, size + 1) * unit
                     sums[s] += own.T @ own
                     count[s] += float(block.values[mine].sum())
-    free = list(fit.problem.free)
-    away = np.zeros(size)
-    away[:len(free)] = fit.problem.mechanism.nominals[free] - fit.state.g[free]
+    away = to_prior(fit.problem, fit.state)
     return Clusters(tuple(labels), sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1], count,
                     fit.prior * fit.scale, away / fit.scale)
 

@@ -3,6 +3,11 @@
 Two sessions of one machine can differ in these although nothing in it has changed. At the end of
 a fit its rows get a column for each of them beside the parameters', and are reduced to a triangle
 again; what no column explains is the noise, or what the model misses, row by row.
+
+Rows that the fit left out as outliers take part (Huber's estimator): what they are off by beyond
+the bound at which rows are left out is cut to it. Which rows of a place that the model misses are
+left out is a matter of chance, and a session that happens to lose them knows no more of the
+machine; but a mistake of hundreds of sigma pulls no more than the worst row that could be right.
 """
 
 from __future__ import annotations
@@ -11,11 +16,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.gross_rows import rows_with_outliers
 from ppmcal.calibration.observation import SCALARS, coordinates
+from ppmcal.calibration.outliers import REJECT
 from ppmcal.calibration.posterior import ROUND_OFF, SessionKnowledge, Sight, of_data
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.response import Rows
@@ -43,22 +51,115 @@ LEVERAGE = 0.05
 """A row counts as if the fit had left it this part of its own error at least."""
 MOST = 600
 """Rows of which the rest is kept, evenly spread."""
+ROUNDS, SETTLED = 30, 1e-6
+"""Steps to the minimum of rows that are cut; the last one is of so little a chi-squared."""
 
 
 def session_knowledge(fit: Fit) -> SessionKnowledge:
     """Return what the data of a fit say beyond its parameters, white by the stated noise."""
     problem, free = _opened(fit.problem), len(fit.problem.free)
     columns = _columns(fit.problem, problem)
-    size = free + len(columns.names) + len(columns.gone) + 1
-    stack, count = np.zeros((0, size)), 0
-    for rows, block in _blocks(fit, problem, columns, fit.keep):
+    fit, cut, found = _with_left_out(fit, problem, columns)
+    scale, known = np.concatenate([fit.scale[:free], columns.scale]), free + len(columns.names)
+    degrees = found.degrees
+    few = fit.problem.earlier is None and (degrees < LEAST or found.count * known <= NUMBERS)
+    if few:
+        # so few that they stay as measured: another session's rows can be laid beside them
+        block = np.concatenate([b[rows.observed] for rows, b in
+                                _blocks(fit, problem, columns, cut, fit.keep)])
+        nuisance = range_basis(unit_columns(block[:, known:-1]), ROUND_OFF)
+        block = without_range(np.delete(block, np.s_[known:-1], axis=1), nuisance)
+        matrix, reduced = block[:, :-1], block[:, -1]
+    else:
+        matrix, reduced = of_data(found.triangle, found.right, known, scale)
+        # a row has no sign of its own, and would have another one on another processor
+        leading = np.take_along_axis(matrix, np.abs(matrix).argmax(axis=1)[:, None], axis=1)[:, 0]
+        sign = np.where(leading < 0.0, -1.0, 1.0)
+        matrix, reduced = matrix * sign[:, None], reduced * sign
+    noise = found.noise if degrees > 0 else 1.0
+    sights, spread = _sights(fit, problem, columns, cut, found.basis)
+    spread /= found.whole**2
+    return SessionKnowledge(columns.names, matrix, reduced, columns.scale, noise,
+                            float(np.sqrt(spread)) if degrees > 0 else 1.0, degrees, sights, few)
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """What rows are off by, beyond ``step`` (C,) of all columns, cut to where rows are left out.
+
+    ``factor``: of the noise over the stated one; ``total``: rows, 0 where none was left out: then
+    nothing is cut.
+    """
+
+    step: Array
+    factor: float
+    total: int
+
+    def residual(self, rows: Rows, block: Array) -> Array:
+        """Return the residual (n, m) of rows with their columns in a block (n, m, C + 1)."""
+        if not self.total:
+            return rows.residual
+        explained = block[..., :-1] @ self.step
+        rest = np.where(rows.observed, rows.residual - explained, 0.0)
+        values = np.maximum(rows.observed.sum(axis=1), 1.0)
+        bound = self.factor * np.sqrt(chdtri(values, REJECT / self.total))
+        times = (bound / np.maximum(np.linalg.norm(rest, axis=1), 1e-300))[:, None]
+        return np.where(times < 1.0, explained + times * rest, rows.residual)
+
+
+@dataclass(frozen=True)
+class _Reduced:
+    """All rows as |triangle s - right|^2 of all columns (C, C), (C,), and their minimum.
+
+    Attributes:
+        step: where it is (C,); ``basis`` (C, r): rows times it are of an orthonormal basis.
+        count, degrees: of values, and of what is left of them.
+        noise: over the stated one.
+        whole: the part of the values that was not cut: a cut one does not follow the step.
+    """
+
+    triangle: Array
+    right: Array
+    step: Array
+    basis: Array
+    count: int
+    degrees: float
+    noise: float
+    whole: float
+
+
+def _with_left_out(fit: Fit, problem: Problem, columns: _Columns) -> tuple[Fit, _Cut, _Reduced]:
+    """Return a fit with the rows that it left out as outliers, how they are cut, and all of them.
+
+    What is off by more than the bound is off from the minimum of what is cut: that is iterated.
+    """
+    total = 0
+    if any(o.any() for o in fit.outliers):
+        # a fit moves the poses of its own rows, not of those left out
+        fit = replace(fit, state=fit.problem.solve(fit.state), keep=tuple(rows_with_outliers(fit)))
+        total = sum(int(k.sum()) for k in fit.keep)
+    size = len(fit.problem.free) + len(columns.names) + len(columns.gone)
+    cut = _Cut(np.zeros(size), fit.noise_factor, total)
+    for _ in range(ROUNDS):
+        found = _reduced(fit, problem, columns, cut)
+        moved = found.triangle @ (found.step - cut.step)
+        cut = replace(cut, step=found.step)
+        if found.whole == 1.0 or float(moved @ moved) < SETTLED * found.degrees:
+            break
+    return fit, cut, found
+
+
+def _reduced(fit: Fit, problem: Problem, columns: _Columns, cut: _Cut) -> _Reduced:
+    stack, count, less = np.zeros((0, cut.step.size + 1)), 0, 0
+    for rows, block in _blocks(fit, problem, columns, cut, fit.keep):
         count += int(rows.observed.sum())
-        stack = linalg.triangle(np.concatenate([stack, block.reshape(-1, size)]))
+        less += int(rows.observed[(block[..., -1] != rows.residual).any(axis=1)].sum())
+        stack = linalg.triangle(np.concatenate([stack, block.reshape(-1, stack.shape[1])]))
     if fit.problem.earlier is not None:
         missed, slope = fit.problem.earlier.rows(fit.problem.mechanism, fit.problem.free,
                                                  fit.state.g)
-        block = np.zeros((missed.size, size))
-        block[:, :free], block[:, -1] = slope, missed
+        block = np.zeros((missed.size, stack.shape[1]))
+        block[:, :len(fit.problem.free)], block[:, -1] = slope, missed
         stack = linalg.triangle(np.concatenate([stack, block]))
         count += missed.size
     triangle, right = stack[:, :-1], stack[:, -1]
@@ -66,28 +167,12 @@ def session_knowledge(fit: Fit) -> SessionKnowledge:
     u, s, vt = svd(triangle / length)
     seen = s > ROUND_OFF * s.max(initial=1e-300)
     explained = u[:, seen].T @ right
-    scale, known = np.concatenate([fit.scale[:free], columns.scale]), free + len(columns.names)
-    degrees = float(count - int(seen.sum()))
-    few = fit.problem.earlier is None and (degrees < LEAST or count * known <= NUMBERS)
-    if few:
-        # so few that they stay as measured: another session's rows can be laid beside them
-        block = np.concatenate([b[rows.observed] for rows, b in
-                                _blocks(fit, problem, columns, fit.keep)])
-        nuisance = range_basis(unit_columns(block[:, known:-1]), ROUND_OFF)
-        block = without_range(np.delete(block, np.s_[known:size - 1], axis=1), nuisance)
-        matrix, reduced = block[:, :-1], block[:, -1]
-    else:
-        matrix, reduced = of_data(triangle, right, known, scale)
-        # a row has no sign of its own, and would have another one on another processor
-        leading = np.take_along_axis(matrix, np.abs(matrix).argmax(axis=1)[:, None], axis=1)[:, 0]
-        sign = np.where(leading < 0.0, -1.0, 1.0)
-        matrix, reduced = matrix * sign[:, None], reduced * sign
-    left = max(float(right @ right) - float(explained @ explained), 0.0)
-    noise = float(np.sqrt(left / degrees)) if degrees > 0 else 1.0
     basis = vt[seen].T / s[seen] / length[:, None]
-    sights, spread = _sights(fit, problem, columns, basis, basis @ explained)
-    return SessionKnowledge(columns.names, matrix, reduced, columns.scale, noise,
-                            float(np.sqrt(spread)) if degrees > 0 else 1.0, degrees, sights, few)
+    degrees = float(count - int(seen.sum()))
+    left = max(float(right @ right) - float(explained @ explained), 0.0)
+    whole = max(count - less, 1) / max(count, 1)
+    noise = float(np.sqrt(left / degrees)) / whole if degrees > 0 else 1.0
+    return _Reduced(triangle, right, basis @ explained, basis, count, degrees, noise, whole)
 
 
 def _opened(problem: Problem) -> Problem:
@@ -137,7 +222,7 @@ def _columns(own: Problem, problem: Problem) -> _Columns:
                     place)
 
 
-def _blocks(fit: Fit, problem: Problem, columns: _Columns, keep: Sequence[Bools]
+def _blocks(fit: Fit, problem: Problem, columns: _Columns, cut: _Cut, keep: Sequence[Bools]
             ) -> Iterator[tuple[Rows, Array]]:
     """Yield rows with their block (n, m, F + K + E + 1): parameters, candidates, gone, residual."""
     free = len(fit.problem.free)
@@ -158,7 +243,7 @@ def _blocks(fit: Fit, problem: Problem, columns: _Columns, keep: Sequence[Bools]
             for name, shape in zip(SHAPES, _shapes(rows, problem.mechanism.reach), strict=True):
                 block[..., at[f"shape.{name} of {data.name}"]] = _white(rows, shape)
         block[..., free + len(at):-1] = jacobian[..., list(columns.gone)]
-        block[..., -1] = rows.residual
+        block[..., -1] = cut.residual(rows, block)
         yield rows, block
 
 
@@ -181,7 +266,7 @@ def _shapes(rows: Rows, reach: float) -> list[Array]:
     return [v[:, None] / reach for v in (x**2 + y**2, x**2 - y**2, 2.0 * x * y)]
 
 
-def _sights(fit: Fit, problem: Problem, columns: _Columns, basis: Array, step: Array
+def _sights(fit: Fit, problem: Problem, columns: _Columns, cut: _Cut, basis: Array
             ) -> tuple[tuple[Sight, ...], float]:
     """Return what is left of some rows in base axes, and its spread in the columns' space.
 
@@ -189,8 +274,8 @@ def _sights(fit: Fit, problem: Problem, columns: _Columns, basis: Array, step: A
         fit: the fit.
         problem: with everything open.
         columns: of the blocks.
+        cut: with the step by which all columns explain the residual best.
         basis: (C, r): white rows (n, C) times it are rows of an orthonormal basis.
-        step: by which all columns explain the residual best (C,).
 
     What the model misses is alike in all coordinates of a pose, and in poses measured again, so
     that estimates scatter more than its size says: by the sum over poses of their scores' squares
@@ -199,9 +284,9 @@ def _sights(fit: Fit, problem: Problem, columns: _Columns, basis: Array, step: A
     found: list[list[tuple[Array, Array]]] = [[] for _ in problem.datasets]
     some = subsample(fit.keep, MOST)
     square = 0.0
-    for rows, block in _blocks(fit, problem, columns, some):
+    for rows, block in _blocks(fit, problem, columns, cut, some):
         data = problem.datasets[rows.dataset]
-        rest = np.where(rows.observed, block[..., -1] - block[..., :-1] @ step, 0.0)
+        rest = np.where(rows.observed, block[..., -1] - block[..., :-1] @ cut.step, 0.0)
         square += _scores(block[..., :-1] @ basis, rest, data.groups[rows.index])
         found[rows.dataset].append((data.q[rows.index], _raw(fit, rows, data, rest)))
     share = sum(int(k.sum()) for k in some) / max(1, sum(int(k.sum()) for k in fit.keep))

@@ -46,22 +46,23 @@ def stale(data: Dataset, mechanism: Mechanism) -> tuple[Bools, tuple[Mistake, ..
     # by the file: joint values that stay are what makes rows of one pose otherwise
     labels = data.groups if data.labels is None else data.labels
     same_group = np.append(False, np.diff(labels) == 0)
-    moved = _moved(joint_step)
+    moved = _moved(joint_step, joint_step)
     resting = _same_at_rest(measured, np.isfinite(joint_step) & ~moved & next_to)
     why = ", although the machine had moved"
     at_rest = f"{why} or its other repeats differ" if resting.any() else why
     found = []
     for rows, columns, what, reason in (
             (same_pose & moved & next_to | resting,
-             tuple(("x", "y", "z", "rx", "ry", "rz")[c] for c in parts), "the measurement is",
-             at_rest),
-            (same_joints & _moved(pose_step) & next_to & ~same_group,
-             tuple(f"q_{a}" for a in mechanism.actuators), "the joint values are", why)):
+             tuple(("x", "y", "z", "rx", "ry", "rz")[c] for c in parts),
+             "the measurement is still that", at_rest),
+            (same_joints & _moved(pose_step, pose_step[~same_joints]) & next_to & ~same_group,
+             tuple(f"q_{a}" for a in mechanism.actuators),
+             "the joint values are still those", why)):
         if rows.any() and rows.mean() < MOST:
             out |= rows
             numbers = tuple(int(n) for n in data.rows[rows])
             found.append(Mistake("stale", columns, f"in {counted(len(numbers), 'row')} {what} "
-                                 f"still that of the row before{reason}", numbers))
+                                 f"of the row before{reason}", numbers))
     return out, tuple(found)
 
 
@@ -88,8 +89,12 @@ def _steps(values: Array) -> tuple[Bools, Array]:
     return step == 0.0, step
 
 
-def _moved(step: Array) -> Bools:
-    moving = step[np.isfinite(step) & (step > 0.0)]
+def _moved(step: Array, moves: Array) -> Bools:
+    """Return which steps (N,) are of a machine that moved.
+
+    ``moves``: steps that tell how far it usually goes (M,), without the scatter of repeats.
+    """
+    moving = moves[np.isfinite(moves) & (moves > 0.0)]
     usual = float(np.median(moving)) if moving.size else np.inf
     with np.errstate(invalid="ignore"):
         return np.asarray(step > MOVED * usual)
@@ -104,8 +109,9 @@ def without_stale(datasets: Sequence[Dataset], mechanism: Mechanism) -> tuple[Da
             out.append(data)
             continue
         told = [f"{data.source}: {m.text}: {_numbers(m.rows)}; left out." for m in found]
+        # data that came here before say so already
         out.append(replace(data.without(rows, "stale: repeats the row before"),
-                           findings=(*data.findings, *told)))
+                           findings=tuple(dict.fromkeys((*data.findings, *told)))))
     return tuple(out)
 
 

@@ -6,7 +6,7 @@ is fitted again, except the frames of what was before and the held-out part.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from ppmcal import linalg
 from ppmcal.calibration.before import before
 from ppmcal.calibration.campaign import WeakCampaign
+from ppmcal.calibration.considered import Considered, considered
 from ppmcal.calibration.coverage import LEAST
 from ppmcal.calibration.disagreement import Disagreement
 from ppmcal.calibration.estimates import (
@@ -24,7 +25,7 @@ from ppmcal.calibration.estimates import (
     with_estimates,
 )
 from ppmcal.calibration.extrapolation import from_home
-from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
+from ppmcal.calibration.fit import Fit, FitOptions, data_rows, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import Identifiability, identifiability
 from ppmcal.calibration.intervals import by_noise, coverage, honest, in_words
@@ -82,7 +83,8 @@ class Identification:
     ``fit``: where the noise check failed, with rows ``inflation`` times as noisy as stated.
     ``doubtful``: where the machine is another than this one, in no way that the model knows.
     ``sessions``: how far they disagree, None where there is one; ``blocks``: the same of stretches
-    of rows, None where they do not; ``covariance`` counts what is sure to differ.
+    of rows, None where they do not; ``covariance`` counts what is sure to differ, and takes what
+    was held for exact; ``considered`` is how far it may be off.
     ``unidentifiable``: what the data see only together, as whole sets.
     ``campaign``: what is weak about the poses, and which are missing; None: nothing.
     """
@@ -113,6 +115,7 @@ class Identification:
     sessions: Disagreement | None = None
     blocks: Disagreement | None = None
     campaign: WeakCampaign | None = None
+    considered: Considered | None = None
 
     @property
     def measured_volume(self) -> dict[str, tuple[float, float]]:
@@ -131,11 +134,12 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
     imitate them (theory.md, section 5).
     """
     count = len(fit.problem.free)
-    scaled = fit.reduced.triangle * fit.scale
+    triangle, _ = data_rows(fit)
+    scaled = triangle * fit.scale
     # carried-on rows are straight: what only their bend against the new ones tells is not told
     largest = float(np.linalg.norm(scaled[:, :count], axis=0).max(initial=BENT))
     least = RANK_TOLERANCE if fit.problem.earlier is None else BENT / largest
-    rank, kept, dropped = whole_rank(fit.reduced.triangle, count, fit.scale, least,
+    rank, kept, dropped = whole_rank(triangle, count, fit.scale, least,
                                      fit.problem.columns)
     redundant = []
     norms = np.linalg.norm(scaled, axis=0)
@@ -152,7 +156,8 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
 
 
 def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
-           other: Sequence[Dataset] = (), leave_out: str = "") -> Identification:
+           other: Sequence[Dataset] = (), leave_out: str = "", chosen: Collection[str] = ()
+           ) -> Identification:
     """Return everything that there is to say about a fit.
 
     Args:
@@ -163,6 +168,9 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
         other: data sets in their place, an unknown frame or target of theirs being registered
             on them alone.
         leave_out: ``session``: each session in turn, in place of poses.
+        chosen: names of parameters that the file frees, and a choice of freedoms held: what they
+            may be off by is in the intervals. What the user holds is exact there; in what is
+            promised of poses nothing that may be off is.
 
     Raises:
         BadInput, NoResult: as :func:`ppmcal.calibration.session_validation.sessions_left_out`.
@@ -178,7 +186,8 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     noise = against_tolerances(noise, fit)
     sessions, blocks = _differences(fit, noise, notes)
     wider = sessions or blocks
-    found = estimates(fit, rank, wider, by_noise(fit, options))
+    kept = considered(fit)
+    found = estimates(fit, rank, wider, by_noise(fit, options), np.diagonal(kept.more(chosen)))
     mechanism = replace(with_estimates(fit, found), measured=measured_by(fit, noise))
     was = before(fit.problem, fit.keep)
     stood = {**registered(fit.problem, fit.state), **was.registrations}
@@ -199,7 +208,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
         wider.covariance if wider and wider.differ else prediction_covariance(fit), inflation,
         was.residuals, stood, after, held, note, (*told, *unchecked(fit, total), *notes),
         open_, wrong[0], sets, wrong[1], _unexplained(after.figures(fit.keep), noise),
-        doubtful=doubtful, sessions=sessions, blocks=blocks)
+        doubtful=doubtful, sessions=sessions, blocks=blocks, considered=kept)
 
 
 def _differences(fit: Fit, noise: Noise, notes: list[str]
@@ -221,7 +230,7 @@ def _differences(fit: Fit, noise: Noise, notes: list[str]
     except FAILURES as error:
         raise LinearAlgebraError(
             f"the intervals could not be had: the residuals are {noise.sigma_ratio:.3g} times the "
-            "stated noise", mend="State the sigma that the instrument has") from error
+            f"{noise.source} noise", mend="State the sigma that the instrument has") from error
 
 
 def _held(fit: Fit, options: FitOptions, holdout: float, seed: int, other: Sequence[Dataset],
@@ -254,23 +263,20 @@ def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict
 def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate], gone: LeftOut,
               wider: Disagreement | None) -> tuple[str, ...]:
     out = [f for d in fit.problem.datasets for f in d.findings]
-    for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
-        if reasons:
-            out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, "
-                       "see residuals.csv for each reason")
     if fit.taken_back:
         out.append(f"{counted(fit.taken_back, 'row')} had no pose at the nominal machine, have one "
                    "at the fitted machine, and are in use")
     if gone.sentence:
         out.append(gone.sentence)
     if noise.failed:
-        out.append(f"the residuals are {noise.sigma_ratio:.2f} times the stated noise "
+        out.append(f"the residuals are {noise.sigma_ratio:.2f} times the {noise.source} noise "
                    f"({chance(noise.chi2_p)}): something is missing in the model, or sigma is too "
-                   f"small; every measurement counts as {inflation:.2f} times as noisy as stated")
+                   f"small; every measurement counts as {inflation:.2f} times as noisy as "
+                   f"{noise.source}")
     if noise.overstated:
-        out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the stated noise: sigma "
-                   "is too large, in a wrong unit perhaps, so intervals are too wide"
-                   + (" and the data count too little against the tolerances" if fit.prior.any()
+        out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the {noise.source} "
+                   "noise: sigma is too large, in a wrong unit perhaps, so intervals are too wide"
+                   + (" and the data count too little against the tolerances" if fit.by_tolerances
                       else "") + "; correct it, or use --sigma estimated")
     out += branch_findings(fit.problem, fit.state)
     if noise.tight:
@@ -281,7 +287,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    "or use --prior flat")
     alone = [np.nan if (h := found[p].half_by_noise) is None else h for p in fit.problem.free]
     out += in_words(fit, wider, np.array(alone))
-    far = far_from_nominal(found)
+    far = far_from_nominal(found, fit.problem.mechanism.units)
     if far:
         out.append(far)
     if fit.stopped:
@@ -289,6 +295,11 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    "its nominal value, which the intervals do not count")
     elif not fit.converged:
         out.append(f"the fit had not converged after {fit.iterations} iterations")
+    # the last: what is wrong with the rows is told below it
+    for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
+        if reasons:
+            out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, "
+                       "see residuals.csv for each reason")
     return tuple(out)
 
 

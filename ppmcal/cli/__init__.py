@@ -11,7 +11,7 @@ try:
     import io
     import os
 
-    from ppmcal.cli.streams import Stopped, interruptible, is_entry, loading, steady
+    from ppmcal.cli.streams import Stopped, interruptible, is_entry, loading, steady, stopped
 
     loaded = loading()
 
@@ -154,6 +154,8 @@ def _run() -> int:
         refuse("Error: not enough memory for this many rows.")
         return 3
     except Exception as error:
+        if (signal := stopped()) is not None:
+            raise signal from error
         if os.environ.get("PPMCAL_DEBUG"):
             raise
         if isinstance(error, OSError) and error.filename is not None:

@@ -169,7 +169,7 @@ def _effects(record: DiagnosisRecord) -> list[str]:
         sizes = own_values(record, group) or "; ".join(
             f"{head}{_event(onset(e))}{_values(e.parameters)}{p}"
             for head, e, p in zip(heads, group, alone, strict=True))
-        out.append(f"{name_of(record, group[0].kind, on)}: {sizes}"
+        out.append(f"{name_of(record, group[0].called, on)}: {sizes}"
                    + ("." if alone[0] else f"; {chances[0]}."))
         out += [f"  {head}{_values(e.derived)}"
                 + (f" at mid-stroke ({number(at.value)} {at.unit})." if at else ".")

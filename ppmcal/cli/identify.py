@@ -49,7 +49,7 @@ def show_result(result: Identification, record: IdentificationRecord, console: C
     _show_errors(record, console)
     _show_noise(record.noise, console)
     _show_parameters(record, console)
-    prior = bool(fit.prior.any())
+    prior = fit.by_tolerances
     _show_redundant(record, prior, console)
     if prior:
         _show_prior_dominated(record, console)
@@ -80,7 +80,7 @@ def _show_noise(n: NoiseCheck, console: Console) -> None:
     from ppmcal.io.results.identification_wording import noise_verdict
 
     console.say(f"Noise: {noise_verdict(n)[0]}."
-                + (f" Repeats scatter {n.repeat_ratio:.3g} times the stated noise."
+                + (f" Repeats scatter {n.repeat_ratio:.3g} times the {n.source} noise."
                    if n.repeat_ratio else ""))
     if len(n.by_dataset) > 1:
         console.say("By file: " + ", ".join(f"{name} {number(r, 3)}"

@@ -33,12 +33,12 @@ from ppmcal.cli.common import (
               help="A probed bed, as touches with their direction of travel: the name of a mesh "
               "that Klipper saved, a log of its touches, or RepRapFirmware's heightmap.csv. "
               "Repeatable.")
-@click.option("--scale", type=click.Choice(["known", "unknown"]), default=None,
-              help="Whether distances may be off all together, as on a printed part that shrank "
-              " [default: unknown where --rods MM is given].")
+@click.option("--scale", type=click.Choice(["printed", "known", "unknown"]), default="printed",
+              show_default=True, help="What measured distances are: those of a printed part, which "
+              "shrinks; true; or all off by a factor that nothing is known of.")
 @console_options
 def command(form: str, file: Path, out: Path, rods: tuple[str, ...], radius: float | None,
-            mesh: tuple[str, ...], scale: str | None, console: Console) -> None:
+            mesh: tuple[str, ...], scale: str, console: Console) -> None:
     """Turn a controller's configuration FILE into a machine and its measurements.
 
     FORMAT klipper: printer.cfg of a delta printer, with the heights and distances that

@@ -26,8 +26,8 @@ MOMENT = 0.02
 """Seconds after which a signal that has to wait is tried again."""
 PATIENCE = 5.0
 """Seconds that cleaning up may take before the next signal ends it."""
-_first: float | None = None
-"""When the signal came that ends this run."""
+_stopped: Stopped | None = None
+"""What the signal has raised that ends this run."""
 
 
 class Steady:
@@ -95,13 +95,13 @@ class Stopped(BaseException):
     """A signal asks the process to end; raised wherever the program is, so that it cleans up.
 
     Attributes:
-        number: of the signal.
+        number: of the signal. at: when it came, as :func:`time.monotonic` has it.
     """
 
     def __init__(self, number: int) -> None:
         """Remember the signal."""
         super().__init__(number)
-        self.number = number
+        self.number, self.at = number, monotonic()
 
     @property
     def exit_code(self) -> int:
@@ -115,9 +115,9 @@ def stop(number: int, frame: FrameType | None) -> None:
     Compiled modules print an interrupted import as a failure of their own, or turn it into
     another error. Where something is to be cleaned up, it waits for the module.
     """
-    global _first
-    if _first is not None:    # cleaning up already
-        if monotonic() - _first > PATIENCE:
+    global _stopped
+    if _stopped is not None:    # cleaning up already
+        if monotonic() - _stopped.at > PATIENCE:
             os._exit(128 + number)
         return
     if has_to_wait(number):
@@ -129,8 +129,13 @@ def stop(number: int, frame: FrameType | None) -> None:
         with contextlib.suppress(OSError):
             os.write(2, (CLEAR * line_shown + "Stopped.\n").encode())
         os._exit(128 + number)
-    _first = monotonic()
-    raise Stopped(number)
+    _stopped = Stopped(number)
+    raise _stopped
+
+
+def stopped() -> Stopped | None:
+    """Return what a signal has raised: compiled modules may have made another error of it."""
+    return _stopped
 
 
 def _imports(frame: FrameType | None) -> bool:
@@ -177,15 +182,15 @@ def interruptible(to_the_end: bool = False) -> Iterator[None]:
         to_the_end: the process ends with the block: what comes later is ignored, so that
             Python's own end is quiet.
     """
-    global _first
-    _first = None
+    global _stopped
+    _stopped = None
     kept = {}
     hook, shown = sys.unraisablehook, sys.excepthook
 
     def lost(what: Any) -> None:    # raised where Python drops exceptions, such as in __del__
-        global _first
+        global _stopped
         if isinstance(what.exc_value, Stopped):
-            _first = None
+            _stopped = None
             _again(what.exc_value.number)
         else:
             hook(what)

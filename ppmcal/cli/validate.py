@@ -81,8 +81,8 @@ def _show(record: ValidationRecord, console: Console) -> None:
 
 def _table(data: ValidatedDataset) -> tuple[list[str], list[list[str]], tuple[int, ...]]:
     """Return header, rows and the columns of numbers."""
-    first = data.errors[0]
-    header = ["machine", f"{first.unit} rms", "better by", "95 %", ""]
+    unit = data.errors[0].unit
+    header = ["machine", f"{unit} rms", f"better by, {unit}", f"95 %, {unit}", ""]
     rows = []
     for e in data.errors:
         size = e.position or e.rotation

@@ -67,7 +67,7 @@ def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = Non
                        f"{radius:g} mm", config.source, "Check both lengths")
     ends, ends_from = _towers(config, body, "position_endstop", active.endstops)
     if max(abs(e - own) for e, own in zip(ends, active.endstops, strict=True)) > FAR:
-        findings.append(_placeholder("position_endstop", ends[0], active.endstops[0]))
+        findings.append(_placeholder("position_endstop", ends[0], active.endstops[0], ends_from))
         ends, ends_from = active.endstops, _SAVED
     angles = _angles(body, active)
     geometry = DeltaGeometry(radius, angles, arms, ends)
@@ -85,13 +85,14 @@ def _radius(config: Config, body: _Body, active: DeltaGeometry, findings: list[s
     radius, origin = _one(config, body, "printer", "delta_radius", active.radius)
     if abs(radius - active.radius) <= FAR:
         return radius, origin
-    findings.append(_placeholder("delta_radius", radius, active.radius))
+    findings.append(_placeholder("delta_radius", radius, active.radius, origin))
     return active.radius, _SAVED
 
 
-def _placeholder(key: str, value: float, now: float) -> str:
-    return (f"{key} {value:g} stands in the body of the file, the printer saved {now:g} mm: the "
-            "former was never this printer's, and neither is a prior")
+def _placeholder(key: str, value: float, now: float, origin: str) -> str:
+    place = "in a comment of the body" if origin == _COMMENT else "in the body of the file"
+    return (f"{key} {value:g} mm {place} is {abs(value - now):.3g} mm from the {now:g} mm that "
+            "the printer saved: it is taken for a placeholder, not for the nominal value")
 
 
 _Body = dict[tuple[str, str], tuple[float, bool]]

@@ -20,7 +20,7 @@ from ppmcal.controllers.klipper import MM
 from ppmcal.controllers.klipper_config import ANGLES, TOWERS, DeltaGeometry
 from ppmcal.controllers.klipper_export import keys
 from ppmcal.controllers.printer import Printer
-from ppmcal.controllers.printer_files import machine_yaml
+from ppmcal.controllers.printer_files import SHRUNK, machine_yaml
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
 from ppmcal.io.dataset_reader import dataset_of
@@ -68,7 +68,7 @@ def size_sentence(printer: Printer) -> str:
             f"distances are true, the rods are {rods:.2f} mm; if the rods are {own}"
             f"{' mm' if len(set(meant)) == 1 else ''}, the distances show "
             f"{by_rods.state.registrations[1].scale:.5f} of true lengths (a printed part shrinks, "
-            "0.992 to 0.998)")
+            f"{SHRUNK[0]:g} to {SHRUNK[1]:g})")
 
 
 def _fitted(printer: Printer, rods: str, scale: str = "known") -> Fit | None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from ppmcal.calibration.coverage import Z95
 from ppmcal.controllers.klipper_config import TOWERS, DeltaGeometry
 from ppmcal.controllers.printer import Nominal, Printer, offsets
 from ppmcal.io import csv_text
@@ -20,6 +21,10 @@ HEIGHT_SIGMA = 0.02
 DISTANCE_SIGMA = 0.05
 LEAN = 0.2
 """Tolerance of a tower's direction, degrees."""
+SHRUNK = (0.992, 0.998)
+"""Lengths of a printed part over those between the nozzle's places: ends of a 95 % interval."""
+SCALES = ("printed", "known", "unknown")
+"""What measured distances are: those of a printed part, true, or off by any factor."""
 RODS = ("fixed", "shared", "single")
 SAVED = "saved.yaml"
 
@@ -35,13 +40,25 @@ def rods_of(printer: Printer, wanted: str | None) -> str:
     return "shared" if len(set(printer.nominal.geometry.arms)) == 1 else "single"
 
 
-def scale_of(printer: Printer, wanted: str | None) -> str:
-    """Return whether distances may be off all together: ``wanted``, or what leaves a size.
+def shrinkage() -> tuple[float, float]:
+    """Return what is known of a printed part's scale: value and standard deviation."""
+    low, high = SHRUNK
+    return round((low + high) / 2.0, 4), round((high - low) / (2.0 * Z95), 4)
 
-    A printed part shrinks. Where the user has measured the rods, they hold the machine's size;
-    where not, the part has to: a length on a drawing does not outweigh a caliper.
+
+def _scale_line(scale: str) -> str:
+    """Return the sidecar's line on the scale of measured distances, of :data:`SCALES`.
+
+    Rods and scale are one direction. Neither a length on a drawing nor a part outweighs the
+    other: each counts by how well it is known.
     """
-    return wanted or ("unknown" if printer.nominal.rods_stated else "known")
+    if scale != "printed":
+        return f"scale: {scale}    # of all these distances\n"
+    value, sigma = shrinkage()
+    least, most = (100.0 * (1.0 - part) for part in reversed(SHRUNK))
+    return (f"# Plastic shrinks: in 95 of 100 printed parts all lengths are {least:.1f} to "
+            f"{most:.1f} % too small.\nscale: {{value: {value:g}, sigma: {sigma:g}}}"
+            "    # where you know better, write it here\n")
 
 
 def files(printer: Printer, rods: str, scale: str = "known", choose: bool = False
@@ -62,8 +79,7 @@ def files(printer: Printer, rods: str, scale: str = "known", choose: bool = Fals
     if printer.distances:
         out["distances.csv"] = _table(["distance", *q, *(f"to_{c}" for c in q)], printer.distances)
         out["distances.yaml"] = _sidecar("distances", "distance", "distance", DISTANCE_SIGMA, (
-            "# Distances on a printed part between two nozzle positions.")) + (
-            f"scale: {scale}    # of all these distances: the part shrinks, 0.2 to 0.8 %\n")
+            "# Distances on a printed part between two nozzle positions.")) + _scale_line(scale)
     for mesh in printer.meshes:
         name = f"mesh_{mesh.name}"
         out[f"{name}.csv"] = _table(["height", *q, "dir_x"], mesh.rows)

@@ -143,7 +143,8 @@ def _instrument(fit: Fit, i: int) -> Instrument:
         data.kind, middle(data.sigma_position), middle(data.sigma_rotation),
         middle(data.sigma_value), data.sigma_actuator,
         Unknown(data.frame.fitted, at.frame_pose), Unknown(data.target.fitted, at.target),
-        Unknown(data.target_rotation.fitted, at.target_rotation), name=NAME)
+        Unknown(data.target_rotation.fitted, at.target_rotation), name=NAME,
+        scale=replace(data.scale, value=np.array([at.scale])))
 
 
 def _pool(fit: Fit, i: int, seed: int) -> Candidates:

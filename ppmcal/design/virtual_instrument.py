@@ -11,7 +11,7 @@ from ppmcal.calibration.observation import SCALARS
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array
-from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.dataset import TRUE_SCALE, Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -26,7 +26,7 @@ class Instrument:
 
     ``kind`` as of a data set; ``sigma_position``, ``sigma_rotation``, ``sigma_value``: standard
     deviations, nan where it has none; ``sigma_actuator`` (k,) noise of the drives; ``frame``,
-    ``target``, ``target_rotation``: fitted or known, and where the plan takes them to be;
+    ``target``, ``target_rotation``, ``scale``: fitted or known, and what the plan takes them to be;
     ``chosen``: whether the user gave it; ``name``: of its data set.
     """
 
@@ -40,12 +40,14 @@ class Instrument:
     target_rotation: Unknown
     chosen: bool = True
     name: str = NAME
+    scale: Unknown = TRUE_SCALE
 
     @property
     def registration(self) -> Registration:
         """Where the plan takes the instrument to stand."""
         return Registration.of_pose(self.frame.value, self.target.value,
-                                    self.target_rotation.value)
+                                    self.target_rotation.value,
+                                    scale=float(self.scale.value[0]))
 
     def dataset(self, q: Array, pose: Array, columns: Mapping[str, Array], planar: bool) -> Dataset:
         """Return measurements (N rows) without error at joints (N, k) and poses (N, 6)."""
@@ -63,7 +65,7 @@ class Instrument:
             sigma_rotation=np.full((n, 3), self.sigma_rotation),
             sigma_value=np.full(n, self.sigma_value), sigma_actuator=self.sigma_actuator,
             groups=np.arange(n), columns=columns, sessions=None, frame=self.frame,
-            target=self.target, target_rotation=self.target_rotation)
+            target=self.target, target_rotation=self.target_rotation, scale=self.scale)
 
 
 def default_instrument(mechanism: Mechanism) -> Instrument:

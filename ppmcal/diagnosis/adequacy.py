@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaincc, ndtri
 
-from ppmcal.calibration.noise import ENOUGH_REPEATS
+from ppmcal.calibration.noise import ENOUGH_REPEATS, noise_source
 from ppmcal.diagnosis.added_variable_test import squares
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.stage import Stage, explained
@@ -75,7 +75,7 @@ def _against_noise(stage: Stage, left: Array, freedom: int) -> tuple[float, floa
     rows = np.sum(left.reshape(stage.system.residual.shape) ** 2, axis=1)
     mean = float(rows.sum()) / freedom
     error = float(rows.std()) * np.sqrt(rows.size) / freedom
-    reference, source, own = 1.0, "stated", 0.0
+    reference, source, own = 1.0, noise_source(stage.system.problem.datasets), 0.0
     pure: PureError | None = stage.pure
     if pure is not None and pure.freedom >= ENOUGH_REPEATS:
         reference, source = pure.ratio, "repeats"

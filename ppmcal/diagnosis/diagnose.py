@@ -167,10 +167,12 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         begin("learning what is left")
         terms = secondary("what is left, learned", partial(
             _terms, found, final, held, named, wanders, options), None, beside)
-    reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed)
+    reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed,
+                      chosen=options.held)
     if reported.fit.converged:  # where a fit that was given up has got to says nothing of a machine
         refuse_other_machine(reported.fit)
-    far = "" if named else far_from_nominal(reported.estimates)
+    far = "" if named else far_from_nominal(
+        reported.estimates, whole.problem.mechanism.units)
     if far:
         told.append(far)
         # a geometry that nobody has built absorbs whatever is wrong

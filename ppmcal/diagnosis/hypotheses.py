@@ -86,10 +86,11 @@ class Hypothesis:
         """What it is told apart as: the kind, the frozen slot, or the shape's place."""
         if self.anonymous:
             return self.label
-        return f"{GEOMETRY} {self.slot}" if self.slot else f"{self._called} {self.part}".rstrip()
+        return f"{GEOMETRY} {self.slot}" if self.slot else f"{self.called} {self.part}".rstrip()
 
     @property
-    def _called(self) -> str:
+    def called(self) -> str:
+        """What people call its kind: ``base_compliance about base``."""
         return self.effect.label if self.effect else self.kind
 
     def apart(self, other: Hypothesis) -> float:
@@ -114,7 +115,7 @@ class Hypothesis:
             return f"{GEOMETRY} {self.slot}"
         if self.anonymous:
             return f"an unknown shape along {self.part or self.follows}"
-        return f"{self._called} on {', '.join(self.on)}" if self.on else self.family
+        return f"{self.called} on {', '.join(self.on)}" if self.on else self.family
 
 
 def united(hypotheses: Sequence[Hypothesis]) -> Hypothesis:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal.calibration.least_squares import prior_weights, to_prior
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.library_columns import Products
 from ppmcal.diagnosis.linear_system import System
@@ -64,11 +65,9 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     """
     problem = system.problem
     scale = system.jacobian_scale
-    away, prior = np.zeros(scale.size), np.full(scale.size, float(WIDE))
-    for column, p in enumerate(problem.free):
-        away[column] = (system.state.g - problem.mechanism.nominals)[p] / scale[column]
-        if (sigma := problem.mechanism.parameters[p].prior_sigma) is not None:
-            prior[column] = sigma / scale[column]
+    away = -to_prior(problem, system.state) / scale
+    weight = prior_weights(problem, "prior") * scale
+    prior = np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), float(WIDE))
     rest = [c for c in range(scale.size) if c not in set(added)]
     away, prior = away[rest], prior[rest]
     observed = system.observed

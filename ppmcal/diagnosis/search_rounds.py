@@ -42,7 +42,8 @@ class DiagnosisOptions:
     """How to diagnose.
 
     ``holdout``: part of the poses kept back; ``draws``: of noise; ``kinds``: to try, or all;
-    ``by_session``: the gap is that of sessions left out in turn.
+    ``by_session``: the gap is that of sessions left out in turn; ``held``: names of parameters that
+    a choice of freedoms holds, which the intervals count.
     """
 
     holdout: float = 0.27
@@ -50,6 +51,7 @@ class DiagnosisOptions:
     draws: int = DRAWS
     kinds: tuple[str, ...] | None = None
     by_session: bool = False
+    held: tuple[str, ...] = ()
     fit: FitOptions = field(default_factory=FitOptions)
 
 

@@ -127,7 +127,7 @@ def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEf
         said.append(f"residuals are only {left.ratio:.3g} times the {left.source} noise: sigma is "
                     "too large, in a wrong unit perhaps; correct it, it decides what geometry is "
                     "held to")
-    weak = [e.kind for e in effects if e.survival < 0.2]
+    weak = [e.hypothesis.called for e in effects if e.survival < 0.2]
     if weak:
         said.append(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
                     "testable), so its size is uncertain")
@@ -152,7 +152,7 @@ def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[str]:
     joints: dict[str, dict[str, list[str]]] = {}
     for effect in effects:
         if side := effect.side(mechanism):
-            joints.setdefault(effect.kind, {}).setdefault(side, []).extend(
+            joints.setdefault(effect.hypothesis.called, {}).setdefault(side, []).extend(
                 effect.on or mechanism.actuators)
     return [f"{kind} has one sign on {', '.join(ways['lags'])} and the other on "
             f"{', '.join(ways['leads'])}: their encoders sit on different sides of it, or the "

@@ -115,7 +115,11 @@ def _dataset() -> Schema:
         {"type": "object", "properties": {"same_as": {
             "type": "string", "description": "Name of the data set whose frame it is too."}},
          "required": ["same_as"], "additionalProperties": False})
-    out["properties"]["scale"] |= {"anyOf": [{"enum": ["known", "unknown"]}, NUMBER]}
+    about = {"type": "object", "required": ["value", "sigma"], "additionalProperties": False,
+             "properties": {
+                 "value": {**NUMBER, "description": "Measured over true lengths, as far as known."},
+                 "sigma": {**NUMBER, "description": "Standard deviation of `value`."}}}
+    out["properties"]["scale"] |= {"anyOf": [{"enum": ["known", "unknown"]}, NUMBER, about]}
     instrument = out["$defs"]["InstrumentFile"]["properties"]
     instrument["point"] |= {"anyOf": [VECTOR, {"enum": ["known", "unknown"]}]}
     out["$defs"]["SigmaFile"]["properties"]["actuator"] |= _one_or_each()

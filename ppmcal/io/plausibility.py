@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.calibration.plain_mistakes import recorded_units
 from ppmcal.io.measurement_columns import row_list
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.kinematics.inverse import home_state
@@ -38,6 +37,8 @@ def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> lis
     Raises:
         BadInput: the home pose cannot be reached.
     """
+    from ppmcal.calibration.plain_mistakes import recorded_units  # needs scipy; reading does not
+
     outside = _home_outside(mechanism)
     out = [*_machine(mechanism), *outside.values()]
     for data in datasets:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeGuard
 
 import numpy as np
 from pydantic import BeforeValidator
@@ -111,7 +111,7 @@ class SidecarFile(Strict):
     target_rotation: Any = "known"
     """Rotation vector of the measured body: known (none), unknown or a vector."""
     scale: Any = "known"
-    """Measured lengths over true ones: known (1), unknown, or a number."""
+    """Measured lengths over true ones: known (1), unknown, a number, or a value with its sigma."""
     approach: Annotated[str, choice("approach", "columns", "sequence", "unknown")] | None = None
     """Directions of approach: dir_ columns, the order of rows, or unknown."""
     homing: Annotated[str, choice("homing", "shared", "per-file")] = "shared"
@@ -217,18 +217,42 @@ def scale_of(raw: object, kind: str, source: str, where: str = "scale") -> Unkno
     """Return what measured lengths are times the true ones (1,): known (1), unknown, or given.
 
     A printed part that shrank, a caliper or a tracker in another scale: all rows of the file are
-    off together.
+    off together. ``{value: 0.995, sigma: 0.0015}``: fitted, known to be so near that.
     """
     if kind == "plane" and raw not in ("known", 1, 1.0):
         raise BadInput("heights of a flat have no scale of their own", f"{source}: {where}",
                        "Take it out; a scale goes with pose, position or distance")
     if raw in ("unknown", "known"):
         return Unknown(raw == "unknown", np.ones(1))
-    if isinstance(raw, bool) or not isinstance(raw, int | float) or not NEAR_ONE[0] <= raw <= (
-            NEAR_ONE[1]):
+    if isinstance(raw, dict):
+        return _known_about(raw, source, where)
+    if not _near_one(raw):
         raise _neither(raw, f"{source}: {where}",
-                       f"a number from {NEAR_ONE[0]:g} to {NEAR_ONE[1]:g}, such as 0.997")
+                       f"a number from {NEAR_ONE[0]:g} to {NEAR_ONE[1]:g}, such as 0.997, or "
+                       "{value: 0.995, sigma: 0.0015}")
     return Unknown(False, np.array([float(raw)]))
+
+
+def _near_one(raw: object) -> TypeGuard[float]:
+    return not isinstance(raw, bool) and isinstance(raw, int | float) and (
+        NEAR_ONE[0] <= raw <= NEAR_ONE[1])
+
+
+def _known_about(raw: Mapping[Any, Any], source: str, where: str) -> Unknown:
+    """Return a scale that is fitted, near a value by one standard deviation."""
+    if set(raw) != {"value", "sigma"}:
+        raise BadInput(f"{show(raw)} is not a value with its standard deviation",
+                       f"{source}: {where}", "Write {value: 0.995, sigma: 0.0015}")
+    value, sigma = raw["value"], raw["sigma"]
+    if not _near_one(value):
+        raise BadInput(f"{show(value)} is not a number from {NEAR_ONE[0]:g} to {NEAR_ONE[1]:g}",
+                       f"{source}: {where}.value", "Write what the file shows over true lengths, "
+                       "such as 0.995")
+    if isinstance(sigma, bool) or not isinstance(sigma, int | float) or not 0.0 < sigma < 1.0:
+        raise BadInput(f"{show(sigma)} is not a standard deviation of a scale",
+                       f"{source}: {where}.sigma", "Write a number between 0 and 1, such as "
+                       "0.0015; of a scale that is known for sure write the value alone")
+    return Unknown(True, np.array([float(value)]), sigma=float(sigma))
 
 
 def actuator_noise(raw: object, mechanism: Mechanism, factors: Array, source: str) -> Array:
@@ -287,7 +311,7 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
         (own or np.nan) * length if scalar else np.nan,
         actuator_noise(sigma.actuator, mechanism, mechanism.joint_factors(units), source),
         frame, point_of(file.target, mechanism.motion, units, source),
-        rotation_of(file.target_rotation, units, source))
+        rotation_of(file.target_rotation, units, source), scale=scale_of(file.scale, kind, source))
     for value, quantity in ((found.sigma_position, "length"), (found.sigma_rotation, "angle"),
                             (found.sigma_value, "length")):
         refuse_sigma(np.array([value]), quantity, mechanism, units, f"{source}: instrument.sigma")

@@ -226,7 +226,7 @@ def limit_reason(mechanism: Mechanism, q: Array) -> str:
             mechanism.actuators, q, mechanism.limits, mechanism.joint_units, strict=True):
         if value < low or value > high:
             return (f"{name} = {value / factor:.6g} {unit} is outside "
-                    f"[{low / factor:.6g}, {high / factor:.6g}]").replace("  ", " ")
+                    f"[{low / factor:.6g}, {high / factor:.6g}] {unit}").replace("  ", " ").strip()
     return ""
 
 

@@ -19,15 +19,21 @@ KINDS = ("pose", "position", "plane", "distance")
 
 @dataclass(frozen=True)
 class Unknown:
-    """A pose, point or rotation that is either given or to be fitted.
+    """A pose, point, rotation or scale that is either given or to be fitted.
 
     ``value`` holds the given one, or zeros; ``same_as`` names another data set whose
-    fitted one is shared.
+    fitted one is shared; ``sigma``: of a fitted scale that is known to be near ``value``, the
+    standard deviation, None where nothing is known of it.
     """
 
     fitted: bool
     value: Array
     same_as: str | None = None
+    sigma: float | None = None
+
+
+TRUE_SCALE = Unknown(False, np.ones(1))
+"""That of an instrument that shows lengths as they are."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -55,7 +61,8 @@ class Dataset:
             ``temperature``, ``payload``, ``time``, ``fx`` ...; (N,) each, nan = missing.
         sessions: label per row, or None.
         frame, target, target_rotation: known or to be fitted; (6,), (3,), (3,).
-        scale: what the file's lengths are times the true ones (1,), known or to be fitted.
+        scale: what the file's lengths are times the true ones (1,), known or to be fitted, with a
+            normal prior where it has a ``sigma``.
         estimated: whether the stated noise is only where its estimate starts.
         homing: ``shared`` or ``per-file``; inside the program also ``alone``: open even in the
             first file.
@@ -101,7 +108,7 @@ class Dataset:
     target: Unknown
     target_rotation: Unknown
     labels: NDArray[np.int64] | None = None
-    scale: Unknown = Unknown(False, np.ones(1))
+    scale: Unknown = TRUE_SCALE
     estimated: bool = False
     homing: str = "shared"
     approach: str = "unknown"

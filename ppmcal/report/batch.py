@@ -10,6 +10,7 @@ from urllib.parse import quote
 import numpy as np
 
 from ppmcal.calibration.before import DEFINITION
+from ppmcal.calibration.far_from_nominal import farthest
 from ppmcal.calibration.secondary import secondary
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord, needing_a_look
 from ppmcal.plotting.canvas import Drawing
@@ -145,7 +146,7 @@ def _farthest(record: CampaignRecord) -> tuple[Cell, Cell]:
     if not found:
         return words(""), amount(None)
     most, name = max(found)
-    return words(name), amount(most, bad=most > 3.0)
+    return words(name), amount(most, bad=most > farthest(len(found)))
 
 
 def _named(machine: str, latest: Sequence[CampaignRecord]) -> str:

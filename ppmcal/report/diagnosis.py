@@ -82,12 +82,12 @@ def _effects(r: DiagnosisRecord) -> str:
             own = one or "; ".join(f"{name} {text}".strip()
                                    for name, text in amounts(e) or [("", "–")])
             rows.append([
-                words(e.kind), words(where(on, actuators(r)) or "machine"), words(own, "wrap"),
+                words(e.called), words(where(on, actuators(r)) or "machine"), words(own, "wrap"),
                 amount(e.p_value, probability(e.p_value) or "–"),
                 amount(survival, "–" if survival is None else f"{survival:.0%}".replace("%", " %")),
                 words(_rivals(r, e), "wrap")])
     stand = [f"{effect_name(r, g[0])}: {text}" for g in together(r) if (text := survives(g[0]))]
-    sides = [f"{effect_name(r, g[0]) if len(g) == 1 else g[0].kind}: {text}"
+    sides = [f"{effect_name(r, g[0]) if len(g) == 1 else g[0].called}: {text}"
              for g in together(r) for text in side(g)]
     told = bullets([*sides, *stand]) + paragraph(tried_sets(r))
     if not rows:
@@ -122,7 +122,7 @@ def _suspects(r: DiagnosisRecord) -> str:
         why = {"imitation": "explains part of it, but is probably only an imitation",
                "consistent": "consistent with it, but would not stand if the rest were explained"
                }.get(e.status, "suspected, too weak to be named")
-        lines.append(f"{name_of(r, e.kind, e.on)}: {why}" + (f" ({p})." if p else "."))
+        lines.append(f"{name_of(r, e.called, e.on)}: {why}" + (f" ({p})." if p else "."))
     return bullets(lines)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ppmcal.calibration.estimates import FAR
 from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.diagnosis_wording import unconfirmed
 from ppmcal.io.results.diagnosis_wording import verdict as diagnosis_verdict
@@ -120,18 +121,16 @@ def _of_identified(one: Identified) -> list[str]:
     if record.excluded and not any("left out" in t for t in out):
         out.append(f"{count(len(record.excluded), 'row')} left out of the fit")
     verdict, fine = noise_verdict(record.noise)
-    if not fine and not any("stated noise" in t for t in out):
+    if not fine and not any(f"{record.noise.source} noise" in t for t in out):
         out.append(verdict)
     if record.converged is False and not any("converged" in t or "stopped" in t for t in out):
         out.append("the fit had not converged")
     scale = record.identifiability.scale
     if scale is not None and scale.sentence():
         out.append(scale.sentence())
-    far = [p.name for p in sorted(record.parameters, key=lambda p: -(p.tolerances or 0.0))
-           if (p.tolerances or 0.0) > 3.0]
-    if far:
-        out.append(f"{count(len(far), 'parameter')} more than 3 tolerances from nominal: "
-                   + some(far, "parameters.csv"))
+    far = [p.name for p in record.parameters if p.far]
+    if far and not any(FAR in t for t in out):
+        out.append(f"{FAR}: {some(far, 'parameters.csv')}")
     return out
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ppmcal.calibration.estimates import FAR
 from ppmcal.io.results.identifiability import unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
@@ -108,10 +109,10 @@ def _fit_facts(r: IdentificationRecord) -> str:
 
 
 def _noise_facts(noise: NoiseCheck) -> list[tuple[str, str]]:
-    """Return what the residuals say about the stated noise."""
+    """Return what the residuals say about the stated or estimated noise."""
     facts: list[tuple[str, str]] = []
     if noise.sigma_ratio is not None:
-        facts.append(("Residual over stated noise", sig(noise.sigma_ratio)))
+        facts.append((f"Residual over {noise.source} noise", sig(noise.sigma_ratio)))
     if len(noise.by_dataset) > 1:
         facts.append(("The same by file",
                       ", ".join(f"{n} {sig(v)}" for n, v in noise.by_dataset.items())))
@@ -121,7 +122,7 @@ def _noise_facts(noise: NoiseCheck) -> list[tuple[str, str]]:
         facts.append(("χ² of errors against tolerances",
                       _chi2(noise.prior_chi2, noise.prior_degrees, noise.prior_p)))
     if noise.repeat_ratio is not None:
-        facts.append(("Scatter of repeats over stated noise", sig(noise.repeat_ratio)))
+        facts.append((f"Scatter of repeats over {noise.source} noise", sig(noise.repeat_ratio)))
     return facts
 
 
@@ -157,9 +158,9 @@ def parameters(r: IdentificationRecord) -> Section | None:
         name = f"{count(len(fixed), 'parameter')} held fixed"
         out += (f"<details><summary>{name}</summary>"
                 + table("", ["parameter", "value", "unit"], rows) + "</details>")
-    far = sum((p.tolerances or 0.0) > 3.0 for p in free)
+    far = sum(bool(p.far) for p in free)
     return Section("Parameters", out, f"{count(len(free), 'parameter')} identified"
-                   + f", {far} beyond 3 tolerances" * bool(far))
+                   + f", {far} {FAR}" * bool(far))
 
 
 def _row(p: ParameterEstimate) -> list[Cell]:
@@ -170,7 +171,7 @@ def _row(p: ParameterEstimate) -> list[Cell]:
         f"{to_sigma(low, sigma)} … {to_sigma(high, sigma)}")
     return [dotted(p.name), words(p.unit), amount(p.nominal, exact(p.nominal)),
             amount(value, to_sigma(value, sigma)), amount(low, interval),
-            amount(p.error, to_sigma(p.error, sigma), bad=(p.tolerances or 0.0) > 3.0),
+            amount(p.error, to_sigma(p.error, sigma), bad=bool(p.far)),
             amount(p.tolerance, exact(p.tolerance)),
             Cell(error_bar(p.error, p.tolerance, p.half),
                  number(p.tolerances)),

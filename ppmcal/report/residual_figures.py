@@ -104,7 +104,7 @@ def histogram(values: Array) -> Drawing | None:
         Axis(-5.0, 5.0), Axis(0.0, 1.08 * max(float(density.max()), 0.42)),
         ("residual / sigma", "density"),
         [Histogram(edges, density), Polyline(curve, normal, "what pure noise gives")]).drawing(
-        "Residuals over their stated noise, after",
+        "Residuals over their noise, after",
         f"{count(values.size, 'value')}, rms {sig(rms)}; line: what pure noise gives "
         f"(rms 1).{far}", f"Histogram of {values.size} values with the standard normal curve; "
         f"their rms is {rms:.2f}.")
@@ -138,7 +138,7 @@ def coordinate(rows: DataRows, name: str, unit: str) -> Drawing | None:
     sigma = table.number(f"sigma_{name}")[keep]
     sigma = sigma[np.isfinite(sigma)]
     two = 2.0 * float(np.median(sigma)) if sigma.size else 0.0
-    caption = f"Band: ±2 sigma of the stated noise ({with_unit(two, unit)})." if two else ""
+    caption = f"Band: ±2 sigma of the noise ({with_unit(two, unit)})." if two else ""
     return Plot(
         Axis(0.0, table.size + 1.0), span(np.append(inside, two), zero=True),
         (ROWS, with_label(name, unit)),

@@ -70,7 +70,7 @@ def rows_section(one: Identified, index: int) -> Section | None:
                    "wrap" if keep[i] else "wrap warn")] for i in order]
     more = (f"The {SHOWN} of {whole(t.size)} rows that miss most; residuals.csv has them all. "
             if t.size > SHOWN else "")
-    note = more + ("Noise: root mean square of a row's residuals over their stated sigma. Click a "
+    note = more + ("Noise: root mean square of a row's residuals over their sigma. Click a "
                    "row, or a point in a plot or on the machine, to find it in the others.")
     return Section("Rows, those that miss most first", paragraph(note, "note") + table(
         "", [*heads, "in the fit"], body, sort=True, keys=[keys[i] for i in order]),

@@ -114,6 +114,16 @@ def test_a_tool_is_a_text_or_its_numbers(call):
         call([1.0])
 
 
+@pytest.mark.parametrize("call", [
+    lambda given: ppmcal.tolerances(BENCH, accuracy=given),
+    lambda given: ppmcal.plan(BENCH, accuracy=given),
+    lambda given: ppmcal.sensitivity(BENCH, sigmas=given)])
+def test_a_number_with_a_unit_is_refused(call):
+    for given in ("0.1 mm", [0.1, 0.2]):
+        with pytest.raises(ppmcal.BadInput, match=r"is not a number.*without a unit"):
+            call(given)
+
+
 def test_type_checkers_see_every_name():
     home = Path(ppmcal.__file__).parent
     assert (home / "py.typed").is_file()

@@ -26,6 +26,8 @@ from ppmcal.errors import BadInput
 from ppmcal.io.results.comparison import ComparisonRecord, noise_sentence
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -240,6 +242,55 @@ def test_what_a_model_misses_is_no_change_whatever_was_free() -> None:
     assert np.sum(p < 0.05) <= 6 and p.min() > 1e-3
 
 
+def worn_unlike(seed: int) -> Comparison:
+    """Compare two sessions of a delta of which some drives are worn, by unlike much."""
+    whole, options = machine("delta-linear"), FitOptions()
+    rng = np.random.default_rng([77, seed])
+    g = drawn(whole, rng)
+    pose = whole.home_pose + rng.uniform(-1.0, 1.0, (200, 6)) * BOX["delta-linear"]
+    q = inverse(Model(whole), pose_motor(pose)).q
+    q = q[np.isfinite(q).all(axis=1)]
+    travel = np.ptp(q, axis=0)
+    low = q.min(axis=0) + travel * rng.uniform(0.1, 0.7, travel.size)
+    size = 10.0 * POSITION * rng.uniform(0.5, 1.5, low.size) * (rng.uniform(size=low.size) < 0.7)
+    if not size.any():
+        size[0] = 10.0 * POSITION
+    own = []
+    for label in "ab":
+        data = session(whole, "delta-linear", g, rng, 30, label)
+        inside = (data.q > low) & (data.q < low + 0.25 * travel)
+        data = replace(data, q=data.q - size * inside)
+        own.append(noisy(identify(Problem(whole, (data,), whole.free), options), options))
+    return between(replace_values(whole, own[1]), own[0], own[1], {}, rng)[0]
+
+
+@pytest.mark.slow
+def test_rows_of_a_worn_place_that_one_fit_left_out_are_no_change() -> None:
+    """Fits leave out rows of the worn places, or of the rest, or none: that is chance."""
+    p = np.array([worn_unlike(seed).p_value for seed in range(40)])
+    assert np.sum(p < 0.05) <= 6 and p.min() > 1e-3
+
+
+def test_rows_left_out_are_misfit_and_a_gross_one_is_no_more_than_that() -> None:
+    """A row off by 300 or 30 000 sigma is one row; eight that are off alike are misfit."""
+    mechanism, rng = machine("3-RPR"), np.random.default_rng(8)
+    g = drawn(mechanism, rng)
+    data = session(mechanism, "3-RPR", g, rng, 40)
+
+    def noise(rows: int, size: float) -> float:
+        position = data.position.copy()
+        position[:rows, 0] += size * POSITION
+        fit = identify(Problem(mechanism, (replace(data, position=position),), mechanism.free))
+        assert fit.outliers[0][:rows].all()
+        found = posterior_of(fit).session
+        assert found
+        return found.noise
+
+    clean, gross, grosser = noise(0, 0.0), noise(1, 300.0), noise(1, 30000.0)
+    assert grosser == pytest.approx(gross, rel=0.02) and clean < gross < 1.2 * clean
+    assert noise(8, 12.0) > 1.5 * clean
+
+
 @pytest.mark.slow
 def test_a_change_beyond_what_the_model_misses_is_found() -> None:
     found = worn_pairs("3-RPR", 8, ".platform.", 60.0 * POSITION)
@@ -343,6 +394,26 @@ def test_compare_says_why_it_cannot(sessions: Path, tmp_path: Path) -> None:
     run = ppmcal("compare", sessions / "idA", "id", "--out", "again", cwd=tmp_path, expect=1)
     assert "cannot be told" in " ".join(run.out.split()) and "p =" not in run.out
     assert rows(tmp_path / "again" / "compare.csv") == []
+
+
+def test_tables_are_read_where_they_are_unchanged(sessions: Path, tmp_path: Path) -> None:
+    """A table of that name in the old folder is another one now; the right one is right here."""
+    there, here = tmp_path / "there", tmp_path / "here"
+    for folder in (there, here):
+        folder.mkdir()
+        for name in ("measurements.csv", "measurements.yaml"):
+            (folder / name).write_bytes((sessions / "B" / name).read_bytes())
+        (folder / "m.yaml").write_bytes((sessions / "3-RPR.yaml").read_bytes())
+    ppmcal("identify", "m.yaml", "measurements.csv", "--free", "*.offset", "--quiet", "--out",
+           "id", cwd=there)
+    for name in ("measurements.csv", "measurements.yaml"):
+        (there / name).write_bytes((sessions / "C" / name).read_bytes())
+    run = ppmcal("compare", sessions / "idA", there / "id", "--json", "--out", "o", cwd=here,
+                 expect=0)
+    assert run.json["verdict"] == "unchanged"
+    inputs = run.json["provenance"]["inputs"]
+    assert "measurements.csv" in inputs and not any(
+        i.endswith("there/measurements.csv") for i in inputs)
 
 
 def test_keep_carries_on(sessions: Path, tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ def found(monkeypatch: pytest.MonkeyPatch, rows: Array, columns: dict[str, dict[
     weights = np.full(count, prior)
     fit: Any = SimpleNamespace(
         problem=SimpleNamespace(free=tuple(range(count)), mechanism=None), prior=weights,
+        stated=np.zeros(count),
         scale=np.ones(count), reduced=QRFactor(np.linalg.qr(rows)[1], np.zeros(count), 0.0, 99))
     known = np.linalg.inv(rows.T @ rows + np.diag(weights**2)) if after is None else after
     monkeypatch.setattr(identifiability, "posterior", lambda fit: known)

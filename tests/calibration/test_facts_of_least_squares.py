@@ -96,6 +96,7 @@ def test_tolerances_are_priors_and_units() -> None:
         (2e-5, 0.0, "length"), (None, 0.0, "length"), (None, 0.0, "angle"), (None, 7e-9, "1/N"))]
     problem: Any = SimpleNamespace(
         columns=("a", "b", "c", "d", "frame.x"), free=(0, 1, 2, 3), open_scale=lambda: np.ones(1),
+        datasets=(), opens=(),
         mechanism=SimpleNamespace(parameters=parameters, reach=0.4))
     np.testing.assert_allclose(parameter_scale(problem), [2e-5, 4e-4, 1e-3, 7e-9])
     np.testing.assert_allclose(column_scale(problem), [2e-5, 4e-4, 1e-3, 7e-9, 1.0])

@@ -31,6 +31,7 @@ KNOWN = {
     "calibration/identifiability.py": "before a fit the noise is as stated",
     "io/results/identifiability.py": "the same, and files that do not say",
     "report/learned_figures.py": "files that do not say",
+    "controllers/printer_files.py": "printed parts, of which an interval is known, no noise",
     "diagnosis/result.py": "the default of no noise",
     "diagnosis/residual_profiles.py": "a standard normal of the same chance, no interval",
 }

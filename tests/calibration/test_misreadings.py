@@ -28,6 +28,7 @@ from wild import catalogue
 
 from ppmcal.api.identify import identify as api_identify
 from ppmcal.api.inputs import load, prepared, read_data, shipped
+from ppmcal.api.simulate import simulate
 from ppmcal.calibration.check import check
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
@@ -589,3 +590,43 @@ def test_right_files_are_read_as_they_are(tmp_path: Path, case: str, machine: st
     problem = campaign(tmp_path, case, machine, 120, 3.0)
     assert not misfit(problem).misread
     refuse_small_misreading(identify(problem))
+
+
+def test_repeats_are_not_stale_however_they_are_labelled(tmp_path: Path) -> None:
+    """Half of the rows repeat a pose: the scatter of repeats is not how far the machine goes."""
+    table = shipped("3-RPR")
+    machine = load(table)
+    made = {"format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
+            "poses": {"random": {"center": {"x": 500, "y": 260, "rz": 25},
+                                 "half_range": {"x": 70, "y": 70, "rz": 8}, "count": 30}},
+            "instrument": {"kind": "pose", "sigma": {"position": 0.01, "rotation": 0.002}},
+            "repeats": 3, "seed": 3}
+    simulate(table, made).save(tmp_path / "o")
+    data = read_data(machine, tmp_path / "o" / "measurements.csv")[0]
+    for labels in (np.arange(len(data)), np.arange(len(data)) % 10):
+        other = replace(data, labels=None, groups=labels, unusable=None)
+        assert not stale(other, machine)[1]
+        q = other.q.copy()
+        q[9] = q[8]    # the tenth row is of another pose: 30 poses of three rows
+        (found,) = stale(replace(other, q=q), machine)[1]
+        assert found.rows == (10,)
+
+
+def test_check_tells_rows_that_repeat_the_one_before_once(tmp_path: Path) -> None:
+    def repeated(rows: list[Row]) -> None:
+        rows[44].update({k: rows[43][k] for k in LEGS})
+
+    said = " ".join(ppmcal("check", MACHINE, session(tmp_path, repeated), expect=1).out.split())
+    assert said.count("are still those of the row before") == 1
+
+
+def test_a_mistake_is_named_on_a_machine_with_a_hidden_effect_too(tmp_path: Path) -> None:
+    """A play of ten times the noise is left by the right reading; by the wrong one everything."""
+    path = simulated(tmp_path, 7.0, [{"kind": "backlash", "on": ["leg2"],
+                                      "parameters": {"width": 0.1}}])
+    rows = read_rows(path)
+    swapped(rows)
+    write_rows(path, rows)
+    machine, datasets = prepared(MACHINE, [path])
+    (found,) = misfit(Problem(machine, datasets, machine.free)).readings
+    assert {m.kind for m in found.mistakes} == {"permuted"} and found.noise_after > 2.0

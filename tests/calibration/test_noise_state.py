@@ -14,7 +14,16 @@ from helpers.commands import ppmcal as run
 import ppmcal
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.noise import AGREES, LARGER, SMALLER, noise_check, noise_state
+from ppmcal.calibration.noise import (
+    AGREES,
+    ESTIMATED,
+    LARGER,
+    SMALLER,
+    STATED,
+    noise_check,
+    noise_source,
+    noise_state,
+)
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
 from ppmcal.io.results.identification_parts import NoiseCheck
@@ -60,6 +69,17 @@ def test_one_place_decides_whether_the_check_failed(ratio: float, p: float | Non
     words, fine = noise_verdict(check)
     assert fine == (state == AGREES)
     assert ("larger" in words, "smaller" in words) == (state == LARGER, state == SMALLER)
+
+
+def test_noise_that_nobody_stated_is_not_called_stated(hexapod: Mechanism) -> None:
+    data = campaign(hexapod, 1, 1.0)
+    for source, own in ((STATED, data), (ESTIMATED, replace(data, estimated=True))):
+        check = NoiseCheck.of(found(hexapod, own)[1])
+        assert check.source == source
+        for ratio, p in ((3.0, 1e-9), (0.1, 1.0), (1.0, 0.4)):
+            words, _ = noise_verdict(check.model_copy(update={"sigma_ratio": ratio, "chi2_p": p}))
+            assert f"the {source} noise" in words
+    assert noise_source([data, replace(data, estimated=True)]) == "stated or estimated"
 
 
 def test_noise_and_prior_are_checked_apart(hexapod: Mechanism) -> None:

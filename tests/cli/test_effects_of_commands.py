@@ -210,6 +210,8 @@ def test_a_needed_column_that_is_not_there(bench: Path, tmp_path: Path, kind: st
         assert missing in run.err
         assert next(a for a in args if a.endswith(".csv")) in run.err
         assert "Add the column" in " ".join(run.err.split())
+        assert (f"--assume {missing}=VALUE" in " ".join(run.err.split())) == (
+            args[0] == "compensate")
         assert "Traceback" not in run.err
         assert not (tmp_path / "o").exists()
     # an empty column is as good as none

@@ -129,6 +129,7 @@ def test_rows_that_tell_little_or_nothing(bench, tmp_path, name, command):
         # what check says of it is a finding
         assert found.code in ((1, 2, 3) if command == "check" else (2, 3))
         assert refusal in words, words[-600:]
+        assert "outside the limits of" not in words, "that is told already"
 
 
 NOISE = {

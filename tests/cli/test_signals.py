@@ -153,3 +153,20 @@ def _processes(group: int) -> list[int]:
         if int(rest[2]) == group and rest[0] != "Z":
             found.append(int(path.parent.name))
     return found
+
+
+def test_a_signal_that_a_compiled_module_makes_an_error_of_its_own_stops(tmp_path: Path) -> None:
+    """A serialiser's function is called by compiled code, which wraps whatever it raises."""
+    code = """
+import os, signal, sys
+from pydantic import BaseModel, PlainSerializer
+from typing import Annotated
+import ppmcal.cli
+class Model(BaseModel):
+    x: Annotated[int, PlainSerializer(lambda v: os.kill(os.getpid(), signal.SIGTERM) or v)] = 1
+ppmcal.cli.cli = lambda standalone_mode: Model().model_dump()
+ppmcal.cli.main()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
+                          cwd=tmp_path, timeout=60)
+    assert (done.returncode, done.stderr.strip()) == (128 + signal.SIGTERM, "Stopped.")

@@ -7,11 +7,16 @@ import shutil
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 from helpers.commands import ppmcal, rows
 from helpers.paths import ROOT
 
+from ppmcal.calibration.misread import Misread
+from ppmcal.calibration.mistakes import Mistake
+from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.cli import COMMANDS, cli
+from ppmcal.units import SI
 
 SCENARIO = """
 format: ppmcal/scenario/1
@@ -80,6 +85,7 @@ def test_which_point_targets_are_of_is_said(bench: Path) -> None:
                         (["--frame", "base"], "poses of the platform's origin, in the base frame")):
         run = ppmcal("compensate", "i", "t.csv", *words, "--out", "c", cwd=bench, expect=0)
         assert said in " ".join(run.out.split())
+        assert " mm in its axes)" in " ".join(run.out.split()) or words
         assert said in json.loads((bench / "c" / "commands.json").read_text())["targets"]
     told = ppmcal("compensate", "i", "t.csv", "--out", "c", cwd=bench, expect=0).out
     found = " ".join(told.split()).partition("to be: ")[2]
@@ -112,3 +118,29 @@ def test_the_interval_is_in_the_table(bench: Path) -> None:
             assert float(row["low"]) < float(row["value"]) < float(row["high"])
             half = (float(row["high"]) - float(row["low"])) / 2.0
             assert half == pytest.approx(1.96 * float(row["sigma"]), rel=0.1)
+
+
+def test_rows_left_out_are_told_below_the_finding_that_counts_them(bench: Path) -> None:
+    """Whatever other findings there are: here tolerances that are too tight."""
+    machine = (bench / "m.yaml").read_text()
+    (bench / "tight.yaml").write_text(machine.replace(
+        "{point: 0.3, length: 0.3, angle: 0.1, offset: 0.4}",
+        "{point: 0.06, length: 0.06, angle: 0.02, offset: 0.08}"))
+    header, *table = (bench / "a.csv").read_text().splitlines()
+    cells = table[7].split(",")
+    x = header.split(",").index("x")
+    cells[x] = str(float(cells[x]) + 1.0)
+    table[7] = ",".join(cells)
+    (bench / "typo.csv").write_text("\n".join([header, *table]) + "\n")
+    shutil.copy(bench / "a.yaml", bench / "typo.yaml")
+    said = ppmcal("identify", "tight.yaml", "typo.csv", "--out", "typo", cwd=bench, expect=1).out
+    assert "the tolerances are too tight" in " ".join(said.split())
+    assert " ".join(said.partition("for each reason")[2].split()).startswith("a, row 8: x")
+
+
+def test_a_file_with_two_mistakes_is_named_once() -> None:
+    """Joints outside their limits are a mistake each."""
+    found = [Misreading("a.csv", (Mistake("outside-limits", (q,), f"{q} is outside its limits"),),
+                        None, "length", np.nan, np.nan, np.nan) for q in ("q_leg1", "q_leg2")]
+    said = str(Misread.of(found, SI))
+    assert said.startswith("a.csv: q_leg1 is outside its limits; q_leg2 is outside its limits")

@@ -391,7 +391,7 @@ def test_modes_of_rows_of_joints(tmp_path):
     assert "no length" in per_row[4][0]["reason"]
     assert len(per_row[1]) == len(per_row[5]) == 2
     assert [r["home"] for r in per_row[1]] == ["yes", "no"]
-    assert "outside [200, 700]" in per_row[6][0]["reason"]
+    assert "outside [200, 700] mm" in per_row[6][0]["reason"]
     # every mode closes: the struts are as long as the joints say
     for r in (r for r in found if r["status"] == "ok"):
         struts, _ = leg_lines(np.array([[number(r, "x") / 1e3, number(r, "y") / 1e3,

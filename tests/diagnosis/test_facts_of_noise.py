@@ -243,7 +243,7 @@ def test_normal_noise_has_no_tails_of_any_size(size: float, n: int) -> None:
 def against(left: Array, pure: PureError | None = None, rho: float = 0.0, off: float = 0.0,
             freedom: int = 0) -> tuple[float, float, float, str]:
     stage: Any = SimpleNamespace(
-        system=SimpleNamespace(residual=left), pure=pure,
+        system=SimpleNamespace(residual=left, problem=SimpleNamespace(datasets=())), pure=pure,
         noise=Whitening(np.eye(left.shape[1])[None], rho, rho_error=off))
     return _against_noise(stage, left.reshape(-1), freedom or left.size)
 

@@ -99,7 +99,8 @@ def test_what_geometry_imitates_is_said_once() -> None:
     fit: Any = SimpleNamespace(problem=SimpleNamespace(datasets=(), mechanism=machine), reasons=(),
                                converged=True, state=SimpleNamespace(g=None))
     out: Any = SimpleNamespace(sentence="")
-    effects: Any = [SimpleNamespace(kind=k, survival=s, side=lambda machine: "") for k, s in
+    effects: Any = [SimpleNamespace(kind=k, survival=s, side=lambda machine: "",
+                                          hypothesis=SimpleNamespace(called=k)) for k, s in
                     (("gain", 0.1), ("gain", 0.19), ("lag", 0.21), ("play", 0.01))]
     said, = findings(fit, fit, remainder(1.0), effects, None, out, ())
     assert said.startswith("gain, play: geometry imitates most of it")

@@ -46,6 +46,7 @@ def test_noise_is_that_of_the_model_with_what_was_named(stage, day):
     assert any("again with the noise" in s for s in said)
     assert len(told) == 1 and "estimated" in told[0]
     assert found.identification.fit.noise == pytest.approx(1.0, abs=0.2)
+    assert found.start.source == found.remainder.source == "estimated"
 
 
 def test_stated_noise_stays(stage, day):

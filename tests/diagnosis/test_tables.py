@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from html import unescape
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import hidden
@@ -20,18 +21,26 @@ from helpers.report_files import html_of
 from ppmcal.calibration.left_out_rows import LeftOut
 from ppmcal.calibration.problem import Problem
 from ppmcal.cli.common import Console
-from ppmcal.cli.diagnose import describe
+from ppmcal.cli.diagnose import _effects, describe
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.held_out_gap import Gap
-from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.result import Candidate, Diagnosis, NamedEffect
 from ppmcal.diagnosis.verdict import findings, next_step
 from ppmcal.errors import BadInput
 from ppmcal.io.results import diagnosis_wording as wording
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import effects_csv
-from ppmcal.io.results.diagnosis_parts import NextMeasurements
+from ppmcal.io.results.diagnosis_parts import (
+    DiagnosedEffect,
+    NextMeasurements,
+    SuspectedEffect,
+)
+from ppmcal.io.results.learned_parts import LearnedEntry
+from ppmcal.model.effects import find_effect
 from ppmcal.report.diagnosis import diagnosis_section
 from ppmcal.report.records import Diagnosed
+from ppmcal.units import Units
 from ppmcal.wording import number
 
 Record = dict[str, Any]
@@ -196,6 +205,38 @@ def test_the_same_sentences_on_the_console_and_in_the_report(
     assert step[1:] in page
     # each leg with a value and a p of its own, told as one effect
     assert "backlash on leg2, leg5: leg" in said
+
+
+@pytest.mark.parametrize(("look", "words"), [
+    ("odd", "it looks opposite on both sides of its middle (an odd function)."),
+    ("even", "it looks alike on both sides of its middle (an even function)."),
+    ("kinked", "it looks kinked.")])
+def test_what_a_learned_function_looks_like_is_in_plain_words(look: str, words: str) -> None:
+    entry = LearnedEntry(input="load", input_unit="N", on=("leg1",), rms=0.2, unit="mm",
+                         low=-160.0, high=1.0, looks=(look,))
+    (told,) = wording.learned(DiagnosisRecord(learned=(entry,)))
+    assert told.endswith(words)
+
+
+def test_people_are_told_which_of_two_kinds_of_one_name(capsys: pytest.CaptureFixture[str]
+                                                        ) -> None:
+    """The base may turn on its floor, or the platform give: both are `base_compliance`."""
+    kinds = {k.label: k for k in find_effect("base_compliance").variants("spatial")}
+    own, other = (Hypothesis(k.name, (), True, (), (), (), (), effect=k) for k in (
+        kinds["base_compliance about base"], kinds["base_compliance"]))
+    named = NamedEffect(own.kind, (), (), 1e-9, -20.0, 0.9, (other.label,), (3.0,), own)
+    suspected = SuspectedEffect.of(Candidate(own, -9.0, -9.0, 0.5, "consistent", (), 0.0))
+    machine = SimpleNamespace(units=Units("mm", "deg"), names=(), effects=())
+    result = SimpleNamespace(identification=SimpleNamespace(
+        mechanism=machine, estimates=(), fit=None))
+    effect = DiagnosedEffect.of(result, named)
+    assert (effect.kind, effect.label) == ("base_compliance", "base_compliance about base")
+    record = DiagnosisRecord(verdict="named", effects=(effect,), possible=(suspected,))
+    page = " ".join(unescape(html_of(diagnosis_section(Diagnosed("d", record, None)))).split())
+    for said in (wording.headline(record), wording.not_named(record), _effects(record)[0], page):
+        assert "base_compliance about base" in said
+    older = effect.model_copy(update={"label": ""})
+    assert wording.effect_name(record, older) == "base_compliance"
 
 
 # --- figures that follow from parameters ----------------------------------------------------------

@@ -145,8 +145,8 @@ def test_names_of_units(tmp_path: Path) -> None:
                {"kind": "leg_thermal", "parameters": {"expansion": 1e-5}},
                {"kind": "gain", "parameters": {"gain": 1e-5}}]
     for name, names in (("3-RPR", ["N/mm", "1/N", "1/mm", "mm", "mm", "mm/N", "1/K", "s", ""]),
-                        ("3-RRR-1", ["N m/deg", "1/N m", "1/deg", "deg", "deg", "deg/N m", "1/K",
-                                     "s", ""])):
+                        ("3-RRR-1", ["N m/deg", "1/(N m)", "1/deg", "deg", "deg", "deg/(N m)",
+                                     "1/K", "s", ""])):
         mechanism = read(tmp_path, name, effects)
         own = [mechanism.parameters[i] for e in mechanism.effects for i in e.parameters.values()]
         assert [mechanism.units.name(p.quantity) for p in own] == names

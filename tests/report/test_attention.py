@@ -79,7 +79,7 @@ WARNINGS: dict[str, Callable[[], dict[str, Any]]] = {
     "no check of the noise": lambda: {"identified": (fit(noise={}, redundant=[]),)},
     "sessions": lambda: {"identified": (fit(parameters=[{"name": "a", "disagree": True}]),)},
     "far": lambda: {"identified": (fit(parameters=[{
-        "name": "a", "error": 5.0, "tolerance": 1.0, "unit": "mm"}]),)},
+        "name": "a", "error": 5.0, "tolerance": 1.0, "unit": "mm", "far": True}]),)},
     "homing": lambda: {"identified": (fit(gross_errors={"homing_shifts": [{
         "session": "s", "actuator": "leg1", "value": 1.0, "sigma": 0.1, "unit": "mm"}]}),)},
     "unchecked": lambda: {"identified": (fit(gross_errors={"unchecked": [{

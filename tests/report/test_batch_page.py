@@ -85,6 +85,14 @@ def test_effects_that_came_went_or_grew_are_told():
     assert told[2].startswith("backlash on leg1: width 0.0200 → 0.0300 mm")
 
 
+def test_a_unit_as_older_versions_wrote_it_is_the_same_unit():
+    old, new = (effect("windup", value).model_copy(update={"parameter": "give"})
+                for value in (0.020, 0.030))
+    told = differences(*(diagnosed("m", CampaignQuantity(**{**q.model_dump(), "unit": unit}))
+                         for q, unit in ((old, "deg/N m"), (new, "deg/(N m)"))))
+    assert [t.endswith("0.0300 deg/(N m)") for t in told] == [True]
+
+
 def parameter(value, nominal=100.0, status="identified", name="leg1.offset"):
     return CampaignQuantity(what="parameter", name=name, value=value, nominal=nominal, sigma=0.01,
                             tolerance=0.3, unit="mm", status=status)

@@ -7,6 +7,7 @@ import json
 import pytest
 from helpers.commands import ppmcal as command
 
+from ppmcal.cli.validate import _table
 from ppmcal.io.results.validation import (
     ErrorSize,
     PredictedError,
@@ -66,6 +67,11 @@ def test_a_miss_that_is_one_row_is_not_told_as_another_machine(day):
     assert "one row, off by 0.8 mm" in missing(0.8)
     assert "another machine" not in missing(0.8)
     assert "measurements of another machine" in missing(0.4)
+
+
+def test_the_console_says_in_which_unit_one_is_better(day):
+    header, table, _ = _table(day)
+    assert header == ["machine", "mm rms", "better by, mm", "95 %, mm", ""] and len(table) == 3
 
 
 def test_the_picture_has_a_line_for_each_machine(day):

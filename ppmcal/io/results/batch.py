@@ -12,7 +12,7 @@ from ppmcal.io.parquet import parquet_bytes
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate, summaries
-from ppmcal.io.results.record import Part, Record, Shown, Text, Whole
+from ppmcal.io.results.record import Part, Record, Shown, Text, UnitText, Whole
 from ppmcal.wording import MOST, counted, some
 
 TABLE = "campaigns.parquet"
@@ -42,7 +42,7 @@ class CampaignQuantity(Part):
     half: Shown | None = None
     nominal: Shown | None = None
     tolerance: Shown | None = None
-    unit: Text = ""
+    unit: UnitText = ""
     p_value: Shown | None = None
     status: Text = ""
 

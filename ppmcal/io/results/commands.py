@@ -144,8 +144,8 @@ def target_sentence(mechanism: Mechanism, frame: str) -> str:
                 "(--frame base: in the base frame).")
     at = ", ".join(f"{v:.4g}" for v in place)
     return (f"Targets are where the mark that {frame} measured is to be{turned}: "
-            f"{np.linalg.norm(place):.4g} {units.length} from the platform's origin ({at} in its "
-            "axes). With --frame base they are poses of that origin.")
+            f"{np.linalg.norm(place):.4g} {units.length} from the platform's origin ({at} "
+            f"{units.length} in its axes). With --frame base they are poses of that origin.")
 
 
 def accepted_sentence(accepted: int, targets: int) -> str:

@@ -24,7 +24,7 @@ from ppmcal.diagnosis.result import (
     Survival,
     Swallowed,
 )
-from ppmcal.io.results.record import Flag, Part, Shown, Text, Whole
+from ppmcal.io.results.record import Flag, Part, Shown, Text, UnitText, Whole
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.units import Units
 
@@ -37,7 +37,7 @@ class EffectValue(Part):
 
     value: Shown | None = None
     sigma: Shown | None = None
-    unit: Text = ""
+    unit: UnitText = ""
     low: Shown | None = None
     high: Shown | None = None
 
@@ -128,7 +128,19 @@ class EffectSurvival(Part):
             keeps=found.keeps, log10_odds=found.log_odds / np.log(10.0), fails=found.fails)
 
 
-class DiagnosedEffect(Part):
+class CalledKind(Part):
+    """A ``kind`` of effect; ``label``: what people call it, where kinds of one name differ."""
+
+    kind: Text = ""
+    label: Text = ""
+
+    @property
+    def called(self) -> str:
+        """What people call it, in files of older versions too."""
+        return self.label or self.kind
+
+
+class DiagnosedEffect(CalledKind):
     """An effect that the data name.
 
     ``p_value`` given the other named ones: how often noise alone shows as much of anything that
@@ -141,7 +153,6 @@ class DiagnosedEffect(Part):
     sits before what gives way) or ``leads`` it (behind).
     """
 
-    kind: Text = ""
     on: tuple[Text, ...] = ()
     parameters: Mapping[str, EffectValue] = Field(default_factory=dict)
     p_value: Shown | None = None
@@ -161,7 +172,8 @@ class DiagnosedEffect(Part):
     @classmethod
     def of(cls, result: Diagnosis, effect: NamedEffect) -> DiagnosedEffect:
         """Return one effect in file units."""
-        return cls(kind=effect.kind, on=effect.on, parameters=_parameters(result, effect),
+        return cls(kind=effect.kind, label=effect.hypothesis.called, on=effect.on,
+                   parameters=_parameters(result, effect),
                    p_value=effect.p_value, log10_p=effect.log_p / np.log(10.0),
                    survival=effect.survival,
                    alternatives=tuple(kind_of(a) for a in effect.alternatives),
@@ -173,14 +185,13 @@ class DiagnosedEffect(Part):
                    **_event(result, effect), **_derived(result, effect))
 
 
-class SuspectedEffect(Part):
+class SuspectedEffect(CalledKind):
     """Something that is there but cannot be named.
 
     ``status``: ``weak``, ``imitation`` or ``consistent``, which would not stand if the rest were
     explained.
     """
 
-    kind: Text = ""
     on: tuple[Text, ...] = ()
     p_value: Shown | None = None
     survival: Shown | None = None
@@ -189,8 +200,8 @@ class SuspectedEffect(Part):
     @classmethod
     def of(cls, c: Candidate) -> SuspectedEffect:
         """Return a candidate that is not named."""
-        return cls(kind=c.hypothesis.kind, on=c.hypothesis.on, p_value=c.p_value,
-                   survival=c.survival, status=c.status)
+        return cls(kind=c.hypothesis.kind, label=c.hypothesis.called, on=c.hypothesis.on,
+                   p_value=c.p_value, survival=c.survival, status=c.status)
 
 
 class ResidualAfter(Part):

@@ -64,7 +64,7 @@ def together(record: DiagnosisRecord) -> list[Group]:
     """
     groups: dict[tuple[str, ...], list[DiagnosedEffect]] = {}
     for e in record.effects:
-        key = (e.kind, *_geometry(e), "|", *e.alternatives_on)
+        key = (e.called, *_geometry(e), "|", *e.alternatives_on)
         groups.setdefault(key, []).append(e)
     return list(groups.values())
 
@@ -78,7 +78,7 @@ def rivals(record: DiagnosisRecord, effect: DiagnosedEffect) -> list[str]:
 def group_name(record: DiagnosisRecord, group: Group) -> str:
     """Return ``backlash on leg2, leg5`` for effects that are told as one."""
     on = dict.fromkeys(a for e in group for a in e.on)
-    return name_of(record, " ".join([group[0].kind, *_geometry(group[0])]), list(on))
+    return name_of(record, " ".join([group[0].called, *_geometry(group[0])]), list(on))
 
 
 def stages(record: DiagnosisRecord) -> str:
@@ -189,7 +189,7 @@ def survives(effect: DiagnosedEffect) -> str:
 
 def not_named(record: DiagnosisRecord) -> str:
     """Return what the data are consistent with and that would not stand; empty where nothing."""
-    names = [name_of(record, e.kind, e.on) for e in record.possible
+    names = [name_of(record, e.called, e.on) for e in record.possible
              if e.status in ("consistent", "imitation")]
     return "" if not names else (
         f"Consistent with, not named: {'; '.join(dict.fromkeys(names))}: no more than an imitation "
@@ -279,9 +279,14 @@ def learned_gap(record: DiagnosisRecord) -> str:
             f"{tail}{_interval(gap)}.")
 
 
+LOOKS = {"even": "alike on both sides of its middle (an even function)",
+         "odd": "opposite on both sides of its middle (an odd function)"}
+"""What functions are called, in plain words."""
+
+
 def _look(entry: LearnedEntry) -> str:
     words = [f"{w} (every {number(entry.period, 3)} {entry.input_unit})"
-             if w == "repeating" and entry.period else w for w in entry.looks]
+             if w == "repeating" and entry.period else LOOKS.get(w, w) for w in entry.looks]
     like = [f"{n.effect} (cosine {number(n.cosine, 2)})" for n in entry.near[:1]]
     return (f"; it looks {', '.join(words)}" if words else "") + (
         f"; nearest in the library: {like[0]}" if like else "")

@@ -7,17 +7,20 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
+from ppmcal.calibration.considered import Considered
 from ppmcal.calibration.coverage import half_interval, half_or
 from ppmcal.calibration.estimates import Estimate
+from ppmcal.calibration.fit import data_rows
 from ppmcal.calibration.freedom_choice import FreedomChoice
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
-from ppmcal.calibration.noise import FAILED_NOISE, Noise, noise_state
+from ppmcal.calibration.noise import FAILED_NOISE, STATED, Noise, noise_state
 from ppmcal.calibration.posterior import of_data
 from ppmcal.calibration.session_knowledge import session_knowledge
 from ppmcal.calibration.summary import Dependence, Identification
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.io.results.session_parts import SessionInformation
 from ppmcal.io.results.units import Numbers, column_factor, numbers
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.units import Units
@@ -42,7 +45,8 @@ class ParameterEstimate(Part):
     alone, prior included; ``sigma_data``: without the prior; ``sigma_sessions``: half of
     the interval over 1.96, None where that is by noise alone; ``sessions``:
     by each alone; ``disagree_p`` of those having one value; ``disagree``: whether it is too small;
-    ``half_noise``: half of the 95 % interval by noise alone.
+    ``half_noise``: half of the 95 % interval by noise alone; ``far``: whether it is farther from
+    nominal than tolerances allow.
     """
 
     name: Text = ""
@@ -62,6 +66,7 @@ class ParameterEstimate(Part):
     disagree_p: Finite | None = None
     disagree: Flag | None = None
     half_noise: Finite | None = None
+    far: Flag | None = None
 
     @classmethod
     def of(cls, e: Estimate, units: Units) -> ParameterEstimate:
@@ -81,7 +86,8 @@ class ParameterEstimate(Part):
                                                half=half / f)
                                   for label, value, sigma, half in e.by_session),
                    disagree_p=e.p_value, disagree=e.disagree if e.by_session else None,
-                   half_noise=_over(e.half_by_noise, f))
+                   half_noise=_over(e.half_by_noise, f),
+                   far=None if e.expected is None else e.far)
 
     @property
     def half(self) -> float | None:
@@ -143,7 +149,10 @@ def before_words(before_is: str) -> str:
 
 
 class NoiseCheck(Part):
-    """Residuals against the stated noise, errors against tolerances; all bare."""
+    """Residuals against the noise, errors against tolerances; all bare.
+
+    ``source``: whether that noise is ``stated`` or ``estimated``.
+    """
 
     sigma_ratio: Finite | None = None
     chi2: Finite | None = None
@@ -155,6 +164,7 @@ class NoiseCheck(Part):
     prior_chi2: Finite | None = None
     prior_degrees: Finite | None = None
     prior_p: Finite | None = None
+    source: Text = STATED
 
     @property
     def state(self) -> str:
@@ -172,7 +182,7 @@ class NoiseCheck(Part):
         return cls(sigma_ratio=n.sigma_ratio, chi2=n.chi2, degrees=n.degrees, chi2_p=n.chi2_p,
                    prior_chi2=n.prior_chi2, prior_degrees=n.prior_degrees, prior_p=n.prior_p,
                    repeat_ratio=n.repeat_ratio, repeat_degrees=n.repeat_degrees,
-                   by_dataset=n.by_dataset)
+                   by_dataset=n.by_dataset, source=n.source)
 
 
 class CorrelatedPair(Part):
@@ -235,10 +245,29 @@ class DataInformation(Part):
     unit_of_parameters: Numbers = ()
 
 
+class HeldParameters(Part):
+    """Parameters that were held though they may be off by ``sigma``, file units.
+
+    ``moved``: by how much each column of the covariance errs with the error of each.
+    """
+
+    names: tuple[Text, ...] = ()
+    sigma: Numbers = ()
+    moved: tuple[Numbers, ...] = ()
+
+    @classmethod
+    def of(cls, kept: Considered, mechanism: Mechanism, columns: Array) -> HeldParameters:
+        """Return the entry; ``columns``: SI value of one file unit of each column (C,)."""
+        own = np.array([column_factor(mechanism, n) for n in kept.names])
+        return cls(names=kept.names, sigma=numbers(kept.sigma / own),
+                   moved=tuple(map(numbers, kept.gain * own / columns[:, None])))
+
+
 class CovarianceEntry(Part):
     """Covariance of all columns in file units, and the points that the frames turn about.
 
-    ``prior``: standard deviations, None without; ``inflation``: a bare factor on the noise.
+    ``prior``: standard deviations, None without; ``inflation``: a bare factor on the noise;
+    ``held``: what was not fitted, which the matrix takes for exact.
     """
 
     names: tuple[Text, ...] = ()
@@ -248,14 +277,15 @@ class CovarianceEntry(Part):
     session: SessionInformation | None = None
     matrix: tuple[Numbers, ...] = ()
     frames_turn_about: Mapping[Text, Numbers] = Field(default_factory=dict)
+    held: HeldParameters | None = None
 
     @classmethod
     def of(cls, result: Identification) -> CovarianceEntry:
         """Return the entry in file units."""
-        fit, units = result.fit, result.mechanism.units
+        fit, units, kept = result.fit, result.mechanism.units, result.considered
         f = np.array([column_factor(result.mechanism, n) for n in result.columns])
         count = len(fit.problem.free)
-        matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, count, fit.scale[:count])
+        matrix, right = of_data(*data_rows(fit), count, fit.scale[:count])
         data = DataInformation(
             matrix=tuple(map(numbers, matrix * f[:count] * fit.noise)),
             right=numbers(right * fit.noise),
@@ -269,7 +299,9 @@ class CovarianceEntry(Part):
         return cls(names=result.columns, prior=prior, inflation=fit.noise, data=data,
                    session=session,
                    matrix=tuple(map(numbers, result.covariance / np.outer(f, f))),
-                   frames_turn_about=about)
+                   frames_turn_about=about,
+                   held=HeldParameters.of(kept, result.mechanism, f) if kept and kept.names
+                   else None)
 
 
 def summaries(values: Mapping[str, Mapping[str, float]], units: Units

@@ -10,20 +10,20 @@ TERMS = 6
 
 
 def noise_verdict(noise: NoiseCheck) -> tuple[str, bool]:
-    """Return what the residuals say about the stated noise, and whether that is fine."""
+    """Return what the residuals say about the noise, and whether that is fine."""
     ratio, p = noise.sigma_ratio, noise.chi2_p
     if ratio is None and p is None:
         return "", True
     tail = ", ".join(([] if ratio is None else [f"ratio {ratio:.3g}"])
                      + ([] if p is None else [chance(p)]))
-    state = noise.state
+    state, source = noise.state, noise.source
     if state == LARGER:
-        return (f"what remains is larger than the stated noise explains ({tail}): something is "
+        return (f"what remains is larger than the {source} noise explains ({tail}): something is "
                 "missing in the model, or sigma is too small"), False
     if state == SMALLER:
-        return (f"what remains is smaller than the stated noise ({tail}): sigma looks too "
+        return (f"what remains is smaller than the {source} noise ({tail}): sigma looks too "
                 "large"), False
-    return f"what remains agrees with the stated noise ({tail})", True
+    return f"what remains agrees with the {source} noise ({tail})", True
 
 
 SHORT = {

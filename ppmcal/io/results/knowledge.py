@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ppmcal.calibration.compensation import Knowledge
+from ppmcal.calibration.considered import Considered
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.posterior import Posterior, SessionKnowledge, Sight
 from ppmcal.calibration.same_rows import KnownRows
@@ -20,6 +21,7 @@ from ppmcal.io.results.identification_parts import (
     CovarianceEntry,
     DoubtfulPart,
     FittedDataset,
+    HeldParameters,
     ResidualSummary,
 )
 from ppmcal.io.results.record import Part
@@ -60,12 +62,14 @@ def knowledge_of(record: IdentificationRecord, mechanism: Mechanism, path: Path)
         names = covariance.names
         matrix = _matrix(covariance.matrix, len(names), len(names))
         _refuse_no_covariance(matrix, names, path)
+        kept = _considered(covariance.held, len(names))
         volume = {c: _range(ends, mechanism, c) for c, ends in record.measured_volume.items()}
         turn = {n: _finite(p, 3) * units.factor("length")
                 for n, p in covariance.frames_turn_about.items()}
         before = {d.name: _registration(d, units) for d in record.datasets}
     except _Incomplete as error:
         raise _no_such(path, WITHOUT) from error
+    names, matrix = (*names, *kept.names), kept.beside(matrix)
     of_machine(names, mechanism, path)
     factor = np.array([column_factor(mechanism, n) for n in names])
     left = [(record.unexplained.get(kind, ResidualSummary()).rms or 0.0) * units.factor(quantity)
@@ -73,6 +77,17 @@ def knowledge_of(record: IdentificationRecord, mechanism: Mechanism, path: Path)
     return Knowledge(names, matrix * np.outer(factor, factor), volume, turn, before,
                      (left[0], left[1]),
                      tuple(_doubtful(d, mechanism, units, path) for d in record.doubtful))
+
+
+def _considered(entry: HeldParameters | None, count: int) -> Considered:
+    """Return what an identification held beside its columns (C), file units."""
+    if entry is None:
+        return Considered((), np.zeros(0), np.zeros((count, 0)))
+    _part(entry, "names", "sigma", "moved")
+    sigma = _finite(entry.sigma, len(entry.names))
+    if np.any(sigma < 0.0):
+        raise _Incomplete
+    return Considered(entry.names, sigma, _matrix(entry.moved, count, len(entry.names)))
 
 
 def read_noise(path: Path) -> MeasurementBasis | None:

@@ -30,7 +30,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import LongText, csv_lines
 from ppmcal.io.json import AGAIN, LARGEST, read_object
 from ppmcal.io.output import json_text, plain
-from ppmcal.units import Units
+from ppmcal.units import Units, as_now
 
 LARGEST_WHOLE = 2 ** 53
 _READ = "read"
@@ -57,6 +57,8 @@ Finite = Annotated[float, Field(strict=True, json_schema_extra={
 """A number that is calculated with: of what is read, :data:`LARGEST` at most."""
 Text = InstanceOf[str]
 """A text; of a file's name it may hold what UTF-8 cannot, as ``\\udcff``."""
+UnitText = Annotated[Text, AfterValidator(as_now)]
+"""A unit's name, whichever version wrote it."""
 Whole = Annotated[int, Field(strict=True), AfterValidator(_exact)]
 """A whole number; of what is read one that a float holds exactly."""
 Flag = Annotated[bool, Field(strict=True)]
