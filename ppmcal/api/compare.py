@@ -74,30 +74,53 @@ def compare(old: Path_, new: Path_) -> ComparisonResult:
     both = replace(mechanism, free=tuple({*before.places, *after.places}))
     odd = same_machine(both, earlier, first)
     only = sorted(mechanism.names[p] for p in {*before.places} ^ {*after.places})
-    found, notes, more = _found(mechanism, (before, after), only, (first.parent, second.parent),
-                                knowledge.volume)
+    found, notes, again, more = _found(mechanism, (before, after), only,
+                                       (first.parent, second.parent), knowledge.volume)
     findings = (*odd, *notes)
     source = source_of("compare", [*mechanism.inputs, *(str(p) for p in paths), *more], None)
     return ComparisonResult(source, findings, mechanism, found, ComparisonRecord.of(
-        found, mechanism, source, findings, only))
+        found, mechanism, source, findings, only, again=again))
 
 
 def _found(mechanism: Mechanism, known: tuple[Posterior, Posterior], only: Sequence[str],
            folders: Sequence[Path], volume: Mapping[str, tuple[float, float]]
-           ) -> tuple[Comparison, list[str], list[str]]:
-    """Return the comparison, what makes it doubtful, and the tables that it read again.
+           ) -> tuple[Comparison, list[str], bool, list[str]]:
+    """Return the comparison, what makes it doubtful, and of what files it is.
 
-    ``only``: parameters that one of the two had free; ``folders``: of both; ``volume``: as
-    :func:`ppmcal.calibration.change_detection.between`.
+    A change that one fit to the rows of both does not confirm is none: in directions that a
+    session hardly sees, the two may be too far apart for a linear step.
+
+    Args:
+        mechanism: the newer machine.
+        known: what both calibrations know.
+        only: parameters that one of the two had free.
+        folders: of both.
+        volume: as :func:`ppmcal.calibration.change_detection.between`.
+
+    Returns:
+        The comparison, notes, whether its values are of fits anew, and the files behind these.
     """
     more = list[str]()
     if only:
         try:
             known, more = with_equal_freedoms(mechanism, folders, known)
         except PpmcalError as error:
-            return Comparison.impossible(reason(error, only)), [], []
+            return Comparison.impossible(reason(error, only)), [], False, []
+    found, notes = _between(mechanism, known, volume)
+    if only or not found.changed:
+        return found, notes, bool(more), more
+    try:
+        again, more = with_equal_freedoms(mechanism, folders, known)
+        closer, odd = _between(mechanism, again, volume)
+    except PpmcalError:
+        return found, notes, False, []
+    if closer.changed:
+        return found, notes, False, more
+    return closer, odd, True, more
+
+
+def _between(mechanism: Mechanism, known: tuple[Posterior, Posterior],
+             volume: Mapping[str, tuple[float, float]]) -> tuple[Comparison, list[str]]:
     values = mechanism.values.copy()
     values[list(known[1].places)] = known[1].estimate(mechanism)
-    found, notes = between(mechanism.with_values(values), *known, volume,
-                           np.random.default_rng(0))
-    return found, notes, more
+    return between(mechanism.with_values(values), *known, volume, np.random.default_rng(0))

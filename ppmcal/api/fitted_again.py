@@ -25,7 +25,7 @@ FUNCTION = "identify.identify"
 def with_equal_freedoms(mechanism: Mechanism, folders: Sequence[Path],
                         known: tuple[Posterior, Posterior]
                         ) -> tuple[tuple[Posterior, Posterior], list[str]]:
-    """Return two calibrations with all parameters free that either had, and the tables behind.
+    """Return two calibrations with all parameters free that either had, and the files behind.
 
     Both are fitted anew to their own rows, which are read again.
 
@@ -46,7 +46,7 @@ def with_equal_freedoms(mechanism: Mechanism, folders: Sequence[Path],
     methods = {_method(run) for run, _ in runs}
     both = fitted_together(old, new, known, FitOptions(
         methods.pop() if len(methods) == 1 else "prior"))
-    return both, sorted({d.source for f in (old, new) for d in f.problem.datasets} | {machine})
+    return both, sorted({os.path.relpath(p) for _, places in runs for p in places.values()})
 
 
 def _run(folder: Path) -> tuple[RecordedRun, Mapping[str, Path]]:

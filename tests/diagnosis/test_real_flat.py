@@ -58,14 +58,15 @@ def test_heights_and_distances_of_another_printer_move_no_command_far(tmp_path: 
                     reason="real measurements are not at hand (PPMCAL_DATA)")
 def test_a_diagnosis_with_values_of_another_printer_ends_and_moves_no_command(tmp_path: Path
                                                                               ) -> None:
-    """Its fits wander: they are given up, which is told, and commands are refused."""
+    """Each of their rows is told to say nothing of this one, and commands are refused."""
     ppmcal.import_config("reprap", FLAT / "config.g", mesh=FLAT / "heightmap.csv").save(
         tmp_path / "own")
     ppmcal.import_config("klipper", OTHER / "printer.cfg").save(tmp_path / "other")
     files = [tmp_path / "own/mesh_heightmap.csv",
              *(tmp_path / f"other/{n}.csv" for n in ("heights", "distances"))]
     found = ppmcal.diagnose(tmp_path / "own/machine.yaml", files)
-    assert any("wandered" in f for f in found.findings)
+    for name, rows in (("heights", 7), ("distances", 12)):
+        assert any(f.startswith(f"{name}: {rows} of {rows} rows left out") for f in found.findings)
     sent = ppmcal.compensate(found, np.array([[0, 0, 0], [60, 0, 0], [0, 60, 0]]),
                              frame="base").compensation
     ok = np.array([s == "ok" for s in sent.status])

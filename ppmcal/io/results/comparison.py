@@ -163,6 +163,7 @@ class ComparisonRecord(Record):
 
     ``chi2``, its ``degrees`` and ``p_value``, and ``p_left`` of what is not explained, are bare.
     ``fitted_anew``: parameters that only one of the two had free, and both have here.
+    ``again``: whether both were fitted to their measurements again, from one point.
     ``verdict``: ``changed``, ``unchanged``, or ``not compared`` for the reason ``why_not``, without
     any of these.
     """
@@ -174,6 +175,7 @@ class ComparisonRecord(Record):
     verdict: Text = ""
     why_not: Text = ""
     fitted_anew: tuple[Text, ...] = ()
+    again: bool = False
     chi2: Finite | None = None
     degrees: Whole | None = None
     p_value: Finite | None = None
@@ -187,7 +189,8 @@ class ComparisonRecord(Record):
 
     @classmethod
     def of(cls, found: Comparison, mechanism: Mechanism, provenance: Mapping[str, Any],
-           notes: Sequence[str] = (), anew: Sequence[str] = ()) -> ComparisonRecord:
+           notes: Sequence[str] = (), anew: Sequence[str] = (), *, again: bool = False
+           ) -> ComparisonRecord:
         """Return the record of a comparison; ``anew``: ``fitted_anew``."""
         moved = found.pose_difference
         if found.why_not:
@@ -204,7 +207,7 @@ class ComparisonRecord(Record):
                                                                              mechanism.units),
                    noise=NoiseOfDifference.of(found.noise),
                    parameters=tuple(_parameters(found, mechanism)), findings=tuple(notes),
-                   fitted_anew=tuple(anew),
+                   fitted_anew=tuple(anew), again=again,
                    provenance=Provenance.model_validate(provenance))
 
     def files(self) -> dict[str, str]:
@@ -233,7 +236,8 @@ def verdict_sentence(r: ComparisonRecord) -> str:
 def anew_sentence(r: ComparisonRecord) -> str:
     """Return what both were fitted anew with, empty where they are compared as they were."""
     if not r.fitted_anew:
-        return ""
+        return ("Both were fitted to their measurements again, from one point; values are of those "
+                "fits." if r.again else "")
     return (f"Only one of the two had these free: {', '.join(r.fitted_anew)}. Both were fitted to "
             "their measurements again with these free; values are of those fits.")
 
