@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.extended_model import Added, extended

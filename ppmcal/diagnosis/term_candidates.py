@@ -186,6 +186,10 @@ def slow_inputs(seen: Visible) -> set[str]:
 
 def forms(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str],
           every: bool = False) -> Iterator[tuple[LearnedCurve, tuple[bool, ...]]]:
+    """Yield curves in each recorded input, and the actuators that follow them.
+
+    ``every``: also by direction of approach for inputs other than the way travelled.
+    """
     mechanism = seen.system.problem.mechanism
     k = len(mechanism.actuators)
     each = [tuple(a == b for b in range(k)) for a in range(k)]
@@ -206,7 +210,7 @@ def forms(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str],
             if curve is None or source.name in PLACE:
                 continue
             yield curve, on
-            if sided and (source.name == "travel" or every and not source.of_machine):
+            if sided and (source.name == "travel" or (every and not source.of_machine)):
                 yield replace(curve, signed=True), on
             yield from ((c, on) for c in _pairs(curve, here, everywhere, on))
         if source.of_machine:
