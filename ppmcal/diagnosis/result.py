@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ppmcal.calibration.coverage import Z95
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.frozen_models import Validated
@@ -98,6 +100,7 @@ class NamedEffect:
     onset: Onset | None = None
     sessions: SessionEffect | None = None
     survives: Survival | None = None
+    probability: float = np.nan
 
     def side(self, mechanism: Mechanism) -> str:
         """Return whether the joint ``lags`` or ``leads`` its reading, empty for other kinds.
