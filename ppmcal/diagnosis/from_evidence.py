@@ -34,9 +34,17 @@ from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
 from ppmcal.diagnosis.onsets import refined, with_onsets
 from ppmcal.diagnosis.other_days import other_days, worse_days
 from ppmcal.diagnosis.other_models import beyond_physics, fitted
+from ppmcal.diagnosis.question import ROW_FAMILY
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import MOST_STEPS, with_mechanism
-from ppmcal.diagnosis.result import Diagnosis, Found, LearnedTerms, NamedEffect
+from ppmcal.diagnosis.result import (
+    Candidate,
+    Diagnosis,
+    Found,
+    LearnedTerms,
+    NamedEffect,
+    UnknownFound,
+)
 from ppmcal.diagnosis.search_rounds import DiagnosisOptions, training_part
 from ppmcal.diagnosis.session_effects import with_sessions
 from ppmcal.diagnosis.stage import Stage, bare_stage
@@ -44,8 +52,11 @@ from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause
 from ppmcal.diagnosis.verdict import findings, refuse_unconverged, refuse_unredundant
 from ppmcal.errors import PpmcalError
 from ppmcal.inference.sets import Member
+from ppmcal.model.dataset import Dataset
 from ppmcal.wording.progress import begin
 
+WEAK = 0.05
+"""Causes of this probability are suspected."""
 LONG_ODDS = 1000.0
 """Odds beyond which a set of effects is not worth a fit."""
 MOST_READINGS = 8
@@ -180,10 +191,47 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         _next, what, found.last, verdict, options.seed),
         nothing("these measurements do not tell what to measure next",
                 len(whole.problem.mechanism.actuators)), beside)
+    listed = _candidates(what, found, named)
     return Diagnosis(
-        verdict, effects, (), left, start, gap, places, (), found.last.library.untestable,
+        verdict, effects, _possible(listed, verdict), left, start, gap, places, listed,
+        found.last.library.untestable,
         tables.swallowed(whole, final), reported.fit if final is whole and not terms else whole,
-        reported, found, proposed, (*said, *beside), blocks, readings, terms, days)
+        reported, found, proposed, (*said, *beside), blocks, readings, terms, days,
+        what.last.answer.nothing((ROW_FAMILY,)), tuple(
+            UnknownFound(p.label, sum(m.probability for m in p.members
+                                      if UNKNOWN_FAMILY in m.family)) for p in what.unknown))
+
+
+def _candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:
+    """Return every hypothesis, a grid as one, with the probability that it is there."""
+    last, test = what.last, found.last.search.test
+    names = {id(p.hypothesis) for p, _ in what.effects} if named else set()
+    families = {h.family for p, _ in what.effects for m in p.members for h in what.hypotheses(m)}
+    groups: dict[tuple[object, ...], list[tuple[float, Hypothesis]]] = {}
+    for source, p in zip(last.asked.sources, last.answer.probability, strict=True):
+        if isinstance(source, Hypothesis) and not source.anonymous:
+            key = (source.family, source.on, source.shared)
+            groups.setdefault(key, []).append((float(p), source))
+    out = []
+    for own in groups.values():
+        there = [h for _, h in own if id(h) in names]
+        best = there[0] if there else max(own, key=lambda o: o[0])[1]
+        others = next((p.members[1:] for p, _ in what.effects if p.hypothesis is best), ())
+        place = next((p for p, _ in what.effects if p.hypothesis is best), None)
+        status = ("named" if there else "alternative" if named and best.family in families
+                  else "not needed")
+        out.append(Candidate(
+            best, np.nan, np.nan, test.survival(best.columns), status,
+            tuple(what.label(m, place) for m in others) if place is not None else (), 0.0,
+            min(sum(p for p, _ in own), 1.0)))
+    return tuple(sorted(out, key=lambda c: (c.status != "named", -c.probability)))
+
+
+def _possible(listed: Sequence[Candidate], verdict: str) -> tuple[Candidate, ...]:
+    """Return what may be there but is too weak to be named."""
+    if verdict != "weak":
+        return ()
+    return tuple(replace(c, status="weak") for c in listed if c.probability >= WEAK)[:3]
 
 
 def _found(what: Told, training: Fit, options: DiagnosisOptions) -> Found:
@@ -220,7 +268,8 @@ def _effects(what: Told, stage: Stage) -> tuple[NamedEffect, ...]:
             place.hypothesis.kind, a.on, a.parameters, np.nan, np.nan, survival,
             tuple(what.label(m, place) for m in others),
             tuple(first.probability / m.probability for m in others), place.hypothesis,
-            probability=first.probability) for a in added]
+            probability=first.probability,
+            probabilities=tuple(m.probability for m in others)) for a in added]
     return tuple(out)
 
 
@@ -273,7 +322,7 @@ def _next(what: Told, stage: Stage, verdict: str, seed: int) -> Proposal:
                    joints)
 
 
-def _terms(what: Told, found: Found, final: Fit, held: Sequence, named: bool,
+def _terms(what: Told, found: Found, final: Fit, held: Sequence[Dataset], named: bool,
            options: DiagnosisOptions) -> LearnedTerms | None:
     wanders = any(isinstance(s := what.last.asked.sources[p.block], UnknownCause) and s.way
                   for p in what.unknown)
@@ -288,7 +337,7 @@ def _days(final: Fit, options: DiagnosisOptions) -> tuple[Validated, ...]:
     return other_days(final, options.fit, options.seed)
 
 
-def _gap(found: Found, held: Sequence, options: DiagnosisOptions) -> Gap | None:
+def _gap(found: Found, held: Sequence[Dataset], options: DiagnosisOptions) -> Gap | None:
     if not held:
         return None
     return measure_gap(found.before, found.after, held, _noise(found), options.seed)
