@@ -150,8 +150,8 @@ class DiagnosedEffect(CalledKind):
     ``probability``: that it is there, and nothing else in its place; ``probabilities``: of the
     alternatives. ``sessions``: its size in each where there are several, ``same_in_sessions_p`` the
     p-value of being the same. ``survives``: of a partial verdict, whether it would stand. ``side``:
-    of what changes with the direction of approach, whether the joint ``lags`` what its encoder reads (which
-    sits before what gives way) or ``leads`` it (behind).
+    of what changes with the direction of approach, whether the joint ``lags`` what its encoder
+    reads (which sits before what gives way) or ``leads`` it (behind).
     """
 
     on: tuple[Text, ...] = ()
