@@ -26,6 +26,8 @@ from ppmcal.linalg import Array, Bools, Ints
 
 NEGLIGIBLE = 14.0
 """Sets less likely than the best by this logarithm are not counted: less than one in a million."""
+CLOSE = 8.0
+"""Sets that are so much less likely than the best are looked at for every correlation."""
 MOST = 40
 """Blocks in a set at most, rows that do not belong among them."""
 MOVES = 100
@@ -179,8 +181,14 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
           near: Mapping[int, tuple[int, int]] | None = None) -> BlockSet:
     """Return a set of blocks in the data.
 
-    ``likely``: numbers of the correlations, default all; ``near``: of each block's size and root,
-    from which the search for the likeliest starts.
+    Smaller correlations than those that are likely with it are kept too: with one block more in the
+    data, less is left that goes on from row to row.
+
+    Args:
+        question: what may be there.
+        chosen: numbers of the blocks.
+        likely: numbers of the correlations, default all.
+        near: of each block's size and root, from which the search for the likeliest starts.
     """
     start = [(near or {}).get(i) for i in chosen]
     blocks = [question.blocks[i] for i in chosen]
@@ -188,8 +196,10 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
     found = [(n, joint(question.views[n].start, blocks, start))
              for n in likely or range(len(question.views))]
     each = [question.views[n].log_prior + j.log_evidence for n, j in found]
+    most = max(n for (n, _), log_z in zip(found, each, strict=True)
+               if log_z > max(each) - NEGLIGIBLE)
     views = tuple((n, log_z + prior, j) for (n, j), log_z in zip(found, each, strict=True)
-                  if log_z > max(each) - NEGLIGIBLE)
+                  if n <= most)
     return BlockSet(question, tuple(chosen), float(logsumexp(each)) + prior, views)
 
 
@@ -277,14 +287,14 @@ def posterior(question: Question) -> SetPosterior:
     seen = _Visited(question)
     best = seen.whole(seen.visit(()))
     for _ in range(MOVES):
-        better = seen.better(best)
+        better = seen.better(best) or seen.overlooked(best)
         if better is None:
             break
         best = seen.whole(better)
     for i in best.chosen:
         if question.blocks[i].family in question.alone:
             continue
-        rest = seen.visit(tuple(j for j in best.chosen if j != i))
+        rest = seen.settle(tuple(j for j in best.chosen if j != i))
         key = frozenset(rest.chosen)
         for j in np.flatnonzero(rest.scores > best.log_p - NEGLIGIBLE).tolist():
             seen.nearby.setdefault(key | {j}, float(rest.scores[j]))
@@ -314,13 +324,24 @@ class _Visited:
             self.states[key] = state(self.question, chosen, self.likely, self.near)
         return self.states[key]
 
+    def settle(self, chosen: tuple[int, ...]) -> BlockSet:
+        """Return a set for every correlation."""
+        key = frozenset(chosen)
+        if key not in self.settled:
+            self.states[key] = state(self.question, chosen, (), self.near)
+            self.settled.add(key)
+        return self.states[key]
+
+    def overlooked(self, now: BlockSet) -> BlockSet | None:
+        """Return a set that is likelier once every correlation counts, None where there is none."""
+        close = [at for key, at in self.states.items()
+                 if key not in self.settled and at.log_p > now.log_p - CLOSE]
+        best = max((self.settle(at.chosen) for at in close), key=lambda at: at.log_p, default=now)
+        return best if best.log_p > now.log_p + LEAST_GAIN else None
+
     def whole(self, found: BlockSet) -> BlockSet:
         """Return a set for every correlation; those that are likely with it are from now on."""
-        key = frozenset(found.chosen)
-        if key not in self.settled:
-            self.states[key] = state(self.question, found.chosen, (), self.near)
-            self.settled.add(key)
-        found = self.states[key]
+        found = self.settle(found.chosen)
         _, _, sized = max(found.views, key=lambda view: view[1])
         self.near |= {i: (int(size), int(root)) for i, size, root in
                       zip(found.chosen, sized.sizes, sized.grid, strict=True)}
@@ -342,7 +363,7 @@ class _Visited:
                 return self._with_others(now, more)
         moves: list[tuple[float, tuple[int, ...]]] = []
         for i in now.chosen:
-            rest = self.visit(tuple(j for j in now.chosen if j != i))
+            rest = self.settle(tuple(j for j in now.chosen if j != i))
             moves.append((rest.log_p, rest.chosen))
             if self.question.blocks[i].family not in self.question.alone:
                 moves.append(self._best(rest))
@@ -374,7 +395,7 @@ class _Visited:
         for i in now.chosen:
             if blocks[i].family in self.question.alone:
                 continue
-            at = self.visit(tuple(j for j in now.chosen if j != i))
+            at = self.settle(tuple(j for j in now.chosen if j != i))
             gone = np.array([b.family == blocks[i].family for b in blocks])
             for _ in range(DEEP):
                 log_p, chosen = self._best(at, gone)
@@ -382,7 +403,7 @@ class _Visited:
                     break
                 at = self.visit(chosen)
                 yield at
-            yield from self._pairs(self.visit(tuple(j for j in now.chosen if j != i)), now.log_p)
+            yield from self._pairs(self.settle(tuple(j for j in now.chosen if j != i)), now.log_p)
 
     def _merged(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with one more block, and without those that are not needed beside it.
