@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.diagnosis.candidates import library
@@ -110,7 +113,9 @@ def _sized(asked: Asked, answer: SetPosterior) -> list[tuple[Hypothesis, Array, 
     out = [(source, value, sigma) for i, value, sigma in
            zip(best.chosen, joint.values, joint.sigmas, strict=True)
            if isinstance(source := asked.sources[i], Hypothesis) and not source.anonymous]
-    size = {(h.kind, h.on): float(value[0]) for h, value, _ in out if h.shared and value.size}
+    size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
+    for h, value, _ in out:
+        size[h.kind, h.on] += float(np.mean(value))
     return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans else (h, value, sigma)
             for h, value, sigma in out]
 

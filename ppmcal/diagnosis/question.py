@@ -115,7 +115,7 @@ def blocks(library: Library) -> Iterator[tuple[Block, Hypothesis]]:
                 yield Block(h.label, family, h.columns,
                             top + np.log(share[form]) - np.log(len(own)), low=low, high=high,
                             group=f"{family} on {' '.join(h.on)} {h.shared}" if event else "",
-                            gives=_place(h.kind, h.on) if h.shared else "",
+                            gives=_place(h.kind, h.on),
                             needs=_place(*h.leans) if h.leans else ""), h
 
 
