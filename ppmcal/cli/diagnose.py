@@ -48,12 +48,14 @@ if TYPE_CHECKING:
 @leave_out_option
 @click.option("--draws", type=click.IntRange(200, 100000), default=2000, show_default=True,
               help="Simulated campaigns of noise behind the thresholds.")
+@click.option("--evidence", is_flag=True, help="Name what is probable: every cause in one "
+              "question, unknown ones too, in the place of tests one after another (under trial).")
 @click.option("--png", is_flag=True, help="Write the pictures as PNG too.")
 @seed_option
 @console_options
 def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, ...],
-            kinds: tuple[str, ...], holdout: float, leave_out: str | None, draws: int, png: bool,
-            seed: int | None, console: Console) -> None:
+            kinds: tuple[str, ...], holdout: float, leave_out: str | None, draws: int,
+            evidence: bool, png: bool, seed: int | None, console: Console) -> None:
     """Find the physical effect that the model of MECH misses in the measurements DATA.
 
     Names it with its size, adds it to the model and shows on held-out poses how much of the
@@ -69,7 +71,8 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     refuse_two_holdouts(leave_out)
     try:
         result = diagnose(mech, data, free=patterns, kinds=kinds, holdout=holdout,
-                          leave_out=leave_out or "", draws=draws, seed=seed or 0, png=png)
+                          leave_out=leave_out or "", draws=draws, seed=seed or 0,
+                          evidence=evidence, png=png)
     except Misread as refused:
         _write_misread(refused, mech, data, out, seed or 0, console)
         raise
@@ -105,6 +108,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
         not_named,
         stages,
         tried_sets,
+        unknown_causes,
         verdict,
         worst_block,
     )
@@ -114,7 +118,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
     console.say(stages(record))
     for line in [*_effects(record), *_days(record), *_suspected(result), *_left(result)]:
         console.say(line)
-    for line in (tried_sets(record), not_named(record),
+    for line in (unknown_causes(record), tried_sets(record), not_named(record),
                  gap_closed(record) if record.effects else "", worst_block(record),
                  imitated(record), *learned(record), learned_gap(record)):
         if line:
@@ -154,6 +158,7 @@ def _effects(record: DiagnosisRecord) -> list[str]:
         name_of,
         onset,
         own_values,
+        probable,
         rivals,
         side,
         survives,
@@ -164,7 +169,7 @@ def _effects(record: DiagnosisRecord) -> list[str]:
     for group in together(record):
         on = list(dict.fromkeys(a for e in group for a in e.on))
         heads = ["" if list(e.on) == on else f"{where(e.on, actuators(record))} " for e in group]
-        chances = [_p(e.log10_p) for e in group]
+        chances = [probable(e.probability) or _p(e.log10_p) for e in group]
         alone = [f" ({p})" if len(set(chances)) > 1 else "" for p in chances]
         sizes = own_values(record, group) or "; ".join(
             f"{head}{_event(onset(e))}{_values(e.parameters)}{p}"
@@ -197,15 +202,18 @@ def _event(when: str) -> str:
 
 
 def _suspected(result: Diagnosis) -> list[str]:
-    weak = sorted((c for c in result.possible if c.status == "weak"), key=lambda c: c.p_value)
-    names = [f"{c.hypothesis.label} (p = {c.p_value:.1g})" for c in weak]
+    from ppmcal.io.results.diagnosis_wording import probable
+
+    weak = [c for c in result.possible if c.status == "weak"]
+    names = [f"{c.hypothesis.label} ({probable(c.probability) or f'p = {c.p_value:.1g}'})"
+             for c in sorted(weak, key=lambda c: (-c.probability, c.p_value))]
     return [f"Suspected: {some(names, 'effects.csv')}."] if names else []
 
 
 def _left(result: Diagnosis) -> list[str]:
     """Return what is left, where that is more than noise."""
     left = result.remainder
-    if left.adequate:
+    if left.adequate or result.unknown:
         return []
     follows = f" and follows {left.follows} (p = {left.p_value:.2g})" if left.p_value < 0.05 else ""
     return [f"What is left is {left.ratio:.2f} times the {left.source} noise{follows}."]

@@ -70,6 +70,12 @@ def remainder(stage: Stage, seed: int) -> Remainder:
     return Remainder(ratio, excess, reference, source, follows, p, by_input)
 
 
+def against_noise(stage: Stage) -> tuple[float, float, float, str]:
+    """Return rms of what the chosen effects leave over the noise, its excess, the reference."""
+    basis, left = explained(stage)
+    return _against_noise(stage, left, max(stage.system.count - basis.shape[1], 1))
+
+
 def _against_noise(stage: Stage, left: Array, freedom: int) -> tuple[float, float, float, str]:
     """Return rms over the noise, its excess in sigmas, the reference and its source."""
     rows = np.sum(left.reshape(stage.system.residual.shape) ** 2, axis=1)

@@ -30,6 +30,7 @@ from ppmcal.diagnosis.adequacy import LEVEL, remainder
 from ppmcal.diagnosis.candidates import look_alikes
 from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.first_rows import without_first_rows
+from ppmcal.diagnosis.from_evidence import diagnosed
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
 from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
@@ -90,7 +91,8 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
         BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
     """
     with bounded(MOST_STEPS) as work:
-        found = _diagnosed(problem, options or DiagnosisOptions())
+        options = options or DiagnosisOptions()
+        found = (diagnosed if options.evidence else _diagnosed)(problem, options)
     said = [ENDED] if work.ended else [CUT.format(counted(work.cut, "fit"))] if work.cut else []
     return replace(found, findings=(*found.findings, *said))
 

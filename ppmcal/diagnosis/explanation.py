@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.extended_model import Added, extended
-from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.question import ROW_FAMILY, Asked, question
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.stage import without
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.thinning import thinned
-from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCauses
+from ppmcal.diagnosis.unknown_causes import UnknownCauses
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.inference.sets import SetPosterior, posterior
-from ppmcal.linalg import Array
+from ppmcal.inference.sets import Member, Numbers, SetPosterior, posterior, state
+from ppmcal.linalg import Array, Bools
+from ppmcal.model.effects import Setting
 
 ROUNDS = 4
 MASS = 0.95
@@ -32,108 +34,130 @@ MASS = 0.95
 class Place:
     """One cause that is there, and what it may be.
 
-    ``families``: probability of each that is needed for 95 %, likeliest first; "" stands for
-    nothing. ``hypothesis``: the likeliest one with a name, None if that is unknown.
+    ``members``: those that are needed for 95 %, likeliest first. ``block``: of the best set;
+    ``hypothesis``: what it stands for, None if that is unknown.
     """
 
-    families: dict[str, float]
+    members: tuple[Member, ...]
+    block: int
     label: str
     hypothesis: Hypothesis | None
 
     @property
+    def sure(self) -> bool:
+        """Whether something is there: nothing is not among what is likely."""
+        return all(m.family for m in self.members)
+
+    @property
     def named(self) -> bool:
-        """Whether a name stands: nothing is not among what is likely, unknown does not lead."""
-        return "" not in self.families and next(iter(self.families)) != UNKNOWN_FAMILY
+        """Whether a name stands: something is there, and unknown does not lead."""
+        return self.sure and self.hypothesis is not None
 
 
 @dataclass(frozen=True, eq=False)
-class Explanation:
-    """What is in the data: the last question, its answer, and the fit with it."""
+class Round:
+    """What was asked at one fit, and the answer."""
 
-    asked: Asked
-    found: SetPosterior
     fit: Fit
     added: tuple[Added, ...]
-    places: tuple[Place, ...]
-    rows: tuple[int, ...]
+    columns: tuple[int, ...]
+    library: Library
+    asked: Asked
+    answer: SetPosterior
+
+    @cached_property
+    def places(self) -> tuple[Place, ...]:
+        """Causes that are there, rows that do not belong left out."""
+        blocks, out = self.asked.question.blocks, []
+        for n, i in enumerate(self.answer.best.chosen):
+            if blocks[i].family == ROW_FAMILY:
+                continue
+            source = self.asked.sources[i]
+            h = source if isinstance(source, Hypothesis) and not source.anonymous else None
+            out.append(Place(tuple(_likely(self.answer.members(n))), i, blocks[i].name, h))
+        return tuple(out)
+
+    @property
+    def rows(self) -> tuple[int, ...]:
+        """Rows of the system that do not belong."""
+        blocks = self.asked.question.blocks
+        return tuple(source for i in self.answer.best.chosen if blocks[i].family == ROW_FAMILY
+                     if isinstance(source := self.asked.sources[i], int))
 
     @property
     def verdict(self) -> str:
         """none, weak, named, named-set, partial or unnamed."""
-        nothing = self.found.nothing((ROW_FAMILY,))
-        if not self.places:
-            return "none" if nothing > 0.5 else "weak"
-        sure = [p for p in self.places if "" not in p.families]
-        if not sure:
-            return "none" if nothing > 0.5 else "weak"
+        sure = [p for p in self.places if p.sure]
         named = [p for p in sure if p.named]
+        if not sure:
+            return "none" if self.answer.nothing((ROW_FAMILY,)) > 0.5 else "weak"
         if not named:
             return "unnamed"
         if len(named) < len(sure):
             return "partial"
-        return "named-set" if any(len(p.families) > 1 for p in named) else "named"
+        return "named-set" if any(len(p.members) > 1 for p in named) else "named"
+
+    def sized(self, chosen: Numbers) -> list[tuple[Hypothesis, Array, Array]]:
+        """Return the hypotheses of a set that have a name, their coefficients and their sigmas."""
+        best = self.answer.best
+        at = best if chosen == frozenset(best.chosen) else state(
+            self.asked.question, sorted(chosen), [n for n, _, _ in best.views])
+        _, _, joint = max(at.views, key=lambda v: v[1])
+        out = [(source, value, sigma) for i, value, sigma in
+               zip(at.chosen, joint.values, joint.sigmas, strict=True)
+               if isinstance(source := self.asked.sources[i], Hypothesis) and not source.anonymous]
+        size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
+        for h, value, _ in out:
+            size[h.kind, h.on] += float(np.mean(value))
+        return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans
+                else (h, value, sigma) for h, value, sigma in out]
 
 
-def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None) -> Explanation:
-    """Return what is in the data that a fit of the geometry leaves."""
+def _likely(members: Sequence[Member]) -> Iterator[Member]:
+    total = 0.0
+    for member in members:
+        yield member
+        total += member.probability
+        if total >= MASS:
+            break
+
+
+def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None) -> list[Round]:
+    """Return what is in the data that a fit of the geometry leaves, round by round.
+
+    What was found is fitted with the geometry, and asked again at that fit, until it stays.
+    """
     keep = thinned(fit.problem, [k | o for k, o in zip(fit.keep, fit.outliers, strict=True)])
     everywhere = all_settings(fit)
-    now, added, before = fit, (), None
-    for _ in range(ROUNDS):
-        mechanism = now.problem.mechanism
-        names = {n for a in added for n in a.parameters}
-        own = [c for c, p in enumerate(now.problem.free) if mechanism.parameters[p].name in names]
-        system = without(build(now.problem, now.state, keep), own)
-        found = library(system, kinds, [now.problem.free[c] for c in own])
-        asked = question(system, found, UnknownCauses(system, everywhere), own)
-        answer = posterior(asked.question)
-        result = _told(asked, answer, now, added)
-        chosen = {(p.label, p.hypothesis is None) for p in result.places}
-        if chosen == before:
+    rounds = [_asked(fit, (), keep, everywhere, kinds)]
+    for _ in range(ROUNDS - 1):
+        last = rounds[-1]
+        sized = last.sized(frozenset(last.answer.best.chosen))
+        if not sized and last.fit is fit:
             break
-        before = chosen
-        sized = _sized(asked, answer)
-        if not sized:
-            if now is fit:
-                break
-            now, added = fit, ()
-            continue
         try:
             machine, added = extended(fit.problem.mechanism, sized)
-            now = with_mechanism(fit, machine, options)
+            now = with_mechanism(fit, machine, options) if sized else fit
         except (BadInput, NoResult):
             break
-    return result
+        rounds.append(_asked(now, added, keep, everywhere, kinds))
+        if _same(*rounds[-2:]):
+            break
+    return rounds
 
 
-def _sized(asked: Asked, answer: SetPosterior) -> list[tuple[Hypothesis, Array, Array]]:
-    """Return the hypotheses with a name, their coefficients and standard deviations."""
-    best = answer.best
-    _, _, joint = max(best.views, key=lambda v: v[1])
-    out = [(source, value, sigma) for i, value, sigma in
-           zip(best.chosen, joint.values, joint.sigmas, strict=True)
-           if isinstance(source := asked.sources[i], Hypothesis) and not source.anonymous]
-    size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
-    for h, value, _ in out:
-        size[h.kind, h.on] += float(np.mean(value))
-    return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans else (h, value, sigma)
-            for h, value, sigma in out]
+def _same(before: Round, after: Round) -> bool:
+    return {(p.label, p.hypothesis is None) for p in before.places} == {
+        (p.label, p.hypothesis is None) for p in after.places}
 
 
-def _told(asked: Asked, answer: SetPosterior, fit: Fit, added: tuple[Added, ...]) -> Explanation:
-    places, rows = [], []
-    blocks = asked.question.blocks
-    for n, i in enumerate(answer.best.chosen):
-        if blocks[i].family == ROW_FAMILY:
-            rows.append(asked.sources[i])
-            continue
-        families, total = {}, 0.0
-        for family, p in answer.families(n).items():
-            families[family] = p
-            total += p
-            if total >= MASS:
-                break
-        source = asked.sources[i]
-        h = source if isinstance(source, Hypothesis) and not source.anonymous else None
-        places.append(Place(families, blocks[i].name, h))
-    return Explanation(asked, answer, fit, added, tuple(places), tuple(rows))
+def _asked(fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools],
+           everywhere: Sequence[Setting], kinds: Sequence[str] | None) -> Round:
+    """Ask what is in the residuals of a fit, effects that were ``added`` taken out of it."""
+    mechanism = fit.problem.mechanism
+    names = {n for a in added for n in a.parameters}
+    own = [c for c, p in enumerate(fit.problem.free) if mechanism.parameters[p].name in names]
+    system = without(build(fit.problem, fit.state, keep), own)
+    found = library(system, kinds, [fit.problem.free[c] for c in own])
+    asked = question(system, found, UnknownCauses(system, everywhere), own)
+    return Round(fit, added, tuple(own), found, asked, posterior(asked.question))

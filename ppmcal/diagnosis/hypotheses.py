@@ -77,6 +77,11 @@ class Hypothesis:
         return len(self.columns)
 
     @property
+    def sort(self) -> str:
+        """What a frozen slot is, whichever the limb: ``base.point.z``; empty where it is none."""
+        return self.slot.partition(".")[2] or self.slot
+
+    @property
     def scanned(self) -> bool:
         """Whether a grid has chosen constants of it, or might have chosen others."""
         return len(self.constants) > len(self.strokes)

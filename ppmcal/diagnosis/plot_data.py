@@ -5,6 +5,7 @@ Nothing is decided here; every number is taken from a finished :class:`Diagnosis
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -133,6 +134,8 @@ def _actuators(
 
 def _ranking(result: Diagnosis) -> tuple[Ranked, ...]:
     """Return the best hypotheses, those that were named first of all."""
+    if not math.isnan(result.nothing):
+        return ()    # probabilities are in effects.csv
     stage, told = result.found.last, result.found.first.search.over_all
     out = []
     if result.effects:

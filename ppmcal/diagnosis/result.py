@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ppmcal.calibration.coverage import Z95
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.frozen_models import Validated
@@ -83,7 +85,8 @@ class NamedEffect:
     with the odds for this one against each; ``hypothesis``: the one that it came from, which may
     have a value for each of several actuators; ``onset``: of an event, the row where it starts;
     ``sessions``: its size in each, where there are several; ``survives``: whether it would stand
-    if the rest were explained, None where nothing is left.
+    if the rest were explained, None where nothing is left. ``probability`` that it is there and
+    nothing else in its place, ``probabilities`` of the alternatives; nan where it was not asked.
     """
 
     kind: str
@@ -98,6 +101,8 @@ class NamedEffect:
     onset: Onset | None = None
     sessions: SessionEffect | None = None
     survives: Survival | None = None
+    probability: float = np.nan
+    probabilities: tuple[float, ...] = ()
 
     def side(self, mechanism: Mechanism) -> str:
         """Return whether the joint ``lags`` or ``leads`` its reading, empty for other kinds.
@@ -122,7 +127,8 @@ class Candidate:
     ``log_p_alone``: of everything before anything was named.
     ``status``: named, alternative, explained (by what was named), not needed, weakly testable,
     not testable. ``detectable``: the smallest value of its (first) parameter that these data
-    would show 9 times in 10, SI; 0 where unknown.
+    would show 9 times in 10, SI; 0 where unknown. ``probability`` that it is there, nan where it
+    was not asked.
     """
 
     hypothesis: Hypothesis
@@ -132,11 +138,20 @@ class Candidate:
     status: str
     alternatives: tuple[str, ...]
     detectable: float
+    probability: float = np.nan
 
     @property
     def p_value(self) -> float:
         """The p-value of ``log_p``."""
         return probability(self.log_p)
+
+
+@dataclass(frozen=True)
+class UnknownFound:
+    """Something that is there and has no name, what it looks like, and how probable it is."""
+
+    looks_like: str
+    probability: float
 
 
 @dataclass(frozen=True)
@@ -203,6 +218,8 @@ class Diagnosis:
         learned: terms learned from what was left, which claim no cause; they are in the
             identification.
         days: each session as fits of the others predict it, with and without each effect.
+        nothing: probability that the geometry is all there is; nan where it was not asked.
+        unknown: what is there without a name.
     """
 
     verdict: str
@@ -224,3 +241,5 @@ class Diagnosis:
     others: tuple[Reading, ...] = ()
     learned: LearnedTerms | None = None
     days: tuple[Validated, ...] = ()
+    nothing: float = np.nan
+    unknown: tuple[UnknownFound, ...] = ()

@@ -43,7 +43,8 @@ class DiagnosisOptions:
 
     ``holdout``: part of the poses kept back; ``draws``: of noise; ``kinds``: to try, or all;
     ``by_session``: the gap is that of sessions left out in turn; ``held``: names of parameters that
-    a choice of freedoms holds, which the intervals count.
+    a choice of freedoms holds, which the intervals count; ``evidence``: by the probabilities of
+    causes in the place of tests one by one.
     """
 
     holdout: float = 0.27
@@ -52,6 +53,7 @@ class DiagnosisOptions:
     kinds: tuple[str, ...] | None = None
     by_session: bool = False
     held: tuple[str, ...] = ()
+    evidence: bool = False
     fit: FitOptions = field(default_factory=FitOptions)
 
 

@@ -21,7 +21,7 @@ from ppmcal.diagnosis.linear_system import (
     range_basis,
 )
 from ppmcal.diagnosis.rivals import held, settled
-from ppmcal.diagnosis.search import Search, prepare
+from ppmcal.diagnosis.search import DETECT, NAME, Search, prepare
 from ppmcal.diagnosis.selection import choose
 from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.wandering import WANDERING, instead, wandered
@@ -130,6 +130,20 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
              found.count, system.count, noise.rho, np.exp(stage.search.detect),
              np.exp(stage.search.name), ", ".join(f.label for f in stage.named) or "none")
     return replace(stage, added=tuple(added), as_named=as_named)
+
+
+def bare_stage(system: System, found: Library, chosen: Sequence[int], added: Sequence[int] = ()
+               ) -> Stage:
+    """Return the linear problem of a library with hypotheses in the model that were chosen."""
+    noise = estimate(system, found, [c for i in chosen for c in found.hypotheses[i].columns])
+    basis = range_basis(noise.apply(system.jacobian, system), INVISIBLE)
+    residual = noise.apply(system.residual[..., None], system)[:, 0]
+    columns = WhiteColumns.of(found.products, noise, system, basis)
+    test = prepared(columns, columns.length, columns.hidden, basis, residual, system.count)
+    search = Search(test, found.hypotheses, float(np.log(DETECT)), float(np.log(NAME)),
+                    np.zeros(0))
+    return Stage(system, found, noise, basis, residual, search, tuple(chosen),
+                 np.zeros(len(found.hypotheses)), pure_error(system), tuple(added))
 
 
 def without(system: System, added: Sequence[int]) -> System:

@@ -24,8 +24,8 @@ class Block:
             rms; empty: of each column alone, scaled so.
         log_prior: logarithm of its prior probability.
         low, high: between which the coefficient of a single column is.
-        group: events of one kind at one place share it: one more of them costs less than another
-            cause; empty: no event.
+        group: what one thing does share it, events of one kind at one place, errors of one sort in
+            several limbs: one more of them costs less than another cause; empty: it is by itself.
         form: what it looks like, where a family has several that differ much; empty: one.
         gives, needs: a block with ``needs`` can only be there beside one that ``gives`` the same.
     """

@@ -123,7 +123,8 @@ class Question:
     def further(self, i: int, there: Iterable[int]) -> float:
         """Return the log prior of block i beside others: of an event, one more costs less."""
         block = self.blocks[i]
-        groups = {self.blocks[j].group for j in there if self.blocks[j].family == block.family}
+        groups = {self.blocks[j].group for j in there if self.blocks[j].family == block.family
+                  or self.blocks[j].group == block.group}
         groups.discard("")
         if not block.group or not groups:
             return block.log_prior
@@ -219,6 +220,15 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
     return BlockSet(question, tuple(chosen), log_p, views)
 
 
+@dataclass(frozen=True)
+class Member:
+    """What may be in a place: a family, "" of nothing, and the likeliest set in which it is."""
+
+    family: str
+    probability: float
+    chosen: Numbers
+
+
 @dataclass(frozen=True, eq=False)
 class SetPosterior:
     """What is in the data.
@@ -273,14 +283,20 @@ class SetPosterior:
 
         "" is of nothing; where other sets have several in its place, these are told together.
         """
+        return {m.family: m.probability for m in self.members(place)}
+
+    def members(self, place: int) -> list[Member]:
+        """Return what may be in a place of the best set, likeliest first."""
         question = self.best.question
-        mine, best = self.best.chosen[place], set(self.best.chosen)
-        out: dict[str, float] = defaultdict(float)
+        mine, best = self.best.chosen[place], frozenset(self.best.chosen)
+        found: dict[str, list[tuple[float, Numbers]]] = defaultdict(list)
         for key, log_p in self.log_p.items():
             other = {question.blocks[i].family for i in key - best} - question.alone
             family = question.blocks[mine].family if mine in key else " and ".join(sorted(other))
-            out[family] += float(np.exp(log_p))
-        return dict(sorted(out.items(), key=lambda item: -item[1]))
+            found[family].append((log_p, key))
+        members = [Member(family, float(np.exp(logsumexp([p for p, _ in own]))),
+                          max(own, key=lambda o: o[0])[1]) for family, own in found.items()]
+        return sorted(members, key=lambda m: -m.probability)
 
 
 def posterior(question: Question) -> SetPosterior:

@@ -111,6 +111,8 @@ class DiagnoseOptions(Strict):
     """Predict each session by the others."""
     draws: Count | None = None
     """Simulated campaigns of noise behind the thresholds."""
+    evidence: Flag | None = None
+    """Name what is probable, every cause in one question (under trial)."""
     png: Flag | None = None
     """Write the pictures as PNG too."""
     seed: Seed | None = None

@@ -17,6 +17,7 @@ from ppmcal.io.results.diagnosis_wording import (
     name_of,
     next_step,
     own_values,
+    probable,
     rivals,
     side,
     stages,
@@ -24,6 +25,7 @@ from ppmcal.io.results.diagnosis_wording import (
     together,
     tried_sets,
     unconfirmed,
+    unknown_causes,
     worst_block,
 )
 from ppmcal.plotting.canvas import Drawing
@@ -83,18 +85,19 @@ def _effects(r: DiagnosisRecord) -> str:
                                    for name, text in amounts(e) or [("", "–")])
             rows.append([
                 words(e.called), words(where(on, actuators(r)) or "machine"), words(own, "wrap"),
-                amount(e.p_value, probability(e.p_value) or "–"),
+                amount(e.p_value if e.probability is None else e.probability,
+                       probable(e.probability) or probability(e.p_value) or "–"),
                 amount(survival, "–" if survival is None else f"{survival:.0%}".replace("%", " %")),
                 words(_rivals(r, e), "wrap")])
     stand = [f"{effect_name(r, g[0])}: {text}" for g in together(r) if (text := survives(g[0]))]
     sides = [f"{effect_name(r, g[0]) if len(g) == 1 else g[0].called}: {text}"
              for g in together(r) for text in side(g)]
-    told = bullets([*sides, *stand]) + paragraph(tried_sets(r))
+    told = bullets([*sides, *stand]) + paragraph(unknown_causes(r)) + paragraph(tried_sets(r))
     if not rows:
         return told
     return table("What is missing in the model, with 95 % intervals; visible: the part that "
                  "geometry cannot imitate",
-                 ["effect", "on", "size ± 95 %", "chance of noise alone", "visible",
+                 ["effect", "on", "size ± 95 %", "probability, or chance of noise alone", "visible",
                   "cannot be told from"], rows) + told
 
 
@@ -118,7 +121,7 @@ def _suspects(r: DiagnosisRecord) -> str:
     """Return what may be there but cannot be named."""
     lines = []
     for e in r.possible:
-        p = probability(e.p_value)
+        p = probable(e.probability) or probability(e.p_value)
         why = {"imitation": "explains part of it, but is probably only an imitation",
                "consistent": "consistent with it, but would not stand if the rest were explained"
                }.get(e.status, "suspected, too weak to be named")
@@ -134,7 +137,9 @@ def _remainder(r: DiagnosisRecord) -> str:
     text = "" if ratio is None else (
         f"In the rows used, residuals are {sig(ratio)} times the {which}noise "
         f"{'with what is named' if r.effects else 'with geometry alone'}. ")
-    if rest.follows:
+    if r.unknown:
+        pass    # told with what is missing
+    elif rest.follows:
         p = probability(rest.p_value)
         text += f"What is left follows {rest.follows}" + (f" ({p})." if p else ".")
     elif ratio is not None:

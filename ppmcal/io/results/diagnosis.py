@@ -25,6 +25,7 @@ from ppmcal.io.results.diagnosis_parts import (
     SuspectedEffect,
     SwallowedError,
     UnfittedRow,
+    UnknownCause,
     UntestableKind,
 )
 from ppmcal.io.results.diagnosis_plots import DiagnosisPlots
@@ -42,6 +43,8 @@ class DiagnosisRecord(Record):
     """diagnosis.json, in the units of the machine's file.
 
     ``coverage``: half of a 95 % interval over sigma, for what only noise makes uncertain.
+    ``nothing``: probability that geometry is all there is; ``unknown``: what is there without a
+    name; both only where it was asked for probabilities.
     """
 
     FILE: ClassVar[str] = "diagnosis.json"
@@ -52,6 +55,8 @@ class DiagnosisRecord(Record):
     misreadings: tuple[MisreadingEntry, ...] = ()
     effects: tuple[DiagnosedEffect, ...] = ()
     possible: tuple[SuspectedEffect, ...] = ()
+    nothing: Shown | None = None
+    unknown: tuple[UnknownCause, ...] = ()
     learned: tuple[LearnedEntry, ...] = ()
     residual: DiagnosedErrors = DiagnosedErrors()
     remainder: ResidualAfter = ResidualAfter()
@@ -87,6 +92,9 @@ class DiagnosisRecord(Record):
                     d, fit.problem.mechanism)], units),
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
             possible=tuple(SuspectedEffect.of(c) for c in result.possible),
+            nothing=result.nothing,
+            unknown=tuple(UnknownCause(looks_like=u.looks_like, probability=u.probability)
+                          for u in result.unknown),
             learned=LearnedEntry.all_of(result),
             residual=DiagnosedErrors.of(result),
             remainder=ResidualAfter(

@@ -71,6 +71,7 @@ def effects_csv(result: Diagnosis) -> str:
         Column("survives", [*(_survives(result, c) for c in some), *blank]),
         Column("side", [*(_side(result, c) for c in some), *blank]),
         Column("p_value_alone", [*(probability(c.log_p_alone) for c in some), *unknown]),
+        Column("probability", [*(c.probability for c in some), *unknown]),
     ], mechanism.units)
 
 

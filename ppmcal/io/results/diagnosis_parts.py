@@ -147,10 +147,11 @@ class DiagnosedEffect(CalledKind):
     was tried; ``survival``: the part that geometry cannot imitate;
     ``alternatives``: kinds that the data cannot tell from it, ``alternatives_on`` with their
     actuators, and the ``odds`` for the effect against each. ``derived`` is at ``mid_stroke``.
-    ``sessions``: its size in each where there are several, ``same_in_sessions_p`` the p-value of
-    being the same. ``survives``: of a partial verdict, whether it would stand. ``side``: of what
-    changes with the direction of approach, whether the joint ``lags`` what its encoder reads (which
-    sits before what gives way) or ``leads`` it (behind).
+    ``probability``: that it is there, and nothing else in its place; ``probabilities``: of the
+    alternatives. ``sessions``: its size in each where there are several, ``same_in_sessions_p`` the
+    p-value of being the same. ``survives``: of a partial verdict, whether it would stand. ``side``:
+    of what changes with the direction of approach, whether the joint ``lags`` what its encoder
+    reads (which sits before what gives way) or ``leads`` it (behind).
     """
 
     on: tuple[Text, ...] = ()
@@ -161,6 +162,8 @@ class DiagnosedEffect(CalledKind):
     alternatives: tuple[Text, ...] = ()
     alternatives_on: tuple[Text, ...] = ()
     odds: tuple[Shown | None, ...] = ()
+    probability: Shown | None = None
+    probabilities: tuple[Shown | None, ...] = ()
     mid_stroke: EffectValue | None = None
     derived: Mapping[str, EffectValue] = Field(default_factory=dict)
     row: EventRow | None = None
@@ -175,7 +178,8 @@ class DiagnosedEffect(CalledKind):
         return cls(kind=effect.kind, label=effect.hypothesis.called, on=effect.on,
                    parameters=_parameters(result, effect),
                    p_value=effect.p_value, log10_p=effect.log_p / np.log(10.0),
-                   survival=effect.survival,
+                   survival=effect.survival, probability=effect.probability,
+                   probabilities=effect.probabilities,
                    alternatives=tuple(kind_of(a) for a in effect.alternatives),
                    alternatives_on=effect.alternatives, odds=effect.odds,
                    sessions=EffectInSession.each(result, effect.sessions),
@@ -194,6 +198,7 @@ class SuspectedEffect(CalledKind):
 
     on: tuple[Text, ...] = ()
     p_value: Shown | None = None
+    probability: Shown | None = None
     survival: Shown | None = None
     status: Text = ""
 
@@ -201,7 +206,15 @@ class SuspectedEffect(CalledKind):
     def of(cls, c: Candidate) -> SuspectedEffect:
         """Return a candidate that is not named."""
         return cls(kind=c.hypothesis.kind, label=c.hypothesis.called, on=c.hypothesis.on,
-                   p_value=c.p_value, survival=c.survival, status=c.status)
+                   p_value=c.p_value, survival=c.survival, status=c.status,
+                   probability=c.probability)
+
+
+class UnknownCause(Part):
+    """Something that is there and has no name, and its ``probability``."""
+
+    looks_like: Text = ""
+    probability: Shown | None = None
 
 
 class ResidualAfter(Part):

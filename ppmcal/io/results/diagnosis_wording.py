@@ -200,6 +200,20 @@ LIKELY, FEW_SETS = 0.01, 4
 """Sets of effects that are told have at least this probability; so many are told."""
 
 
+def unknown_causes(record: DiagnosisRecord) -> str:
+    """Return what is there without a name, empty where nothing is."""
+    each = [f"{u.looks_like} ({probable(u.probability)})" for u in record.unknown]
+    return f"Without a name: {'; '.join(each)}." if each else ""
+
+
+def probable(probability: float | None) -> str:
+    """Return ``probability 0.97``, never one of 1."""
+    p = finite(probability)
+    if p is None:
+        return ""
+    return "probability above 0.999" if p > 0.999 else f"probability {max(p, 0.001):.3g}"
+
+
 def tried_sets(record: DiagnosisRecord) -> str:
     """Return the probability of each set of effects over those tried; empty where one is."""
     each = sorted(((p, s) for s in record.sets if (p := finite(s.probability)) is not None),

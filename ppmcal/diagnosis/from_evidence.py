@@ -1,0 +1,349 @@
+"""The diagnosis from the probabilities of causes: asked in all rows, fitted, told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.frozen_models import Validated
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.left_out_rows import left_out
+from ppmcal.calibration.model_averaging import Reading
+from ppmcal.calibration.noise import ENOUGH_REPEATS
+from ppmcal.calibration.other_machine import refuse_other_machine
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.read_rightly import refuse_after_fit
+from ppmcal.calibration.secondary import NOTE, secondary
+from ppmcal.calibration.sessions import session_masks
+from ppmcal.calibration.summary import report
+from ppmcal.calibration.work import bounded
+from ppmcal.diagnosis import result_tables as tables
+from ppmcal.diagnosis.adequacy import Remainder, against_noise
+from ppmcal.diagnosis.explanation import Place, Round, explained
+from ppmcal.diagnosis.extended_model import Added, extended
+from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
+from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
+from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.learned_terms import learned_terms, with_terms
+from ppmcal.diagnosis.localization import localise
+from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
+from ppmcal.diagnosis.onsets import refined, with_onsets
+from ppmcal.diagnosis.other_days import other_days, worse_days
+from ppmcal.diagnosis.other_models import beyond_physics, fitted
+from ppmcal.diagnosis.question import ROW_FAMILY
+from ppmcal.diagnosis.recorded import with_whole_rows
+from ppmcal.diagnosis.refit import MOST_STEPS, with_mechanism
+from ppmcal.diagnosis.result import (
+    Candidate,
+    Diagnosis,
+    Found,
+    LearnedTerms,
+    NamedEffect,
+    UnknownFound,
+)
+from ppmcal.diagnosis.search_rounds import DiagnosisOptions, training_part
+from ppmcal.diagnosis.session_effects import with_sessions
+from ppmcal.diagnosis.stage import Stage, bare_stage
+from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause
+from ppmcal.diagnosis.verdict import findings, refuse_unconverged, refuse_unredundant
+from ppmcal.errors import PpmcalError
+from ppmcal.inference.sets import Member
+from ppmcal.model.dataset import Dataset
+from ppmcal.wording.progress import begin
+
+WEAK = 0.05
+"""Causes of this probability are suspected."""
+LONG_ODDS = 1000.0
+"""Odds beyond which a set of effects is not worth a fit."""
+MOST_READINGS = 8
+NAMED = ("named", "named-set", "partial")
+LEARNED_AFTER = ("unnamed", "partial")
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What was found, and the fit of all rows with what has a name.
+
+    ``effects``: of each place that has a name, those that were added for it.
+    """
+
+    whole: Fit
+    rounds: Sequence[Round]
+    fit: Fit
+    effects: tuple[tuple[Place, tuple[Added, ...]], ...]
+    verdict: str
+
+    @property
+    def last(self) -> Round:
+        """The last question and its answer."""
+        return self.rounds[-1]
+
+    @property
+    def added(self) -> tuple[Added, ...]:
+        """All effects that were added."""
+        return tuple(a for _, own in self.effects for a in own)
+
+    @cached_property
+    def unknown(self) -> tuple[Place, ...]:
+        """Places where something is that has no name."""
+        return tuple(p for p in self.last.places if p.sure and not p.named)
+
+    def label(self, member: Member, place: Place) -> str:
+        """Return what a member of a place is called."""
+        own = member.chosen - (frozenset(self.last.answer.best.chosen) - {place.block})
+        return " and ".join(sorted(_called(self.last.asked.sources[i]) for i in own))
+
+    def hypotheses(self, member: Member) -> list[Hypothesis]:
+        """Return all that have a name in the likeliest set of a member."""
+        sources = (self.last.asked.sources[i] for i in member.chosen)
+        return [s for s in sources if isinstance(s, Hypothesis) and not s.anonymous]
+
+
+def _called(source: Hypothesis | UnknownCause | int) -> str:
+    if isinstance(source, Hypothesis) and not source.anonymous:
+        return source.label
+    return UNKNOWN_FAMILY if not isinstance(source, int) else ""
+
+
+def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
+    """Ask what is in the rows of a fit, and fit what has a name."""
+    rounds = explained(whole, options, kinds)
+    last = rounds[-1]
+    named = [p for p in last.places if p.named]
+    if not named:
+        return Told(whole, rounds, whole, (), last.verdict)
+    every = last.sized(frozenset(last.answer.best.chosen))
+    mine = {id(p.hypothesis) for p in named}
+    sized = [s for s in every if id(s[0]) in mine]
+    machine, added = extended(whole.problem.mechanism, sized)
+    if [a.hypothesis.label for a in added] == [a.hypothesis.label for a in last.added]:
+        fit, added = last.fit, tuple(replace(now, hypothesis=a.hypothesis)
+                                     for now, a in zip(last.added, added, strict=True))
+    else:
+        try:
+            fit = with_mechanism(whole, machine, options)
+        except PpmcalError:
+            return Told(whole, rounds, whole, (), "unnamed")
+    effects = tuple((p, tuple(a for a in added if a.hypothesis is p.hypothesis)) for p in named)
+    return Told(whole, rounds, fit, effects, last.verdict)
+
+
+def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
+    """Find what is missing in the machine's model, and how probable that is.
+
+    Raises:
+        BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
+    """
+    begin("fitting geometry")
+    whole = identify(with_whole_rows(problem), options.fit)
+    refuse_unconverged(whole)
+    refuse_after_fit(whole)
+    begin("asking which causes are in the data")
+    what = told(whole, options.fit, options.kinds)
+    training, held = training_part(whole, options)
+    found = _found(what, training, options)
+    refuse_unredundant(found)
+    beside = list[str]()
+    gap = _gap(found, held, options)
+    verdict = what.verdict
+    if verdict in NAMED and gap is not None and gap.worse:
+        verdict = "unnamed"    # what does surely not predict is no name
+    named = verdict in NAMED
+    final = what.fit if named else whole
+    effects: tuple[NamedEffect, ...] = ()
+    if named:
+        final, onsets = secondary("the rows of events", partial(refined, final, options.fit),
+                                  (final, {}), beside)
+        effects = with_onsets(_effects(what, found.last), onsets)
+    start = _left(found.first, what.rounds[0])
+    left = _left(found.last, what.last) if named else start
+    blocks = secondary("the gap on stretches of rows", partial(
+        block_gaps, whole, final, _noise(found), options.seed), (), beside) if effects else ()
+    if options.by_session:
+        gap = next((b.gap for b in blocks if b.by == SESSION), None)
+    said = findings(whole, final, left, effects, gap, left_out(final), ())
+    if effects:
+        effects, apart = secondary("the size of effects in each session",
+                                   partial(with_sessions, final, effects), (effects, []), beside)
+        said += apart
+    days = secondary("the prediction of each session", partial(_days, final, options), (), beside)
+    said += worse_days(days)
+    terms = None
+    if verdict in LEARNED_AFTER and final.converged:
+        begin("learning what is left")
+        terms = secondary("what is left, learned", partial(
+            _terms, what, found, final, held, named, options), None, beside)
+    reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed,
+                      chosen=options.held)
+    if reported.fit.converged:
+        refuse_other_machine(reported.fit)
+    beside += [f for f in reported.findings if f.startswith(NOTE)]
+    readings = secondary("the machine under each other reading", partial(
+        _readings, what, terms, options), (), beside) if named or verdict == "weak" else ()
+    places = secondary("where residuals are", partial(
+        localise, replace(found.first, chosen=()), found.last if named else replace(
+            found.first, chosen=()), options.seed), (), beside)
+    proposed = secondary("which measurements come next", partial(
+        _next, what, found.last, verdict, options.seed),
+        nothing("these measurements do not tell what to measure next",
+                len(whole.problem.mechanism.actuators)), beside)
+    listed = _candidates(what, found, named)
+    return Diagnosis(
+        verdict, effects, _possible(listed, verdict), left, start, gap, places, listed,
+        found.last.library.untestable,
+        tables.swallowed(whole, final), reported.fit if final is whole and not terms else whole,
+        reported, found, proposed, (*said, *beside), blocks, readings, terms, days,
+        what.last.answer.nothing((ROW_FAMILY,)), tuple(
+            UnknownFound(p.label, sum(m.probability for m in p.members
+                                      if UNKNOWN_FAMILY in m.family)) for p in what.unknown))
+
+
+def _candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:
+    """Return every hypothesis, a grid as one, with the probability that it is there."""
+    last, test = what.last, found.last.search.test
+    names = {id(p.hypothesis) for p, _ in what.effects} if named else set()
+    families = {h.family for p, _ in what.effects for m in p.members for h in what.hypotheses(m)}
+    groups: dict[tuple[object, ...], list[tuple[float, Hypothesis]]] = {}
+    for source, p in zip(last.asked.sources, last.answer.probability, strict=True):
+        if isinstance(source, Hypothesis) and not source.anonymous:
+            key = (source.family, source.on, source.shared)
+            groups.setdefault(key, []).append((float(p), source))
+    out = []
+    for own in groups.values():
+        there = [h for _, h in own if id(h) in names]
+        best = there[0] if there else max(own, key=lambda o: o[0])[1]
+        others = next((p.members[1:] for p, _ in what.effects if p.hypothesis is best), ())
+        place = next((p for p, _ in what.effects if p.hypothesis is best), None)
+        status = ("named" if there else "alternative" if named and best.family in families
+                  else "not needed")
+        out.append(Candidate(
+            best, np.nan, np.nan, test.survival(best.columns), status,
+            tuple(what.label(m, place) for m in others) if place is not None else (), 0.0,
+            min(sum(p for p, _ in own), 1.0)))
+    return tuple(sorted(out, key=lambda c: (c.status != "named", -c.probability)))
+
+
+def _possible(listed: Sequence[Candidate], verdict: str) -> tuple[Candidate, ...]:
+    """Return what may be there but is too weak to be named."""
+    if verdict != "weak":
+        return ()
+    return tuple(replace(c, status="weak") for c in listed if c.probability >= WEAK)[:3]
+
+
+def _found(what: Told, training: Fit, options: DiagnosisOptions) -> Found:
+    """Return the fits of the training rows, without and with what has a name, and the questions."""
+    first = bare_stage(what.rounds[0].asked.system, what.rounds[0].library, ())
+    if not what.added:
+        return Found(training, training, first, first, ())
+    last = what.last
+    index = {id(h): i for i, h in enumerate(last.library.hypotheses)}
+    chosen = [index[id(p.hypothesis)] for p, _ in what.effects]
+    after = training if training is what.whole else with_mechanism(
+        training, what.fit.problem.mechanism.with_values(what.fit.state.g), options.fit)
+    if training is what.whole:
+        after = what.fit
+    return Found(training, after, first,
+                 bare_stage(last.asked.system, last.library, chosen, last.columns), what.added)
+
+
+def _left(stage: Stage, asked: Round) -> Remainder:
+    """Return what a stage leaves, and the probability that none of it has an unknown cause."""
+    unknown = [p for p in asked.places if p.sure and not p.named]
+    chance = float(np.prod([1.0 - sum(m.probability for m in p.members
+                                      if UNKNOWN_FAMILY in m.family) for p in unknown]))
+    return Remainder(*against_noise(stage), unknown[0].label if unknown else "", chance, {})
+
+
+def _effects(what: Told, stage: Stage) -> tuple[NamedEffect, ...]:
+    out = []
+    for place, added in what.effects:
+        first, *others = place.members
+        assert place.hypothesis is not None
+        survival = stage.search.test.survival(place.hypothesis.columns)
+        out += [NamedEffect(
+            place.hypothesis.kind, a.on, a.parameters, np.nan, np.nan, survival,
+            tuple(what.label(m, place) for m in others),
+            tuple(first.probability / m.probability for m in others), place.hypothesis,
+            probability=first.probability,
+            probabilities=tuple(m.probability for m in others)) for a in added]
+    return tuple(out)
+
+
+def _readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions
+              ) -> tuple[Reading, ...]:
+    """Return the machine under each other set of causes at odds that count, and without any."""
+    whole, out = what.whole, []
+    if terms is not None:
+        whole = with_mechanism(whole, with_terms(whole.problem.mechanism, terms.learned),
+                               options.fit)
+    with bounded(MOST_STEPS):
+        for place, member, odds in _others(what)[:MOST_READINGS]:
+            wanted = {id(h) for h in what.hypotheses(member)}
+            try:
+                sized = [s for s in what.last.sized(member.chosen) if id(s[0]) in wanted]
+                machine, _ = extended(whole.problem.mechanism, sized)
+                fit = with_mechanism(whole, machine, options.fit) if sized else whole
+            except PpmcalError:
+                continue
+            if (sized and not fit.converged) or beyond_physics(fit):
+                continue
+            label = what.label(member, place)
+            named = place.hypothesis.label if place.hypothesis is not None else ""
+            out.append(Reading("" if label == UNKNOWN_FAMILY else label, named, odds, fitted(fit),
+                               tuple(h.label for h in what.hypotheses(member))))
+    return (*out, Reading("", "", 1.0, fitted(whole)))
+
+
+def _others(what: Told) -> list[tuple[Place, Member, float]]:
+    """Return what may be in the place of what is named, likeliest first, and the odds against."""
+    out = [(place, m, place.members[0].probability / m.probability)
+           for place, _ in what.effects for m in place.members[1:]]
+    return sorted((o for o in out if o[2] <= LONG_ODDS), key=lambda o: o[2])
+
+
+def _next(what: Told, stage: Stage, verdict: str, seed: int) -> Proposal:
+    """Return measurements that tell the likeliest two apart, or what else to do."""
+    joints = len(what.whole.problem.mechanism.actuators)
+    index = {id(h): h for h in stage.library.hypotheses}
+    for place, member, odds in _others(what) if verdict in NAMED else ():
+        other = [h for h in what.hypotheses(member) if not any(
+            h is p.hypothesis for p, _ in what.effects)]
+        if place.hypothesis and not place.hypothesis.slot and len(other) == 1 and (
+                id(other[0]) in index):
+            return propose(stage, place.hypothesis, other[0], odds, seed)
+    return nothing({"none": "nothing more to measure: no missing effect is detectable",
+                    "weak": "repeat the campaign: the suspicion grows or goes with more rows",
+                    "named": "nothing more to measure: the named effects explain the residuals",
+                    }.get(verdict, "record more of what might matter (load, temperature, time)"),
+                   joints)
+
+
+def _terms(what: Told, found: Found, final: Fit, held: Sequence[Dataset], named: bool,
+           options: DiagnosisOptions) -> LearnedTerms | None:
+    wanders = any(isinstance(s := what.last.asked.sources[p.block], UnknownCause) and s.way
+                  for p in what.unknown)
+    return learned_terms(found.after if named else found.before, final, held, found.last.noise,
+                         _noise(found), options.seed, options.fit, wanders)
+
+
+def _days(final: Fit, options: DiagnosisOptions) -> tuple[Validated, ...]:
+    if len(session_masks(final.problem.datasets)) < 2:
+        return ()
+    begin("predicting each session from the others")
+    return other_days(final, options.fit, options.seed)
+
+
+def _gap(found: Found, held: Sequence[Dataset], options: DiagnosisOptions) -> Gap | None:
+    if not held:
+        return None
+    return measure_gap(found.before, found.after, held, _noise(found), options.seed)
+
+
+def _noise(found: Found) -> float:
+    """Return the noise over the stated one: that of repeats where there are enough."""
+    pure = found.first.pure
+    return pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0
