@@ -103,7 +103,7 @@ class Round:
         at = best if chosen == frozenset(best.chosen) else state(
             self.asked.question, sorted(chosen), [n for n, _, _ in best.views])
         _, _, joint = max(at.views, key=lambda v: v[1])
-        out = [(source, value, sigma) for i, value, sigma in
+        out = [(source, value[:source.size], sigma[:source.size]) for i, value, sigma in
                zip(at.chosen, joint.values, joint.sigmas, strict=True)
                if isinstance(source := self.asked.sources[i], Hypothesis) and not source.anonymous]
         size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)

@@ -110,10 +110,10 @@ def blocks(library: Library) -> Iterator[tuple[Block, Hypothesis]]:
         for form, own in forms.items():
             for h in own:
                 low, high = _range(h)
-                yield Block(h.label, family, h.columns,
+                yield Block(h.label, family, (*h.columns, *(c for c, _ in h.starts)),
                             top + np.log(share[form]) - np.log(len(own)), low=low, high=high,
                             group=_group(h, family),
-                            gives=_place(h.kind, h.on),
+                            starts=tuple(of for _, of in h.starts), gives=_place(h.kind, h.on),
                             needs=_place(*h.leans) if h.leans else ""), h
 
 

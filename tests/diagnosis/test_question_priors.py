@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden import Cause, Options, hide
+from hidden import Options, hide
 
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
@@ -13,22 +13,25 @@ from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.question import Asked, question
 from ppmcal.diagnosis.recorded import with_whole_rows
+from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.unknown_causes import UnknownCauses
 from ppmcal.inference.priors import FAMILY, FURTHER_EVENT
 
 
-def asked(machine: str, causes: list[Cause], poses: int = 30) -> Asked:
-    """Return the question of a campaign of which causes freeze slots."""
-    found = hide(machine, 7, causes, 1.0, Options(poses=poses))
-    fit = identify(with_whole_rows(Problem(found.mechanism, (found.dataset,),
-                                           found.mechanism.free)), FitOptions())
+def asked(machine: str, kinds: list[str], eta: float = 1.0, frozen: tuple[str, ...] = (),
+          poses: int = 30) -> Asked:
+    """Return the question of a campaign, slots frozen whose names end so."""
+    found = hide(machine, 7, kinds, eta, Options(poses=poses), "all")
+    mechanism = found.mechanism
+    free = [i for i in mechanism.free if not mechanism.parameters[i].name.endswith(frozen)]
+    fit = identify(with_whole_rows(Problem(mechanism, (found.dataset,), tuple(free))),
+                   FitOptions())
     system = build(fit.problem, fit.state, fit.keep)
-    return question(system, library(system), UnknownCauses(system, ()))
+    return question(system, library(system), UnknownCauses(system, all_settings(fit)))
 
 
 def test_frozen_slots_of_one_sort_share_a_prior_and_a_second_of_a_sort_costs_less() -> None:
-    sizes = {f"leg{i}.proximal": 1e-4 * (i == 1) for i in (1, 2, 3)} | {"leg2.distal": 1e-4}
-    found = asked("3-RRR-1", [Cause("geometry", (), sizes, 7)])
+    found = asked("3-RRR-1", [], frozen=(".proximal", "leg2.distal"))
     at = {b.family: i for i, b in enumerate(found.question.blocks) if b.family.startswith("geom")}
     first, second, other = (at[f"geometry {n}"] for n in ("leg1.proximal", "leg3.proximal",
                                                           "leg2.distal"))
