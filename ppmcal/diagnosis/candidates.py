@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.diagnosis.added_variable_test import AddedVariableTest, pseudo_inverse
 from ppmcal.diagnosis.grids import NEAR, Grids, lowest, sign, start_values, usual_range
 from ppmcal.diagnosis.hypotheses import (
@@ -38,6 +40,10 @@ from ppmcal.model.effects import (
 from ppmcal.model.mechanism import limbs_with_free
 
 UNBORNE = "it shows only through what gives way to the load, of which the model has nothing"
+STARTS = (np.arange(16) + 0.5) / 8.0 - 1.0
+"""What a memory may have been before the first row, in parts of the most."""
+SEEN = 0.05
+"""Ways in which that shows less than the first by this are too small to be seen."""
 ALIKE = 0.5
 """It looks like an effect if it explains this part of what the effect does."""
 
@@ -137,30 +143,61 @@ class _Kinds(Collector):
         of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes,
                           effect=kind, part=names[0] if kind.one_by_one else "", leans=leans)
 
-        def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float]) -> None:
+        def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float],
+                starts: Sequence[tuple[int, int]] = ()) -> None:
             self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual, named,
-                                           self._scale(on, specs), constants))
+                                           self._scale(on, specs), constants,
+                                           starts=tuple(starts)))
 
         if not kind.per_actuator:
             add((), self._columns(kind, on, values, specs), shown)
             return
         own = {} if strokes or kind.onset else self._each(kind, on, values, specs)
+        starts = {}
         for a in np.flatnonzero(on):
             ends = self.grids.ends(strokes, int(a))
             if a not in own:
                 own[int(a)] = self._columns(kind, np.arange(on.size) == a, values | ends, specs)
-            add((self.actuators[a],), own[int(a)], shown | ends)
+            starts[int(a)] = list(self._starts(kind, int(a), values | ends, specs))
+            add((self.actuators[a],), own[int(a)], shown | ends, starts[int(a)])
         same = len(set(self.turning[on].tolist())) == 1
         if len(own) > 1 and same:
             where = self._columns(kind, on, values, specs) if strokes else tuple(
                 self.columns.sum_of(cs) for cs in zip(*own.values(), strict=True))
             on_names = tuple(self.actuators[a] for a in own)
-            add(on_names, where, shown)
+            each = [s for a in own for s in (self._starts(kind, a, values, specs) if strokes
+                                             else starts[a])]
+            add(on_names, where, shown, each)
             self.hypotheses.append(of_kind(
                 on_names, False,
                 tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
                 high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),
-                named * len(own), sum((self._scale((a,), specs) for a in on_names), ()), shown))
+                named * len(own), sum((self._scale((a,), specs) for a in on_names), ()), shown,
+                starts=tuple((c, n * len(names) + of) for n, a in enumerate(own)
+                             for c, of in starts[a])))
+
+    def _starts(self, kind: EffectKind, a: int, values: dict[str, float],
+                specs: Sequence[EffectParameter]) -> Iterator[tuple[int, int]]:
+        """Add columns of what an effect may have been before the first row, for each parameter.
+
+        Of all that it may have been as likely one as another, they have the second moments.
+        Yields where each is and which parameter it belongs to; none where all is known.
+        """
+        if kind.unsettled is None:
+            return
+        parts = self.system.parts
+        one, none = np.arange(self.turning.size) == a, {s.name: 0.0 for s in specs}
+        ends = np.cumsum([0, *(len(p.setting.travel) for p in parts)])
+        for n, s in enumerate(specs):
+            size = values[s.name] if s.scaling else 1.0
+            own = values | none | {s.name: size}
+            each = np.array([np.concatenate([kind.unsettled(p.setting, one, own, start)[:, a]
+                                             for p in parts]) for start in STARTS])
+            _, length, ways = linalg.svd(each / (abs(size) * np.sqrt(len(STARTS))))
+            for du in (length[:, None] * ways)[length > SEEN * length[0]]:
+                yield self.columns.shifted([
+                    p.setting.at_joints(np.where(one, du[b:e, None], 0.0), one)
+                    for p, (b, e) in zip(parts, pairwise(ends), strict=True)]), n
 
     def _scale(self, on: Sequence[str], specs: Sequence[EffectParameter]) -> tuple[float, ...]:
         """Return how large tolerances make coefficients: an error of a drive is one of joints."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+
+import numpy as np
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.diagnosis.candidates import library
@@ -101,10 +104,12 @@ class Round:
         at = best if chosen == frozenset(best.chosen) else state(
             self.asked.question, sorted(chosen), [n for n, _, _ in best.views])
         _, _, joint = max(at.views, key=lambda v: v[1])
-        out = [(source, value, sigma) for i, value, sigma in
+        out = [(source, value[:source.size], sigma[:source.size]) for i, value, sigma in
                zip(at.chosen, joint.values, joint.sigmas, strict=True)
                if isinstance(source := self.asked.sources[i], Hypothesis) and not source.anonymous]
-        size = {(h.kind, h.on): float(value[0]) for h, value, _ in out if h.shared and value.size}
+        size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
+        for h, value, _ in out:
+            size[h.kind, h.on] += float(np.mean(value))
         return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans
                 else (h, value, sigma) for h, value, sigma in out]
 

@@ -39,6 +39,9 @@ class Hypothesis:
         scale: how large its coefficients are in a machine within its tolerances, one standard
             deviation by column; inf: nothing is known of it; empty: of none.
         columns: where its columns are in the library.
+        starts: where it has a memory, columns of what that may have been before the first row,
+            each with the place among ``columns`` of the one whose coefficient, times a standard
+            normal, its own is.
         effect: the kind with its traits; None for a frozen slot or a shape without a cause.
         part: of a kind whose parameters are causes of their own, the one that it has; of a shape
             without a cause what moves along what.
@@ -70,11 +73,17 @@ class Hypothesis:
     effect: EffectKind | None = None
     part: str = ""
     leans: tuple[str, tuple[str, ...]] | None = None
+    starts: tuple[tuple[int, int], ...] = ()
 
     @property
     def size(self) -> int:
         """Number of columns."""
         return len(self.columns)
+
+    @property
+    def sort(self) -> str:
+        """What a frozen slot is, whichever the limb: ``base.point.z``; empty where it is none."""
+        return self.slot.partition(".")[2] or self.slot
 
     @property
     def scanned(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -100,23 +100,29 @@ def rows(observed: Bools, first: int) -> Iterator[tuple[Block, int]]:
 def blocks(library: Library) -> Iterator[tuple[Block, Hypothesis]]:
     """Yield the library's hypotheses, each with its prior."""
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
-    slots = max(sum(1 for h in library.hypotheses if h.slot), 1)
+    sorts = Counter(h.sort for h in library.hypotheses if h.slot)
     for h in library.hypotheses:
         families[_family(h)][h.on, h.shared].append(h)
     for family, forms in families.items():
         top = float(np.log(float(UNKNOWN) * SHAPES if family == UNKNOWN_FAMILY else float(FAMILY)))
-        if any(h.slot for own in forms.values() for h in own):
-            top -= np.log(slots)
+        top -= float(np.log(max([sorts[h.sort] for own in forms.values() for h in own] + [1])))
         share = _shares(list(forms))
         for form, own in forms.items():
             for h in own:
-                event = h.effect is not None and h.effect.onset
                 low, high = _range(h)
-                yield Block(h.label, family, h.columns,
+                yield Block(h.label, family, (*h.columns, *(c for c, _ in h.starts)),
                             top + np.log(share[form]) - np.log(len(own)), low=low, high=high,
-                            group=f"{family} on {' '.join(h.on)} {h.shared}" if event else "",
-                            gives=_place(h.kind, h.on) if h.shared else "",
+                            group=_group(h, family),
+                            starts=tuple(of for _, of in h.starts), gives=_place(h.kind, h.on),
                             needs=_place(*h.leans) if h.leans else ""), h
+
+
+def _group(h: Hypothesis, family: str) -> str:
+    """Return what a hypothesis is one of several of: events of a kind, frozen slots of a sort."""
+    if h.slot:
+        return f"{h.kind} {h.sort}"
+    event = h.effect is not None and h.effect.onset
+    return f"{family} on {' '.join(h.on)} {h.shared}" if event else ""
 
 
 def _place(kind: str, on: Sequence[str]) -> str:

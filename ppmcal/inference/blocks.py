@@ -24,9 +24,11 @@ class Block:
             rms; empty: of each column alone, scaled so.
         log_prior: logarithm of its prior probability.
         low, high: between which the coefficient of a single column is.
-        group: events of one kind at one place share it: one more of them costs less than another
-            cause; empty: no event.
+        group: what one thing does share it, events of one kind at one place, errors of one sort in
+            several limbs: one more of them costs less than another cause; empty: it is by itself.
         form: what it looks like, where a family has several that differ much; empty: one.
+        starts: of its last columns, one each, the number of the column whose coefficient, times
+            a standard normal, theirs is: what a memory was before the first row.
         gives, needs: a block with ``needs`` can only be there beside one that ``gives`` the same.
     """
 
@@ -39,6 +41,7 @@ class Block:
     high: float = np.inf
     group: str = ""
     form: str = ""
+    starts: tuple[int, ...] = ()
     gives: str = ""
     needs: str = ""
 
@@ -64,14 +67,16 @@ class Batch:
         return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
 
 
-def scaled_root(gram: Array, count: int) -> Array:
+def scaled_root(gram: Array, count: int, starts: Sequence[int] = ()) -> Array:
     """Return the root (k, k) that gives each column one sigma rms over ``count`` values.
 
-    ``gram`` (k, k): inner products; a column of nothing stays nothing.
+    ``gram`` (k, k): inner products; a column of nothing stays nothing. ``starts``: of the last
+    columns those whose coefficients, times standard normal ones, theirs are.
     """
-    length = np.sqrt(np.maximum(np.diagonal(gram) / count, 0.0))
-    return np.diag(np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
-                   / np.sqrt(len(length)))
+    own = len(gram) - len(starts)
+    length = np.sqrt(np.maximum(np.diagonal(gram)[:own] / count, 0.0))
+    scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0) / np.sqrt(own)
+    return np.diag(np.concatenate([scale, scale[list(starts)]]))
 
 
 CHUNK = 512
@@ -81,7 +86,8 @@ CHUNK = 512
 def batches(blocks: Sequence[Block], columns: ColumnSource, count: int) -> list[Batch]:
     """Return blocks as batches of one shape; ``count``: number n of values."""
     grams = _grams(blocks, columns)
-    roots = [b.roots or (scaled_root(g, count),) for b, g in zip(blocks, grams, strict=True)]
+    roots = [b.roots or (scaled_root(g, count, b.starts),)
+             for b, g in zip(blocks, grams, strict=True)]
     alike: dict[tuple[int, ...], list[int]] = defaultdict(list)
     for i, r in enumerate(roots):
         alike[(len(r), *r[0].shape)].append(i)

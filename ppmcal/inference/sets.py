@@ -124,10 +124,9 @@ class Question:
 
     def further(self, i: int, there: Iterable[int]) -> float:
         """Return the log prior of block i beside others: of an event, one more costs less."""
-        block, there = self.blocks[i], list(there)
-        if block.needs and not any(self.blocks[j].gives == block.needs for j in there):
-            return -np.inf
-        groups = {self.blocks[j].group for j in there if self.blocks[j].family == block.family}
+        block = self.blocks[i]
+        groups = {self.blocks[j].group for j in there if self.blocks[j].family == block.family
+                  or self.blocks[j].group == block.group}
         groups.discard("")
         if not block.group or not groups:
             return block.log_prior
@@ -137,20 +136,44 @@ class Question:
         return float(max(block.log_prior, more))
 
     def log_prior(self, chosen: Iterable[int]) -> float:
-        """Return the log prior of a set, whatever its order."""
+        """Return the log prior of a set, whatever its order, as if what it needs were there."""
         total, there = 0.0, list[int]()
-        for i in sorted(chosen, key=lambda i: (
-                bool(self.blocks[i].needs), -self.blocks[i].log_prior, i)):
+        for i in sorted(chosen, key=lambda i: (-self.blocks[i].log_prior, i)):
             total += self.further(i, there)
             there.append(i)
         return total
+
+    @cached_property
+    def _leaning(self) -> tuple[Ints, Ints]:
+        """What each block needs and gives (B,), by number; 0: nothing."""
+        names = ["", *sorted({b.needs for b in self.blocks} - {""})]
+        place = {name: n for n, name in enumerate(names)}
+        return (np.array([place[b.needs] for b in self.blocks], dtype=np.int64),
+                np.array([place.get(b.gives, 0) for b in self.blocks], dtype=np.int64))
+
+    def complete(self, chosen: Sequence[int]) -> bool:
+        """Whether a set has all that its blocks need."""
+        needs, gives = self._leaning
+        own = list(chosen)
+        return not set(needs[own].tolist()) - {0, *gives[own].tolist()}
+
+    def completes(self, chosen: Sequence[int]) -> Bools:
+        """Whether a set has all that its blocks need with each block more (B,)."""
+        needs, gives = self._leaning
+        there = {0, *gives[list(chosen)].tolist()}
+        lack = set(needs[list(chosen)].tolist()) - there
+        able = np.isin(needs, list(there)) | (needs == gives)
+        if lack:
+            able &= (gives == min(lack)) & (len(lack) == 1)
+        return able
 
 
 @dataclass(frozen=True, eq=False)
 class BlockSet:
     """A set of blocks as it is in the data.
 
-    ``views``: for each correlation that is likely its number, log p and blocks' sizes.
+    ``views``: for each correlation that is likely its number, log p and blocks' sizes, as if what
+    they need were there; ``log_p``: -inf where it is not.
     """
 
     question: Question
@@ -166,13 +189,16 @@ class BlockSet:
 
     @cached_property
     def scores(self) -> Array:
-        """Log p of the set with each block more (B,); -inf for those that are in it."""
+        """Log p of the set with each block more (B,); -inf for those that are in it.
+
+        And for those with which something that is needed is not there.
+        """
         question = self.question
         count = len(question.blocks)
         every = np.array([log_p + odds_of_all(given, view.batches, count)
                           for view, log_p, given in self.given])
         more = np.array([question.further(i, self.chosen) for i in range(count)])
-        out = np.asarray(logsumexp(every, axis=0) + more)
+        out = np.where(question.completes(self.chosen), logsumexp(every, axis=0) + more, -np.inf)
         out[list(self.chosen)] = -np.inf
         return out
 
@@ -200,7 +226,8 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
                if log_z > max(each) - NEGLIGIBLE)
     views = tuple((n, log_z + prior, j) for (n, j), log_z in zip(found, each, strict=True)
                   if n <= most)
-    return BlockSet(question, tuple(chosen), float(logsumexp(each)) + prior, views)
+    log_p = float(logsumexp(each)) + prior if question.complete(chosen) else -np.inf
+    return BlockSet(question, tuple(chosen), log_p, views)
 
 
 @dataclass(frozen=True)

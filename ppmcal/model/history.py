@@ -55,18 +55,20 @@ class History:
         key = ("slack", *half.tolist())
         return self._once(key, lambda: slack(np.where(self.direct, self.q, np.nan), half))
 
-    def unsettled(self, half: Array) -> Array:
-        """Return by how much, at most, play's output is unknown (H, k), unit of q: :func:`slack`.
+    def unsettled(self, half: Array, start: float = 1.0) -> Array:
+        """Return by how much play's output is not what :func:`slack` takes it for (H, k), unit q.
 
-        ``half``: half width by joint (k,), unit of q, not negative.
+        ``half``: half width by joint (k,), unit of q, not negative. ``start``: where play stood
+        before the first row, -1 to 1 half widths off; at 1 it is the most that may be.
         """
         def spread() -> tuple[Array, Array]:
             u = np.where(self.direct, self.q, np.nan)
             (low, high), _ = _bounds(u, half)
             with np.errstate(invalid="ignore"):
-                return np.where(np.isfinite(u), 0.5 * (high - low), np.nan), np.zeros(0)
+                at = np.clip(_first(u) + start * half, low, high)
+                return np.where(np.isfinite(u), at - 0.5 * low - 0.5 * high, np.nan), np.zeros(0)
 
-        return self._once(("unsettled", *half.tolist()), spread)[0]
+        return self._once(("unsettled", start, *half.tolist()), spread)[0]
 
     def lagged(self, of: str, drive: Callable[[], Array], tau: float) -> tuple[Array, Array]:
         """Return a state that follows ``drive`` (H,) or (H, k) late, and its derivative by tau, s.
@@ -165,6 +167,12 @@ def slack(u: Array, half: Array) -> tuple[Array, Array]:
     with np.errstate(invalid="ignore"):
         out = 0.5 * (low - u) + 0.5 * (high - u)
     return np.where(known, out, np.nan), np.where(known, 0.5 * (by_low + by_high), np.nan)
+
+
+def _first(u: Array) -> Array:
+    """Return the first value of each joint that is known (k,), nan where none is."""
+    at = np.argmax(np.isfinite(u), axis=0)
+    return np.asarray(u[at, np.arange(u.shape[1])])
 
 
 def _bounds(u: Array, half: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:

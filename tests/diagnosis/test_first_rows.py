@@ -13,6 +13,12 @@ from helpers.machines import Array
 from helpers.paths import ROOT
 
 import ppmcal
+from ppmcal.api.inputs import prepared
+from ppmcal.calibration.fit import FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.diagnosis.explanation import explained
+from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -95,3 +101,15 @@ def test_rows_whose_start_is_known_are_kept(tmp_path: Path) -> None:
     found = ppmcal.diagnose(CONFIG, [tmp_path / "d.csv"])
     assert [e.kind for e in found.record.effects] == ["play"]
     assert left_out(found, tmp_path) == []
+
+
+@pytest.mark.parametrize("start", [1.0, -0.6])
+def test_where_a_play_stood_before_the_first_row_is_no_cause_of_its_own(
+        tmp_path: Path, start: float) -> None:
+    """The play says it by itself: nothing happened, and no row is left out."""
+    campaign(tmp_path, 20, start, 1, (1,))
+    mechanism, data = prepared(CONFIG, [tmp_path / "d.csv"])
+    fit = identify(with_whole_rows(Problem(mechanism, data, mechanism.free)), FitOptions())
+    found = explained(fit, FitOptions())[-1]
+    assert [p.label for p in found.places] == ["play on leg2"]
+    assert found.verdict == "named" and not found.rows

@@ -180,7 +180,7 @@ def test_of_hysteresis_as_much_is_unsettled_as_of_its_plays() -> None:
     kind = effect_kinds()["hysteresis"]
     assert kind.unsettled is not None
     at: Any = SimpleNamespace(stroke=np.array([[0.0, 1.0], [2.0, 5.0]]),
-                              unsettled=lambda width: np.tile(np.asarray(width) / 2.0, (4, 1)))
+                              unsettled=lambda w, start: np.tile(np.asarray(w) / 2.0, (4, 1)))
     values = {"w1": 0.0, "w2": -0.5, "w3": 0.1, "low": np.nan, "high": np.nan}
     found = kind.unsettled(at, np.array([True, True]), values)
     np.testing.assert_allclose(found, [[0.0175, 0.0525]] * 4)

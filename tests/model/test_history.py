@@ -116,6 +116,9 @@ def test_what_is_unknown_of_play_is_what_its_start_changes() -> None:
         for a, q in enumerate(data.q.T):
             ends = [looped_play(q, 0.5 * abs(width), side) for side in (-1.0, 1.0)]
             np.testing.assert_allclose(found[:, a], 0.5 * (ends[1] - ends[0]), atol=1e-15)
+            middle = at.slack(abs(width))[0][:, a]
+            np.testing.assert_allclose(at.unsettled(width, -0.4)[:, a],
+                                       looped_play(q, 0.5 * abs(width), -0.4) - middle, atol=1e-15)
         assert (found[0] > 0.0).all()
     assert (at.unsettled(0.02)[-1] == 0.0).all()
 

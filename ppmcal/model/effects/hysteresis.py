@@ -37,9 +37,10 @@ def _stroke(setting: Setting, values: Mapping[str, float]) -> Array:
     return high - low
 
 
-def _unsettled(setting: Setting, on: Bools, values: Mapping[str, float]) -> Array:
+def _unsettled(setting: Setting, on: Bools, values: Mapping[str, float], start: float = 1.0
+               ) -> Array:
     stroke = _stroke(setting, values)
-    each = [abs(values[n]) * setting.unsettled(part * stroke) for n, part in WIDTHS.items()]
+    each = [abs(values[n]) * setting.unsettled(part * stroke, start) for n, part in WIDTHS.items()]
     return np.where(on, np.sum(each, axis=0), 0.0)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -115,6 +116,14 @@ class Terms:
 Evaluate = Callable[[Setting, Bools, Mapping[str, float]], Terms]
 Spread = Callable[[Setting, Bools, Mapping[str, float]], Sequence[Shift]]
 """As an evaluation: the shifts of independent errors, one standard deviation each."""
+
+
+class Unsettled(Protocol):
+    """By how much an effect is another one for what was before the first row."""
+
+    def __call__(self, setting: Setting, on: Bools, values: Mapping[str, float], /,
+                 start: float = 1.0) -> Array:
+        """Return it for a start between -1 and 1 (N, k), unit of u."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,8 +241,9 @@ class EffectKind:
         seldom: BIC that it must make up for, since machines seldom have it: 2 log of the odds.
         known: the ranges of its inputs beyond which nothing is known of it; none: everywhere.
         spread: what it is uncertain by beside its parameters, if anything.
-        unsettled: by how much, at most, du is unknown since nobody knows what was before the first
-            row: (setting, on, values) -> (N, k), unit of u; None: the first row is like any other.
+        unsettled: by how much du is another one since nobody knows what was before the first row:
+            (setting, on, values, start) -> (N, k), unit of u; start -1 to 1, what was; at 1, the
+            default, it is the most that may be. None: the first row is like any other.
         reversal: what its sign says of where the encoder sits, if anything.
         one_sign: whether all its parameters have the same sign, whichever.
         nuisance: whether it is of what the machine is measured against: a search names it for
@@ -274,7 +284,7 @@ class EffectKind:
     seldom: float = 0.0
     known: tuple[KnownRange, ...] = ()
     spread: Spread | None = None
-    unsettled: Callable[[Setting, Bools, Mapping[str, float]], Array] | None = None
+    unsettled: Unsettled | None = None
     title: str = ""
     body: str = ""
     reversal: Reversal | None = None

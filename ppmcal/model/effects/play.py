@@ -34,8 +34,9 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     return Terms(setting.at_joints(behind, on), {"width": setting.at_joints(slope, on)})
 
 
-def _unsettled(setting: Setting, on: Bools, values: Mapping[str, float]) -> Array:
-    return np.where(on, setting.unsettled(values["width"]), 0.0)
+def _unsettled(setting: Setting, on: Bools, values: Mapping[str, float], start: float = 1.0
+               ) -> Array:
+    return np.where(on, setting.unsettled(values["width"], start), 0.0)
 
 
 def _widths(data: ScanRange) -> list[float]:

@@ -193,16 +193,17 @@ class Setting:
         turned = np.sign(self.ratio)
         return self._then(way * self.ratio * behind), self._then(0.5 * turned * slope)
 
-    def unsettled(self, width: Array | float) -> Array:
-        """Return by how much, at most, what play of a full width is behind u is unknown (N, k).
+    def unsettled(self, width: Array | float, start: float = 1.0) -> Array:
+        """Return by how much play of a full width is behind u otherwise than it is taken (N, k).
 
         Where it stood before the first row nobody knows: 0 once a joint has crossed the width.
+        ``start``: where it stood, -1 to 1 half widths off u; at 1 it is the most that may be.
         """
         width = np.broadcast_to(np.asarray(width, dtype=float), self.turning.shape)
         if self.history is None:
             return np.full_like(self.travel, np.nan)
         return np.abs(self.ratio) * self._then(
-            self.history.unsettled(0.5 * np.abs(width / self.ratio)))
+            self.history.unsettled(0.5 * np.abs(width / self.ratio), start))
 
     def late(self, tau: float) -> tuple[Array, Array]:
         """Return the temperature that tau follows late (N,), K, and its derivative by tau."""

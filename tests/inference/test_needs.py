@@ -1,0 +1,49 @@
+"""A block that is only there beside another: an offset of the load beside what gives way to it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ppmcal.inference.blocks import Block
+from ppmcal.inference.columns import MatrixColumns
+from ppmcal.inference.sets import Question, posterior, state
+
+ROWS, WIDTH = 60, 2
+ALIKE, EACH, SOFTER, OFFSET = range(4)
+
+
+def asked(values: np.ndarray, columns: np.ndarray) -> Question:
+    """Return a question of what gives way alike, each by itself or softer, and of an offset."""
+    prior = float(np.log(1 / 50))
+    blocks = (Block("all give way alike", "gives", (0,), prior, gives="load"),
+              Block("each gives way by itself", "gives", (1, 2), prior, gives="load"),
+              Block("one is softer", "gives", (2,), prior),
+              Block("offset of the load", "offset", (3,), prior, needs="load"))
+    return Question(MatrixColumns(columns), values, np.ones((len(values), 1)), blocks,
+                    np.ones((ROWS, WIDTH), dtype=bool), np.zeros(ROWS - 1, dtype=np.int64))
+
+
+def drawn(offset: float) -> Question:
+    """Return what all give way alike, and an offset, which softening of one imitates in part."""
+    rng = np.random.default_rng(4)
+    first, second = rng.normal(size=(2, ROWS * WIDTH))
+    lever = 0.6 * second + rng.normal(size=first.size)
+    columns = np.column_stack([first + second, first, second, lever])
+    return asked(rng.normal(size=first.size) + 5.0 * columns[:, ALIKE] + offset * lever, columns)
+
+
+def test_it_is_found_beside_what_it_needs() -> None:
+    assert set(posterior(drawn(3.0)).best.chosen) == {ALIKE, OFFSET}
+    assert set(posterior(drawn(0.0)).best.chosen) == {ALIKE}
+
+
+def test_what_it_needs_can_be_exchanged_beside_it() -> None:
+    question = drawn(3.0)
+    alone = state(question, (OFFSET,))
+    assert not np.isfinite(alone.log_p)
+    assert np.isfinite(alone.scores).tolist() == [True, True, False, False]
+    empty = state(question, ())
+    assert np.isfinite(empty.scores).tolist() == [True, True, True, False]
+    whole = state(question, (EACH, OFFSET))
+    assert np.isfinite(whole.log_p)
+    assert abs(alone.scores[ALIKE] - state(question, (ALIKE, OFFSET)).log_p) < 5.0
