@@ -78,8 +78,10 @@ def within(given: Conditioned, root: Array, own: Array, along: Array, low: Array
     Args:
         given: what is taken.
         root: R of the single column (..., G).
-        own, along: G and b of it (..., G).
-        low, high: the ends (..., 1).
+        own: G of it (..., G).
+        along: b of it (..., G).
+        low: one end (..., 1).
+        high: the other (..., 1).
         gone: what other blocks than those taken have explained of y'My.
 
     Returns:
