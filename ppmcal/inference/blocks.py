@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.inference.columns import ColumnSource
+from ppmcal import linalg
 from ppmcal.linalg import Array, Ints
 
 
@@ -86,6 +87,7 @@ CHUNK = 512
 def batches(blocks: Sequence[Block], columns: ColumnSource, count: int) -> list[Batch]:
     """Return blocks as batches of one shape; ``count``: number n of values."""
     grams = _grams(blocks, columns)
+    linalg.finite("the length of columns", *grams)
     roots = [b.roots or (scaled_root(g, count, b.starts),)
              for b, g in zip(blocks, grams, strict=True)]
     alike: dict[tuple[int, ...], list[int]] = defaultdict(list)

@@ -40,10 +40,15 @@ class Conditioned:
         """Return values (n,) and columns with no block taken.
 
         ``count``: of the values that were measured, the others are zero here and in all columns.
+
+        Raises:
+            LinearAlgebraError: if values or columns hold anything but numbers.
         """
+        along = columns.along(values[:, None])[:, 0]
+        linalg.finite("what values say of their causes", values, along)
         return cls(columns, values, values.size if count is None else count,
-                   np.zeros((values.size, 0)), np.zeros((columns.count, 0)),
-                   columns.along(values[:, None])[:, 0], float(values @ values), 0.0)
+                   np.zeros((values.size, 0)), np.zeros((columns.count, 0)), along,
+                   float(values @ values), 0.0)
 
     @property
     def freedom(self) -> float:
@@ -78,8 +83,11 @@ class Conditioned:
             own = np.maximum(own, 0.0)
             new = inside @ (turn / np.sqrt(1.0 + own))
         gone = new.T @ self.values
+        rest = max(self.rest - float(gone @ gone), 0.0)
+        if self.basis.shape[1] == 0:    # |My|^2 + |Z'My|^2, which loses none either
+            past = self.values - new @ gone
+            rest = float(past @ past + np.sum(gone**2 / (1.0 + own)))
         more = self.columns.along(new)
         return Conditioned(self.columns, self.values, self.count, np.hstack([self.basis, new]),
-                     np.hstack([self.seen, more]), self.right - more @ gone,
-                     max(self.rest - float(gone @ gone), 0.0),
+                     np.hstack([self.seen, more]), self.right - more @ gone, rest,
                      self.log_det + 0.5 * float(np.sum(np.log1p(own))))
