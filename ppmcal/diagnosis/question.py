@@ -76,7 +76,7 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     columns = JoinedColumns((LibrarySource(library.products, observed), unknown.columns,
                              UnitColumns(observed.size)))
     first = library.count + unknown.columns.count
-    every = (*blocks(library), *unknown.blocks(library.count), *rows(observed, first))
+    every = (*blocks(library, unknown.least), *unknown.blocks(library.count), *rows(observed, first))
     asked = Question(columns, values, flat * prior, tuple(b for b, _ in every), observed,
                      system.apart, frozenset({ROW_FAMILY}))
     return Asked(asked, system, tuple(source for _, source in every))
@@ -97,8 +97,8 @@ def rows(observed: Bools, first: int) -> Iterator[tuple[Block, int]]:
                         float(np.log(float(GROSS_ROW)))), n
 
 
-def blocks(library: Library) -> Iterator[tuple[Block, Hypothesis]]:
-    """Yield the library's hypotheses, each with its prior."""
+def blocks(library: Library, least: float = 0.0) -> Iterator[tuple[Block, Hypothesis]]:
+    """Yield the library's hypotheses, each with its prior; ``least``: as of a block."""
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
     sorts = Counter(h.sort for h in library.hypotheses if h.slot)
     for h in library.hypotheses:
@@ -113,7 +113,7 @@ def blocks(library: Library) -> Iterator[tuple[Block, Hypothesis]]:
                 yield Block(h.label, family, (*h.columns, *(c for c, _ in h.starts)),
                             top + np.log(share[form]) - np.log(len(own)), low=low, high=high,
                             group=_group(h, family),
-                            starts=tuple(of for _, of in h.starts), gives=_place(h.kind, h.on),
+                            starts=tuple(of for _, of in h.starts), least=least, gives=_place(h.kind, h.on),
                             needs=_place(*h.leans) if h.leans else ""), h
 
 

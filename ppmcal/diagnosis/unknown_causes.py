@@ -34,7 +34,7 @@ SECOND = 2.0
 """Length along a second input."""
 WAVES = 24
 """Half waves of a course in time."""
-WALK = "walk"
+ROUND_OFF = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +77,23 @@ class UnknownCauses:
                            curve, on, way)
 
     @cached_property
+    def zeros(self) -> dict[str, Array]:
+        """What each joint's zero does, by a metre or a radian (N, m), and all of them alike."""
+        system, mechanism = self.system, self.system.problem.mechanism
+        names = mechanism.actuators
+        on = {f"the zero of {name}": np.arange(len(names)) == a for a, name in enumerate(names)}
+        if len(set(mechanism.actuator_quantity)) == 1:
+            on["all zeros"] = np.ones(len(names), dtype=bool)
+        return {way: system.column([p.setting.at_joints(np.ones_like(p.setting.travel), mine)
+                                    for p in system.parts]) * system.observed
+                for way, mine in on.items()}
+
+    @cached_property
+    def least(self) -> float:
+        """Rms, in sigmas, below which a column is a difference of equals: nothing but round-off."""
+        return ROUND_OFF * max(float(np.max(np.abs(unit))) for unit in self.zeros.values())
+
+    @cached_property
     def columns(self) -> MatrixColumns:
         """All columns (n, T), zero where nothing was observed."""
         count = self.system.observed.size
@@ -91,7 +108,7 @@ class UnknownCauses:
     def _take(self, label: str, columns: Array, kernels: Sequence[Array], share: float,
               curve: LearnedCurve | None, on: tuple[bool, ...], way: str) -> None:
         gram = columns.T @ columns
-        if not np.isfinite(gram).all() or not np.trace(gram) > 0.0:
+        if not np.isfinite(gram).all() or not np.trace(gram) > self.least**2 * self.system.count:
             return
         roots = []
         for kernel in kernels:
@@ -168,14 +185,8 @@ class UnknownCauses:
         ways = {f"the base's {c}": [Shift(frame=np.tile(np.eye(6)[PLACE[c]],
                                                         (len(p.response.pose), 1)))
                                     for p in parts] for c in _free(mechanism.motion)}
-        ways |= {f"the zero of {name}": [p.setting.at_joints(
-            np.ones_like(p.setting.travel), np.arange(len(mechanism.actuators)) == a)
-            for p in parts] for a, name in enumerate(mechanism.actuators)}
-        if len(set(mechanism.actuator_quantity)) == 1:
-            ways["all zeros"] = [p.setting.at_joints(
-                np.ones_like(p.setting.travel), np.ones(len(mechanism.actuators), dtype=bool))
-                for p in parts]
         units = {way: system.column(shifts) * system.observed for way, shifts in ways.items()}
+        units |= self.zeros
         for way, unit in units.items():
             columns = (unit[..., None] * waves[:, None, :]).reshape(system.observed.size, WAVES)
             yield (f"a slow course of {way}", columns, kernels, way == "all zeros", None, (), way)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.inference.columns import ColumnSource
 from ppmcal import linalg
+from ppmcal.inference.columns import ColumnSource
 from ppmcal.linalg import Array, Ints
 
 
@@ -30,6 +30,7 @@ class Block:
         form: what it looks like, where a family has several that differ much; empty: one.
         starts: of its last columns, one each, the number of the column whose coefficient, times
             a standard normal, theirs is: what a memory was before the first row.
+        least: rms, in sigmas, below which a column is nothing but round-off.
         gives, needs: a block with ``needs`` can only be there beside one that ``gives`` the same.
     """
 
@@ -43,6 +44,7 @@ class Block:
     group: str = ""
     form: str = ""
     starts: tuple[int, ...] = ()
+    least: float = 0.0
     gives: str = ""
     needs: str = ""
 
@@ -68,15 +70,16 @@ class Batch:
         return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
 
 
-def scaled_root(gram: Array, count: int, starts: Sequence[int] = ()) -> Array:
+def scaled_root(gram: Array, count: int, starts: Sequence[int] = (), least: float = 0.0) -> Array:
     """Return the root (k, k) that gives each column one sigma rms over ``count`` values.
 
     ``gram`` (k, k): inner products; a column of nothing stays nothing. ``starts``: of the last
-    columns those whose coefficients, times standard normal ones, theirs are.
+    columns those whose coefficients, times standard normal ones, theirs are. ``least``: rms below
+    which a column is nothing but round-off.
     """
     own = len(gram) - len(starts)
     length = np.sqrt(np.maximum(np.diagonal(gram)[:own] / count, 0.0))
-    scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0) / np.sqrt(own)
+    scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > least) / np.sqrt(own)
     return np.diag(np.concatenate([scale, scale[list(starts)]]))
 
 
@@ -88,7 +91,7 @@ def batches(blocks: Sequence[Block], columns: ColumnSource, count: int) -> list[
     """Return blocks as batches of one shape; ``count``: number n of values."""
     grams = _grams(blocks, columns)
     linalg.finite("the length of columns", *grams)
-    roots = [b.roots or (scaled_root(g, count, b.starts),)
+    roots = [b.roots or (scaled_root(g, count, b.starts, b.least),)
              for b, g in zip(blocks, grams, strict=True)]
     alike: dict[tuple[int, ...], list[int]] = defaultdict(list)
     for i, r in enumerate(roots):

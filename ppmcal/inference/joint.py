@@ -81,7 +81,7 @@ class _System:
         seen = given.seen[every]
         self.inner, self.right = gram - seen @ seen.T, given.right[every]
         self.values, self.at = values, [[at[c] for c in b.columns] for b in blocks]
-        self.roots = [b.roots or (scaled_root(gram[np.ix_(i, i)], given.count, b.starts),)
+        self.roots = [b.roots or (scaled_root(gram[np.ix_(i, i)], given.count, b.starts, b.least),)
                       for b, i in zip(blocks, self.at, strict=True)]
         self.ends = [(b.low, b.high) for b in blocks]
 
