@@ -78,8 +78,9 @@ def scaled_root(gram: Array, count: int, starts: Sequence[int] = (), least: floa
     which a column is nothing but round-off.
     """
     own = len(gram) - len(starts)
-    length = np.sqrt(np.maximum(np.diagonal(gram)[:own] / count, 0.0))
-    scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > least) / np.sqrt(own)
+    length = np.sqrt(np.maximum(np.diagonal(gram)[:own] / max(count, 1), 0.0))
+    seen = length > max(least, float(np.sqrt(np.finfo(float).tiny)))
+    scale = np.divide(1.0, length, out=np.zeros_like(length), where=seen) / np.sqrt(max(own, 1))
     return np.diag(np.concatenate([scale, scale[list(starts)]]))
 
 

@@ -44,11 +44,11 @@ class Conditioned:
         Raises:
             LinearAlgebraError: if values or columns hold anything but numbers.
         """
-        along = columns.along(values[:, None])[:, 0]
-        linalg.finite("what values say of their causes", values, along)
+        along, square = columns.along(values[:, None])[:, 0], np.vdot(values, values)
+        linalg.finite("what values say of their causes", along, square)
         return cls(columns, values, values.size if count is None else count,
                    np.zeros((values.size, 0)), np.zeros((columns.count, 0)), along,
-                   float(values @ values), 0.0)
+                   float(square), 0.0)
 
     @property
     def freedom(self) -> float:
@@ -69,13 +69,14 @@ class Conditioned:
         """Return this with a block Z (n, k) more: its columns times the root of its prior.
 
         Raises:
-            LinearAlgebraError: if the block holds anything but numbers.
+            LinearAlgebraError: if the block, or its square, holds anything but numbers.
         """
         if block.shape[1] == 0:
             return self
         if self.basis.shape[1] == 0:    # a first block may be wide: its square would lose digits
             left, size, _ = linalg.svd(block)
             own = size**2
+            linalg.finite("the size of a block", own)
             new = left * (size / np.sqrt(1.0 + own))
         else:
             inside = block - self.basis @ (self.basis.T @ block)
