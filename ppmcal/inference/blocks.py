@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.inference.columns import ColumnSource
 from ppmcal.linalg import Array, Ints
 
@@ -77,8 +78,9 @@ def scaled_root(gram: Array, count: int, starts: Sequence[int] = (), least: floa
     which a column is nothing but round-off.
     """
     own = len(gram) - len(starts)
-    length = np.sqrt(np.maximum(np.diagonal(gram)[:own] / count, 0.0))
-    scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > least) / np.sqrt(own)
+    length = np.sqrt(np.maximum(np.diagonal(gram)[:own] / max(count, 1), 0.0))
+    seen = length > max(least, float(np.sqrt(np.finfo(float).tiny)))
+    scale = np.divide(1.0, length, out=np.zeros_like(length), where=seen) / np.sqrt(max(own, 1))
     return np.diag(np.concatenate([scale, scale[list(starts)]]))
 
 
@@ -89,6 +91,7 @@ CHUNK = 512
 def batches(blocks: Sequence[Block], columns: ColumnSource, count: int) -> list[Batch]:
     """Return blocks as batches of one shape; ``count``: number n of values."""
     grams = _grams(blocks, columns)
+    linalg.finite("the length of columns", *grams)
     roots = [b.roots or (scaled_root(g, count, b.starts, b.least),)
              for b, g in zip(blocks, grams, strict=True)]
     alike: dict[tuple[int, ...], list[int]] = defaultdict(list)

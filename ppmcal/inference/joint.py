@@ -137,6 +137,6 @@ class _System:
         out = [np.zeros((self.values.shape[1], 0))]
         for i, g, size in some:
             root = np.zeros((self.values.shape[1], self.roots[i][g].shape[1]))
-            root[self.at[i]] = self.roots[i][g] * size
+            np.add.at(root, self.at[i], self.roots[i][g] * size)
             out.append(root)
         return np.hstack(out)

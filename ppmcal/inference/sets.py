@@ -262,7 +262,7 @@ class SetPosterior:
         """Probability of each block beside the best set (B,): of one family one, or none."""
         blocks = self.best.question.blocks
         families = {name: i for i, name in enumerate(dict.fromkeys(b.family for b in blocks))}
-        home = np.array([families[b.family] for b in blocks])
+        home = np.array([families[b.family] for b in blocks], dtype=np.int64)
         odds = np.exp(np.minimum(self.beside, 700.0))
         total = np.bincount(home, odds, len(families))
         return np.asarray(odds / (1.0 + total[home]))
