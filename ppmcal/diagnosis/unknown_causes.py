@@ -204,7 +204,7 @@ class UnknownCauses:
                     [(u[..., None] * waves[:, None, :]).reshape(system.observed.size, WAVES)
                      for u in own], axis=1)
                 yield (f"a slow course of the {body}", columns,
-                       [np.kron(np.eye(len(own)), k) for k in kernels], True, None, (), body)
+                       [np.asarray(np.kron(np.eye(len(own)), k)) for k in kernels], True, None, (), body)
 
 
 def _moved(body: str, coordinate: str, rows: int) -> Shift:
