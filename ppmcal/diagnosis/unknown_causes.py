@@ -203,8 +203,8 @@ class UnknownCauses:
                 columns = np.concatenate(
                     [(u[..., None] * waves[:, None, :]).reshape(system.observed.size, WAVES)
                      for u in own], axis=1)
-                yield (f"a slow course of the {body}", columns,
-                       [np.asarray(np.kron(np.eye(len(own)), k)) for k in kernels], True, None, (), body)
+                each = [np.asarray(np.kron(np.eye(len(own)), k)) for k in kernels]
+                yield f"a slow course of the {body}", columns, each, True, None, (), body
 
 
 def _moved(body: str, coordinate: str, rows: int) -> Shift:

@@ -44,7 +44,8 @@ class Conditioned:
         Raises:
             LinearAlgebraError: if values or columns hold anything but numbers.
         """
-        along, square = columns.along(values[:, None])[:, 0], np.vdot(values, values)
+        along = columns.along(values[:, None])[:, 0]
+        square = np.asarray(np.vdot(values, values))
         linalg.finite("what values say of their causes", along, square)
         return cls(columns, values, values.size if count is None else count,
                    np.zeros((values.size, 0)), np.zeros((columns.count, 0)), along,
