@@ -45,7 +45,7 @@ class Conditioned:
             LinearAlgebraError: if values or columns hold anything but numbers.
         """
         along, square = columns.along(values[:, None])[:, 0], np.vdot(values, values)
-        linalg.finite("what values say of their causes", along, square)
+        linalg.finite("what values say of their causes", along, np.asarray(square))
         return cls(columns, values, values.size if count is None else count,
                    np.zeros((values.size, 0)), np.zeros((columns.count, 0)), along,
                    float(square), 0.0)
