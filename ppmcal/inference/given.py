@@ -44,9 +44,8 @@ class Conditioned:
         Raises:
             LinearAlgebraError: if values or columns hold anything but numbers.
         """
-        along = columns.along(values[:, None])[:, 0]
-        square = np.asarray(np.vdot(values, values))
-        linalg.finite("what values say of their causes", along, square)
+        along, square = columns.along(values[:, None])[:, 0], np.vdot(values, values)
+        linalg.finite("what values say of their causes", along, np.asarray(square))
         return cls(columns, values, values.size if count is None else count,
                    np.zeros((values.size, 0)), np.zeros((columns.count, 0)), along,
                    float(square), 0.0)

@@ -122,7 +122,7 @@ class Question:
                 found[block.family].add(block.group)
         return {family: len(groups) for family, groups in found.items()}
 
-    def further(self, i: int, there: Iterable[int]) -> float:
+    def _further(self, i: int, there: Iterable[int]) -> float:
         """Return the log prior of block i beside others: of an event, one more costs less."""
         block = self.blocks[i]
         groups = {self.blocks[j].group for j in there if self.blocks[j].family == block.family
@@ -138,10 +138,26 @@ class Question:
     def log_prior(self, chosen: Iterable[int]) -> float:
         """Return the log prior of a set, whatever its order, as if what it needs were there."""
         total, there = 0.0, list[int]()
-        for i in sorted(chosen, key=lambda i: (-self.blocks[i].log_prior, i)):
-            total += self.further(i, there)
+        for i in sorted(chosen, key=lambda i: (
+                -self.blocks[i].log_prior, len(self.groups.get(self.blocks[i].group, ())), i)):
+            total += self._further(i, there)
             there.append(i)
         return total
+
+    @cached_property
+    def _each(self) -> Array:
+        """Log prior of each block by itself (B,)."""
+        return np.array([b.log_prior for b in self.blocks], dtype=float)
+
+    def more(self, chosen: Sequence[int]) -> Array:
+        """Return the log prior of a set with each block more, less that of the set (B,)."""
+        out, base = self._each.copy(), self.log_prior(chosen)
+        families = {self.blocks[i].family for i in chosen if self.blocks[i].group}
+        groups = {self.blocks[i].group for i in chosen} - {""}
+        for group, own in self.groups.items():
+            if group in groups or self.blocks[own[0]].family in families:
+                out[own] = [self.log_prior((*chosen, i)) - base for i in own]
+        return out
 
     @cached_property
     def _leaning(self) -> tuple[Ints, Ints]:
@@ -197,8 +213,8 @@ class BlockSet:
         count = len(question.blocks)
         every = np.array([log_p + odds_of_all(given, view.batches, count)
                           for view, log_p, given in self.given])
-        more = np.array([question.further(i, self.chosen) for i in range(count)])
-        out = np.where(question.completes(self.chosen), logsumexp(every, axis=0) + more, -np.inf)
+        out = np.where(question.completes(self.chosen),
+                       logsumexp(every, axis=0) + question.more(self.chosen), -np.inf)
         out[list(self.chosen)] = -np.inf
         return out
 
@@ -327,7 +343,9 @@ def posterior(question: Question) -> SetPosterior:
             seen.nearby.setdefault(key | {j}, float(rest.scores[j]))
     counted = {key: at.log_p for key, at in seen.states.items()
                if at.log_p > best.log_p - NEGLIGIBLE or not key}
-    counted = seen.nearby | counted
+    mine = frozenset(best.chosen)       # what is beside it is counted there, and once
+    counted = {key: log_p for key, log_p in (seen.nearby | counted).items()
+               if not (key > mine and len(key) == len(mine) + 1)}
     total = float(logsumexp(list(counted.values())))
     return SetPosterior(best, {key: log_p - total for key, log_p in counted.items()},
                         best.scores - best.log_p)
@@ -471,7 +489,9 @@ class _Visited:
             free = [i for i in self.question.groups[group] if i not in at.chosen]
             if len(free) > 1:
                 i, j, most = self._likeliest_pair(at, group, free)
-                if at.log_p + most + self.question.further(i, at.chosen) > least:
+                prior = (self.question.log_prior((*at.chosen, i, j))
+                         - self.question.log_prior(at.chosen))
+                if at.log_p + most + prior > least:
                     yield self.visit((*at.chosen, i, j))
 
     def _likeliest_pair(self, at: BlockSet, group: str, free: Sequence[int]
