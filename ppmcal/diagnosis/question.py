@@ -15,7 +15,7 @@ from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.unknown_causes import SHAPES, UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import JoinedColumns, UnitColumns
-from ppmcal.inference.priors import ALL_ALIKE, FAMILY, GROSS_ROW, UNKNOWN, WIDE
+from ppmcal.inference.priors import ALL_ALIKE, FAMILY, GROSS_ROW, MISREAD, UNKNOWN, WIDE
 from ppmcal.inference.sets import Question
 from ppmcal.linalg import Array, Bools
 
@@ -104,17 +104,19 @@ def blocks(library: Library, least: float = 0.0) -> Iterator[tuple[Block, Hypoth
     """Yield the library's hypotheses, each with its prior; ``least``: as of a block."""
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
     sorts = Counter(h.sort for h in library.hypotheses if h.slot)
-    for h in library.hypotheses:
+    for h in (*library.hypotheses, *library.misread):
         families[_family(h)][h.on, h.shared].append(h)
     for family, forms in families.items():
         top = float(np.log(float(UNKNOWN) * SHAPES if family == UNKNOWN_FAMILY else float(FAMILY)))
         top -= float(np.log(max([sorts[h.sort] for own in forms.values() for h in own] + [1])))
+        top += float(np.log(float(MISREAD))) * any(h.misread for own in forms.values() for h in own)
         share = _shares(list(forms))
         for form, own in forms.items():
             for h in own:
                 low, high = _range(h)
                 yield Block(h.label, family, (*h.columns, *(c for c, _ in h.starts)),
-                            top + np.log(share[form]) - np.log(len(own)), low=low, high=high,
+                            top + np.log(share[form]) - np.log(len(own)) - h.choices,
+                            low=low, high=high,
                             group=_group(h, family),
                             starts=tuple(of for _, of in h.starts), least=least,
                             gives=_place(h.kind, h.on),
