@@ -133,6 +133,20 @@ class Question:
             more -= np.log(self._places[block.family])
         return float(max(block.log_prior, more))
 
+    def further_each(self, chosen: Sequence[int]) -> Array:
+        """Return the log prior of each block beside others (B,)."""
+        out = self._log_priors.copy()
+        there = [self.blocks[j] for j in chosen if self.blocks[j].group]
+        families, groups = {b.family for b in there}, {b.group for b in there}
+        for name, own in self.groups.items():
+            if there and (name in groups or self.blocks[own[0]].family in families):
+                out[own] = [self.further(i, chosen) for i in own]
+        return out
+
+    @cached_property
+    def _log_priors(self) -> Array:
+        return np.array([b.log_prior for b in self.blocks])
+
     def log_prior(self, chosen: Iterable[int]) -> float:
         """Return the log prior of a set, whatever its order, as if what it needs were there."""
         total, there = 0.0, list[int]()
@@ -195,7 +209,7 @@ class BlockSet:
         count = len(question.blocks)
         every = np.array([log_p + odds_of_all(given, view.batches, count)
                           for view, log_p, given in self.given])
-        more = np.array([question.further(i, self.chosen) for i in range(count)])
+        more = question.further_each(self.chosen)
         out = np.where(question.completes(self.chosen), logsumexp(every, axis=0) + more, -np.inf)
         out[list(self.chosen)] = -np.inf
         return out
