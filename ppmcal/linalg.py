@@ -42,8 +42,12 @@ def _not_finite(what: str) -> NoReturn:
                              "none at all", mend=TOO_FAR)
 
 
-def _finite(what: str, *matrices: Array) -> None:
-    """Refuse matrices that hold anything but numbers (LinearAlgebraError)."""
+def finite(what: str, *matrices: Array) -> None:
+    """Refuse matrices that hold anything but numbers.
+
+    Raises:
+        LinearAlgebraError: with ``what`` was to be had.
+    """
     for matrix in matrices:
         # the sum of squares is quick to make, and finite only where all numbers are
         if not math.isfinite(np.vdot(matrix, matrix)) and not np.isfinite(matrix).all():
@@ -81,7 +85,7 @@ def _lost(what: str, why: str = "the matrix behind it is singular") -> LinearAlg
 
 def solve(matrix: Array, right: Array, what: str = "the solution of linear equations") -> Array:
     """Return x of matrix (..., n, n) x = right, as :func:`numpy.linalg.solve`."""
-    _finite(what, matrix, right)
+    finite(what, matrix, right)
     try:
         return np.asarray(np.linalg.solve(matrix, right))
     except np.linalg.LinAlgError:
@@ -111,7 +115,7 @@ def solve_rows(matrix: Array, right: Array) -> Array:
 
 def inv(matrix: Array, what: str = "the inverse of a matrix") -> Array:
     """Return the inverse of (..., n, n)."""
-    _finite(what, matrix)
+    finite(what, matrix)
     try:
         return np.asarray(np.linalg.inv(matrix))
     except np.linalg.LinAlgError:
@@ -120,7 +124,7 @@ def inv(matrix: Array, what: str = "the inverse of a matrix") -> Array:
 
 def cholesky(matrix: Array, what: str = "the square root of a covariance") -> Array:
     """Return the lower factor L of (..., n, n) = L L^T."""
-    _finite(what, matrix)
+    finite(what, matrix)
     try:
         return np.asarray(np.linalg.cholesky(matrix))
     except np.linalg.LinAlgError:
@@ -133,7 +137,7 @@ def eigh(matrix: Array, what: str = "the principal directions of a matrix",
 
     With a ``metric`` (n, n), positive definite: of matrix v = w metric v, for one matrix.
     """
-    _finite(what, matrix, *(() if metric is None else (metric,)))
+    finite(what, matrix, *(() if metric is None else (metric,)))
     with guarded(what):
         if metric is None:
             w, v = np.linalg.eigh(matrix)
@@ -146,20 +150,20 @@ def eigh(matrix: Array, what: str = "the principal directions of a matrix",
 
 def eigvalsh(matrix: Array, what: str = "the principal sizes of a matrix") -> Array:
     """Return the eigenvalues (..., n), ascending, of a symmetric matrix (..., n, n)."""
-    _finite(what, matrix)
+    finite(what, matrix)
     with guarded(what, "its iteration does not converge"):
         return np.asarray(np.linalg.eigvalsh(matrix))
 
 
 def triangle(matrix: Array, what: str = "the triangle of a matrix") -> Array:
     """Return R (..., k, n) of the QR decomposition of (..., m, n)."""
-    _finite(what, matrix)
+    finite(what, matrix)
     return np.asarray(np.linalg.qr(matrix, mode="r"))
 
 
 def column_basis(matrix: Array, what: str = "the triangle of a matrix") -> Array:
     """Return Q (..., m, k) of the QR decomposition of (..., m, n)."""
-    _finite(what, matrix)
+    finite(what, matrix)
     return np.asarray(np.linalg.qr(matrix)[0])
 
 
@@ -170,7 +174,7 @@ def svd(matrix: Array, full: bool = False, what: str = "the singular values of a
     LAPACK's divide and conquer, which is fast, now and then does not converge on a sound matrix
     with many equal singular values; then by QR iteration, which does.
     """
-    _finite(what, matrix)
+    finite(what, matrix)
     try:
         u, s, vt = np.linalg.svd(matrix, full_matrices=full)
     except np.linalg.LinAlgError:
@@ -191,7 +195,7 @@ def _svd_by_qr(matrix: Array, full: bool, what: str) -> tuple[Array, Array, Arra
 
 def singular_values(matrix: Array, what: str = "the singular values of a matrix") -> Array:
     """Return the singular values (..., k), descending, of (..., m, n)."""
-    _finite(what, matrix)
+    finite(what, matrix)
     try:
         return np.asarray(np.linalg.svd(matrix, compute_uv=False))
     except np.linalg.LinAlgError:
@@ -215,7 +219,7 @@ def pinv(matrix: Array, rcond: float = 1e-15, hermitian: bool = False,
 
     Directions of a singular value below ``rcond`` of the largest count as 0.
     """
-    _finite(what, matrix)
+    finite(what, matrix)
     try:
         return np.asarray(np.linalg.pinv(matrix, rcond, hermitian))
     except np.linalg.LinAlgError:
@@ -231,7 +235,7 @@ def lstsq(matrix: Array, right: Array, rcond: float | None = None,
 
     Directions of a singular value below ``rcond`` of the largest count as 0, default round-off.
     """
-    _finite(what, matrix, right)
+    finite(what, matrix, right)
     try:
         found, _, rank, _ = np.linalg.lstsq(matrix, right, rcond=rcond)
         return np.asarray(found, dtype=float), int(rank)

@@ -66,6 +66,7 @@ class Round:
     fit: Fit
     added: tuple[Added, ...]
     columns: tuple[int, ...]
+    kinds: Sequence[str] | None
     library: Library
     asked: Asked
     answer: SetPosterior
@@ -166,4 +167,4 @@ def _asked(fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools],
     system = without(build(fit.problem, fit.state, keep), own)
     found = library(system, kinds, [fit.problem.free[c] for c in own], misread=True)
     asked = question(system, found, UnknownCauses(system, everywhere), own)
-    return Round(fit, added, tuple(own), found, asked, posterior(asked.question))
+    return Round(fit, added, tuple(own), kinds, found, asked, posterior(asked.question))

@@ -23,12 +23,14 @@ from ppmcal.calibration.summary import report
 from ppmcal.calibration.work import bounded
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.adequacy import Remainder, against_noise
+from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.explanation import Place, Round, explained
 from ppmcal.diagnosis.extended_model import Added, extended
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.learned_terms import learned_terms, with_terms
+from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.localization import localise
 from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
 from ppmcal.diagnosis.onsets import refined, with_onsets
@@ -47,7 +49,7 @@ from ppmcal.diagnosis.result import (
 )
 from ppmcal.diagnosis.search_rounds import DiagnosisOptions, training_part
 from ppmcal.diagnosis.session_effects import with_sessions
-from ppmcal.diagnosis.stage import Stage, bare_stage
+from ppmcal.diagnosis.stage import Stage, bare_stage, without
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause
 from ppmcal.diagnosis.verdict import findings, refuse_unconverged, refuse_unredundant
 from ppmcal.errors import PpmcalError
@@ -93,7 +95,7 @@ class Told:
         return tuple(p for p in self.last.places if p.sure and not p.named)
 
     def label(self, member: Member, place: Place) -> str:
-        """Return what a member of a place is called."""
+        """Return what a member of a place is called, empty for nothing."""
         own = member.chosen - (frozenset(self.last.answer.best.chosen) - {place.block})
         return " and ".join(sorted(_called(self.last.asked.sources[i]) for i in own))
 
@@ -104,9 +106,11 @@ class Told:
 
 
 def _called(source: Hypothesis | UnknownCause | int) -> str:
+    if isinstance(source, int):
+        return f"row {source}"
     if isinstance(source, Hypothesis) and not source.anonymous:
         return source.label
-    return UNKNOWN_FAMILY if not isinstance(source, int) else ""
+    return f"{UNKNOWN_FAMILY} cause ({source.label})"
 
 
 def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
@@ -236,18 +240,36 @@ def _possible(listed: Sequence[Candidate], verdict: str) -> tuple[Candidate, ...
 
 def _found(what: Told, training: Fit, options: DiagnosisOptions) -> Found:
     """Return the fits of the training rows, without and with what has a name, and the questions."""
-    first = bare_stage(what.rounds[0].asked.system, what.rounds[0].library, ())
+    first = _stage(what.rounds[0], what.last.rows, ())
     if not what.added:
         return Found(training, training, first, first, ())
     last = what.last
-    index = {id(h): i for i, h in enumerate(last.library.hypotheses)}
-    chosen = [index[id(p.hypothesis)] for p, _ in what.effects]
     after = training if training is what.whole else with_mechanism(
         training, what.fit.problem.mechanism.with_values(what.fit.state.g), options.fit)
     if training is what.whole:
         after = what.fit
     return Found(training, after, first,
-                 bare_stage(last.asked.system, last.library, chosen, last.columns), what.added)
+                 _stage(last, last.rows, [p.hypothesis for p, _ in what.effects]), what.added)
+
+
+def _stage(asked: Round, rows: Sequence[int], chosen: Sequence[Hypothesis | None]) -> Stage:
+    """Return the linear problem of a question without rows that do not belong."""
+    system, keep = asked.asked.system, [np.zeros(len(d), dtype=bool)
+                                        for d in asked.fit.problem.datasets]
+    belongs = np.ones(system.row.size, dtype=bool)
+    belongs[list(rows)] = False
+    for dataset, row in zip(system.dataset[belongs], system.row[belongs], strict=True):
+        keep[dataset][row] = True
+    system = without(build(asked.fit.problem, asked.fit.state, keep), asked.columns)
+    found = library(system, asked.kinds, [asked.fit.problem.free[c] for c in asked.columns])
+    return bare_stage(system, found, [_nearest(h, found.hypotheses) for h in chosen
+                                      if h is not None], asked.columns)
+
+
+def _nearest(h: Hypothesis, some: Sequence[Hypothesis]) -> int:
+    """Return the number of the same hypothesis over other rows, of which grids are others."""
+    same = [i for i, f in enumerate(some) if (f.label, f.shared) == (h.label, h.shared)]
+    return min(same, key=lambda i: h.apart(some[i]))
 
 
 def _left(stage: Stage, asked: Round) -> Remainder:
@@ -293,8 +315,9 @@ def _readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions
                 continue
             label = what.label(member, place)
             named = place.hypothesis.label if place.hypothesis is not None else ""
-            out.append(Reading("" if label == UNKNOWN_FAMILY else label, named, odds, fitted(fit),
-                               tuple(h.label for h in what.hypotheses(member))))
+            kept = [h.label for h in what.hypotheses(member)]
+            out.append(Reading(label, named, odds, fitted(fit),
+                               (*kept, *([label] if UNKNOWN_FAMILY in member.family else []))))
     return (*out, Reading("", "", 1.0, fitted(whole)))
 
 
@@ -308,13 +331,13 @@ def _others(what: Told) -> list[tuple[Place, Member, float]]:
 def _next(what: Told, stage: Stage, verdict: str, seed: int) -> Proposal:
     """Return measurements that tell the likeliest two apart, or what else to do."""
     joints = len(what.whole.problem.mechanism.actuators)
-    index = {id(h): h for h in stage.library.hypotheses}
+    every = stage.library.hypotheses
     for place, member, odds in _others(what) if verdict in NAMED else ():
         other = [h for h in what.hypotheses(member) if not any(
             h is p.hypothesis for p, _ in what.effects)]
-        if place.hypothesis and not place.hypothesis.slot and len(other) == 1 and (
-                id(other[0]) in index):
-            return propose(stage, place.hypothesis, other[0], odds, seed)
+        if place.hypothesis and not place.hypothesis.slot and len(other) == 1:
+            return propose(stage, every[_nearest(place.hypothesis, every)],
+                           every[_nearest(other[0], every)], odds, seed)
     return nothing({"none": "nothing more to measure: no missing effect is detectable",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
                     "named": "nothing more to measure: the named effects explain the residuals",

@@ -19,6 +19,8 @@ from ppmcal.inference.priors import ALL_ALIKE, FAMILY, GROSS_ROW, MISREAD, UNKNO
 from ppmcal.inference.sets import Question
 from ppmcal.linalg import Array, Bools
 
+Source = Hypothesis | UnknownCause | int
+"""What a block stands for; a number is a row that does not belong."""
 Form = tuple[tuple[str, ...], bool]
 """Actuators on which a family acts, and whether with one value for all of them."""
 
@@ -52,7 +54,7 @@ class Asked:
 
     question: Question
     system: System
-    sources: tuple[Hypothesis | UnknownCause | int, ...]
+    sources: tuple[Source, ...]
 
 
 def question(system: System, library: Library, unknown: UnknownCauses,
@@ -76,7 +78,8 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     columns = JoinedColumns((LibrarySource(library.products, observed), unknown.columns,
                              UnitColumns(observed.size)))
     first = library.count + unknown.columns.count
-    every = (*blocks(library), *unknown.blocks(library.count), *rows(observed, first))
+    every: list[tuple[Block, Source]] = [*blocks(library, unknown.least),
+                                         *unknown.blocks(library.count), *rows(observed, first)]
     asked = Question(columns, values, flat * prior, tuple(b for b, _ in every), observed,
                      system.apart, frozenset({ROW_FAMILY}))
     return Asked(asked, system, tuple(source for _, source in every))
@@ -97,8 +100,8 @@ def rows(observed: Bools, first: int) -> Iterator[tuple[Block, int]]:
                         float(np.log(float(GROSS_ROW)))), n
 
 
-def blocks(library: Library) -> Iterator[tuple[Block, Hypothesis]]:
-    """Yield the library's hypotheses, each with its prior."""
+def blocks(library: Library, least: float = 0.0) -> Iterator[tuple[Block, Hypothesis]]:
+    """Yield the library's hypotheses, each with its prior; ``least``: as of a block."""
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
     sorts = Counter(h.sort for h in library.hypotheses if h.slot)
     for h in (*library.hypotheses, *library.misread):
@@ -115,7 +118,8 @@ def blocks(library: Library) -> Iterator[tuple[Block, Hypothesis]]:
                             top + np.log(share[form]) - np.log(len(own)) - h.choices,
                             low=low, high=high,
                             group=_group(h, family),
-                            starts=tuple(of for _, of in h.starts), gives=_place(h.kind, h.on),
+                            starts=tuple(of for _, of in h.starts), least=least,
+                            gives=_place(h.kind, h.on),
                             needs=_place(*h.leans) if h.leans else ""), h
 
 

@@ -34,7 +34,11 @@ SECOND = 2.0
 """Length along a second input."""
 WAVES = 24
 """Half waves of a course in time."""
-WALK = "walk"
+ROUND_OFF = 1e-11
+
+
+Made = tuple[str, Array, list[Array], bool, LearnedCurve | None, tuple[bool, ...], str]
+"""Label, columns, kernels, whether it acts on several joints at once, and as in a cause."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +81,23 @@ class UnknownCauses:
                            curve, on, way)
 
     @cached_property
+    def zeros(self) -> dict[str, Array]:
+        """What each joint's zero does, by a metre or a radian (N, m), and all of them alike."""
+        system, mechanism = self.system, self.system.problem.mechanism
+        names = mechanism.actuators
+        on = {f"the zero of {name}": np.arange(len(names)) == a for a, name in enumerate(names)}
+        if len(set(mechanism.actuator_quantity)) == 1:
+            on["all zeros"] = np.ones(len(names), dtype=bool)
+        return {way: system.column([p.setting.at_joints(np.ones_like(p.setting.travel), mine)
+                                    for p in system.parts]) * system.observed
+                for way, mine in on.items()}
+
+    @cached_property
+    def least(self) -> float:
+        """Rms, in sigmas, below which a column is a difference of equals: nothing but round-off."""
+        return ROUND_OFF * max(float(np.max(np.abs(unit))) for unit in self.zeros.values())
+
+    @cached_property
     def columns(self) -> MatrixColumns:
         """All columns (n, T), zero where nothing was observed."""
         count = self.system.observed.size
@@ -91,7 +112,7 @@ class UnknownCauses:
     def _take(self, label: str, columns: Array, kernels: Sequence[Array], share: float,
               curve: LearnedCurve | None, on: tuple[bool, ...], way: str) -> None:
         gram = columns.T @ columns
-        if not np.isfinite(gram).all() or not np.trace(gram) > 0.0:
+        if not np.isfinite(gram).all() or not np.trace(gram) > self.least**2 * self.system.count:
             return
         roots = []
         for kernel in kernels:
@@ -103,13 +124,14 @@ class UnknownCauses:
         self.causes.append(UnknownCause(label, columns.shape[1], tuple(roots), share, curve, on,
                                         way))
 
-    def _of_inputs(self, everywhere: Sequence[Setting]):
+    def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
         mechanism = self.system.problem.mechanism
         seen = Visible(self.system, plain(self.system), np.zeros((self.system.observed.size, 0)),
                        self.system.residual.reshape(-1))
         for curve, on in forms(seen, everywhere, (), every=True):
             second = _matern(curve.by_nodes, SECOND) if curve.by else np.ones((1, 1))
-            kernels = [np.kron(_matern(curve.nodes, length), second) for length in LENGTHS]
+            kernels = [np.asarray(np.kron(_matern(curve.nodes, length), second))
+                       for length in LENGTHS]
             acted = [a for a, there in zip(mechanism.actuators, on, strict=True) if there]
             where = curve.acts if curve.acts != JOINT else " ".join(acted)
             together = curve.acts == JOINT and len(acted) > 1
@@ -117,7 +139,7 @@ class UnknownCauses:
                      f"{' by direction' if curve.signed else ''} acting on {where}")
             yield label, columns_of(seen, curve, on), kernels, together, curve, on, ""
 
-    def _of_ways(self):
+    def _of_ways(self) -> Iterator[Made]:
         """Yield functions of the way from the row before, where no file says how rows were reached.
 
         Nobody promises that a joint came that way; an unknown cause may yet follow it.
@@ -154,7 +176,7 @@ class UnknownCauses:
                        f"{' by direction' if signed else ''} acting on {acted}",
                        columns, kernels, len(on) > 1, None, (), "")
 
-    def _of_time(self):
+    def _of_time(self) -> Iterator[Made]:
         system = self.system
         parts, mechanism = system.parts, system.problem.mechanism
         row = np.concatenate([p.response.rows.row for p in system.firsts])
@@ -165,33 +187,30 @@ class UnknownCauses:
         waves = np.cos(place[:, None] * wave)
         kernels = [np.diag((1.0 + (length * wave) ** 2 / 5.0) ** -3.0) for length in LENGTHS]
         kernels.append(np.diag(wave**-2.0))    # a Wiener walk
-        ways = {f"the base's {c}": [Shift(frame=np.tile(np.eye(6)[PLACE[c]],
-                                                        (len(p.response.pose), 1)))
-                                    for p in parts] for c in _free(mechanism.motion)}
-        ways |= {f"the zero of {name}": [p.setting.at_joints(
-            np.ones_like(p.setting.travel), np.arange(len(mechanism.actuators)) == a)
-            for p in parts] for a, name in enumerate(mechanism.actuators)}
-        if len(set(mechanism.actuator_quantity)) == 1:
-            ways["all zeros"] = [p.setting.at_joints(
-                np.ones_like(p.setting.travel), np.ones(len(mechanism.actuators), dtype=bool))
-                for p in parts]
+        ways = {f"the base's {c}": [_moved("frame", c, len(p.response.pose)) for p in parts]
+                for c in _free(mechanism.motion)}
         units = {way: system.column(shifts) * system.observed for way, shifts in ways.items()}
+        units |= self.zeros
         for way, unit in units.items():
             columns = (unit[..., None] * waves[:, None, :]).reshape(system.observed.size, WAVES)
             yield (f"a slow course of {way}", columns, kernels, way == "all zeros", None, (), way)
         for body, lever in (("base", "frame"), ("target", "target")):
-            own = [system.column([Shift(**{lever: np.tile(np.eye(6)[PLACE[c]],
-                                                          (len(p.response.pose), 1))})
-                                  for p in parts]) * system.observed
-                   for c in _free(mechanism.motion)]
-            own = [u / max(float(np.sqrt(np.sum(u**2) / system.count)), 1e-300) for u in own
-                   if np.any(u)]
+            every = [system.column([_moved(lever, c, len(p.response.pose)) for p in parts])
+                     * system.observed for c in _free(mechanism.motion)]
+            rms = [float(np.sqrt(np.sum(u**2) / system.count)) for u in every]
+            own = [np.asarray(u / r) for u, r in zip(every, rms, strict=True) if r > self.least]
             if own:
                 columns = np.concatenate(
                     [(u[..., None] * waves[:, None, :]).reshape(system.observed.size, WAVES)
                      for u in own], axis=1)
-                yield (f"a slow course of the {body}", columns,
-                       [np.kron(np.eye(len(own)), k) for k in kernels], True, None, (), body)
+                each = [np.asarray(np.kron(np.eye(len(own)), k)) for k in kernels]
+                yield f"a slow course of the {body}", columns, each, True, None, (), body
+
+
+def _moved(body: str, coordinate: str, rows: int) -> Shift:
+    """Return the shift of the ``frame`` or the ``target`` along one coordinate, by 1."""
+    along = np.tile(np.eye(6)[PLACE[coordinate]], (rows, 1))
+    return Shift(frame=along) if body == "frame" else Shift(target=along)
 
 
 def _way(q: Array) -> Array:

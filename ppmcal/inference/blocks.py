@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.inference.columns import ColumnSource
 from ppmcal.linalg import Array, Ints
 
@@ -29,6 +30,7 @@ class Block:
         form: what it looks like, where a family has several that differ much; empty: one.
         starts: of its last columns, one each, the number of the column whose coefficient, times
             a standard normal, theirs is: what a memory was before the first row.
+        least: rms, in sigmas, below which a column is nothing but round-off.
         gives, needs: a block with ``needs`` can only be there beside one that ``gives`` the same.
     """
 
@@ -42,6 +44,7 @@ class Block:
     group: str = ""
     form: str = ""
     starts: tuple[int, ...] = ()
+    least: float = 0.0
     gives: str = ""
     needs: str = ""
 
@@ -67,16 +70,19 @@ class Batch:
         return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
 
 
-def scaled_root(gram: Array, count: int, starts: Sequence[int] = ()) -> Array:
+def scaled_root(gram: Array, count: int, starts: Sequence[int] = (),
+                least: Array | float = 0.0) -> Array:
     """Return the root (..., k, k) that gives each column one sigma rms over ``count`` values.
 
     ``gram`` (..., k, k): inner products; a column of nothing stays nothing. ``starts``: of the last
-    columns those whose coefficients, times standard normal ones, theirs are.
+    columns those whose coefficients, times standard normal ones, theirs are. ``least`` (...): rms
+    below which a column is nothing but round-off.
     """
     own = gram.shape[-1] - len(starts)
     square = np.diagonal(gram, axis1=-2, axis2=-1)[..., :own]
-    length = np.sqrt(np.maximum(square / count, 0.0))
-    scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0) / np.sqrt(own)
+    length = np.sqrt(np.maximum(square / max(count, 1), 0.0))
+    seen = length > np.maximum(least, np.sqrt(np.finfo(float).tiny))[..., None]
+    scale = np.divide(1.0, length, out=np.zeros_like(length), where=seen) / np.sqrt(max(own, 1))
     every = np.concatenate([scale, scale[..., list(starts)]], axis=-1)
     return np.asarray(every[..., None] * np.eye(every.shape[-1]))
 
@@ -97,10 +103,11 @@ def batches(blocks: Sequence[Block], columns: ColumnSource, count: int) -> list[
 
 def _batch(which: Ints, blocks: Sequence[Block], columns: ColumnSource, count: int) -> Batch:
     at = np.array([b.columns for b in blocks], dtype=np.int64)
-    some = max(CHUNK // at.shape[1], 1)
+    some = max(CHUNK // max(at.shape[1], 1), 1)
     gram = np.concatenate([_grams(at[i:i + some], columns) for i in range(0, len(at), some)])
+    linalg.finite("the length of columns", gram)
     roots = np.array([b.roots for b in blocks]) if blocks[0].roots else scaled_root(
-        gram, count, blocks[0].starts)[:, None]
+        gram, count, blocks[0].starts, np.array([b.least for b in blocks]))[:, None]
     return Batch(which, at, gram, roots, np.array([b.low for b in blocks]),
                  np.array([b.high for b in blocks]))
 

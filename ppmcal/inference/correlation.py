@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -26,39 +27,49 @@ class RowNoise:
     apart: Ints
     observed: Bools
 
-    @property
-    def tie(self) -> Array:
-        """Correlation of each row with the one before (N - 1, 1)."""
-        return np.asarray(np.where(self.apart > 0, self.rho ** np.maximum(self.apart, 1), 0.0)
-                          [:, None])
+    @cached_property
+    def before(self) -> tuple[Ints, Array]:
+        """The row where each value's coordinate was observed last, and the correlation with it.
+
+        (N, m) each; a value without one, and one that was not observed itself, has 0.
+        """
+        rows = np.arange(len(self.observed))
+        last = np.maximum.accumulate(np.where(self.observed, rows[:, None], -1), axis=0)
+        last = np.vstack([np.full((1, last.shape[1]), -1), last])[:len(rows)]
+        place, sequence = (np.concatenate([[0], np.cumsum(steps)])[:len(rows)]
+                           for steps in (self.apart, self.apart <= 0))
+        tied = (last >= 0) & self.observed & (sequence[last] == sequence[:, None])
+        far = np.where(tied, place[:, None] - place[last], 1)
+        return np.maximum(last, 0), np.where(tied, self.rho**far, 0.0)
 
     @property
     def log_det(self) -> float:
         """Half the logarithm of the determinant of the correlation matrix."""
-        used = self.observed[1:] & self.observed[:-1]
-        return 0.5 * float(np.sum(np.log1p(-self.tie**2) * used))
+        return 0.5 * float(np.sum(np.log1p(-self.before[1]**2)))
 
     def apply(self, values: Array) -> Array:
         """Return columns (N m, k) whitened."""
         if not self.rho:
             return values
-        rows, tie = self.observed.shape, self.tie[..., None]
-        out = values.reshape(*rows, -1).copy()
-        root = np.sqrt(1.0 - tie**2)
-        before = values.reshape(*rows, -1)
+        last, tie = self.before
+        own, each = np.arange(last.shape[1]), tie[..., None]
+        root = self.observed[..., None] / np.sqrt(1.0 - each**2)
+        rows = values.reshape(*self.observed.shape, -1)
+        out = np.empty_like(rows)
         for some in range(0, out.shape[2], BLOCK):
-            at = slice(some, some + BLOCK)
-            out[1:, :, at] = (before[1:, :, at] - tie * before[:-1, :, at]) / root
-        return np.asarray((out * self.observed[..., None]).reshape(values.shape))
+            part = rows[:, :, some:some + BLOCK]
+            out[:, :, some:some + BLOCK] = (part - each * part[last, own]) * root
+        return out.reshape(values.shape)
 
     def transposed(self, values: Array) -> Array:
         """Return values (N m, k) times the transpose of what :meth:`apply` does."""
         if not self.rho:
             return values
-        tie = self.tie[..., None]
-        out = values.reshape(*self.observed.shape, -1) * self.observed[..., None]
-        out[1:] /= np.sqrt(1.0 - tie**2)
-        out[:-1] -= tie * out[1:]
+        last, tie = self.before
+        out = values.reshape(*self.observed.shape, -1) * (
+            self.observed / np.sqrt(1.0 - tie**2))[..., None]
+        row, own = np.nonzero(tie)
+        out[last[row, own], own] -= tie[row, own, None] * out[row, own]
         return np.asarray(out.reshape(values.shape))
 
 

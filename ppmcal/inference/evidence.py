@@ -12,12 +12,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import logsumexp, ndtr, stdtr
+from scipy.special import logsumexp, stdtr
 
 from ppmcal import linalg
 from ppmcal.inference.blocks import Batch
 from ppmcal.inference.given import Conditioned
-from ppmcal.inference.priors import LARGEST_SIZE, SIZE_STEPS, SMALLEST_SIZE
+from ppmcal.inference.priors import LARGEST_SIZE, NOISE_FREEDOM, SIZE_STEPS, SMALLEST_SIZE
 from ppmcal.linalg import Array
 
 SIZES = np.geomspace(float(SMALLEST_SIZE), float(LARGEST_SIZE), SIZE_STEPS)
@@ -60,8 +60,9 @@ def odds(given: Conditioned, batch: Batch) -> Array:
     part = np.einsum("bgqp,bgq->bgp", turn, along)
     out = odds_by_size(given, own, part**2)
     out = np.where(np.sum(np.maximum(own, 0.0), axis=-1)[..., None] > 0.0, out, 0.0)
-    if batch.bounded and batch.columns.shape[1] == batch.roots.shape[1] == 1:
-        out = out + _within(given, batch, own[:, 0], along[:, 0])[:, None]
+    if batch.bounded and batch.columns.shape[1] == batch.roots.shape[3] == 1:
+        out = out + within(given, batch.roots[..., 0, 0], own[..., 0], along[..., 0],
+                           batch.low[:, None], batch.high[:, None])
     return np.asarray(out)
 
 
@@ -71,28 +72,44 @@ def total(log_odds: Array) -> Array:
     return np.asarray(logsumexp(log_odds, axis=(1, 2)) - np.log(few))
 
 
-def _within(given: Conditioned, batch: Batch, own: Array, along: Array) -> Array:
-    """Return by how much odds change where the coefficient has to be between two ends (B, S).
+def within(given: Conditioned, root: Array, own: Array, along: Array, low: Array, high: Array,
+           gone: float = 0.0) -> Array:
+    """Return by how much odds change where the one coefficient has to be between two ends.
 
-    The posterior is Student's, the prior normal; what the prior has between the ends, over all
-    sizes, is one. ``own``, ``along`` (B, 1): G and b of the single columns.
+    Prior and posterior are Student's, since the noise's scale is integrated; what the prior has
+    between the ends, over all roots and sizes, is one.
+
+    Args:
+        given: what is taken.
+        root: R of the single column (..., G).
+        own: G of it (..., G).
+        along: b of it (..., G).
+        low: one end (..., 1).
+        high: the other (..., 1).
+        gone: what other blocks than those taken have explained of y'My.
+
+    Returns:
+        (..., G, S).
     """
-    sign = np.sign(batch.roots[:, 0, 0, 0])[:, None]
-    root = np.abs(batch.roots[:, 0, 0]) * SIZES                        # (B, S) of the coefficient
-    own = np.maximum(own, 0.0)
+    own, along = np.maximum(own, 0.0)[..., None], along[..., None]
+    scale = np.abs(root)[..., None] * SIZES
     spread = 1.0 + SIZES**2 * own
-    rest = np.maximum(given.spread - SIZES**2 * along**2 / spread, LEAST)
-    mean = root * SIZES * sign * along / spread
-    deviation = root * np.sqrt(rest / given.freedom / spread)
-    low, high = batch.low[:, None], batch.high[:, None]
-    safe, wide = np.maximum(deviation, LEAST), np.maximum(root, LEAST)
-    a, b = (low - mean) / safe, (high - mean) / safe
+    rest = np.maximum(given.spread - gone - SIZES**2 * along**2 / spread, LEAST)
+    mean = scale * SIZES * np.sign(root)[..., None] * along / spread
+    deviation = scale * np.sqrt(rest / given.freedom / spread)
+    low, high = low[..., None], high[..., None]
+    before = np.mean(_between(float(NOISE_FREEDOM), low, high, scale), axis=(-2, -1), keepdims=True)
+    after = _between(given.freedom, low - mean, high - mean, deviation)
+    return np.asarray(np.log(np.maximum(after, LEAST)) - np.log(np.maximum(before, LEAST)))
+
+
+def _between(freedom: float, low: Array, high: Array, deviation: Array) -> Array:
+    """Return what Student's t of a standard deviation has between two ends."""
+    safe = np.maximum(deviation, LEAST)
+    a, b = low / safe, high / safe
     turned = a > 0.0                    # differences of small tails, not of numbers near one
     a, b = np.where(turned, -b, a), np.where(turned, -a, b)
-    after = stdtr(given.freedom, b) - stdtr(given.freedom, a)
-    before = np.mean(ndtr(high / wide) - ndtr(low / wide), axis=1, keepdims=True)
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.log(np.maximum(after, LEAST)) - np.log(np.maximum(before, LEAST)))
+    return np.asarray(stdtr(freedom, b) - stdtr(freedom, a))
 
 
 def odds_of_all(given: Conditioned, some: Sequence[Batch], count: int) -> Array:

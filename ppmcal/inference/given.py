@@ -40,10 +40,15 @@ class Conditioned:
         """Return values (n,) and columns with no block taken.
 
         ``count``: of the values that were measured, the others are zero here and in all columns.
+
+        Raises:
+            LinearAlgebraError: if values or columns hold anything but numbers.
         """
+        along, square = columns.along(values[:, None])[:, 0], np.vdot(values, values)
+        linalg.finite("what values say of their causes", along, np.asarray(square))
         return cls(columns, values, values.size if count is None else count,
-                   np.zeros((values.size, 0)), np.zeros((columns.count, 0)),
-                   columns.along(values[:, None])[:, 0], float(values @ values), 0.0)
+                   np.zeros((values.size, 0)), np.zeros((columns.count, 0)), along,
+                   float(square), 0.0)
 
     @property
     def freedom(self) -> float:
@@ -64,13 +69,14 @@ class Conditioned:
         """Return this with a block Z (n, k) more: its columns times the root of its prior.
 
         Raises:
-            LinearAlgebraError: if the block holds anything but numbers.
+            LinearAlgebraError: if the block, or its square, holds anything but numbers.
         """
         if block.shape[1] == 0:
             return self
         if self.basis.shape[1] == 0:    # a first block may be wide: its square would lose digits
             left, size, _ = linalg.svd(block)
             own = size**2
+            linalg.finite("the size of a block", own)
             new = left * (size / np.sqrt(1.0 + own))
         else:
             inside = block - self.basis @ (self.basis.T @ block)
@@ -78,8 +84,11 @@ class Conditioned:
             own = np.maximum(own, 0.0)
             new = inside @ (turn / np.sqrt(1.0 + own))
         gone = new.T @ self.values
+        rest = max(self.rest - float(gone @ gone), 0.0)
+        if self.basis.shape[1] == 0:    # |My|^2 + |Z'My|^2, which loses none either
+            past = self.values - new @ gone
+            rest = float(past @ past + np.sum(gone**2 / (1.0 + own)))
         more = self.columns.along(new)
         return Conditioned(self.columns, self.values, self.count, np.hstack([self.basis, new]),
-                     np.hstack([self.seen, more]), self.right - more @ gone,
-                     max(self.rest - float(gone @ gone), 0.0),
+                     np.hstack([self.seen, more]), self.right - more @ gone, rest,
                      self.log_det + 0.5 * float(np.sum(np.log1p(own))))

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 from ppmcal import linalg
 from ppmcal.inference.blocks import Block, scaled_root
-from ppmcal.inference.evidence import LEAST, SIZES, odds_by_size, small_eigh
+from ppmcal.inference.evidence import LEAST, SIZES, odds_by_size, small_eigh, within
 from ppmcal.inference.given import Conditioned
 from ppmcal.linalg import Array, Ints
 
@@ -58,9 +58,9 @@ def joint(given: Conditioned, blocks: Sequence[Block],
     for _ in range(SWEEPS):
         before, best, slack = (sizes.copy(), grid.copy()), 0.0, 0.0
         for k in order:
-            found = system.along(k, sizes, grid)
+            free, found = system.along(k, sizes, grid)
             sizes[k], grid[k] = np.unravel_index(int(np.argmax(found)), found.shape)
-            best = float(found[sizes[k], grid[k]])
+            best = float(free[sizes[k], grid[k]])
             slack += float(logsumexp(found)) - float(np.log(found.size)) - best
         if np.array_equal(before[0], sizes) and np.array_equal(before[1], grid):
             break
@@ -81,15 +81,19 @@ class _System:
         seen = given.seen[every]
         self.inner, self.right = gram - seen @ seen.T, given.right[every]
         self.values, self.at = values, [[at[c] for c in b.columns] for b in blocks]
-        self.roots = [b.roots or (scaled_root(gram[np.ix_(i, i)], given.count, b.starts),)
+        self.roots = [b.roots or (scaled_root(gram[np.ix_(i, i)], given.count, b.starts, b.least),)
                       for b, i in zip(blocks, self.at, strict=True)]
+        self.ends = [(b.low, b.high) for b in blocks]
 
     def made(self, k: int, g: int) -> Array:
         """Return a block's columns times one of its roots (n, q)."""
         return np.asarray(self.values[:, self.at[k]] @ self.roots[k][g])
 
-    def along(self, k: int, sizes: Ints, grid: Ints) -> Array:
-        """Return log odds against none of them (S, G), block k at every size, the others as set."""
+    def along(self, k: int, sizes: Ints, grid: Ints) -> tuple[Array, Array]:
+        """Return log odds against none of them (S, G), block k at every size, the others as set.
+
+        First wherever its coefficient is, then with it between its ends.
+        """
         rest = [i for i in range(len(self.roots)) if i != k]
         fixed = self._lifted([(i, int(grid[i]), float(SIZES[sizes[i]])) for i in rest])
         inner, right = fixed.T @ self.inner @ fixed, fixed.T @ self.right
@@ -102,7 +106,17 @@ class _System:
         at, roots = self.at[k], np.array(self.roots[k])                    # (G, c, q)
         own, turn = small_eigh(roots.transpose(0, 2, 1) @ left[np.ix_(at, at)] @ roots)
         part = np.einsum("gqp,gcq,c->gp", turn, roots, along[at], optimize=True)
-        return np.asarray(base + odds_by_size(self.given, own, part**2, gone).T)
+        out = np.asarray(base + odds_by_size(self.given, own, part**2, gone).T)
+        return out, out + self._within(k, left, along, gone)
+
+    def _within(self, k: int, left: Array, along: Array, gone: float) -> Array | float:
+        """Return by how much these odds change where a single coefficient has two ends (S, G)."""
+        low, high = self.ends[k]
+        if len(self.at[k]) > 1 or not np.isfinite([low, high]).any():
+            return 0.0
+        root, c = np.array([r[0, 0] for r in self.roots[k]]), self.at[k][0]
+        return within(self.given, root, root**2 * left[c, c], root * along[c], np.array([low]),
+                      np.array([high]), gone).T
 
     def coefficients(self, sizes: Ints, grid: Ints) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         """Return mean and standard deviation of each block's coefficients (k,)."""
@@ -121,6 +135,6 @@ class _System:
         out = [np.zeros((self.values.shape[1], 0))]
         for i, g, size in some:
             root = np.zeros((self.values.shape[1], self.roots[i][g].shape[1]))
-            root[self.at[i]] = self.roots[i][g] * size
+            np.add.at(root, self.at[i], self.roots[i][g] * size)
             out.append(root)
         return np.hstack(out)

@@ -26,6 +26,8 @@ from ppmcal.linalg import Array, Bools, Ints
 
 NEGLIGIBLE = 14.0
 """Sets less likely than the best by this logarithm are not counted: less than one in a million."""
+CLOSE = 8.0
+"""Sets that are so much less likely than the best are looked at for every correlation."""
 MOST = 40
 """Blocks in a set at most, rows that do not belong among them."""
 MOVES = 100
@@ -120,7 +122,7 @@ class Question:
                 found[block.family].add(block.group)
         return {family: len(groups) for family, groups in found.items()}
 
-    def further(self, i: int, there: Iterable[int]) -> float:
+    def _further(self, i: int, there: Iterable[int]) -> float:
         """Return the log prior of block i beside others: of an event, one more costs less."""
         block = self.blocks[i]
         groups = {self.blocks[j].group for j in there if self.blocks[j].family == block.family
@@ -133,27 +135,29 @@ class Question:
             more -= np.log(self._places[block.family])
         return float(max(block.log_prior, more))
 
-    def further_each(self, chosen: Sequence[int]) -> Array:
-        """Return the log prior of each block beside others (B,)."""
-        out = self._log_priors.copy()
-        there = [self.blocks[j] for j in chosen if self.blocks[j].group]
-        families, groups = {b.family for b in there}, {b.group for b in there}
-        for name, own in self.groups.items():
-            if there and (name in groups or self.blocks[own[0]].family in families):
-                out[own] = [self.further(i, chosen) for i in own]
-        return out
-
-    @cached_property
-    def _log_priors(self) -> Array:
-        return np.array([b.log_prior for b in self.blocks])
-
     def log_prior(self, chosen: Iterable[int]) -> float:
         """Return the log prior of a set, whatever its order, as if what it needs were there."""
         total, there = 0.0, list[int]()
-        for i in sorted(chosen, key=lambda i: (-self.blocks[i].log_prior, i)):
-            total += self.further(i, there)
+        for i in sorted(chosen, key=lambda i: (
+                -self.blocks[i].log_prior, len(self.groups.get(self.blocks[i].group, ())), i)):
+            total += self._further(i, there)
             there.append(i)
         return total
+
+    @cached_property
+    def _each(self) -> Array:
+        """Log prior of each block by itself (B,)."""
+        return np.array([b.log_prior for b in self.blocks], dtype=float)
+
+    def more(self, chosen: Sequence[int]) -> Array:
+        """Return the log prior of a set with each block more, less that of the set (B,)."""
+        out, base = self._each.copy(), self.log_prior(chosen)
+        families = {self.blocks[i].family for i in chosen if self.blocks[i].group}
+        groups = {self.blocks[i].group for i in chosen} - {""}
+        for group, own in self.groups.items():
+            if group in groups or self.blocks[own[0]].family in families:
+                out[own] = [self.log_prior((*chosen, i)) - base for i in own]
+        return out
 
     @cached_property
     def _leaning(self) -> tuple[Ints, Ints]:
@@ -177,7 +181,7 @@ class Question:
         able = np.isin(needs, list(there)) | (needs == gives)
         if lack:
             able &= (gives == min(lack)) & (len(lack) == 1)
-        return able
+        return np.asarray(able)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,8 +213,8 @@ class BlockSet:
         count = len(question.blocks)
         every = np.array([log_p + odds_of_all(given, view.batches, count)
                           for view, log_p, given in self.given])
-        more = question.further_each(self.chosen)
-        out = np.where(question.completes(self.chosen), logsumexp(every, axis=0) + more, -np.inf)
+        out = np.where(question.completes(self.chosen),
+                       logsumexp(every, axis=0) + question.more(self.chosen), -np.inf)
         out[list(self.chosen)] = -np.inf
         return out
 
@@ -219,8 +223,14 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
           near: Mapping[int, tuple[int, int]] | None = None) -> BlockSet:
     """Return a set of blocks in the data.
 
-    ``likely``: numbers of the correlations, default all; ``near``: of each block's size and root,
-    from which the search for the likeliest starts.
+    Smaller correlations than those that are likely with it are kept too: with one block more in the
+    data, less is left that goes on from row to row.
+
+    Args:
+        question: what may be there.
+        chosen: numbers of the blocks.
+        likely: numbers of the correlations, default all.
+        near: of each block's size and root, from which the search for the likeliest starts.
     """
     start = [(near or {}).get(i) for i in chosen]
     blocks = [question.blocks[i] for i in chosen]
@@ -228,8 +238,10 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
     found = [(n, joint(question.views[n].start, blocks, start))
              for n in likely or range(len(question.views))]
     each = [question.views[n].log_prior + j.log_evidence for n, j in found]
+    most = max(n for (n, _), log_z in zip(found, each, strict=True)
+               if log_z > max(each) - NEGLIGIBLE)
     views = tuple((n, log_z + prior, j) for (n, j), log_z in zip(found, each, strict=True)
-                  if log_z > max(each) - NEGLIGIBLE)
+                  if n <= most)
     log_p = float(logsumexp(each)) + prior if question.complete(chosen) else -np.inf
     return BlockSet(question, tuple(chosen), log_p, views)
 
@@ -266,7 +278,7 @@ class SetPosterior:
         """Probability of each block beside the best set (B,): of one family one, or none."""
         blocks = self.best.question.blocks
         families = {name: i for i, name in enumerate(dict.fromkeys(b.family for b in blocks))}
-        home = np.array([families[b.family] for b in blocks])
+        home = np.array([families[b.family] for b in blocks], dtype=np.int64)
         odds = np.exp(np.minimum(self.beside, 700.0))
         total = np.bincount(home, odds, len(families))
         return np.asarray(odds / (1.0 + total[home]))
@@ -318,20 +330,22 @@ def posterior(question: Question) -> SetPosterior:
     seen = _Visited(question)
     best = seen.whole(seen.visit(()))
     for _ in range(MOVES):
-        better = seen.better(best)
+        better = seen.better(best) or seen.overlooked(best)
         if better is None:
             break
         best = seen.whole(better)
     for i in best.chosen:
         if question.blocks[i].family in question.alone:
             continue
-        rest = seen.visit(tuple(j for j in best.chosen if j != i))
+        rest = seen.settle(tuple(j for j in best.chosen if j != i))
         key = frozenset(rest.chosen)
         for j in np.flatnonzero(rest.scores > best.log_p - NEGLIGIBLE).tolist():
             seen.nearby.setdefault(key | {j}, float(rest.scores[j]))
     counted = {key: at.log_p for key, at in seen.states.items()
                if at.log_p > best.log_p - NEGLIGIBLE or not key}
-    counted = seen.nearby | counted
+    mine = frozenset(best.chosen)       # what is beside it is counted there, and once
+    counted = {key: log_p for key, log_p in (seen.nearby | counted).items()
+               if not (key > mine and len(key) == len(mine) + 1)}
     total = float(logsumexp(list(counted.values())))
     return SetPosterior(best, {key: log_p - total for key, log_p in counted.items()},
                         best.scores - best.log_p)
@@ -355,13 +369,24 @@ class _Visited:
             self.states[key] = state(self.question, chosen, self.likely, self.near)
         return self.states[key]
 
+    def settle(self, chosen: tuple[int, ...]) -> BlockSet:
+        """Return a set for every correlation."""
+        key = frozenset(chosen)
+        if key not in self.settled:
+            self.states[key] = state(self.question, chosen, (), self.near)
+            self.settled.add(key)
+        return self.states[key]
+
+    def overlooked(self, now: BlockSet) -> BlockSet | None:
+        """Return a set that is likelier once every correlation counts, None where there is none."""
+        close = [at for key, at in self.states.items()
+                 if key not in self.settled and at.log_p > now.log_p - CLOSE]
+        best = max((self.settle(at.chosen) for at in close), key=lambda at: at.log_p, default=now)
+        return best if best.log_p > now.log_p + LEAST_GAIN else None
+
     def whole(self, found: BlockSet) -> BlockSet:
         """Return a set for every correlation; those that are likely with it are from now on."""
-        key = frozenset(found.chosen)
-        if key not in self.settled:
-            self.states[key] = state(self.question, found.chosen, (), self.near)
-            self.settled.add(key)
-        found = self.states[key]
+        found = self.settle(found.chosen)
         _, _, sized = max(found.views, key=lambda view: view[1])
         self.near |= {i: (int(size), int(root)) for i, size, root in
                       zip(found.chosen, sized.sizes, sized.grid, strict=True)}
@@ -383,7 +408,7 @@ class _Visited:
                 return self._with_others(now, more)
         moves: list[tuple[float, tuple[int, ...]]] = []
         for i in now.chosen:
-            rest = self.visit(tuple(j for j in now.chosen if j != i))
+            rest = self.settle(tuple(j for j in now.chosen if j != i))
             moves.append((rest.log_p, rest.chosen))
             if self.question.blocks[i].family not in self.question.alone:
                 moves.append(self._best(rest))
@@ -415,7 +440,7 @@ class _Visited:
         for i in now.chosen:
             if blocks[i].family in self.question.alone:
                 continue
-            at = self.visit(tuple(j for j in now.chosen if j != i))
+            at = self.settle(tuple(j for j in now.chosen if j != i))
             gone = np.array([b.family == blocks[i].family for b in blocks])
             for _ in range(DEEP):
                 log_p, chosen = self._best(at, gone)
@@ -423,7 +448,7 @@ class _Visited:
                     break
                 at = self.visit(chosen)
                 yield at
-            yield from self._pairs(self.visit(tuple(j for j in now.chosen if j != i)), now.log_p)
+            yield from self._pairs(self.settle(tuple(j for j in now.chosen if j != i)), now.log_p)
 
     def _merged(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with one more block, and without those that are not needed beside it.
@@ -464,7 +489,9 @@ class _Visited:
             free = [i for i in self.question.groups[group] if i not in at.chosen]
             if len(free) > 1:
                 i, j, most = self._likeliest_pair(at, group, free)
-                if at.log_p + most + self.question.further(i, at.chosen) > least:
+                prior = (self.question.log_prior((*at.chosen, i, j))
+                         - self.question.log_prior(at.chosen))
+                if at.log_p + most + prior > least:
                     yield self.visit((*at.chosen, i, j))
 
     def _likeliest_pair(self, at: BlockSet, group: str, free: Sequence[int]

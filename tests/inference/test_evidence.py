@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.dense import density, summed
 from scipy import integrate, special, stats
 
 from ppmcal.inference.blocks import Block, batches
@@ -11,6 +12,7 @@ from ppmcal.inference.columns import JoinedColumns, MatrixColumns
 from ppmcal.inference.evidence import SIZES, odds_of_all
 from ppmcal.inference.evidence import odds as odds_of_batch
 from ppmcal.inference.given import Conditioned
+from ppmcal.inference.joint import joint
 from ppmcal.inference.priors import NOISE_FREEDOM
 
 ROWS = 40
@@ -29,25 +31,9 @@ def odds(given: Conditioned, blocks: list[Block]) -> np.ndarray:
     return odds_of_all(given, batches(blocks, given.columns, given.values.size), len(blocks))
 
 
-def density(values: np.ndarray, covariance: np.ndarray) -> float:
-    """Return the log density of values ~ N(0, s^2 C), the scale s^2 integrated numerically."""
-    _, log_det = np.linalg.slogdet(covariance)
-    square = float(values @ np.linalg.solve(covariance, values))
-    n = values.size
-
-    def integrand(log_s: float) -> float:
-        s2 = np.exp(2.0 * log_s)
-        prior = stats.chi2(NU).logpdf(NU / s2) + np.log(NU / s2) + np.log(2.0)
-        return float(np.exp(prior - 0.5 * (n * np.log(2 * np.pi * s2) + log_det + square / s2)
-                            + 0.5 * square + 0.5 * n * np.log(2 * np.pi)))
-
-    whole = integrate.quad(integrand, -2.0, 3.0, limit=400, epsabs=0.0)[0]
-    return float(np.log(whole)) - 0.5 * square
-
-
 @pytest.mark.parametrize("geometry", [0, 3])
 @pytest.mark.parametrize("size", [1, 2, 5])
-def test_odds_are_those_of_integrals_made_by_brute_force(geometry: int, size: int) -> None:
+def test_odds_are_those_of_whole_covariances(geometry: int, size: int) -> None:
     matrix, values = drawn(8, seed=size, effect=0.5)
     nuisance = matrix[:, 8 - geometry:] * 3.0
     given = Conditioned.nothing(MatrixColumns(matrix), values).taking(nuisance)
@@ -57,9 +43,9 @@ def test_odds_are_those_of_integrals_made_by_brute_force(geometry: int, size: in
     without = np.eye(ROWS) + nuisance @ nuisance.T
     part = matrix[:, :size] @ batch.roots[0, 0]
     base = density(values, without)
-    for s in (0, 12, 20):
+    for s in (0, 12, 20, 33):
         brute = density(values, without + SIZES[s] ** 2 * part @ part.T) - base
-        assert found[s] == pytest.approx(brute, abs=1e-5)
+        assert found[s] == pytest.approx(brute, abs=1e-7)
 
 
 def test_a_root_makes_one_sigma_rms() -> None:
@@ -70,23 +56,111 @@ def test_a_root_makes_one_sigma_rms() -> None:
     assert np.sum(made**2) / ROWS == pytest.approx(1.0)
 
 
-def test_sign_and_range_are_those_of_the_integral_over_the_coefficient() -> None:
-    matrix, values = drawn(1, effect=0.4)
-    given = Conditioned.nothing(MatrixColumns(matrix), values)
+def test_noise_of_any_scale_makes_students_density() -> None:
+    """The density that all else is compared with, against the integral over s^2."""
+    matrix, values = drawn(4)
+    covariance = np.eye(ROWS) + matrix @ matrix.T
+
+    def integrand(log_s: float) -> float:
+        s2 = np.exp(2.0 * log_s)
+        prior = stats.chi2(NU).logpdf(NU / s2) + np.log(NU / s2) + np.log(2.0)
+        normal = stats.multivariate_normal(np.zeros(ROWS), s2 * covariance).logpdf(values)
+        return float(np.exp(prior + normal - density(values, covariance)))
+
+    assert integrate.quad(integrand, -2.0, 2.0)[0] == pytest.approx(1.0, abs=1e-7)
+
+
+def test_what_is_taken_has_the_density_of_its_covariance() -> None:
+    matrix, values = drawn(6, effect=2.0)
+    constant = (special.gammaln(0.5 * (NU + ROWS)) - special.gammaln(0.5 * NU)
+                - 0.5 * ROWS * np.log(np.pi) + 0.5 * NU * np.log(NU))
+    given, covariance = Conditioned.nothing(MatrixColumns(matrix), values), np.eye(ROWS)
+    for part in (30.0 * matrix[:, :3], 0.1 * matrix[:, 2:5], np.zeros((ROWS, 2)), matrix[:, 5:]):
+        given, covariance = given.taking(part), covariance + part @ part.T
+        assert given.log_evidence + constant == pytest.approx(density(values, covariance), abs=1e-7)
+
+
+@pytest.mark.parametrize("geometry", [0, 2])
+def test_roots_of_a_grid_are_summed_over(geometry: int) -> None:
+    matrix, values = drawn(6, effect=0.6)
+    nuisance = 5.0 * matrix[:, 6 - geometry:]
+    given = Conditioned.nothing(MatrixColumns(matrix), values).taking(nuisance)
+    roots = (np.array([[0.1], [0.0], [0.2]]), np.array([[0.0], [1.0], [0.1]]))
+    without = np.eye(ROWS) + nuisance @ nuisance.T
+    for block in (Block("", "", (0, 1, 2), 0.0, roots=roots), Block("", "", (0,), 0.0),
+                  Block("", "", (0, 0, 3), 0.0)):
+        brute = summed(values, without, matrix, [block]) - density(values, without)
+        assert odds(given, [block])[0] == pytest.approx(brute, abs=1e-7)
+
+
+def ranged(values: np.ndarray, without: np.ndarray, column: np.ndarray, low: float, high: float,
+           roots: tuple[float, ...]) -> float:
+    """Return the log odds of a coefficient between two ends, by quadrature over it."""
+    inverse = np.linalg.inv(without)
+    own, mixed, rest = (float(a @ inverse @ b) for a, b in (
+        (column, column), (column, values), (values, values)))
+    inside, mass = [], []
+    for scale in (s * r for r in roots for s in SIZES):
+        mean = mixed / (own + scale**-2)
+        width = np.sqrt((NU + rest) / (NU + values.size) / (own + scale**-2))
+        ends = np.clip([low, high], mean - 60.0 * width, mean + 60.0 * width)
+        grid = np.linspace(*ends, 20_001)
+        square = rest - 2.0 * grid * mixed + grid**2 * (own + scale**-2)
+        power = -0.5 * (NU + values.size + 1.0) * np.log1p(square / NU)
+        base = -0.5 * (NU + values.size) * np.log1p(rest / NU)
+        constant = (special.gammaln(0.5 * (NU + values.size + 1.0))
+                    - special.gammaln(0.5 * (NU + values.size)) - 0.5 * np.log(np.pi * NU))
+        inside.append(integrate.trapezoid(np.exp(constant + power - base), grid) / scale)
+        mass.append(stats.t(NU).cdf(high / scale) - stats.t(NU).cdf(low / scale))
+    return float(np.log(np.mean(inside) / np.mean(mass)))
+
+
+@pytest.mark.parametrize("geometry", [0, 2])
+@pytest.mark.parametrize("roots", [(), (0.3, 2.0), (-0.5,)])
+def test_sign_and_range_are_those_of_the_integral_over_the_coefficient(
+        geometry: int, roots: tuple[float, ...]) -> None:
+    matrix, values = drawn(3, effect=0.4)
+    nuisance = 2.0 * matrix[:, 3 - geometry:]
+    without = np.eye(ROWS) + nuisance @ nuisance.T
+    given = Conditioned.nothing(MatrixColumns(matrix), values).taking(nuisance)
     best = float(matrix[:, 0] @ values / (matrix[:, 0] @ matrix[:, 0]))
-    for low, high in ((0.0, np.inf), (-np.inf, 0.0), (0.5 * best, 1.1 * best), (-best, 0.0)):
-        block = Block("", "", (0,), 0.0, low=low, high=high)
-        length = np.sqrt(np.mean(matrix[:, 0] ** 2))
-        ends = np.clip([low, high], -400.0 / length, 400.0 / length)
-        grid = np.linspace(*ends, 400_001)
-        prior = np.mean([stats.norm.pdf(grid, scale=s / length) for s in SIZES], axis=0)
-        inside = np.mean([np.diff(stats.norm.cdf([low, high], scale=s / length))[0] for s in SIZES])
-        squares = (values @ values - 2 * grid * (matrix[:, 0] @ values)
-                   + grid**2 * (matrix[:, 0] @ matrix[:, 0]))
-        # with the noise's scale at its posterior, which n + nu0 values know
-        log_likelihood = -0.5 * (NU + ROWS) * (np.log(NU + squares) - np.log(NU + values @ values))
-        brute = np.log(integrate.trapezoid(prior * np.exp(log_likelihood), grid) / inside)
-        assert odds(given, [block])[0] == pytest.approx(brute, abs=0.15)
+    each = tuple(abs(r) for r in roots) or (1.0 / np.sqrt(np.mean(matrix[:, 0] ** 2)),)
+    for low, high in ((0.0, np.inf), (-np.inf, 0.0), (0.5 * best, 1.1 * best), (-best, 0.0),
+                      (-np.inf, -0.1 * best), (2.0 * best, np.inf)):
+        block = Block("", "", (0,), 0.0, low=low, high=high,
+                      roots=tuple(np.array([[r]]) for r in roots))
+        brute = ranged(values, without, matrix[:, 0], low, high, each)
+        assert odds(given, [block])[0] == pytest.approx(brute, abs=1e-4), (low, high)
+        assert joint(given, [block]).log_evidence - given.log_evidence == pytest.approx(
+            odds(given, [block])[0], abs=1e-8)
+
+
+def test_a_range_that_no_size_comes_to_is_not_in_the_data() -> None:
+    """Beyond 1e4 times the largest size neither prior nor posterior has anything."""
+    matrix, values = drawn(1, effect=1.0)
+    given = Conditioned.nothing(MatrixColumns(matrix), values)
+    far = 1e4 * SIZES[-1] / np.sqrt(np.mean(matrix[:, 0] ** 2))
+    for low, high in ((far, 2.0 * far), (-2.0 * far, -far), (far, np.inf)):
+        assert odds(given, [Block("", "", (0,), 0.0, low=low, high=high)])[0] < -100.0
+
+
+def test_a_row_that_stands_twice_at_half_its_weight_is_that_row() -> None:
+    matrix, values = drawn(6, effect=1.0)
+    blocks = [Block("", "", (0,), 0.0, low=0.0), Block("", "", (1, 2), 0.0)]
+
+    def found(weight: np.ndarray) -> tuple[float, np.ndarray, float]:
+        rows = np.repeat(np.arange(ROWS), weight)
+        root = 1.0 / np.sqrt(weight[rows])
+        given = Conditioned.nothing(MatrixColumns(root[:, None] * matrix[rows]),
+                                    root * values[rows], ROWS).taking(
+            3.0 * root[:, None] * matrix[rows, 4:])
+        return (given.log_evidence, odds_of_all(given, batches(blocks, given.columns, ROWS), 2),
+                joint(given, blocks).log_evidence)
+
+    plain = found(np.ones(ROWS, dtype=int))
+    copied = found(np.random.default_rng(2).integers(1, 4, ROWS))
+    for one, other in zip(plain, copied, strict=True):
+        assert other == pytest.approx(one, abs=1e-8)
 
 
 def test_units_and_order_of_columns_and_rows_do_not_matter() -> None:

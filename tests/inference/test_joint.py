@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.dense import density, summed
 from scipy.special import logsumexp
 
 from ppmcal.inference.blocks import Block, batches
@@ -31,20 +32,71 @@ def test_one_block_is_as_likely_as_its_odds_say() -> None:
             total(odds(given, batch))[0], abs=1e-9)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_two_blocks_are_as_likely_as_the_sum_over_their_sizes(seed: int) -> None:
+PAIRS = (
+    (Block("", "", (0,), 0.0), Block("", "", (1, 2), 0.0)),
+    (Block("", "", (0, 1), 0.0), Block("", "", (2,), 0.0,
+                                       roots=(np.array([[0.05]]), np.array([[2.0]])))),
+    (Block("", "", (3,), 0.0), Block("", "", (4,), 0.0)),
+)
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_two_blocks_are_as_likely_as_the_sum_over_their_sizes(
+        pair: tuple[Block, Block], seed: int) -> None:
     given = drawn(seed)
-    first, second = Block("", "", (0,), 0.0), Block("", "", (1, 2), 0.0)
-    one, = batches([first], given.columns, 80)
+    geometry = 4.0 * given.columns.some([5, 6])
+    without = np.eye(80) + geometry @ geometry.T
+    brute = (summed(given.values, without, given.columns.some(range(7)), pair)
+             - density(given.values, without))
+    found = joint(given, pair).log_evidence
+    assert found - given.log_evidence == pytest.approx(brute, abs=0.1)
+    assert joint(given, pair[::-1]).log_evidence == pytest.approx(found, abs=1e-9)
+
+
+def test_three_blocks_are_as_likely_as_the_sum_over_their_sizes() -> None:
+    rng = np.random.default_rng(5)
+    matrix = rng.normal(size=(12, 3))
+    values = rng.normal(size=12) + matrix @ [2.0, 0.7, 0.0]
+    given = Conditioned.nothing(MatrixColumns(matrix), values)
+    three = [Block("", "", (i,), 0.0) for i in range(3)]
+    brute = summed(values, np.eye(12), matrix, three) - density(values, np.eye(12))
+    assert joint(given, three).log_evidence - given.log_evidence == pytest.approx(brute, abs=0.2)
+
+
+def test_a_block_that_stands_twice_is_hardly_likelier_or_less_than_once() -> None:
+    """Two of the same share their size: the ridge of sums is more than one size each at its best.
+
+    What one size at its best and the others around it leave out of the ridge is log 2 at most.
+    """
+    rng = np.random.default_rng(6)
+    column = rng.normal(size=(80, 1))
+    matrix = np.hstack([column, column])
+    for size in (0.0, 0.5, 5.0):
+        values = rng.normal(size=80) + size * column[:, 0]
+        given = Conditioned.nothing(MatrixColumns(matrix), values)
+        both = [Block("", "", (0,), 0.0), Block("", "", (1,), 0.0)]
+        brute = summed(values, np.eye(80), matrix, both) - density(values, np.eye(80))
+        found = joint(given, both).log_evidence - given.log_evidence
+        assert -np.log(2.0) < found - brute < 0.1
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, np.inf), (-np.inf, 0.0), (0.3, 0.9)])
+def test_a_range_beside_another_block_is_that_of_the_sum_over_the_others_sizes(
+        low: float, high: float) -> None:
+    given = drawn(4)
+    length = np.std(given.columns.some([1])[:, 0])
+    ranged = Block("", "", (1,), 0.0, low=low / length, high=high / length)
+    other = Block("", "", (0,), 0.0)
+    one, = batches([other], given.columns, 80)
     every = []
     for size in SIZES:
         with_it = given.taking(size * given.columns.some([0]) @ one.roots[0, 0])
-        two, = batches([second], given.columns, 80)
+        two, = batches([ranged], given.columns, 80)
         every.append(with_it.log_evidence + total(odds(with_it, two))[0])
     brute = float(logsumexp(every)) - np.log(len(SIZES))
-    assert joint(given, [first, second]).log_evidence == pytest.approx(brute, abs=0.1)
-    assert joint(given, [second, first]).log_evidence == pytest.approx(
-        joint(given, [first, second]).log_evidence, abs=1e-9)
+    for order in ([ranged, other], [other, ranged]):
+        assert joint(given, order).log_evidence == pytest.approx(brute, abs=0.1)
 
 
 def test_what_is_taken_is_what_was_chosen() -> None:

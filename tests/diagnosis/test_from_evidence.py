@@ -1,0 +1,95 @@
+"""``ppmcal diagnose --evidence``: every cause in one question, each with a probability."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.commands import ppmcal, rows
+from wild_diagnosis import write
+
+import ppmcal as api
+
+
+def campaign(folder: Path, case: str, machine: str, seed: int, eta: float, count: int = 90
+             ) -> dict[str, Any]:
+    """Write a campaign of the benchmark's and return what is hidden in it."""
+    return write(case, machine, count, seed, folder, eta)
+
+
+def diagnosed(folder: Path, *options: str) -> dict[str, Any]:
+    run = ppmcal("diagnose", "mechanism.yaml", "data.csv", "--evidence", *options, cwd=folder)
+    assert run.code in (0, 1), run
+    return json.loads((folder / "diagnosed" / "diagnosis.json").read_text()) | {"said": run.out}
+
+
+@pytest.fixture(scope="module")
+def gain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("gain")
+    campaign(folder, "gain-one", "3-RPR", 5, 2.0)
+    return folder, diagnosed(folder)
+
+
+def test_an_effect_is_named_with_its_probability(gain: tuple[Path, dict[str, Any]]) -> None:
+    folder, found = gain
+    assert found["verdict"] in ("named", "named-set")
+    (effect,) = found["effects"]
+    assert effect["kind"] == "gain"
+    assert effect["probability"] + sum(effect["probabilities"]) >= 0.95
+    assert len(effect["probabilities"]) == len(effect["alternatives"])
+    assert found["nothing"] < 0.01 and not found["unknown"]
+    assert effect["p_value"] is None and "probability" in found["said"]
+    named = [r for r in rows(folder / "diagnosed/effects.csv") if r["status"] == "named"]
+    assert [r["kind"] for r in named] == ["gain"]
+    assert float(named[0]["probability"]) > 0.5 and named[0]["p_value"] == ""
+
+
+def test_the_page_and_the_commands_use_the_same_probabilities(
+        gain: tuple[Path, dict[str, Any]]) -> None:
+    folder, found = gain
+    assert ppmcal("report", "diagnosed", "--out", "page", cwd=folder).code in (0, 1)
+    page = next((folder / "page").glob("*.html")).read_text()
+    assert "probability" in page
+    total = sum(s["probability"] for s in found["sets"])
+    assert total == pytest.approx(1.0) if found["sets"] else not found["effects"][0]["alternatives"]
+
+
+def test_nothing_hidden_is_nothing_said(tmp_path: Path) -> None:
+    campaign(tmp_path, "none-position", "3-RPR", 3, 1.0)
+    found = diagnosed(tmp_path)
+    assert found["verdict"] == "none" and found["nothing"] > 0.5
+    assert not (found["effects"] or found["unknown"] or found["possible"])
+
+
+def test_two_events_are_named_at_their_rows(tmp_path: Path) -> None:
+    truth = campaign(tmp_path, "homed-twice", "3-RPR", 11, 2.0, 100)
+    found = diagnosed(tmp_path)
+    told = sorted(e["row"]["value"] for e in found["effects"] if e["kind"] == "zero_shift")
+    true = sorted(e["row"] for e in truth["effects"])
+    assert len(told) == len(true)
+    assert np.all(np.abs(np.subtract(told, true)) <= 3)
+
+
+def test_gross_rows_are_in_no_figure(tmp_path: Path) -> None:
+    campaign(tmp_path, "gross-5", "3-RPR", 7, 1.0)
+    found = diagnosed(tmp_path)
+    assert found["verdict"] in ("none", "weak")
+    assert found["fit"]["before"] < 1.5
+
+
+def test_what_has_no_name_says_what_it_looks_like(tmp_path: Path) -> None:
+    campaign(tmp_path, "base-walks", "3-RPR", 2, 2.0)
+    found = diagnosed(tmp_path)
+    assert found["verdict"] in ("unnamed", "partial")
+    assert all(u["looks_like"] and u["probability"] > 0.5 for u in found["unknown"])
+    assert "Without a name: " in found["said"]
+
+
+def test_a_batch_and_python_have_the_option(tmp_path: Path) -> None:
+    campaign(tmp_path, "none-position", "3-RPR", 3, 1.0)
+    result = api.diagnose(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"], evidence=True)
+    assert result.diagnosis.nothing > 0.5
+    assert result.record.nothing == pytest.approx(result.diagnosis.nothing)
