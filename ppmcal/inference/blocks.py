@@ -70,18 +70,21 @@ class Batch:
         return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
 
 
-def scaled_root(gram: Array, count: int, starts: Sequence[int] = (), least: float = 0.0) -> Array:
-    """Return the root (k, k) that gives each column one sigma rms over ``count`` values.
+def scaled_root(gram: Array, count: int, starts: Sequence[int] = (),
+                least: Array | float = 0.0) -> Array:
+    """Return the root (..., k, k) that gives each column one sigma rms over ``count`` values.
 
-    ``gram`` (k, k): inner products; a column of nothing stays nothing. ``starts``: of the last
-    columns those whose coefficients, times standard normal ones, theirs are. ``least``: rms below
-    which a column is nothing but round-off.
+    ``gram`` (..., k, k): inner products; a column of nothing stays nothing. ``starts``: of the last
+    columns those whose coefficients, times standard normal ones, theirs are. ``least`` (...): rms
+    below which a column is nothing but round-off.
     """
-    own = len(gram) - len(starts)
-    length = np.sqrt(np.maximum(np.diagonal(gram)[:own] / max(count, 1), 0.0))
-    seen = length > max(least, float(np.sqrt(np.finfo(float).tiny)))
+    own = gram.shape[-1] - len(starts)
+    square = np.diagonal(gram, axis1=-2, axis2=-1)[..., :own]
+    length = np.sqrt(np.maximum(square / max(count, 1), 0.0))
+    seen = length > np.maximum(least, np.sqrt(np.finfo(float).tiny))[..., None]
     scale = np.divide(1.0, length, out=np.zeros_like(length), where=seen) / np.sqrt(max(own, 1))
-    return np.diag(np.concatenate([scale, scale[list(starts)]]))
+    every = np.concatenate([scale, scale[..., list(starts)]], axis=-1)
+    return np.asarray(every[..., None] * np.eye(every.shape[-1]))
 
 
 CHUNK = 512
@@ -90,32 +93,30 @@ CHUNK = 512
 
 def batches(blocks: Sequence[Block], columns: ColumnSource, count: int) -> list[Batch]:
     """Return blocks as batches of one shape; ``count``: number n of values."""
-    grams = _grams(blocks, columns)
-    linalg.finite("the length of columns", *grams)
-    roots = [b.roots or (scaled_root(g, count, b.starts, b.least),)
-             for b, g in zip(blocks, grams, strict=True)]
-    alike: dict[tuple[int, ...], list[int]] = defaultdict(list)
-    for i, r in enumerate(roots):
-        alike[(len(r), *r[0].shape)].append(i)
-    return [Batch(np.array(own), np.array([blocks[i].columns for i in own], dtype=np.int64),
-                  np.array([grams[i] for i in own]), np.array([np.array(roots[i]) for i in own]),
-                  np.array([blocks[i].low for i in own]), np.array([blocks[i].high for i in own]))
+    alike: dict[tuple[object, ...], list[int]] = defaultdict(list)
+    for i, b in enumerate(blocks):
+        roots = (len(b.roots), *b.roots[0].shape) if b.roots else b.starts
+        alike[len(b.columns), bool(b.roots), roots].append(i)
+    return [_batch(np.array(own), [blocks[i] for i in own], columns, count)
             for own in alike.values()]
 
 
-def _grams(blocks: Sequence[Block], columns: ColumnSource) -> list[Array]:
-    """Return the inner products (k, k) of each block's columns, some columns at a time."""
-    out: list[Array] = []
-    begin = 0
-    while begin < len(blocks):
-        end, need = begin, dict[int, int]()
-        while end < len(blocks) and (end == begin or len(need) < CHUNK):
-            for c in blocks[end].columns:
-                need.setdefault(c, len(need))
-            end += 1
-        values = columns.some(list(need))
-        for block in blocks[begin:end]:
-            own = values[:, [need[c] for c in block.columns]]
-            out.append(own.T @ own)
-        begin = end
-    return out
+def _batch(which: Ints, blocks: Sequence[Block], columns: ColumnSource, count: int) -> Batch:
+    at = np.array([b.columns for b in blocks], dtype=np.int64)
+    some = max(CHUNK // max(at.shape[1], 1), 1)
+    gram = np.concatenate([_grams(at[i:i + some], columns) for i in range(0, len(at), some)])
+    linalg.finite("the length of columns", gram)
+    roots = np.array([b.roots for b in blocks]) if blocks[0].roots else scaled_root(
+        gram, count, blocks[0].starts, np.array([b.least for b in blocks]))[:, None]
+    return Batch(which, at, gram, roots, np.array([b.low for b in blocks]),
+                 np.array([b.high for b in blocks]))
+
+
+def _grams(at: Ints, columns: ColumnSource) -> Array:
+    """Return the inner products (B, k, k) of the columns (B, k) of each block."""
+    need, place = np.unique(at, return_inverse=True)
+    values = columns.some(need.tolist())
+    if at.shape[1] == 1:
+        return np.asarray(np.einsum("nb,nb->b", values, values)[place].reshape(-1, 1, 1))
+    own = np.moveaxis(values[:, place.reshape(at.shape)], 0, 2)
+    return np.asarray(own @ own.transpose(0, 2, 1))

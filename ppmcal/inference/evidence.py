@@ -42,6 +42,13 @@ def odds_by_size(given: Conditioned, own: Array, part: Array, gone: float = 0.0)
                       - 0.5 * given.freedom * np.log(rest / given.spread))
 
 
+def small_eigh(square: Array) -> tuple[Array, Array]:
+    """Return eigenvalues (..., q) and eigenvectors (..., q, q) of many small matrices at once."""
+    if square.shape[-1] == 1:
+        return square[..., 0], np.ones_like(square)
+    return linalg.eigh(square)
+
+
 def odds(given: Conditioned, batch: Batch) -> Array:
     """Return the log odds of each block of a batch at each root and size (B, G, S)."""
     seen = given.seen[batch.columns]                                   # (B, k, r)
@@ -49,11 +56,8 @@ def odds(given: Conditioned, batch: Batch) -> Array:
     right = given.right[batch.columns]                                 # (B, k)
     square = np.einsum("bgkq,bkl,bglp->bgqp", batch.roots, inner, batch.roots, optimize=True)
     along = np.einsum("bgkq,bk->bgq", batch.roots, right)
-    if square.shape[-1] == 1:
-        own, part = square[..., 0], along
-    else:
-        own, turn = linalg.eigh(square)
-        part = np.einsum("bgqp,bgq->bgp", turn, along)
+    own, turn = small_eigh(square)
+    part = np.einsum("bgqp,bgq->bgp", turn, along)
     out = odds_by_size(given, own, part**2)
     out = np.where(np.sum(np.maximum(own, 0.0), axis=-1)[..., None] > 0.0, out, 0.0)
     if batch.bounded and batch.columns.shape[1] == batch.roots.shape[3] == 1:

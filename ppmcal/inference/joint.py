@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 from ppmcal import linalg
 from ppmcal.inference.blocks import Block, scaled_root
-from ppmcal.inference.evidence import LEAST, SIZES, odds_by_size, within
+from ppmcal.inference.evidence import LEAST, SIZES, odds_by_size, small_eigh, within
 from ppmcal.inference.given import Conditioned
 from ppmcal.linalg import Array, Ints
 
@@ -103,12 +103,10 @@ class _System:
         gone = float(held[:, -1] @ held[:, -1])
         left = self.inner - held[:, :-1].T @ held[:, :-1]
         along = self.right - held[:, :-1].T @ held[:, -1]
-        out = np.empty((len(SIZES), len(self.roots[k])))
-        for g in range(len(self.roots[k])):
-            lift = self._lifted([(k, g, 1.0)])
-            own, turn = linalg.eigh(lift.T @ left @ lift)
-            part = (turn.T @ (lift.T @ along)) ** 2
-            out[:, g] = base + odds_by_size(self.given, own, part, gone)
+        at, roots = self.at[k], np.array(self.roots[k])                    # (G, c, q)
+        own, turn = small_eigh(roots.transpose(0, 2, 1) @ left[np.ix_(at, at)] @ roots)
+        part = np.einsum("gqp,gcq,c->gp", turn, roots, along[at], optimize=True)
+        out = np.asarray(base + odds_by_size(self.given, own, part**2, gone).T)
         return out, out + self._within(k, left, along, gone)
 
     def _within(self, k: int, left: Array, along: Array, gone: float) -> Array | float:

@@ -73,11 +73,11 @@ def test_directions_that_are_turned_in_a_stretch_are_told_with_their_rows() -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("factor", "verdict"), [(1.0, "named"), (1e3, "unnamed")])
-def test_a_size_that_no_machine_has_is_a_column_in_another_unit(factor: float, verdict: str
+@pytest.mark.parametrize(("factor", "right"), [(1.0, True), (1e3, False)])
+def test_a_size_that_no_machine_has_is_a_column_in_another_unit(factor: float, right: bool
                                                                 ) -> None:
     found = explanation("compliance", "all", lambda name, values: (
         factor if name == "payload" else 1.0) * values)
     place, = found.places
     assert place.hypothesis is not None and place.hypothesis.kind == "compliance"
-    assert found.verdict == verdict and bool(place.misread) == (verdict == "unnamed")
+    assert place.named == right and bool(place.misread) != right
