@@ -168,7 +168,7 @@ BINS = np.array([0.0, 0.02, 0.1, 0.3, 0.7, 0.9, 0.98, 1.0 + 1e-9])
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("campaigns", "what"), [
-    (1500, {}), (500, {"signed": True, "correlated": True, "rows": True})])
+    (1500, {}), (300, {"signed": True, "correlated": True, "rows": True})])
 def test_what_is_said_with_a_probability_is_so_often_right(
         campaigns: int, what: dict[str, bool]) -> None:
     """Said against true, of each cause and of nothing, in bins of what is said."""
