@@ -34,6 +34,20 @@ def _negative(data: Dataset, mechanism: Mechanism) -> Bools:
     return out
 
 
+def rows_with_negative_struts(data: Dataset, mechanism: Mechanism) -> Bools:
+    """Return the rows (N,) with a strut's length of the other sign than at home: mistyped ones.
+
+    The pose is as with the right sign, so that no residual shows it; what follows the travel would.
+    """
+    home, out = home_state(mechanism).q, np.zeros(len(data), dtype=bool)
+    if data.commanded is not None:
+        return out
+    for limb in mechanism.limbs:
+        if limb.kind.actuator == "length" and not any(s.is_bar for s in limb.kind.slots):
+            out |= data.q[:, limb.actuator] * home[limb.actuator] < 0.0
+    return out
+
+
 def negative_struts(data: Dataset, mechanism: Mechanism) -> tuple[Mistake, ...]:
     """Return the joint columns that have the other sign, as one mistake."""
     names = tuple(f"q_{a}" for a, n in zip(mechanism.actuators, _negative(data, mechanism),

@@ -22,6 +22,7 @@ from ppmcal.diagnosis.hypotheses import (
 from ppmcal.diagnosis.joint_tolerances import joint_tolerances
 from ppmcal.diagnosis.library_columns import only_slots
 from ppmcal.diagnosis.linear_system import System
+from ppmcal.diagnosis.misread_columns import misread_columns
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.diagnosis.unrecorded_load import unrecorded_load
 from ppmcal.diagnosis.wandering import add_courses
@@ -341,11 +342,12 @@ class _Kinds(Collector):
 
 
 def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[int] = (),
-            as_named: bool = False) -> Library:
+            as_named: bool = False, misread: bool = False) -> Library:
     """Return every hypothesis that these data could test.
 
     ``kinds``: only these; ``tried``: parameters that the fit frees only under test; ``as_named``:
-    effects only in the range in which they are named, not in all that a search passes through.
+    effects only in the range in which they are named, not in all that a search passes through;
+    ``misread``: also effects of columns that are not what they are read as.
     """
     maker = _Kinds(system, tried, as_named)
     for name, kind in effect_kinds().items():
@@ -358,4 +360,6 @@ def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[
         shapes(maker)
         unrecorded_load(maker)
         add_courses(maker)
+    if misread:
+        maker.misread += misread_columns(maker)
     return maker.library()

@@ -51,7 +51,12 @@ class Place:
     @property
     def named(self) -> bool:
         """Whether a name stands: something is there, and unknown does not lead."""
-        return self.sure and self.hypothesis is not None
+        return self.sure and self.hypothesis is not None and not self.misread
+
+    @property
+    def misread(self) -> str:
+        """How columns would have to be read for it, in words; empty: as they are."""
+        return self.hypothesis.misread if self.hypothesis is not None else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +111,8 @@ class Round:
         _, _, joint = max(at.views, key=lambda v: v[1])
         out = [(source, value[:source.size], sigma[:source.size]) for i, value, sigma in
                zip(at.chosen, joint.values, joint.sigmas, strict=True)
-               if isinstance(source := self.asked.sources[i], Hypothesis) and not source.anonymous]
+               if isinstance(source := self.asked.sources[i], Hypothesis)
+               and not source.anonymous and not source.misread]
         size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
         for h, value, _ in out:
             size[h.kind, h.on] += float(np.mean(value))
@@ -159,6 +165,6 @@ def _asked(fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools],
     names = {n for a in added for n in a.parameters}
     own = [c for c, p in enumerate(fit.problem.free) if mechanism.parameters[p].name in names]
     system = without(build(fit.problem, fit.state, keep), own)
-    found = library(system, kinds, [fit.problem.free[c] for c in own])
+    found = library(system, kinds, [fit.problem.free[c] for c in own], misread=True)
     asked = question(system, found, UnknownCauses(system, everywhere), own)
     return Round(fit, added, tuple(own), kinds, found, asked, posterior(asked.question))

@@ -262,13 +262,14 @@ def _stage(asked: Round, rows: Sequence[int], chosen: Sequence[Hypothesis | None
         keep[dataset][row] = True
     system = without(build(asked.fit.problem, asked.fit.state, keep), asked.columns)
     found = library(system, asked.kinds, [asked.fit.problem.free[c] for c in asked.columns])
-    place = {_key(h): i for i, h in enumerate(found.hypotheses)}
-    return bare_stage(system, found, [place[_key(h)] for h in chosen if h is not None],
-                      asked.columns)
+    return bare_stage(system, found, [_nearest(h, found.hypotheses) for h in chosen
+                                      if h is not None], asked.columns)
 
 
-def _key(h: Hypothesis) -> tuple[object, ...]:
-    return h.label, h.shared, tuple(sorted(h.constants.items()))
+def _nearest(h: Hypothesis, some: Sequence[Hypothesis]) -> int:
+    """Return the number of the same hypothesis over other rows, of which grids are others."""
+    same = [i for i, f in enumerate(some) if (f.label, f.shared) == (h.label, h.shared)]
+    return min(same, key=lambda i: h.apart(some[i]))
 
 
 def _left(stage: Stage, asked: Round) -> Remainder:
@@ -330,12 +331,13 @@ def _others(what: Told) -> list[tuple[Place, Member, float]]:
 def _next(what: Told, stage: Stage, verdict: str, seed: int) -> Proposal:
     """Return measurements that tell the likeliest two apart, or what else to do."""
     joints = len(what.whole.problem.mechanism.actuators)
-    at = {_key(h): h for h in stage.library.hypotheses}
+    every = stage.library.hypotheses
     for place, member, odds in _others(what) if verdict in NAMED else ():
         other = [h for h in what.hypotheses(member) if not any(
             h is p.hypothesis for p, _ in what.effects)]
         if place.hypothesis and not place.hypothesis.slot and len(other) == 1:
-            return propose(stage, at[_key(place.hypothesis)], at[_key(other[0])], odds, seed)
+            return propose(stage, every[_nearest(place.hypothesis, every)],
+                           every[_nearest(other[0], every)], odds, seed)
     return nothing({"none": "nothing more to measure: no missing effect is detectable",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
                     "named": "nothing more to measure: the named effects explain the residuals",

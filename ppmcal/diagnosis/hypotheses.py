@@ -28,7 +28,7 @@ class Hypothesis:
         slot: the frozen parameter's name, for ``geometry``.
         anonymous: a shape without a cause; it takes part so that no kind has to imitate
             it, and is never named.
-        follows: what such a shape follows.
+        follows: what such a shape follows; of misread columns the rows in which they are.
         searched: how many constants a grid has chosen.
         turns: periods per stroke of a periodic error.
         strokes: which constants are ends of the stroke: each joint may have its own.
@@ -39,6 +39,7 @@ class Hypothesis:
         scale: how large its coefficients are in a machine within its tolerances, one standard
             deviation by column; inf: nothing is known of it; empty: of none.
         columns: where its columns are in the library.
+        misread: how columns would have to be read for it; empty: as they are.
         starts: where it has a memory, columns of what that may have been before the first row,
             each with the place among ``columns`` of the one whose coefficient, times a standard
             normal, its own is.
@@ -73,6 +74,7 @@ class Hypothesis:
     effect: EffectKind | None = None
     part: str = ""
     leans: tuple[str, tuple[str, ...]] | None = None
+    misread: str = ""
     starts: tuple[tuple[int, int], ...] = ()
 
     @property
@@ -92,7 +94,9 @@ class Hypothesis:
 
     @cached_property
     def family(self) -> str:
-        """What it is told apart as: the kind, the frozen slot, or the shape's place."""
+        """What it is told apart as: the kind, the frozen slot, the shape's place, a misreading."""
+        if self.misread:
+            return self.misread
         if self.anonymous:
             return self.label
         return f"{GEOMETRY} {self.slot}" if self.slot else f"{self.called} {self.part}".rstrip()
@@ -124,6 +128,9 @@ class Hypothesis:
             return f"{GEOMETRY} {self.slot}"
         if self.anonymous:
             return f"an unknown shape along {self.part or self.follows}"
+        if self.misread:
+            where = f" in {self.follows}" if self.follows else ""
+            return f"{self.misread}{where}: {replace(self, misread='', follows='').label}"
         return f"{self.called} on {', '.join(self.on)}" if self.on else self.family
 
 
@@ -159,7 +166,8 @@ class Library:
     """All hypotheses: over white columns as ``products`` (N, m, T), and what is untestable.
 
     ``unrecorded``: what might be there too, but cannot be tested for want of a column;
-    ``courses``: how machine and instrument may have wandered while rows were measured.
+    ``courses``: how machine and instrument may have wandered while rows were measured;
+    ``misread``: effects of columns that are not what they are read as.
     """
 
     products: Products
@@ -167,6 +175,7 @@ class Library:
     untestable: tuple[Untestable, ...]
     unrecorded: tuple[Hypothesis, ...] = ()
     courses: tuple[Hypothesis, ...] = ()
+    misread: tuple[Hypothesis, ...] = ()
 
     @property
     def count(self) -> int:
@@ -198,6 +207,7 @@ class Collector:
         self.untestable: list[Untestable] = []
         self.unrecorded: list[Hypothesis] = []
         self.courses: list[Hypothesis] = []
+        self.misread: list[Hypothesis] = []
         mechanism = system.problem.mechanism
         self.actuators = mechanism.actuators
         self.motion = mechanism.motion
@@ -206,7 +216,7 @@ class Collector:
     def library(self) -> Library:
         """Return what was collected."""
         return Library(self.columns.made(), tuple(self.hypotheses), tuple(self.untestable),
-                       tuple(self.unrecorded), tuple(self.courses))
+                       tuple(self.unrecorded), tuple(self.courses), tuple(self.misread))
 
 
 def frozen_slots(to: Collector, tried: Sequence[int]) -> None:

@@ -101,7 +101,7 @@ class LibraryColumns:
         self.count = 0
         self._given: dict[int, Array] = {}
         self._shifted: dict[int, tuple[float, Sequence[Shift]]] = {}
-        self._later: dict[int, tuple[Array, Bools]] = {}
+        self._later: dict[int, tuple[Array, Array | Bools]] = {}
         self._sums: dict[int, Sequence[int]] = {}
 
     def add(self, column: Array) -> int:
@@ -114,8 +114,15 @@ class LibraryColumns:
         self._shifted[self.count] = factor, shifts
         return self._next()
 
-    def later(self, column: Array, rows: Bools) -> int:
-        """Add what a column (N, m) is in some rows (N,), and 0 in the others."""
+    def value(self, at: int) -> Array:
+        """Return a column of shifts, or a sum of such (N, m)."""
+        if at in self._sums:
+            return np.asarray(np.sum([self.value(c) for c in self._sums[at]], axis=0))
+        factor, shifts = self._shifted[at]
+        return factor * self.system.column(shifts)
+
+    def later(self, column: Array, rows: Array | Bools) -> int:
+        """Add what a column (N, m) is in some rows (N,), and 0 in the others; or times factors."""
         self._later[self.count] = column, rows
         return self._next()
 

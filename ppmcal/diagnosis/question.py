@@ -15,10 +15,12 @@ from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.unknown_causes import SHAPES, UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import JoinedColumns, UnitColumns
-from ppmcal.inference.priors import ALL_ALIKE, FAMILY, GROSS_ROW, UNKNOWN, WIDE
+from ppmcal.inference.priors import ALL_ALIKE, FAMILY, GROSS_ROW, MISREAD, UNKNOWN, WIDE
 from ppmcal.inference.sets import Question
 from ppmcal.linalg import Array, Bools
 
+Source = Hypothesis | UnknownCause | int
+"""What a block stands for; a number is a row that does not belong."""
 Form = tuple[tuple[str, ...], bool]
 """Actuators on which a family acts, and whether with one value for all of them."""
 
@@ -52,7 +54,7 @@ class Asked:
 
     question: Question
     system: System
-    sources: tuple[Hypothesis | UnknownCause | int, ...]
+    sources: tuple[Source, ...]
 
 
 def question(system: System, library: Library, unknown: UnknownCauses,
@@ -76,7 +78,8 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     columns = JoinedColumns((LibrarySource(library.products, observed), unknown.columns,
                              UnitColumns(observed.size)))
     first = library.count + unknown.columns.count
-    every = (*blocks(library, unknown.least), *unknown.blocks(library.count), *rows(observed, first))
+    every: list[tuple[Block, Source]] = [*blocks(library, unknown.least),
+                                         *unknown.blocks(library.count), *rows(observed, first)]
     asked = Question(columns, values, flat * prior, tuple(b for b, _ in every), observed,
                      system.apart, frozenset({ROW_FAMILY}))
     return Asked(asked, system, tuple(source for _, source in every))
@@ -101,19 +104,22 @@ def blocks(library: Library, least: float = 0.0) -> Iterator[tuple[Block, Hypoth
     """Yield the library's hypotheses, each with its prior; ``least``: as of a block."""
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
     sorts = Counter(h.sort for h in library.hypotheses if h.slot)
-    for h in library.hypotheses:
+    for h in (*library.hypotheses, *library.misread):
         families[_family(h)][h.on, h.shared].append(h)
     for family, forms in families.items():
         top = float(np.log(float(UNKNOWN) * SHAPES if family == UNKNOWN_FAMILY else float(FAMILY)))
         top -= float(np.log(max([sorts[h.sort] for own in forms.values() for h in own] + [1])))
+        top += float(np.log(float(MISREAD))) * any(h.misread for own in forms.values() for h in own)
         share = _shares(list(forms))
         for form, own in forms.items():
             for h in own:
                 low, high = _range(h)
                 yield Block(h.label, family, (*h.columns, *(c for c, _ in h.starts)),
-                            top + np.log(share[form]) - np.log(len(own)), low=low, high=high,
+                            top + np.log(share[form]) - np.log(len(own)) - h.choices,
+                            low=low, high=high,
                             group=_group(h, family),
-                            starts=tuple(of for _, of in h.starts), least=least, gives=_place(h.kind, h.on),
+                            starts=tuple(of for _, of in h.starts), least=least,
+                            gives=_place(h.kind, h.on),
                             needs=_place(*h.leans) if h.leans else ""), h
 
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ppmcal.calibration.negative_struts import rows_with_negative_struts
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.unknown_directions import with_unknown_directions
 from ppmcal.kinematics.effect_response import environment_of
@@ -46,6 +47,9 @@ def usable(data: Dataset) -> Bools:
 
 
 def _whole(mechanism: Mechanism, data: Dataset, rows: Environment) -> Dataset:
+    negative = rows_with_negative_struts(data, mechanism)
+    if negative.any():
+        data = data.without(negative, "a strut has a negative length here")
     columns, findings = dict(data.columns), list(data.findings)
     approach, changed = rows.approach.copy(), False
     needed = _needed(mechanism)

@@ -37,6 +37,10 @@ WAVES = 24
 ROUND_OFF = 1e-11
 
 
+Made = tuple[str, Array, list[Array], bool, LearnedCurve | None, tuple[bool, ...], str]
+"""Label, columns, kernels, whether it acts on several joints at once, and as in a cause."""
+
+
 @dataclass(frozen=True, eq=False)
 class UnknownCause:
     """One block of columns ``number`` to ``number + width``, and what it looks like.
@@ -120,13 +124,14 @@ class UnknownCauses:
         self.causes.append(UnknownCause(label, columns.shape[1], tuple(roots), share, curve, on,
                                         way))
 
-    def _of_inputs(self, everywhere: Sequence[Setting]):
+    def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
         mechanism = self.system.problem.mechanism
         seen = Visible(self.system, plain(self.system), np.zeros((self.system.observed.size, 0)),
                        self.system.residual.reshape(-1))
         for curve, on in forms(seen, everywhere, (), every=True):
             second = _matern(curve.by_nodes, SECOND) if curve.by else np.ones((1, 1))
-            kernels = [np.kron(_matern(curve.nodes, length), second) for length in LENGTHS]
+            kernels = [np.asarray(np.kron(_matern(curve.nodes, length), second))
+                       for length in LENGTHS]
             acted = [a for a, there in zip(mechanism.actuators, on, strict=True) if there]
             where = curve.acts if curve.acts != JOINT else " ".join(acted)
             together = curve.acts == JOINT and len(acted) > 1
@@ -134,7 +139,7 @@ class UnknownCauses:
                      f"{' by direction' if curve.signed else ''} acting on {where}")
             yield label, columns_of(seen, curve, on), kernels, together, curve, on, ""
 
-    def _of_ways(self):
+    def _of_ways(self) -> Iterator[Made]:
         """Yield functions of the way from the row before, where no file says how rows were reached.
 
         Nobody promises that a joint came that way; an unknown cause may yet follow it.
@@ -171,7 +176,7 @@ class UnknownCauses:
                        f"{' by direction' if signed else ''} acting on {acted}",
                        columns, kernels, len(on) > 1, None, (), "")
 
-    def _of_time(self):
+    def _of_time(self) -> Iterator[Made]:
         system = self.system
         parts, mechanism = system.parts, system.problem.mechanism
         row = np.concatenate([p.response.rows.row for p in system.firsts])
@@ -182,27 +187,30 @@ class UnknownCauses:
         waves = np.cos(place[:, None] * wave)
         kernels = [np.diag((1.0 + (length * wave) ** 2 / 5.0) ** -3.0) for length in LENGTHS]
         kernels.append(np.diag(wave**-2.0))    # a Wiener walk
-        ways = {f"the base's {c}": [Shift(frame=np.tile(np.eye(6)[PLACE[c]],
-                                                        (len(p.response.pose), 1)))
-                                    for p in parts] for c in _free(mechanism.motion)}
+        ways = {f"the base's {c}": [_moved("frame", c, len(p.response.pose)) for p in parts]
+                for c in _free(mechanism.motion)}
         units = {way: system.column(shifts) * system.observed for way, shifts in ways.items()}
         units |= self.zeros
         for way, unit in units.items():
             columns = (unit[..., None] * waves[:, None, :]).reshape(system.observed.size, WAVES)
             yield (f"a slow course of {way}", columns, kernels, way == "all zeros", None, (), way)
         for body, lever in (("base", "frame"), ("target", "target")):
-            own = [system.column([Shift(**{lever: np.tile(np.eye(6)[PLACE[c]],
-                                                          (len(p.response.pose), 1))})
-                                  for p in parts]) * system.observed
-                   for c in _free(mechanism.motion)]
-            own = [u / max(float(np.sqrt(np.sum(u**2) / system.count)), 1e-300) for u in own
-                   if np.any(u)]
+            every = [system.column([_moved(lever, c, len(p.response.pose)) for p in parts])
+                     * system.observed for c in _free(mechanism.motion)]
+            rms = [float(np.sqrt(np.sum(u**2) / system.count)) for u in every]
+            own = [np.asarray(u / r) for u, r in zip(every, rms, strict=True) if r > self.least]
             if own:
                 columns = np.concatenate(
                     [(u[..., None] * waves[:, None, :]).reshape(system.observed.size, WAVES)
                      for u in own], axis=1)
-                yield (f"a slow course of the {body}", columns,
-                       [np.kron(np.eye(len(own)), k) for k in kernels], True, None, (), body)
+                each = [np.asarray(np.kron(np.eye(len(own)), k)) for k in kernels]
+                yield f"a slow course of the {body}", columns, each, True, None, (), body
+
+
+def _moved(body: str, coordinate: str, rows: int) -> Shift:
+    """Return the shift of the ``frame`` or the ``target`` along one coordinate, by 1."""
+    along = np.tile(np.eye(6)[PLACE[coordinate]], (rows, 1))
+    return Shift(frame=along) if body == "frame" else Shift(target=along)
 
 
 def _way(q: Array) -> Array:

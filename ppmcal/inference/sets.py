@@ -181,7 +181,7 @@ class Question:
         able = np.isin(needs, list(there)) | (needs == gives)
         if lack:
             able &= (gives == min(lack)) & (len(lack) == 1)
-        return able
+        return np.asarray(able)
 
 
 @dataclass(frozen=True, eq=False)

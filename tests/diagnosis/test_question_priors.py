@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hidden import Options, hide
@@ -10,12 +13,14 @@ from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis.candidates import library
+from ppmcal.diagnosis.explanation import Round, explained
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.question import Asked, question
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.unknown_causes import UnknownCauses
 from ppmcal.inference.priors import FAMILY, FURTHER_EVENT
+from ppmcal.linalg import Array
 
 
 def asked(machine: str, kinds: list[str], eta: float = 1.0, frozen: tuple[str, ...] = (),
@@ -41,3 +46,38 @@ def test_frozen_slots_of_one_sort_share_a_prior_and_a_second_of_a_sort_costs_les
     assert prior([first, second]) - prior([second]) == pytest.approx(
         np.log(float(FURTHER_EVENT) / 3))
     assert prior([first, other]) == pytest.approx(prior([first]) + prior([other]))
+
+
+def explanation(kind: str, on: str, change: Callable[[str, Array], Array | None]) -> Round:
+    """Return what is found in a campaign with one effect, columns changed or (None) left out."""
+    found = hide("delta-linear", 7, [kind], 1.0, Options(poses=90), on)
+    columns = {name: change(name, values) for name, values in found.dataset.columns.items()}
+    data = replace(found.dataset, columns={n: v for n, v in columns.items() if v is not None})
+    fit = identify(with_whole_rows(Problem(found.mechanism, (data,), found.mechanism.free)),
+                   FitOptions())
+    return explained(fit, FitOptions())[-1]
+
+
+@pytest.mark.slow
+def test_directions_that_are_turned_in_a_stretch_are_told_with_their_rows() -> None:
+    """Velocities would say the same of the drive as directions that are right."""
+    def turned(name: str, values: Array) -> Array | None:
+        sign = np.where(np.arange(values.size) < 100, 1.0, -1.0)
+        return None if name.startswith("vel_") else (
+            values * sign if name.startswith("dir_") else values)
+
+    found = explanation("backlash", "one", turned)
+    place, = found.places
+    assert place.misread == "dir_b turned" and "in rows 101 to 180" in place.label
+    assert not place.named and found.verdict == "unnamed"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("factor", "verdict"), [(1.0, "named"), (1e3, "unnamed")])
+def test_a_size_that_no_machine_has_is_a_column_in_another_unit(factor: float, verdict: str
+                                                                ) -> None:
+    found = explanation("compliance", "all", lambda name, values: (
+        factor if name == "payload" else 1.0) * values)
+    place, = found.places
+    assert place.hypothesis is not None and place.hypothesis.kind == "compliance"
+    assert found.verdict == verdict and bool(place.misread) == (verdict == "unnamed")
