@@ -30,7 +30,7 @@ def without(monkeypatch: pytest.MonkeyPatch) -> Without:
                 len(move[1]) - len(now.chosen)] not in moves])
 
         monkeypatch.setattr(sets._Visited, "_likelier", likelier)
-        for move in {"split", "merged", "pairs"} & set(moves):
+        for move in {"split", "merged", "pairs", "masked"} & set(moves):
             monkeypatch.setattr(sets._Visited, f"_{move}", lambda self, *of: iter(()))
         if "many" in moves:
             monkeypatch.setattr(sets._Visited, "_with_others", lambda self, now, more: more)
@@ -125,15 +125,38 @@ def test_an_event_and_the_one_that_undoes_it_come_together(seed: int, without: W
     assert found(question) != {5, 7}
 
 
+def with_rows(rows: int, spoiled: set[int], sigmas: float) -> Question:
+    """Return noise in which some rows are off by so many sigma, and rows as what may be there."""
+    values = np.random.default_rng(0).normal(size=(rows, WIDTH))
+    values[list(spoiled)] += sigmas
+    blocks = tuple(Block(f"row {i}", "row", (2 * i, 2 * i + 1), np.log(0.01)) for i in range(rows))
+    return Question(UnitColumns(values.size), values.ravel(), np.zeros((values.size, 0)), blocks,
+                    np.ones_like(values, dtype=bool), np.zeros(rows - 1, dtype=np.int64),
+                    frozenset({"row"}))
+
+
+def test_rows_that_hide_each_other_are_found_together(without: Without) -> None:
+    """One in six is off by 20 sigma: each by itself is no more than noise of that size."""
+    spoiled = set(range(0, 60, 6))
+    question = with_rows(60, spoiled, 20.0)
+    assert found(question) == spoiled
+    without("masked")
+    assert found(question) == set()
+
+
+def test_where_no_row_is_off_few_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked_of: list[int] = []
+    as_it_is = sets.state
+    monkeypatch.setattr(sets, "state", lambda question, chosen, *more: (
+        asked_of.append(len(chosen)), as_it_is(question, chosen, *more))[1])
+    assert found(with_rows(60, set(), 0.0)) == set()
+    assert max(asked_of) <= 4
+
+
 def test_many_rows_that_do_not_belong_are_found_in_few_moves(
         without: Without, monkeypatch: pytest.MonkeyPatch) -> None:
-    rows, spoiled = 100, set(range(0, 100, 12))
-    values = np.random.default_rng(0).normal(size=(rows, WIDTH))
-    values[list(spoiled)] += 10.0
-    blocks = tuple(Block(f"row {i}", "row", (2 * i, 2 * i + 1), np.log(0.01)) for i in range(rows))
-    question = Question(UnitColumns(values.size), values.ravel(), np.zeros((values.size, 0)),
-                        blocks, np.ones_like(values, dtype=bool),
-                        np.zeros(rows - 1, dtype=np.int64), frozenset({"row"}))
+    spoiled = set(range(0, 100, 12))
+    question = with_rows(100, spoiled, 10.0)
     monkeypatch.setattr(sets, "MOVES", 5)
     assert found(question) == spoiled
     without("many")
