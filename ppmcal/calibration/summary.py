@@ -53,10 +53,9 @@ from ppmcal.calibration.rank import (
     unidentifiable,
     whole_rank,
 )
-from ppmcal.calibration.secondary import FAILURES, secondary
+from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.session_validation import sessions_left_out
 from ppmcal.calibration.validation import Residuals, held_out, on_other, residuals
-from ppmcal.errors import LinearAlgebraError
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
@@ -65,7 +64,8 @@ from ppmcal.model.registration import Registration
 from ppmcal.wording import chance, counted
 
 BEYOND = 1e3
-"""Residuals so many times the stated noise: where that drowns all else, the noise is wrong."""
+"""Residuals are no more than so many times the noise within sessions: what a smaller one would say
+of their differences drowns in round-off."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,6 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
 
     Raises:
         BadInput, NoResult: as :func:`ppmcal.calibration.session_validation.sessions_left_out`.
-        LinearAlgebraError: the stated noise cannot be meant, see :func:`_differences`.
     """
     noise, notes = noise_check(fit), list[str]()
     inflation = noise.inflation
@@ -215,22 +214,11 @@ def _differences(fit: Fit, noise: Noise, notes: list[str]
                  ) -> tuple[Disagreement | None, Disagreement | None]:
     """Return how far sessions, and stretches of rows, differ; see :func:`honest`.
 
-    Where that drowns in round-off because the data are better than anything else, as exact ones
-    are, it is left out. Where it does because the stated noise is nowhere near what the fit
-    leaves, there is no interval to tell, and it is the noise that has to be mended.
-
-    Raises:
-        LinearAlgebraError: residuals are far beyond the stated noise.
+    Where the tolerances drown in the round-off of data that are better than anything else, as exact
+    ones are, it is left out.
     """
-    if noise.sigma_ratio < BEYOND:
-        return secondary("how far sessions, or stretches of rows, differ",
-                         lambda: honest(fit, noise.inflation), (None, None), notes)
-    try:
-        return honest(fit, noise.inflation)
-    except FAILURES as error:
-        raise LinearAlgebraError(
-            f"the intervals could not be had: the residuals are {noise.sigma_ratio:.3g} times the "
-            f"{noise.source} noise", mend="State the sigma that the instrument has") from error
+    return secondary("how far sessions, or stretches of rows, differ",
+                     lambda: honest(fit, min(noise.inflation, BEYOND)), (None, None), notes)
 
 
 def _held(fit: Fit, options: FitOptions, holdout: float, seed: int, other: Sequence[Dataset],
