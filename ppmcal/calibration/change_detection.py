@@ -35,7 +35,7 @@ from ppmcal.calibration.posterior import Posterior, of_data
 from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.session_knowledge import session_knowledge
 from ppmcal.errors import BadInput
-from ppmcal.linalg import Array, eigh
+from ppmcal.linalg import Array, eigh, reciprocals
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 POSES = 400
@@ -232,10 +232,9 @@ def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior
     count, free = len(fit.problem.free), list(fit.problem.free)
     scale = fit.scale[:count]
     matrix, right = of_data(*data_rows(fit), count, scale)
-    with np.errstate(divide="ignore"):
-        tolerance = 1.0 / fit.prior[:count]
     return Posterior(fit.problem.free, fit.state.g[free], matrix * fit.noise, right * fit.noise,
-                     tolerance, scale, fit.noise, inputs or {}, "", session_knowledge(fit))
+                     reciprocals(fit.prior[:count], np.inf), scale, fit.noise, inputs or {}, "",
+                     session_knowledge(fit))
 
 
 def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:
