@@ -121,7 +121,8 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
             ) -> tuple[Comparison, list[str]]:
     """Return what changed between two identifications, and what makes that doubtful.
 
-    ``mechanism``: the newer; ``volume``: coordinate -> (low, high) of the poses to compare at.
+    ``mechanism``: the newer; ``volume``: coordinate -> (low, high) of the poses at which the
+    platform is compared, which is not asked where it is empty.
 
     Raises:
         BadInput: they had other parameters free; see :mod:`joint_fit`.
@@ -138,10 +139,11 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
     if not found.freedom:
         return Comparison.impossible("the two sessions have no direction in common that both "
                                      "measured: nothing that one found foretells the other"), notes
-    poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES) for c in POSE_COORDINATES],
-                     axis=-1)
     # a machine of fewer actuators than coordinates does not reach poses drawn at random
-    if mechanism.equations == len(mechanism.actuators):
+    if volume and mechanism.equations == len(mechanism.actuators):
+        poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES)
+                          for c in POSE_COORDINATES], axis=-1)
+
         def apart() -> PoseDifference | None:
             return pose_difference(mechanism, old.places, found.old, found.new, poses,
                                    _drawn(found.covariance, DRAWS, rng))
