@@ -92,14 +92,12 @@ def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
         fit: a finished one.
         rank: of its columns.
         wider: what sessions or stretches of rows disagree about.
-        by_noise: half of the 95 % interval of each column by noise alone (C,), if not 1.96 sigma.
+        by_noise: half of the 95 % interval of each column by noise and ``held`` (C,), if not 1.96
+            sigma.
         held: what parameters that were held, though they may be off, add to the columns'
             variances (C,).
     """
-    variance, more = np.diagonal(posterior(fit)), 0.0 if held is None else held
-    variance = variance + more
-    if by_noise is not None:
-        by_noise = np.hypot(by_noise, Z95 * np.sqrt(more))
+    variance = np.diagonal(posterior(fit)) + (0.0 if held is None else held)
     data_sigma = from_data_alone(fit, rank)
     column = {p: c for c, p in enumerate(fit.problem.free)}
     out = []

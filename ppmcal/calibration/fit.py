@@ -155,14 +155,18 @@ def values_fitted(seen: int, variance: Array, prior: Array) -> float:
     return float(seen - np.sum(prior**2 * variance))
 
 
+def values_taken(fit: Fit) -> float:
+    """Return how many values a fit took, as :func:`values_fitted` counts them."""
+    seen = int(np.sum(directions(fit)[2]))
+    return values_fitted(seen, np.diagonal(prediction_covariance(fit)), fit.prior)
+
+
 def residual_freedom(fit: Fit) -> float:
     """Return the degrees of freedom of the rows' residuals: values less those fitted, at least 1.
 
     Rows that stand for an earlier fit count as values.
     """
-    seen = int(np.sum(directions(fit)[2]))
-    fitted = values_fitted(seen, np.diagonal(prediction_covariance(fit)), fit.prior)
-    return max(fit.reduced.count - fitted, 1.0)
+    return max(fit.reduced.count - values_taken(fit), 1.0)
 
 
 def posterior(fit: Fit) -> Array:

@@ -186,7 +186,8 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     sessions, blocks = _differences(fit, noise, notes)
     wider = sessions or blocks
     kept = considered(fit)
-    found = estimates(fit, rank, wider, by_noise(fit, options), np.diagonal(kept.more(chosen)))
+    more = np.diagonal(kept.more(chosen))
+    found = estimates(fit, rank, wider, by_noise(fit, options, more), more)
     mechanism = replace(with_estimates(fit, found), measured=measured_by(fit, noise))
     was = before(fit.problem, fit.keep)
     stood = {**registered(fit.problem, fit.state), **was.registrations}
