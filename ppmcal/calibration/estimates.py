@@ -12,7 +12,7 @@ from ppmcal.calibration.coverage import Z95, half_or
 from ppmcal.calibration.disagreement import Disagreement
 from ppmcal.calibration.far_from_nominal import expected_errors, farthest
 from ppmcal.calibration.fit import Fit, posterior
-from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
+from ppmcal.calibration.least_squares import seen_directions
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.rank import Rank
 from ppmcal.linalg import Array, svd
@@ -161,7 +161,7 @@ def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
     prior[list(rank.dropped)] = fit.prior[list(rank.dropped)]
     matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(prior * fit.scale)])
     _, s, vt = svd(matrix[:, used])
-    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
+    use = seen_directions(s)
     sigma = np.linalg.norm(vt[use].T / s[use], axis=1) * fit.scale[used]
     found = dict(zip(used, sigma.tolist(), strict=True))
     return {c: found[c] for c in rank.kept}

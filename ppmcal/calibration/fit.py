@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, QRFactor, to_prior
+from ppmcal.calibration.least_squares import QRFactor, seen_directions, to_prior
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, finite_rows, svd
 
@@ -125,7 +125,7 @@ def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bool
     weights = fit.prior if prior is None else prior
     matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(weights * fit.scale)])
     _, s, vt = svd(matrix)
-    return s, vt, s > SOLVE_TOLERANCE * s.max(initial=1e-300)
+    return s, vt, seen_directions(s)
 
 
 def prediction_covariance(fit: Fit) -> Array:

@@ -24,7 +24,6 @@ from ppmcal.calibration.estimates import (
     registered,
     with_estimates,
 )
-from ppmcal.calibration.extrapolation import from_home
 from ppmcal.calibration.fit import Fit, FitOptions, data_rows, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import Identifiability, identifiability
@@ -56,10 +55,9 @@ from ppmcal.calibration.rank import (
 from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.session_validation import sessions_left_out
 from ppmcal.calibration.validation import Residuals, held_out, on_other, residuals
-from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.wording import chance, counted
 
@@ -120,11 +118,9 @@ class Identification:
     @property
     def measured_volume(self) -> dict[str, tuple[float, float]]:
         """Range of the platform poses that were measured, by coordinate, base frame, SI."""
-        poses = np.concatenate([p[k].reshape(-1, 8)    # a distance has two platform positions
-                                for p, k in zip(self.fit.state.poses, self.fit.keep, strict=True)])
-        full = from_home(self.mechanism, pose_vector(poses))
-        return {POSE_COORDINATES[c]: (float(full[:, c].min()), float(full[:, c].max()))
-                for c in self.mechanism.dof}
+        seen = self.mechanism.measured
+        return {} if seen is None else {name: seen.ranges[name]
+                                        for name in self.mechanism.coordinates}
 
 
 def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
