@@ -12,8 +12,9 @@ import pytest
 from generators.notebook import cells
 from generators.pages import FENCE, WHOLE, Ran, Step, perform, stands, steps, units, with_output
 from helpers.commands import ppmcal
-from helpers.desk import examples_of, lay_desk
+from helpers.desk import examples_of
 from helpers.paths import ROOT
+from helpers.shared import shared_desk
 
 from ppmcal.cli import COMMANDS, cli
 
@@ -66,8 +67,8 @@ def cases():
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("desk")
-    lay_desk(folder)
+    folder = Path(shutil.copytree(shared_desk(tmp_path_factory),
+                                  tmp_path_factory.mktemp("desk") / "files"))
     for name in ("sample_data", "configs"):
         shutil.copytree(ROOT / name, folder / name)
     return folder
