@@ -62,6 +62,7 @@ def test_the_exit_code_stands_although_nobody_can_read_why(tmp_path):
     assert run.returncode == 2
 
 
+@pytest.mark.slow
 def test_results_are_written_although_nobody_listens(bench, tmp_path):
     reader, writer = os.pipe()
     os.close(reader)

@@ -22,7 +22,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 ELSEWHERE = {"--scheduler": "needs a cluster"}
 """What a command line has that is not run here: its options are read all the same."""
 HEAVY = {"compare", "diagnose", "tolerances", "workspace", "batch", "plan", "stiffness",
-         "sensitivity", "demo"}
+         "sensitivity", "validate", "demo"}
 """Commands that take more than some seconds."""
 QUICK = {"first-calibration.md", "own-mechanism.md", "data.md", "report.md"}
 """Whole pages that every test run can bear."""
