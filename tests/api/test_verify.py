@@ -218,6 +218,7 @@ def test_results_of_python(desk: Path, tmp_path: Path, monkeypatch: pytest.Monke
     assert "in memory" in found.findings[0]
 
 
+@pytest.mark.slow
 def test_a_refused_diagnosis(desk: Path, tmp_path: Path) -> None:
     own = copied(desk, tmp_path)
     text = (own / "run1.csv").read_text().splitlines()
@@ -331,6 +332,7 @@ def test_names_of_files_in_a_record_stay_in_the_folder(desk: Path, tmp_path: Pat
     assert "../mine.yaml" not in [f["file"] for f in run["files"]]
 
 
+@pytest.mark.slow
 def test_nothing_is_left_in_the_temporary_folder(desk: Path, tmp_path: Path,
                                                  monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "temporary").mkdir()

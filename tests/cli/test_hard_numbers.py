@@ -173,6 +173,9 @@ TOLERANCES = {0.0: None, 1e-300: "cannot be meant", 1e-15: "cannot be meant", 1e
               1e6: None, math.inf: None, 1e300: "cannot be"}
 
 
+@pytest.mark.slow_cases("0.0-identify", "1e-09-identify", "1e-09-check", "1e-09-sensitivity",
+                        "1000000.0-sensitivity", "inf-sensitivity", "1e-09-tolerances",
+                        "inf-tolerances")
 @pytest.mark.parametrize("command", ["check", "identify", "sensitivity", "tolerances"])
 @pytest.mark.parametrize("value", TOLERANCES)
 def test_tolerances_of_any_size(bench, tmp_path, value, command):

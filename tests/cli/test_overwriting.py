@@ -239,6 +239,8 @@ main()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="has no such limit")
+@pytest.mark.slow_cases("check mine.yaml --draw machine.html",
+                        "import klipper printer.cfg --out o")
 @pytest.mark.parametrize("line", [
     "init 6-UPS --out new.yaml", "init 6-UPS --out mine.yaml --force",
     "check mine.yaml --draw machine.html", "import klipper printer.cfg --out o",
