@@ -12,11 +12,14 @@ from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.frozen_models import Validated
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.left_out_rows import left_out
+from ppmcal.calibration.misread import Misread
+from ppmcal.calibration.mistakes import Mistake
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.read_rightly import refuse_after_fit
+from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.calibration.secondary import NOTE, secondary
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.calibration.summary import report
@@ -136,6 +139,30 @@ def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
     return Told(whole, rounds, fit, effects, last.verdict)
 
 
+def refuse_misread(what: Told) -> None:
+    """Refuse files of which a column is not what it is read as.
+
+    Raises:
+        Misread: with the column, and the rows if it is not all of them.
+    """
+    mechanism = what.whole.problem.mechanism
+    for place in what.last.places:
+        h = place.hypothesis
+        if h is None or not (place.sure and place.misread):
+            continue
+        effect = replace(h, misread="", follows="").label
+        data = what.whole.problem.datasets[0]
+        if h.follows:
+            names = tuple(f"dir_{a}" for a in h.on or mechanism.actuators)
+            mistake = Mistake("sign", names, f"{h.follows}: {', '.join(names)} has another sign "
+                              f"than in the other rows: {effect} then explains all of them alike")
+        else:
+            mistake = Mistake("unit", (h.misread,), f"{h.misread}: {effect} would have a size that "
+                              "no machine has")
+        raise Misread.of([Misreading(data.source, (mistake,), None, NOISE, np.nan, np.nan, np.nan)],
+                         mechanism.units)
+
+
 def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     """Find what is missing in the machine's model, and how probable that is.
 
@@ -148,6 +175,7 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     refuse_after_fit(whole)
     begin("asking which causes are in the data")
     what = told(whole, options.fit, options.kinds)
+    refuse_misread(what)
     training, held = training_part(whole, options)
     found = _found(what, training, options)
     refuse_unredundant(found)
@@ -208,26 +236,26 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
 
 def _candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:
     """Return every hypothesis, a grid as one, with the probability that it is there."""
-    last, test = what.last, found.last.search.test
+    last, test, own = what.last, found.last.search.test, found.last.library.hypotheses
     names = {id(p.hypothesis) for p, _ in what.effects} if named else set()
     families = {h.family for p, _ in what.effects for m in p.members for h in what.hypotheses(m)}
     groups: dict[tuple[object, ...], list[tuple[float, Hypothesis]]] = {}
     for source, p in zip(last.asked.sources, last.answer.probability, strict=True):
-        if isinstance(source, Hypothesis) and not source.anonymous:
+        if isinstance(source, Hypothesis) and not (source.anonymous or source.misread):
             key = (source.family, source.on, source.shared)
             groups.setdefault(key, []).append((float(p), source))
     out = []
-    for own in groups.values():
-        there = [h for _, h in own if id(h) in names]
-        best = there[0] if there else max(own, key=lambda o: o[0])[1]
+    for some in groups.values():
+        there = [h for _, h in some if id(h) in names]
+        best = there[0] if there else max(some, key=lambda o: o[0])[1]
         others = next((p.members[1:] for p, _ in what.effects if p.hypothesis is best), ())
         place = next((p for p, _ in what.effects if p.hypothesis is best), None)
         status = ("named" if there else "alternative" if named and best.family in families
                   else "not needed")
         out.append(Candidate(
-            best, np.nan, np.nan, test.survival(best.columns), status,
+            best, np.nan, np.nan, test.survival(own[_nearest(best, own)].columns), status,
             tuple(what.label(m, place) for m in others) if place is not None else (), 0.0,
-            min(sum(p for p, _ in own), 1.0)))
+            min(sum(p for p, _ in some), 1.0)))
     return tuple(sorted(out, key=lambda c: (c.status != "named", -c.probability)))
 
 
@@ -285,7 +313,8 @@ def _effects(what: Told, stage: Stage) -> tuple[NamedEffect, ...]:
     for place, added in what.effects:
         first, *others = place.members
         assert place.hypothesis is not None
-        survival = stage.search.test.survival(place.hypothesis.columns)
+        own = stage.library.hypotheses
+        survival = stage.search.test.survival(own[_nearest(place.hypothesis, own)].columns)
         out += [NamedEffect(
             place.hypothesis.kind, a.on, a.parameters, np.nan, np.nan, survival,
             tuple(what.label(m, place) for m in others),

@@ -17,7 +17,7 @@ from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import JoinedColumns, UnitColumns
 from ppmcal.inference.priors import ALL_ALIKE, FAMILY, GROSS_ROW, MISREAD, PLAIN, UNKNOWN, WIDE
 from ppmcal.inference.sets import Question
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, reciprocals
 
 Source = Hypothesis | UnknownCause | int
 """What a block stands for; a number is a row that does not belong."""
@@ -69,7 +69,7 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     scale = system.jacobian_scale
     away = -to_prior(problem, system.state) / scale
     weight = prior_weights(problem, "prior") * scale
-    prior = np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), float(WIDE))
+    prior = reciprocals(weight, float(WIDE))
     rest = [c for c in range(scale.size) if c not in set(added)]
     away, prior = away[rest], prior[rest]
     observed = system.observed

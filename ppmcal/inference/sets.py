@@ -399,8 +399,8 @@ class _Visited:
         """Return a set that is likelier and one move away, None where there is none.
 
         One more is tried first; then each in turn gone, or another in its place; then what a
-        single step does not come to: several in the place of one, one in the place of several, two
-        events at once.
+        single step does not come to: many rows at once, several in the place of one, one in the
+        place of several, two events at once.
         """
         if len(now.chosen) < MOST:
             more = self._likelier(now, [self._best(now)])
@@ -415,7 +415,8 @@ class _Visited:
         found = self._likelier(now, moves)
         if found is not None:
             return found
-        for far in chain(self._split(now), self._merged(now), self._pairs(now, now.log_p)):
+        for far in chain(self._masked(now), self._split(now), self._merged(now),
+                         self._pairs(now, now.log_p)):
             if far.log_p > now.log_p + LEAST_GAIN:
                 return far
         return None
@@ -433,6 +434,24 @@ class _Visited:
                 and question.blocks[i].family in question.alone]
         many = self.visit((*now.chosen, *rows[:min(len(rows) // 2 + 1, MOST - len(now.chosen))]))
         return many if many.log_p > more.log_p else more
+
+    def _masked(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with twice as many more each time of those that stand alone.
+
+        Where many rows do not belong, none is likelier by itself: the others are noise to it. With
+        each that is there the next costs less; where it costs more, there are no others.
+        """
+        blocks = self.question.blocks
+        rows = [i for i in np.argsort(-now.scores).tolist()
+                if blocks[i].family in self.question.alone and i not in now.chosen]
+        last, each, count = now, -np.inf, 2
+        while count <= min(len(rows), MOST - len(now.chosen)):
+            at = self.visit((*now.chosen, *rows[:count]))
+            yield at
+            gain = (at.log_p - last.log_p) / (len(at.chosen) - len(last.chosen))
+            if gain < each:
+                return
+            last, each, count = at, gain, 2 * count
 
     def _split(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with one block gone, and others, of other families, in its place."""

@@ -7,8 +7,6 @@ import pytest
 
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.evidence import SIZES
-from ppmcal.inference.priors import NOISE_FREEDOM
 from ppmcal.inference.sets import Question, posterior, state
 
 ROWS, WIDTH, KINDS = 60, 2, 12
@@ -100,32 +98,3 @@ def test_correlated_noise_is_no_cause() -> None:
 def test_sizes_that_are_integrated_do_not_depend_on_the_order_of_a_set() -> None:
     asked = drawn(5, {3: 1.0, 7: 0.7})
     assert state(asked, (3, 7)).log_p == pytest.approx(state(asked, (7, 3)).log_p, abs=1e-9)
-
-
-@pytest.mark.slow
-def test_what_is_said_with_a_probability_is_so_often_right() -> None:
-    """Campaigns drawn as the priors have them: said against true, in bins of what is said."""
-    acting, campaigns = 0.1, 1500
-    rng = np.random.default_rng(6)
-    bins = np.array([0.0, 0.02, 0.1, 0.3, 0.7, 0.9, 0.98, 1.0 + 1e-9])
-    said, true, variance = (np.zeros(len(bins) - 1) for _ in range(3))
-    for _ in range(campaigns):
-        matrix, _ = library(rng)
-        matrix = matrix[:, :KINDS]
-        blocks = tuple(Block(f"kind{i}", f"kind{i}", (i,), np.log(acting / (1.0 - acting)))
-                       for i in range(KINDS))
-        geometry = 3.0 * rng.normal(size=(len(matrix), 6))
-        acts = rng.uniform(size=KINDS) < acting
-        scale = np.sqrt(float(NOISE_FREEDOM) / rng.chisquare(float(NOISE_FREEDOM)))
-        sizes = np.where(acts, rng.choice(SIZES, KINDS) * rng.normal(size=KINDS), 0.0)
-        unit = matrix / np.sqrt(np.mean(matrix**2, axis=0))
-        values = scale * (rng.normal(size=len(matrix)) + geometry @ rng.normal(size=6)
-                          + unit @ sizes)
-        found = posterior(question(matrix, blocks, values, geometry))
-        p = found.probability
-        home = np.digitize(p, bins) - 1
-        for total, part in ((said, p), (true, acts), (variance, p * (1.0 - p))):
-            np.add.at(total, home, part)
-    # a count of independent events is within 3.5 standard deviations of its mean, and half a case
-    assert np.all(np.abs(true - said) < 3.5 * np.sqrt(variance) + 0.5), (said, true)
-    assert variance.min() > 0.0

@@ -1,0 +1,163 @@
+"""What each move of the search is for: a case that is not found without it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+import pytest
+
+from ppmcal.inference import sets
+from ppmcal.inference.blocks import Block
+from ppmcal.inference.columns import MatrixColumns, UnitColumns
+from ppmcal.inference.sets import BlockSet, Question, posterior
+
+ROWS, WIDTH = 30, 2
+COUNT = ROWS * WIDTH
+Without = Callable[..., None]
+
+
+@pytest.fixture
+def without(monkeypatch: pytest.MonkeyPatch) -> Without:
+    """Return what takes moves out of the search, by their names."""
+    as_it_is = sets._Visited._likelier
+
+    def take_out(*moves: str) -> None:
+        def likelier(self: sets._Visited, now: BlockSet,
+                     some: Iterable[tuple[float, tuple[int, ...]]]) -> BlockSet | None:
+            names = {1: "more", 0: "exchange", -1: "drop"}
+            return as_it_is(self, now, [move for move in some if names[
+                len(move[1]) - len(now.chosen)] not in moves])
+
+        monkeypatch.setattr(sets._Visited, "_likelier", likelier)
+        for move in {"split", "merged", "pairs", "masked"} & set(moves):
+            monkeypatch.setattr(sets._Visited, f"_{move}", lambda self, *of: iter(()))
+        if "many" in moves:
+            monkeypatch.setattr(sets._Visited, "_with_others", lambda self, now, more: more)
+
+    return take_out
+
+
+def asked(matrix: np.ndarray, effect: np.ndarray, blocks: tuple[Block, ...],
+          seed: int) -> Question:
+    """Return a question of columns (n, T) with noise of one sigma over an effect (n,)."""
+    rng = np.random.default_rng([seed, 1])
+    return Question(MatrixColumns(matrix), rng.normal(size=COUNT) + effect,
+                    3.0 * rng.normal(size=(COUNT, 3)), blocks,
+                    np.ones((ROWS, WIDTH), dtype=bool), np.zeros(ROWS - 1, dtype=np.int64))
+
+
+def kinds(count: int, prior: float = 0.05) -> tuple[Block, ...]:
+    return tuple(Block(f"k{i}", f"k{i}", (i,), float(np.log(prior))) for i in range(count))
+
+
+def found(question: Question) -> set[int]:
+    return set(posterior(question).best.chosen)
+
+
+def compound(seed: int, unlike: float, effect: tuple[float, float]) -> Question:
+    """Return two causes, a third that does nearly what both do together, and others."""
+    matrix = np.random.default_rng(seed).normal(size=(COUNT, 5))
+    matrix[:, 2] = matrix[:, 0] + matrix[:, 1] + unlike * matrix[:, 2]
+    return asked(matrix, matrix[:, :2] @ effect, kinds(5), seed)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 6])
+def test_two_take_the_place_of_one_that_did_what_both_do(seed: int, without: Without) -> None:
+    question = compound(seed, 0.4, (1.8, 1.8))
+    assert found(question) == {0, 1}
+    without("split")
+    assert found(question) != {0, 1}
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_one_takes_the_place_of_another_once_others_are_there(
+        seed: int, without: Without) -> None:
+    """Without what comes to it by several steps: the compound first, then one of its parts."""
+    question = compound(seed, 0.5, (1.6, 1.0))
+    without("split", "merged", "pairs")
+    assert found(question) == {0, 1}
+    without("split", "merged", "pairs", "exchange")
+    assert found(question) != {0, 1}
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_what_was_first_goes_once_it_is_not_needed(seed: int, without: Without) -> None:
+    question = compound(seed, 0.9, (4.0, 4.0))
+    without("split", "merged", "pairs", "exchange")
+    assert found(question) == {0, 1}
+    without("split", "merged", "pairs", "exchange", "drop")
+    assert found(question) > {0, 1}
+
+
+def test_one_takes_the_place_of_several(without: Without) -> None:
+    """From a set of three parts to what all are together, less likely before than each of them."""
+    rng = np.random.default_rng(3)
+    matrix, _ = np.linalg.qr(rng.normal(size=(COUNT, 5)))
+    matrix *= np.sqrt(COUNT)
+    matrix[:, 3] = matrix[:, :3].sum(axis=1)
+    blocks = (*kinds(3), Block("whole", "whole", (3,), np.log(1e-5)), kinds(5)[4])
+    question = asked(matrix, 0.8 * matrix[:, 3], blocks, 3)
+
+    def from_parts() -> set[int]:
+        seen = sets._Visited(question)
+        now = seen.whole(seen.visit((0, 1, 2)))
+        while (better := seen.better(now)) is not None:
+            now = seen.whole(better)
+        return set(now.chosen)
+
+    assert from_parts() == {3}
+    without("merged")
+    assert from_parts() == {0, 1, 2}
+
+
+@pytest.mark.parametrize("seed", [6, 8, 9])
+def test_an_event_and_the_one_that_undoes_it_come_together(seed: int, without: Without) -> None:
+    """Four rows are off: neither event alone explains them."""
+    lever = np.random.default_rng(seed).normal(size=COUNT)
+    onsets = range(4, ROWS - 2, 2)
+    matrix = np.column_stack([lever * np.repeat(np.arange(ROWS) >= o, WIDTH) for o in onsets])
+    blocks = tuple(Block(f"slip {o}", "slip", (i,), np.log(0.02 / len(onsets)), group="slip")
+                   for i, o in enumerate(onsets))
+    question = asked(matrix, 3.0 * (matrix[:, 5] - matrix[:, 7]), blocks, seed)
+    assert found(question) == {5, 7}
+    without("pairs")
+    assert found(question) != {5, 7}
+
+
+def with_rows(rows: int, spoiled: set[int], sigmas: float) -> Question:
+    """Return noise in which some rows are off by so many sigma, and rows as what may be there."""
+    values = np.random.default_rng(0).normal(size=(rows, WIDTH))
+    values[list(spoiled)] += sigmas
+    blocks = tuple(Block(f"row {i}", "row", (2 * i, 2 * i + 1), np.log(0.01)) for i in range(rows))
+    return Question(UnitColumns(values.size), values.ravel(), np.zeros((values.size, 0)), blocks,
+                    np.ones_like(values, dtype=bool), np.zeros(rows - 1, dtype=np.int64),
+                    frozenset({"row"}))
+
+
+def test_rows_that_hide_each_other_are_found_together(without: Without) -> None:
+    """One in six is off by 20 sigma: each by itself is no more than noise of that size."""
+    spoiled = set(range(0, 60, 6))
+    question = with_rows(60, spoiled, 20.0)
+    assert found(question) == spoiled
+    without("masked")
+    assert found(question) == set()
+
+
+def test_where_no_row_is_off_few_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked_of: list[int] = []
+    as_it_is = sets.state
+    monkeypatch.setattr(sets, "state", lambda question, chosen, *more: (
+        asked_of.append(len(chosen)), as_it_is(question, chosen, *more))[1])
+    assert found(with_rows(60, set(), 0.0)) == set()
+    assert max(asked_of) <= 4
+
+
+def test_many_rows_that_do_not_belong_are_found_in_few_moves(
+        without: Without, monkeypatch: pytest.MonkeyPatch) -> None:
+    spoiled = set(range(0, 100, 12))
+    question = with_rows(100, spoiled, 10.0)
+    monkeypatch.setattr(sets, "MOVES", 5)
+    assert found(question) == spoiled
+    without("many")
+    assert found(question) < spoiled
