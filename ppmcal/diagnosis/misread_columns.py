@@ -68,7 +68,7 @@ def _turned(to: Collector) -> Iterator[Hypothesis]:
             sign = np.ones(system.dataset.size)
             sign[b:e] = -1.0
             yield replace(h, columns=(to.columns.later(column, sign),), starts=(),
-                          choices=float(np.log(begin.size / best.size)),
+                          choices=float(np.log(begin.size)),
                           misread=f"dir_{' dir_'.join(h.on or to.actuators)} turned",
                           follows=_where(system, b, e))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.unknown_causes import SHAPES, UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import JoinedColumns, UnitColumns
-from ppmcal.inference.priors import ALL_ALIKE, FAMILY, GROSS_ROW, MISREAD, UNKNOWN, WIDE
+from ppmcal.inference.priors import ALL_ALIKE, FAMILY, GROSS_ROW, MISREAD, PLAIN, UNKNOWN, WIDE
 from ppmcal.inference.sets import Question
 from ppmcal.linalg import Array, Bools, reciprocals
 
@@ -104,23 +104,33 @@ def blocks(library: Library, least: float = 0.0) -> Iterator[tuple[Block, Hypoth
     """Yield the library's hypotheses, each with its prior; ``least``: as of a block."""
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
     sorts = Counter(h.sort for h in library.hypotheses if h.slot)
-    for h in (*library.hypotheses, *library.misread):
+    for h in library.hypotheses:
         families[_family(h)][h.on, h.shared].append(h)
+    each: dict[tuple[str, Form, bool], float] = {}
     for family, forms in families.items():
         top = float(np.log(float(UNKNOWN) * SHAPES if family == UNKNOWN_FAMILY else float(FAMILY)))
         top -= float(np.log(max([sorts[h.sort] for own in forms.values() for h in own] + [1])))
-        top += float(np.log(float(MISREAD))) * any(h.misread for own in forms.values() for h in own)
         share = _shares(list(forms))
         for form, own in forms.items():
+            among = Counter(h.scanned for h in own)
+            for scanned, count in among.items():
+                part = 1.0 if len(among) == 1 else (
+                    1.0 - float(PLAIN) if scanned else float(PLAIN))
+                each[family, form, scanned] = top + float(np.log(share[form] * part / count))
             for h in own:
-                low, high = _range(h)
-                yield Block(h.label, family, (*h.columns, *(c for c, _ in h.starts)),
-                            top + np.log(share[form]) - np.log(len(own)) - h.choices,
-                            low=low, high=high,
-                            group=_group(h, family),
-                            starts=tuple(of for _, of in h.starts), least=least,
-                            gives=_place(h.kind, h.on),
-                            needs=_place(*h.leans) if h.leans else ""), h
+                yield _block(h, family, each[family, form, h.scanned], least), h
+    for h in library.misread:
+        right = replace(h, misread="", follows="")
+        log_prior = each[right.family, (h.on, h.shared), h.scanned] + float(np.log(float(MISREAD)))
+        yield _block(h, h.family, log_prior - h.choices, least), h
+
+
+def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
+    low, high = _range(h)
+    return Block(h.label, family, (*h.columns, *(c for c, _ in h.starts)), log_prior,
+                 low=low, high=high, group=_group(h, family),
+                 starts=tuple(of for _, of in h.starts), least=least, gives=_place(h.kind, h.on),
+                 needs=_place(*h.leans) if h.leans else "")
 
 
 def _group(h: Hypothesis, family: str) -> str:

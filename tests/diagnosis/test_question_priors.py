@@ -14,12 +14,13 @@ from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.explanation import Round, explained
+from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.question import Asked, question
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.unknown_causes import UnknownCauses
-from ppmcal.inference.priors import FAMILY, FURTHER_EVENT
+from ppmcal.inference.priors import FAMILY, FURTHER_EVENT, MISREAD, PLAIN
 from ppmcal.linalg import Array
 
 
@@ -32,7 +33,7 @@ def asked(machine: str, kinds: list[str], eta: float = 1.0, frozen: tuple[str, .
     fit = identify(with_whole_rows(Problem(mechanism, (found.dataset,), tuple(free))),
                    FitOptions())
     system = build(fit.problem, fit.state, fit.keep)
-    return question(system, library(system), UnknownCauses(system, all_settings(fit)))
+    return question(system, library(system, misread=True), UnknownCauses(system, all_settings(fit)))
 
 
 def test_frozen_slots_of_one_sort_share_a_prior_and_a_second_of_a_sort_costs_less() -> None:
@@ -81,3 +82,30 @@ def test_a_size_that_no_machine_has_is_a_column_in_another_unit(factor: float, r
     place, = found.places
     assert place.hypothesis is not None and place.hypothesis.kind == "compliance"
     assert place.named == right and bool(place.misread) != right
+
+
+def test_a_misread_column_costs_as_much_more_whatever_the_effect() -> None:
+    """As the same effect of the column as it is, times the prior of a misreading."""
+    found = asked("delta-linear", [], poses=20)
+    blocks = {b.name: b for b in found.question.blocks}
+    for name in ("leg_thermal on a, b, c", "leg_thermal on a"):
+        first = next(b for b in found.question.blocks if b.name == name)
+        misread = blocks[f"temperature in another unit: {name}"]
+        assert misread.log_prior - first.log_prior == pytest.approx(np.log(float(MISREAD)))
+    turned = [b for b in blocks.values() if b.family == "dir_a turned"]
+    every = 2.0 * 20 * 2    # rows, up to which a stretch may reach
+    assert turned and all(np.log(float(MISREAD) / every**2) < b.log_prior
+                          - blocks["backlash on a"].log_prior < np.log(float(MISREAD) / every)
+                          for b in turned)
+
+
+def test_an_effect_is_as_often_plain_as_with_what_it_may_have_beside() -> None:
+    found = asked("delta-linear", [], poses=20)
+    own = [(b, h) for b, h in zip(found.question.blocks, found.sources, strict=True)
+           if isinstance(h, Hypothesis) and not h.misread
+           and (h.kind, h.on, h.shared) == ("compliance", ("a", "b", "c"), True)]
+    plain = [b.log_prior for b, h in own if not h.scanned]
+    other = [b.log_prior for b, h in own if h.scanned]
+    assert len(plain) == 1 and len(other) > 10
+    assert np.exp(plain).sum() == pytest.approx(np.exp(other).sum() * float(PLAIN)
+                                                / (1.0 - float(PLAIN)))
