@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+
 import numpy as np
 import pytest
 from hidden import Options, hide
@@ -15,6 +17,7 @@ from ppmcal.diagnosis.question import ROW_FAMILY, UNKNOWN_FAMILY, LibrarySource,
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.unknown_causes import UnknownCauses
+from ppmcal.inference.priors import FAMILY, GROSS_ROW, UNKNOWN
 from ppmcal.inference.sets import Question, SetPosterior, posterior
 
 
@@ -66,3 +69,17 @@ def test_rows_that_do_not_belong_are_told_from_causes() -> None:
 def test_what_no_kind_does_is_unknown() -> None:
     found = posterior(asked("3-RRR-1", ["bump"], 2.0))
     assert UNKNOWN_FAMILY in names(found)
+
+
+def test_no_family_is_believed_more_than_its_prior() -> None:
+    """Proper priors: all forms of a family together have what the table gives it, rows each."""
+    found = asked("3-RRR-1", [], 1.0, poses=30)
+    share: dict[str, float] = defaultdict(float)
+    for block in found.blocks:
+        assert np.isfinite(block.log_prior)
+        if block.family == ROW_FAMILY:
+            assert np.exp(block.log_prior) == pytest.approx(float(GROSS_ROW))
+        else:
+            share[block.family] += np.exp(block.log_prior)
+    assert share.pop(UNKNOWN_FAMILY) == pytest.approx(float(UNKNOWN))
+    assert len(share) > 10 and max(share.values()) == pytest.approx(float(FAMILY))
