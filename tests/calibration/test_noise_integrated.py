@@ -101,6 +101,7 @@ def test_what_a_tolerance_holds_is_no_less_certain_for_noise(stage: Mechanism) -
     np.testing.assert_allclose(half, 1.96 * prior, rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_noise_stated_too_small_and_not_noticed_leaves_intervals_that_hold(stage: Mechanism
                                                                           ) -> None:
     """1.5 times too small, at 24 degrees of freedom: the check fails in half of the campaigns."""
