@@ -451,6 +451,9 @@ def test_keep_keeps_what_was_measured_before(sessions: Path, tmp_path: Path) -> 
                  for f in (sessions / "idB", tmp_path / "o"))
     assert seen["x"] == pytest.approx([-2000.0, new["x"][1]], rel=1e-3)
     assert seen["temperature"] == [15.0, 25.0]
+    # the volume that targets are compared in is the same in both files
+    told = json.loads((tmp_path / "o" / "identification.json").read_text())["measured_volume"]
+    assert told["x"] == pytest.approx(seen["x"])
 
 
 @pytest.mark.slow

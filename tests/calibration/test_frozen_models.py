@@ -80,6 +80,20 @@ def test_the_true_machine_misses_by_the_noise(truth, day):
     assert first.noise == pytest.approx(1.0, abs=0.1)
 
 
+def test_a_registration_takes_what_rows_see_of_it():
+    """A platform that stays level tells no target from the frame: with both open nothing is lost.
+
+    Not of the error's interval either, which columns that take no value would widen.
+    """
+    printer = ppmcal.load(ppmcal.shipped("delta-linear"))
+    (bed,) = ppmcal.simulate(printer, ppmcal.shipped("delta-linear", scenario=True)).data
+    few = bed.take(np.arange(8))
+    alone, both = (validated([FrozenModel("model", printer)], [few], words)[0].errors[0].position
+                   for words in (("frame",), ("frame", "target")))
+    assert both["rms"] == pytest.approx(alone["rms"], rel=1e-6)
+    assert both["rms_high"] == pytest.approx(alone["rms_high"], rel=1e-6)
+
+
 def test_each_effect_left_out_is_surely_worse(truth, day):
     (found,) = validated(with_and_without(truth), day)
     labels = [e.label for e in found.errors]
