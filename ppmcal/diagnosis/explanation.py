@@ -31,7 +31,7 @@ MASS = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class CausePlace:
     """One cause that is there, and what it may be.
 
     ``members``: those that are needed for 95 %, likeliest first. ``block``: of the best set;
@@ -72,7 +72,7 @@ class Round:
     answer: SetPosterior
 
     @cached_property
-    def places(self) -> tuple[Place, ...]:
+    def places(self) -> tuple[CausePlace, ...]:
         """Causes that are there, rows that do not belong left out."""
         blocks, out = self.asked.question.blocks, []
         for n, i in enumerate(self.answer.best.chosen):
@@ -80,7 +80,7 @@ class Round:
                 continue
             source = self.asked.sources[i]
             h = source if isinstance(source, Hypothesis) and not source.anonymous else None
-            out.append(Place(tuple(_likely(self.answer.members(n))), i, blocks[i].name, h))
+            out.append(CausePlace(tuple(_likely(self.answer.members(n))), i, blocks[i].name, h))
         return tuple(out)
 
     @property

@@ -27,7 +27,7 @@ from ppmcal.calibration.work import bounded
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.adequacy import Remainder, against_noise
 from ppmcal.diagnosis.candidates import library
-from ppmcal.diagnosis.explanation import Place, Round, explained
+from ppmcal.diagnosis.explanation import CausePlace, Round, explained
 from ppmcal.diagnosis.extended_model import Added, extended
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
@@ -79,7 +79,7 @@ class Told:
     whole: Fit
     rounds: Sequence[Round]
     fit: Fit
-    effects: tuple[tuple[Place, tuple[Added, ...]], ...]
+    effects: tuple[tuple[CausePlace, tuple[Added, ...]], ...]
     verdict: str
 
     @property
@@ -93,11 +93,11 @@ class Told:
         return tuple(a for _, own in self.effects for a in own)
 
     @cached_property
-    def unknown(self) -> tuple[Place, ...]:
+    def unknown(self) -> tuple[CausePlace, ...]:
         """Places where something is that has no name."""
         return tuple(p for p in self.last.places if p.sure and not p.named)
 
-    def label(self, member: Member, place: Place) -> str:
+    def label(self, member: Member, place: CausePlace) -> str:
         """Return what a member of a place is called, empty for nothing."""
         own = member.chosen - (frozenset(self.last.answer.best.chosen) - {place.block})
         return " and ".join(sorted(_called(self.last.asked.sources[i]) for i in own))
@@ -350,7 +350,7 @@ def _readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions
     return (*out, Reading("", "", 1.0, fitted(whole)))
 
 
-def _others(what: Told) -> list[tuple[Place, Member, float]]:
+def _others(what: Told) -> list[tuple[CausePlace, Member, float]]:
     """Return what may be in the place of what is named, likeliest first, and the odds against."""
     out = [(place, m, place.members[0].probability / m.probability)
            for place, _ in what.effects for m in place.members[1:]]

@@ -25,7 +25,7 @@ from ppmcal.io.results.diagnosis_parts import (
     SuspectedEffect,
     SwallowedError,
     UnfittedRow,
-    UnknownCause,
+    UnnamedCause,
     UntestableKind,
 )
 from ppmcal.io.results.diagnosis_plots import DiagnosisPlots
@@ -56,7 +56,7 @@ class DiagnosisRecord(Record):
     effects: tuple[DiagnosedEffect, ...] = ()
     possible: tuple[SuspectedEffect, ...] = ()
     nothing: Shown | None = None
-    unknown: tuple[UnknownCause, ...] = ()
+    unknown: tuple[UnnamedCause, ...] = ()
     learned: tuple[LearnedEntry, ...] = ()
     residual: DiagnosedErrors = DiagnosedErrors()
     remainder: ResidualAfter = ResidualAfter()
@@ -93,7 +93,7 @@ class DiagnosisRecord(Record):
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
             possible=tuple(SuspectedEffect.of(c) for c in result.possible),
             nothing=result.nothing,
-            unknown=tuple(UnknownCause(looks_like=u.looks_like, probability=u.probability)
+            unknown=tuple(UnnamedCause(looks_like=u.looks_like, probability=u.probability)
                           for u in result.unknown),
             learned=LearnedEntry.all_of(result),
             residual=DiagnosedErrors.of(result),

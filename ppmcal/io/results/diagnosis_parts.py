@@ -210,7 +210,7 @@ class SuspectedEffect(CalledKind):
                    probability=c.probability)
 
 
-class UnknownCause(Part):
+class UnnamedCause(Part):
     """Something that is there and has no name, and its ``probability``."""
 
     looks_like: Text = ""
