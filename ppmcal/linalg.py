@@ -221,7 +221,7 @@ def pinv(matrix: Array, rcond: float = 1e-15, hermitian: bool = False,
     except np.linalg.LinAlgError:
         u, s, vt = _svd_by_qr(matrix, False, what)
         use = s > rcond * s.max(axis=-1, keepdims=True, initial=0.0)
-        inverse = np.where(use, 1.0 / np.where(use, s, 1.0), 0.0)
+        inverse = reciprocals(np.where(use, s, 0.0))
         return np.asarray(np.swapaxes(vt, -1, -2) @ (inverse[..., None] * np.swapaxes(u, -1, -2)))
 
 
@@ -239,6 +239,18 @@ def lstsq(matrix: Array, right: Array, rcond: float | None = None,
         least = np.finfo(float).eps * max(matrix.shape) if rcond is None else rcond
         s = _svd_by_qr(matrix, False, what)[1]
         return pinv(matrix, least, what=what) @ right, int(np.sum(s > least * s.max(initial=0.0)))
+
+
+def reciprocals(values: Array, instead: float = 0.0) -> Array:
+    """Return 1 over each of values (...), ``instead`` where one is not above 0.
+
+    Weights are 0 where nothing holds a column, and so are tolerances where nothing moves.
+
+    >>> reciprocals(np.array([2.0, 0.0])).tolist()
+    [0.5, 0.0]
+    """
+    there = values > 0.0
+    return np.where(there, 1.0 / np.where(there, values, 1.0), instead)
 
 
 def unit_columns(matrix: Array) -> Array:

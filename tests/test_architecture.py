@@ -192,6 +192,7 @@ print(json.dumps({"home": there.q[0].tolist(), "apart": float(abs(back.pose - th
 """
 
 
+@pytest.mark.slow
 def test_the_limb_kind_of_the_page(site):
     """Errors of a drive and of a hinge are found; inverse and forward kinematics agree."""
     got = answer(site, LIMB)
@@ -262,6 +263,7 @@ def test_the_controller_of_the_page(site, tmp_path):
     assert "unknown format 'offsets'" in " ".join(refused.err.split())
 
 
+@pytest.mark.slow
 def test_a_format_whose_name_is_taken_is_refused(tmp_path):
     site = install(tmp_path, "workshop", "", {"ppmcal.controllers": {"grid": "x"}})
     code = ("from ppmcal.controllers.export import exporter\n"

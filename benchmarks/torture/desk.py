@@ -66,11 +66,14 @@ State = Mapping[str, str]
 """The files of a folder: name -> SHA-256."""
 
 
-def remember() -> None:
-    """Let each function of :data:`REMEMBERED` compute only once for the same words."""
+def remember(put: Callable[[Any, str, Any], None] = setattr) -> None:
+    """Let each function of :data:`REMEMBERED` compute only once for the same words.
+
+    ``put(module, name, function)`` puts it there.
+    """
     for module, name in REMEMBERED.items():
         home = importlib.import_module(module)
-        setattr(home, name, _once(getattr(home, name)))
+        put(home, name, _once(getattr(home, name)))
 
 
 def _once(function: Callable[..., Any]) -> Callable[..., Any]:

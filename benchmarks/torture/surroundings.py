@@ -18,6 +18,8 @@ NAMES = ("a b", "it's \"quoted\"", "line\nbreak", "-dash", "🦀", "{0}%s$(x)`y`
          os.fsdecode(b"\xff\xfe latin"), "x" * 150, "<b>&amp;", "back\\slash", "İı")
 LOCALES = ({"LC_ALL": "C"}, {"LC_ALL": "POSIX", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
            {"LC_ALL": "tr_TR.UTF-8"}, {"LC_ALL": "de_DE.ISO-8859-1", "LANG": "de_DE"})
+SAID = "\0"
+"""Ends what a command says, where several speak in one process."""
 GROWTH = 1.15
 """From one size of a disk to the next."""
 
@@ -114,20 +116,40 @@ def odd_names(place: Path) -> Tally:
 def odd_locales(place: Path) -> Tally:
     """Run it as processes of other locales, with a name that they cannot write."""
     tally = Tally()
+    code = "import sys; from torture.surroundings import tell_job; tell_job(sys.argv[1])"
+    path = os.pathsep.join(filter(None, [str(Path(__file__).resolve().parents[1]),
+                                         os.environ.get("PYTHONPATH")]))
+    job = [line[0] for line in _job("")]
     for number, wanted in enumerate(LOCALES):
         folder = place / f"locale{number}"
         folder.mkdir()
-        for line in _job("./Größe🦀"):
+        done = subprocess.run(
+            [sys.executable, "-c", code, "./Größe🦀"], cwd=folder, check=False,
+            env={**os.environ, "PYTHONPATH": path, **wanted}, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT)
+        *told, rest = done.stdout.decode(errors="replace").split(SAID)
+        if rest or done.returncode:
+            tally.wrong.append(f"{wanted}: ended by {done.returncode}: {rest[-300:]}")
+        for command, text in zip(job, told, strict=False):
             tally.seen["locales"] += 1
-            done = subprocess.run(
-                [sys.executable, "-c", "from ppmcal.cli import main; main()", *line], cwd=folder,
-                env={**os.environ, **wanted}, capture_output=True, check=False)
-            text = (done.stdout + done.stderr).decode(errors="replace")
-            _silent(text, f"{wanted}: {line[0]}", tally)
-            if done.returncode not in DONE:
-                tally.wrong.append(f"{wanted}: {line[0]}: {done.returncode}: {text[-300:]}")
-                break
+            said, _, ended = text.rpartition("\n")
+            _silent(said, f"{wanted}: {command}", tally)
+            if int(ended) not in DONE:
+                tally.wrong.append(f"{wanted}: {command}: {ended}: {said[-300:]}")
+        if len(told) != len(job):
+            tally.wrong.append(f"{wanted}: {len(told)} commands have ended")
     return tally
+
+
+def tell_job(name: str) -> None:
+    """Run the job in this process; after each command's words, write its exit code."""
+    for line in _job(name):
+        code = run(line, Path.cwd())
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        os.write(1, f"\n{code}{SAID}".encode())
+        if code not in DONE:
+            break
 
 
 def _job(name: str) -> Iterator[list[str]]:

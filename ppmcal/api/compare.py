@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -100,27 +101,24 @@ def _found(mechanism: Mechanism, known: tuple[Posterior, Posterior], only: Seque
     Returns:
         The comparison, notes, whether its values are of fits anew, and the files behind these.
     """
-    more = list[str]()
+    more, again = list[str](), bool(only)
     if only:
         try:
             known, more = with_equal_freedoms(mechanism, folders, known)
         except PpmcalError as error:
             return Comparison.impossible(reason(error, only)), [], False, []
+    elif _between(mechanism, known)[0].changed:
+        with suppress(PpmcalError):
+            closer, more = with_equal_freedoms(mechanism, folders, known)
+            again = not _between(mechanism, closer)[0].changed
+            known = closer if again else known
     found, notes = _between(mechanism, known, volume)
-    if only or not found.changed:
-        return found, notes, bool(more), more
-    try:
-        again, more = with_equal_freedoms(mechanism, folders, known)
-        closer, odd = _between(mechanism, again, volume)
-    except PpmcalError:
-        return found, notes, False, []
-    if closer.changed:
-        return found, notes, False, more
-    return closer, odd, True, more
+    return found, notes, again, more
 
 
 def _between(mechanism: Mechanism, known: tuple[Posterior, Posterior],
-             volume: Mapping[str, tuple[float, float]]) -> tuple[Comparison, list[str]]:
+             volume: Mapping[str, tuple[float, float]] | None = None
+             ) -> tuple[Comparison, list[str]]:
     values = mechanism.values.copy()
     values[list(known[1].places)] = known[1].estimate(mechanism)
-    return between(mechanism.with_values(values), *known, volume, np.random.default_rng(0))
+    return between(mechanism.with_values(values), *known, volume or {}, np.random.default_rng(0))

@@ -46,7 +46,7 @@ def with_equal_freedoms(mechanism: Mechanism, folders: Sequence[Path],
     methods = {_method(run) for run, _ in runs}
     both = fitted_together(old, new, known, FitOptions(
         methods.pop() if len(methods) == 1 else "prior"))
-    return both, sorted({os.path.relpath(p) for _, places in runs for p in places.values()})
+    return both, sorted({_path(places, p) for _, places in runs for p in places})
 
 
 def _run(folder: Path) -> tuple[RecordedRun, Mapping[str, Path]]:
@@ -95,8 +95,13 @@ def _in_memory(options: Mapping[str, Any]) -> bool:
 
 
 def _path(places: Mapping[str, Path], path: str) -> str:
-    """Return where an input is, as seen from here; a path that is no recorded input as it is."""
-    return os.path.relpath(places[path]) if path in places else path
+    """Return where an input is, as seen from here.
+
+    A path that is no recorded input is returned as it is, and so is one that still leads to it:
+    whoever runs this again, elsewhere, finds and names the same file.
+    """
+    there = places.get(path, Path(path))
+    return path if there == Path(path) else os.path.relpath(there)
 
 
 def _method(run: RecordedRun) -> str:

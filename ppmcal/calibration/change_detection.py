@@ -35,7 +35,7 @@ from ppmcal.calibration.posterior import Posterior, of_data
 from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.session_knowledge import session_knowledge
 from ppmcal.errors import BadInput
-from ppmcal.linalg import Array, eigh
+from ppmcal.linalg import Array, eigh, reciprocals
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 POSES = 400
@@ -121,7 +121,8 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
             ) -> tuple[Comparison, list[str]]:
     """Return what changed between two identifications, and what makes that doubtful.
 
-    ``mechanism``: the newer; ``volume``: coordinate -> (low, high) of the poses to compare at.
+    ``mechanism``: the newer; ``volume``: coordinate -> (low, high) of the poses at which the
+    platform is compared, which is not asked where it is empty.
 
     Raises:
         BadInput: they had other parameters free; see :mod:`joint_fit`.
@@ -138,10 +139,11 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
     if not found.freedom:
         return Comparison.impossible("the two sessions have no direction in common that both "
                                      "measured: nothing that one found foretells the other"), notes
-    poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES) for c in POSE_COORDINATES],
-                     axis=-1)
     # a machine of fewer actuators than coordinates does not reach poses drawn at random
-    if mechanism.equations == len(mechanism.actuators):
+    if volume and mechanism.equations == len(mechanism.actuators):
+        poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES)
+                          for c in POSE_COORDINATES], axis=-1)
+
         def apart() -> PoseDifference | None:
             return pose_difference(mechanism, old.places, found.old, found.new, poses,
                                    _drawn(found.covariance, DRAWS, rng))
@@ -232,10 +234,9 @@ def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior
     count, free = len(fit.problem.free), list(fit.problem.free)
     scale = fit.scale[:count]
     matrix, right = of_data(*data_rows(fit), count, scale)
-    with np.errstate(divide="ignore"):
-        tolerance = 1.0 / fit.prior[:count]
     return Posterior(fit.problem.free, fit.state.g[free], matrix * fit.noise, right * fit.noise,
-                     tolerance, scale, fit.noise, inputs or {}, "", session_knowledge(fit))
+                     reciprocals(fit.prior[:count], np.inf), scale, fit.noise, inputs or {}, "",
+                     session_knowledge(fit))
 
 
 def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:

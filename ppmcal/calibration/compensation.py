@@ -19,7 +19,7 @@ from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.other_branch import refuse_other_branch
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Identification
-from ppmcal.calibration.tolerance_moves import scaled, uncertain
+from ppmcal.calibration.tolerance_moves import by_tolerances
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import final_shift
 from ppmcal.kinematics.equilibrium import reached_poses
@@ -288,14 +288,13 @@ def tolerance_sigma(nominal: Model, registration: Registration, full: Array, q: 
     One standard deviation, infinite where a tolerance is. Arguments as those of
     :func:`prediction_jacobian`; nan where the machine does not take a pose.
     """
-    mechanism = nominal.mechanism
-    free, tolerance = uncertain(mechanism)
-    rows = unknown_environment(*q.shape)
-    problem, state = as_measured(nominal, registration, full, q, "", rows, free, np.zeros(3))
+    mechanism, rows = nominal.mechanism, unknown_environment(*q.shape)
+    problem, state = as_measured(nominal, registration, full, q, "", rows, (), np.zeros(3))
     places = sum(1 for c in mechanism.dof if c < 3)
     out = np.full((2, len(q)), np.nan)
     for r in problem.rows(state):
-        variance = np.sum(scaled(r.jacobian[..., :len(free)], tolerance) ** 2, axis=2)
+        assert r.response is not None
+        variance = np.sum(by_tolerances(r.response, mechanism) ** 2, axis=2)
         out[:, r.index] = variance[:, :places].sum(axis=1), variance[:, places:].sum(axis=1)
     return np.sqrt(out[0]), np.sqrt(out[1])
 

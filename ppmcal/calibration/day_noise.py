@@ -14,7 +14,8 @@ from functools import partial
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
+from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.gross_rows import rows_with_outliers
 from ppmcal.calibration.noise import (
     ENOUGH_REPEATS,
     FAILED_NOISE,
@@ -25,7 +26,6 @@ from ppmcal.calibration.noise import (
     typical_noise,
     with_estimated_noise,
 )
-from ppmcal.calibration.outliers import distances
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.registration_freedoms import OPEN, OPENED, opened
 from ppmcal.calibration.secondary import secondary
@@ -96,12 +96,13 @@ def _unlike(fit: Fit, data: Dataset) -> tuple[UnlikeRow, ...]:
 
     `identify` leaves out more: a fit is safer without a doubtful row, a day is not in doubt for it.
     """
-    out, keep = fit.outliers[0], fit.keep[0]
-    away = distances(fit.problem, fit.state, prediction_covariance(fit), fit.keep)
-    failed = away.p_values(fit.noise_factor)[0] * int((keep | out).sum()) < FAILED_NOISE
-    found = [UnlikeRow(int(data.rows[n]), fit.times[0][n])
-             for n in np.flatnonzero(out & failed).tolist() if n in fit.times[0]]
-    return tuple(sorted(found, key=lambda r: -r.times))
+    rows = np.array([n for n in np.flatnonzero(fit.outliers[0]) if n in fit.times[0]], np.int64)
+    times = np.array([fit.times[0][n] for n in rows.tolist()], dtype=float)
+    values, total = fit.problem.measured(0, rows)[2], int(rows_with_outliers(fit)[0].sum())
+    failed = chdtrc(values, values * times**2) * total < FAILED_NOISE
+    worst = np.argsort(-times[failed], kind="stable")
+    return tuple(UnlikeRow(int(n), float(t)) for n, t in zip(
+        data.rows[rows[failed]][worst], times[failed][worst], strict=True))
 
 
 def _noise(fit: Fit, factor: float, data: Dataset) -> tuple[float, str]:

@@ -26,7 +26,7 @@ from ppmcal.calibration.coverage import Z95, coverage_of, half_of_mixture
 from ppmcal.calibration.fit import Fit, posterior, prediction_covariance
 from ppmcal.calibration.session_clusters import Clusters, Components, components
 from ppmcal.errors import LinearAlgebraError
-from ppmcal.linalg import Array, Bools, svd
+from ppmcal.linalg import Array, Bools, reciprocals, svd
 
 SWEEPS, WARM_UP, LEAST_SWEEPS = 600, 0.2, 80
 """Draws of all variances times clusters, the part of them thrown away, and at least so many."""
@@ -228,9 +228,8 @@ def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float
     parts_of[:, -1] -= 1.0
     variance = np.diagonal(known) + parts_of @ np.array([np.diagonal(b) for b in added])
     half = half_of_mixture(variance) * fit.scale
-    weight = data.prior > 0.0
-    allowed = (np.abs(data.away) + Z95 / np.where(weight, data.prior, 1.0)) * fit.scale
-    half = np.where(weight, np.minimum(half, allowed), half)
+    allowed = np.abs(data.away) + Z95 * reciprocals(data.prior, np.inf)
+    half = np.minimum(half, allowed * fit.scale)
     half[np.isinf(np.diagonal(posterior(fit)))] = np.inf
     # the mean of few sessions' draws is that of their widest: half of them are wider than this
     middle = np.median(parts_of, axis=0)

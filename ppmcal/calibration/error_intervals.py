@@ -91,8 +91,10 @@ class RmsDraws:
         return np.concatenate([np.sqrt(sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1))
                                for drawn in self._blocks()])
 
-    def interval(self, values: Array) -> tuple[float, float]:
+    def interval(self, values: Array, together: int = 1) -> tuple[float, float]:
         """Return the 95 % interval of draws (D,), widened as few poses scatter less than they are.
+
+        ``together``: intervals that are to hold at once (Bonferroni).
 
         Percentiles at the levels of Student's t in place of the normal distribution's, with the
         variance's n / (n - 1): T. Hesterberg, The American Statistician 69 (2015), section 4.2.
@@ -100,7 +102,8 @@ class RmsDraws:
         n = self.poses
         if n < FEWEST:
             return -np.inf, np.inf
-        tail = float(ndtr(-np.sqrt(n / (n - 1.0)) * stdtrit(n - 1.0, 0.5 + 0.5 * SURE)))
+        level = 1.0 - 0.5 * (1.0 - SURE) / together
+        tail = float(ndtr(-np.sqrt(n / (n - 1.0)) * stdtrit(n - 1.0, level)))
         low, high = np.quantile(values, [tail, 1.0 - tail])
         return float(low), float(high)
 

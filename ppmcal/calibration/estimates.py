@@ -12,7 +12,7 @@ from ppmcal.calibration.coverage import Z95, half_or
 from ppmcal.calibration.disagreement import Disagreement
 from ppmcal.calibration.far_from_nominal import expected_errors, farthest
 from ppmcal.calibration.fit import Fit, posterior
-from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
+from ppmcal.calibration.least_squares import seen_directions
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.rank import Rank
 from ppmcal.linalg import Array, svd
@@ -92,14 +92,12 @@ def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
         fit: a finished one.
         rank: of its columns.
         wider: what sessions or stretches of rows disagree about.
-        by_noise: half of the 95 % interval of each column by noise alone (C,), if not 1.96 sigma.
+        by_noise: half of the 95 % interval of each column by noise and ``held`` (C,), if not 1.96
+            sigma.
         held: what parameters that were held, though they may be off, add to the columns'
             variances (C,).
     """
-    variance, more = np.diagonal(posterior(fit)), 0.0 if held is None else held
-    variance = variance + more
-    if by_noise is not None:
-        by_noise = np.hypot(by_noise, Z95 * np.sqrt(more))
+    variance = np.diagonal(posterior(fit)) + (0.0 if held is None else held)
     data_sigma = from_data_alone(fit, rank)
     column = {p: c for c, p in enumerate(fit.problem.free)}
     out = []
@@ -163,7 +161,7 @@ def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
     prior[list(rank.dropped)] = fit.prior[list(rank.dropped)]
     matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(prior * fit.scale)])
     _, s, vt = svd(matrix[:, used])
-    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
+    use = seen_directions(s)
     sigma = np.linalg.norm(vt[use].T / s[use], axis=1) * fit.scale[used]
     found = dict(zip(used, sigma.tolist(), strict=True))
     return {c: found[c] for c in rank.kept}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, QRFactor, to_prior
+from ppmcal.calibration.least_squares import QRFactor, seen_directions, to_prior
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, finite_rows, svd
 
@@ -125,7 +125,7 @@ def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bool
     weights = fit.prior if prior is None else prior
     matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(weights * fit.scale)])
     _, s, vt = svd(matrix)
-    return s, vt, s > SOLVE_TOLERANCE * s.max(initial=1e-300)
+    return s, vt, seen_directions(s)
 
 
 def prediction_covariance(fit: Fit) -> Array:
@@ -155,14 +155,18 @@ def values_fitted(seen: int, variance: Array, prior: Array) -> float:
     return float(seen - np.sum(prior**2 * variance))
 
 
+def values_taken(fit: Fit) -> float:
+    """Return how many values a fit took, as :func:`values_fitted` counts them."""
+    seen = int(np.sum(directions(fit)[2]))
+    return values_fitted(seen, np.diagonal(prediction_covariance(fit)), fit.prior)
+
+
 def residual_freedom(fit: Fit) -> float:
     """Return the degrees of freedom of the rows' residuals: values less those fitted, at least 1.
 
     Rows that stand for an earlier fit count as values.
     """
-    seen = int(np.sum(directions(fit)[2]))
-    fitted = values_fitted(seen, np.diagonal(prediction_covariance(fit)), fit.prior)
-    return max(fit.reduced.count - fitted, 1.0)
+    return max(fit.reduced.count - values_taken(fit), 1.0)
 
 
 def posterior(fit: Fit) -> Array:

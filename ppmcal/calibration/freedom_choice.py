@@ -18,7 +18,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.coverage import LEAST
-from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.fit import Fit, FitOptions, values_taken
 from ppmcal.calibration.intervals import spatial_blocks
 from ppmcal.calibration.least_squares import column_scale, prior_weights, to_prior
 from ppmcal.calibration.noise import with_estimated_noise
@@ -136,7 +136,7 @@ def freedom_choice(fit: Fit, levels: Sequence[Sequence[int]], usual: int
         levels: parameters that each set has beyond the one before; the first is the fit's own.
         usual: the set that is kept unless another is better.
     """
-    if fit.reduced.count - len(fit.problem.columns) < LEAST:
+    if fit.reduced.count - values_taken(fit) < LEAST:
         return None
     machine = fit.problem.mechanism
     order = [p for level in levels for p in level]

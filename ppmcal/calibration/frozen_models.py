@@ -15,7 +15,7 @@ from itertools import compress
 import numpy as np
 
 from ppmcal.calibration.error_intervals import RmsDraws, quantile_interval, rms_interval
-from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.fit import Fit, FitOptions, values_taken
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.other_assembly import in_other_assembly
@@ -51,8 +51,8 @@ class ModelError:
             intervals of the first two (``rms_low``, ...; nan: open); empty: not measured.
         noise: rms over the noise of the data set as it is given.
         squares: squared error of each row, m^2 (of rotation alone rad^2), (R,).
-        closer: rms of the reference machine less this one's, m or rad, and its 95 % interval; 0 of
-            the reference. Positive: this machine predicts better.
+        closer: rms of the reference machine less this one's, m or rad, and its 95 % interval, of
+            all machines together; 0 of the reference. Positive: this machine predicts better.
     """
 
     label: str
@@ -237,13 +237,13 @@ def _gain(before: Fit, after: Fit) -> float:
     Both errors are weighted by the noise at the wider registration, by which it is the minimum:
     each by its own, a wider one could seem to fit worse.
     """
-    more = len(after.problem.columns) - len(before.problem.columns)
+    taken = values_taken(after)
     rows = [finite_rows(p) & finite_rows(q) for p, q in
             zip(before.state.poses, after.state.poses, strict=True)]
     wide = after.problem, after.state
     square, count = white_squares(*wide, rows)
     narrow = squares_by_noise_of((before.problem, before.state), wide, rows)
-    return fall(narrow, square, count, len(after.problem.columns), more)
+    return fall(narrow, square, count, taken, taken - values_taken(before))
 
 
 def _error(label: str, found: Residuals, rows: Bools, fit: Fit) -> ModelError:
@@ -254,7 +254,7 @@ def _error(label: str, found: Residuals, rows: Bools, fit: Fit) -> ModelError:
         squares = np.nan_to_num(found.rotation[0][rows]) ** 2
     white = found.vector[0][rows] / found.sigma[0][rows]
     noise = float(np.sqrt(np.nanmean(white**2))) if np.isfinite(white).any() else np.nan
-    kept = 1.0 - len(fit.problem.columns) / max(int(np.isfinite(white).sum()), 1)
+    kept = 1.0 - values_taken(fit) / max(int(np.isfinite(white).sum()), 1)
     groups = fit.problem.datasets[0].groups[rows]
     sizes = [figures.get(kind, {}) | _intervals(errors[0][rows], groups, kept)
              for kind, errors in (("position", found.position), ("rotation", found.rotation))]
@@ -273,10 +273,14 @@ def _intervals(errors: Array, groups: Ints, kept: float) -> dict[str, float]:
 
 
 def _compared(errors: Sequence[ModelError], groups: Ints, seed: int) -> tuple[ModelError, ...]:
-    """Return the errors with how much closer each machine is than the first, drawn by pose."""
-    draws = RmsDraws(groups, seed)
+    """Return the errors with how much closer each machine is than the first, drawn by pose.
+
+    The intervals hold for all machines together: of many, noise would make one better.
+    """
+    draws, others = RmsDraws(groups, seed), len(errors) - 1
     many = draws.rms(errors[0].squares)
     rms = [float(np.sqrt(e.squares.mean())) for e in errors]
     return (errors[0], *(
-        replace(e, closer=rms[0] - own, interval=draws.interval(many - draws.rms(e.squares)))
+        replace(e, closer=rms[0] - own,
+                interval=draws.interval(many - draws.rms(e.squares), others))
         for e, own in zip(errors[1:], rms[1:], strict=True)))

@@ -12,7 +12,7 @@ from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.least_squares import parameter_scale, prior_weights
 from ppmcal.calibration.outliers import Distances, distances
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, reciprocals
 
 GROSS = 5.0
 """A gross error: a row so many times beyond what noise and tolerances explain."""
@@ -25,7 +25,7 @@ def explained_distances(problem: Problem, state: State) -> Distances:
     problem = toleranced(problem)
     weight = prior_weights(problem, "prior")
     # frames and targets are where they are; how far a scale may be off its file says
-    scale = np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), 0.0)
+    scale = reciprocals(weight)
     scale[:len(problem.free)] = parameter_scale(problem)
     nobody = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
     return distances(problem, state, np.diag(scale**2), nobody)

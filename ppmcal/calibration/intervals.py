@@ -33,7 +33,7 @@ BETWEEN = 9
 """Sizes of the noise, of all that an interval is a mixture of, that are worked out."""
 
 
-def by_noise(fit: Fit, options: FitOptions) -> Array:
+def by_noise(fit: Fit, options: FitOptions, more: Array | float = 0.0) -> Array:
     """Return half of the 95 % interval of every column (C,), the size of the noise integrated out.
 
     The variance of the rows is a scaled inverse chi-squared about the stated one, which counts as
@@ -45,6 +45,7 @@ def by_noise(fit: Fit, options: FitOptions) -> Array:
         fit: with the noise that its intervals are made with, so far.
         options: that it was made with; a prior that was chosen by the residuals goes with the
             noise.
+        more: variance of each column (C,) that no noise of the rows makes.
     """
     variance = variances(*noise_parts(fit))
     if options.method == "gcv" or not fit.prior.any():
@@ -56,7 +57,7 @@ def by_noise(fit: Fit, options: FitOptions) -> Array:
             for v in some.tolist()]
         logs = np.log(np.maximum(known, 1e-300)).T
         each = np.exp([np.interp(np.log(variance), np.log(some), own) for own in logs]).T
-    half = half_of_mixture(each)
+    half = half_of_mixture(each + more)
     return np.where(np.isinf(np.diagonal(posterior(fit))), np.inf, half)
 
 

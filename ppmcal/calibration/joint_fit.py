@@ -16,14 +16,14 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal import linalg
+from ppmcal.calibration.change_detection import posterior_of
 from ppmcal.calibration.coverage import LEAST
-from ppmcal.calibration.fit import Fit, FitOptions, data_rows
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
 from ppmcal.calibration.noise import LARGER, noise_state
-from ppmcal.calibration.posterior import Posterior, SessionKnowledge, of_data
+from ppmcal.calibration.posterior import Posterior
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.calibration.session_knowledge import session_knowledge
 from ppmcal.errors import NoResult
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
@@ -88,23 +88,17 @@ def _of_session(joint: Fit, own: Fit, part: slice, known: Posterior, options: Fi
     prior = prior_weights(problem, options.method, joint.prior_scale)
     fit = Fit(problem, state, qr_factor(problem, state, keep), prior, column_scale(problem),
               tuple(keep), 0, True, own.noise_factor, reasons=own.reasons)
-    free = list(problem.free)
-    session, scale = session_knowledge(fit), fit.scale[:len(free)]
-    matrix, right = of_data(*data_rows(fit), len(free), scale)
-    inflation = _inflation(session, known)
-    value, held = state.g[free], prior[:len(free)]
-    away = np.where(held > 0.0, whole.mechanism.nominals[free] - value, 0.0)
-    step = _to_minimum(matrix / inflation, right / inflation, held, away, scale)
-    with np.errstate(divide="ignore"):
-        tolerance = 1.0 / held
-    return replace(known, places=problem.free, value=value, matrix=matrix, right=right,
-                   tolerance=tolerance, scale=scale, inflation=inflation, session=session,
-                   step=step)
+    found, places = posterior_of(fit, known.inputs), list(problem.free)
+    inflation, held = _inflation(found, known), prior[:len(places)]
+    away = np.where(held > 0.0, whole.mechanism.nominals[places] - found.value, 0.0)
+    step = _to_minimum(found.matrix / inflation, found.right / inflation, held, away, found.scale)
+    return replace(found, inflation=inflation, source=known.source, known=known.known, step=step)
 
 
-def _inflation(session: SessionKnowledge, known: Posterior) -> float:
+def _inflation(found: Posterior, known: Posterior) -> float:
     """Return what the rows show of the noise over the stated one, 1 where that agrees."""
-    if session.degrees < LEAST:
+    session = found.session
+    if session is None or session.degrees < LEAST:
         return known.inflation
     chance = float(chdtrc(session.degrees, session.degrees * session.noise**2))
     return session.noise if noise_state(session.noise, chance) == LARGER else 1.0

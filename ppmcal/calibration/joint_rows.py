@@ -10,7 +10,7 @@ from ppmcal import linalg
 from ppmcal.calibration.common_misfit import DifferenceNoise
 from ppmcal.calibration.posterior import BENT, SEEN, Earlier, Posterior
 from ppmcal.calibration.session_knowledge import SESSION
-from ppmcal.linalg import Array, column_lengths, range_basis, svd, without_range
+from ppmcal.linalg import Array, column_lengths, range_basis, reciprocals, svd, without_range
 from ppmcal.model.mechanism import Mechanism
 
 FAR = 3.0
@@ -59,10 +59,9 @@ def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: Diff
     # a parameter that only the older had free is known exactly now
     before = Earlier(old.places, first[0], first[1], old.value)
     right_old, slope = before.rows(mechanism, new.places, g)
-    weight = np.where(np.isfinite(new.tolerance), 1.0 / new.tolerance, 0.0) * new.scale
+    weight = new.scale / new.tolerance
     # at the new minimum the tolerances pull as much as the data do
-    pull = new.pull() * new.scale
-    held = np.where(weight > 0.0, pull / np.where(weight > 0.0, weight, 1.0), 0.0)
+    held = new.pull() * new.scale * reciprocals(weight)
     # a machine that is farther off than its tolerances is not held by them
     loose = max(1.0, float(np.max(np.abs(held), initial=0.0)) / FAR)
     weight, held = weight / loose, held / loose

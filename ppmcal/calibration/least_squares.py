@@ -22,6 +22,11 @@ SOLVE_TOLERANCE = 1e-13
 """Directions below this part of the strongest are round-off: neither data nor prior see them."""
 
 
+def seen_directions(singular: Array) -> Bools:
+    """Return which directions of singular values (r,) are more than round-off of the strongest."""
+    return np.asarray(singular > SOLVE_TOLERANCE * singular.max(initial=1e-300), dtype=np.bool_)
+
+
 ROWS = 1536
 """Rows of the matrix that are reduced at once."""
 
@@ -129,7 +134,7 @@ class NormalStep:
 
     def seen(self) -> tuple[int, Array]:
         """Return how many directions are seen, and the variance of each column by these (C,)."""
-        use = self.singular > SOLVE_TOLERANCE * self.singular.max(initial=1e-300)
+        use = seen_directions(self.singular)
         parts = self.directions[use] / self.singular[use, None]
         return int(use.sum()), np.asarray(np.sum(parts**2, axis=0) * self.scale**2)
 
@@ -140,9 +145,8 @@ class NormalStep:
         (Levenberg). Directions that neither data nor prior see are left where they are.
         """
         s = self.singular
-        largest = s.max(initial=1e-300)
-        use = s > SOLVE_TOLERANCE * largest
-        power = s**2 + damping * largest**2
+        use = seen_directions(s)
+        power = s**2 + damping * s.max(initial=1e-300)**2
         part = np.where(use, s**2 / np.where(use, power, 1.0), 0.0)
         x = self.directions.T @ np.where(use, part * self.right / np.where(use, s, 1.0), 0.0)
         decrease = float(np.sum(self.right**2 * (1.0 - (1.0 - part) ** 2)))

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import bdtrc, gammaln
 
 from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.gross_rows import rows_with_outliers
 from ppmcal.calibration.validation import Residuals
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools, Ints
@@ -102,7 +103,7 @@ class DoubtfulStretch:
 def left_out(fit: Fit) -> LeftOut:
     """Return what the rows that a fit left out have in common."""
     gone, datasets = fit.outliers, fit.problem.datasets
-    used = [k | g for k, g in zip(fit.keep, gone, strict=True)]
+    used = rows_with_outliers(fit)
     count, rows = (sum(int(m.sum()) for m in masks) for masks in (gone, used))
     too_many = count > 0 and bool(bdtrc(count - 1, rows, GROSS_SHARE) < LEVEL)
     found: list[tuple[float, float, _Pattern]] = []

@@ -20,7 +20,7 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.calibration.gauss_newton import least_squares, prior_square
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, prior_weights, qr_factor
+from ppmcal.calibration.least_squares import prior_weights, qr_factor, seen_directions
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
 from ppmcal.linalg import Array, Bools, svd
@@ -273,16 +273,26 @@ def _split(fit: Fit) -> tuple[float, int, float, int]:
     What no error of the machine can explain is noise alone; the rest of the minimum is how far the
     errors are from nominal, against tolerances and noise. If both are right these are independent.
     """
-    known = fit.reduced.triangle * fit.scale
-    u, s, vt = svd(known)
-    held = np.linalg.norm(vt * (fit.prior * fit.scale), axis=1)
-    taken = (s > KNOWN * held) & (s > SOLVE_TOLERANCE * s.max(initial=1e-300))
-    explained = float(np.sum((u[:, taken].T @ fit.reduced.right) ** 2))
-    square, degrees = fit.reduced.square - explained, fit.reduced.count - int(taken.sum())
+    explained, taken = known_part(fit.reduced.triangle * fit.scale, fit.reduced.right,
+                                  fit.prior * fit.scale)
+    square, degrees = fit.reduced.square - explained, fit.reduced.count - taken
     every = fit.reduced.square + prior_square(fit.problem, fit.state, fit.prior)
     seen = int(np.sum(directions(fit)[2]))
     rest = fit.reduced.count + int(np.sum(fit.prior > 0.0)) - seen - degrees
     return max(square, 0.0), degrees, max(every - square, 0.0), rest
+
+
+def known_part(rows: Array, right: Array, held: Array) -> tuple[float, int]:
+    """Return what rows explain where they know more than tolerances: chi-squared, how many values.
+
+    Args:
+        rows: white, columns in natural units (n, C).
+        right: their residuals (n,).
+        held: weight of each column's distance from its nominal, natural units (C,).
+    """
+    u, s, vt = svd(rows)
+    taken = (s > KNOWN * np.linalg.norm(vt * held, axis=1)) & seen_directions(s)
+    return float(np.sum((u[:, taken].T @ right) ** 2)), int(taken.sum())
 
 
 def noise_parts(fit: Fit) -> tuple[float, int]:

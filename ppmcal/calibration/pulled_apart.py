@@ -17,9 +17,9 @@ from scipy.special import chdtrc
 from ppmcal.calibration.coverage import LEAST, coverage_by
 from ppmcal.calibration.disagreement import SURE
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, to_prior
-from ppmcal.calibration.noise import KNOWN, typical_noise
-from ppmcal.linalg import Array, Bools, svd
+from ppmcal.calibration.least_squares import NormalStep, seen_directions, to_prior
+from ppmcal.calibration.noise import known_part, typical_noise
+from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset
 
 DRAWS = 200
@@ -134,16 +134,8 @@ def _stacked(instruments: Sequence[InstrumentRows], noise: Sequence[float] | Arr
 
 def _left(rows: Array, held: Array) -> tuple[float, int]:
     """Return chi-squared of what no error of the machine explains, and its degrees of freedom."""
-    u, s, vt = svd(rows[:, :-1])
-    taken = _taken(s, vt, held)
-    explained = float(np.sum((u[:, taken].T @ rows[:, -1]) ** 2))
-    return max(float(rows[:, -1] @ rows[:, -1]) - explained, 0.0), len(rows) - int(taken.sum())
-
-
-def _taken(s: Array, vt: Array, held: Array) -> Bools:
-    """Return which directions the rows know better than the tolerances leave to their noise."""
-    weight = np.linalg.norm(vt * held, axis=1)
-    return np.asarray((s > KNOWN * weight) & (s > SOLVE_TOLERANCE * s.max(initial=1e-300)))
+    explained, taken = known_part(rows[:, :-1], rows[:, -1], held)
+    return max(float(rows[:, -1] @ rows[:, -1]) - explained, 0.0), len(rows) - taken
 
 
 def _explained(instruments: Sequence[InstrumentRows], held: Array, found: PulledApart
@@ -200,15 +192,12 @@ def _value(fit: Fit, column: int, step: float, half: float) -> str:
 def _alone(rows: Array, fit: Fit) -> tuple[Array, Array]:
     """Return what white rows and tolerances say of the parameters: steps and sigma (F,), SI."""
     count = len(fit.problem.free)
-    held = fit.prior * fit.scale
-    away = to_prior(fit.problem, fit.state) / fit.scale
-    u, s, vt = svd(np.concatenate([rows[:, :-1], np.diag(held)]))
-    seen = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
-    spread = vt[seen].T / s[seen]
-    step = spread @ (u[:, seen].T @ np.concatenate([rows[:, -1], held * away]))
-    sigma = np.linalg.norm(spread, axis=1)
-    sigma[np.linalg.norm(vt[~seen], axis=0) > 1e-6] = np.inf
-    return (step * fit.scale)[:count], (sigma * fit.scale)[:count]
+    u, s, vt = svd(np.concatenate([rows[:, :-1], np.diag(fit.prior * fit.scale)]))
+    right = u.T @ np.concatenate([rows[:, -1], fit.prior * to_prior(fit.problem, fit.state)])
+    whole = NormalStep(s, right, vt, fit.scale)
+    sigma = np.sqrt(whole.seen()[1])
+    sigma[np.linalg.norm(vt[~seen_directions(s)], axis=0) > 1e-6] = np.inf
+    return whole.step()[0][:count], sigma[:count]
 
 
 def _farthest(values: Array, sigma: Array) -> int | None:

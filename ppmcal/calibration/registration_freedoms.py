@@ -94,7 +94,7 @@ def opened(data: Dataset, what: Sequence[str], only: bool = False) -> Dataset:
     return replace(data, homing=homing, **new)
 
 
-def fall(before: float, after: float, count: int, fitted: float, more: int) -> float:
+def fall(before: float, after: float, count: int, fitted: float, more: float) -> float:
     """Return by which part an error falls, 0 where that is too little or may be chance.
 
     Args:

@@ -15,7 +15,16 @@ from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.rank import RANK_TOLERANCE
 from ppmcal.calibration.unsolved_rows import NO_POSE
 from ppmcal.errors import NoResult
-from ppmcal.linalg import Array, Bools, finite_rows, range_basis, svd, unit_columns, without_range
+from ppmcal.linalg import (
+    Array,
+    Bools,
+    finite_rows,
+    range_basis,
+    reciprocals,
+    svd,
+    unit_columns,
+    without_range,
+)
 from ppmcal.model.dataset import Dataset
 from ppmcal.wording import counted
 from ppmcal.wording.progress import note
@@ -36,8 +45,7 @@ def gcv_scale(fit: Fit, base: Array) -> float:
     out; searched on a grid of 10^-3 to 10^3, refined once.
     """
     count = len(fit.problem.free)
-    tau = np.where(base[:count] > 0.0, 1.0 / np.where(base[:count] > 0.0, base[:count], 1.0),
-                   fit.scale[:count])
+    tau = np.where(base[:count] > 0.0, reciprocals(base[:count]), fit.scale[:count])
     away = (fit.state.g[list(fit.problem.free)]
             - fit.problem.mechanism.nominals[list(fit.problem.free)]) / tau
     block, nuisance = fit.reduced.triangle[:, :count] * tau, fit.reduced.triangle[:, count:]

@@ -24,7 +24,6 @@ from ppmcal.calibration.estimates import (
     registered,
     with_estimates,
 )
-from ppmcal.calibration.extrapolation import from_home
 from ppmcal.calibration.fit import Fit, FitOptions, data_rows, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import Identifiability, identifiability
@@ -53,19 +52,18 @@ from ppmcal.calibration.rank import (
     unidentifiable,
     whole_rank,
 )
-from ppmcal.calibration.secondary import FAILURES, secondary
+from ppmcal.calibration.secondary import secondary
 from ppmcal.calibration.session_validation import sessions_left_out
 from ppmcal.calibration.validation import Residuals, held_out, on_other, residuals
-from ppmcal.errors import LinearAlgebraError
-from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.wording import chance, counted
 
 BEYOND = 1e3
-"""Residuals so many times the stated noise: where that drowns all else, the noise is wrong."""
+"""Residuals are no more than so many times the noise within sessions: what a smaller one would say
+of their differences drowns in round-off."""
 
 
 @dataclass(frozen=True)
@@ -120,11 +118,9 @@ class Identification:
     @property
     def measured_volume(self) -> dict[str, tuple[float, float]]:
         """Range of the platform poses that were measured, by coordinate, base frame, SI."""
-        poses = np.concatenate([p[k].reshape(-1, 8)    # a distance has two platform positions
-                                for p, k in zip(self.fit.state.poses, self.fit.keep, strict=True)])
-        full = from_home(self.mechanism, pose_vector(poses))
-        return {POSE_COORDINATES[c]: (float(full[:, c].min()), float(full[:, c].max()))
-                for c in self.mechanism.dof}
+        seen = self.mechanism.measured
+        return {} if seen is None else {name: seen.ranges[name]
+                                        for name in self.mechanism.coordinates}
 
 
 def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
@@ -174,7 +170,6 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
 
     Raises:
         BadInput, NoResult: as :func:`ppmcal.calibration.session_validation.sessions_left_out`.
-        LinearAlgebraError: the stated noise cannot be meant, see :func:`_differences`.
     """
     noise, notes = noise_check(fit), list[str]()
     inflation = noise.inflation
@@ -187,7 +182,8 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     sessions, blocks = _differences(fit, noise, notes)
     wider = sessions or blocks
     kept = considered(fit)
-    found = estimates(fit, rank, wider, by_noise(fit, options), np.diagonal(kept.more(chosen)))
+    more = np.diagonal(kept.more(chosen))
+    found = estimates(fit, rank, wider, by_noise(fit, options, more), more)
     mechanism = replace(with_estimates(fit, found), measured=measured_by(fit, noise))
     was = before(fit.problem, fit.keep)
     stood = {**registered(fit.problem, fit.state), **was.registrations}
@@ -215,22 +211,11 @@ def _differences(fit: Fit, noise: Noise, notes: list[str]
                  ) -> tuple[Disagreement | None, Disagreement | None]:
     """Return how far sessions, and stretches of rows, differ; see :func:`honest`.
 
-    Where that drowns in round-off because the data are better than anything else, as exact ones
-    are, it is left out. Where it does because the stated noise is nowhere near what the fit
-    leaves, there is no interval to tell, and it is the noise that has to be mended.
-
-    Raises:
-        LinearAlgebraError: residuals are far beyond the stated noise.
+    Where the tolerances drown in the round-off of data that are better than anything else, as exact
+    ones are, it is left out.
     """
-    if noise.sigma_ratio < BEYOND:
-        return secondary("how far sessions, or stretches of rows, differ",
-                         lambda: honest(fit, noise.inflation), (None, None), notes)
-    try:
-        return honest(fit, noise.inflation)
-    except FAILURES as error:
-        raise LinearAlgebraError(
-            f"the intervals could not be had: the residuals are {noise.sigma_ratio:.3g} times the "
-            f"{noise.source} noise", mend="State the sigma that the instrument has") from error
+    return secondary("how far sessions, or stretches of rows, differ",
+                     lambda: honest(fit, min(noise.inflation, BEYOND)), (None, None), notes)
 
 
 def _held(fit: Fit, options: FitOptions, holdout: float, seed: int, other: Sequence[Dataset],

@@ -19,15 +19,19 @@ def as_pose(response: Response) -> Response:
         by_poses=(np.tile(np.eye(6), (count, 1, 1)),)))
 
 
-def by_tolerances(pose: Response, mechanism: Mechanism) -> Array:
-    """Return how the pose moves with one tolerance of each parameter (n, 6, F), m and rad.
+def by_tolerances(response: Response, mechanism: Mechanism) -> Array:
+    """Return how n predictions move with one tolerance of each parameter (n, m, F), m and rad.
 
-    ``pose``: as :func:`as_pose` returns it. Infinite where a tolerance is.
+    Of all that may be off, whatever a fit had free. Infinite where a tolerance is; what a
+    parameter does not move stays at 0.
     """
     free, tolerance = uncertain(mechanism)
-    out = np.zeros((len(pose.pose), 6, len(free)))
-    pose.geometry_columns(out, free, slice(len(free), len(free)))
-    return scaled(out, tolerance)
+    here = response.closure
+    whole = replace(response, closure=here.model.closure(here.q, free))
+    out = np.zeros((*response.seen.residual.shape, len(free)))
+    whole.geometry_columns(out, free, slice(len(free), len(free)))
+    with np.errstate(invalid="ignore"):
+        return np.where(out == 0.0, 0.0, out * tolerance)
 
 
 def uncertain(mechanism: Mechanism) -> tuple[tuple[int, ...], Array]:
@@ -40,9 +44,3 @@ def uncertain(mechanism: Mechanism) -> tuple[tuple[int, ...], Array]:
                  if i in mechanism.free or (p.tolerance and not p.fixed))
     return free, np.array([np.inf if known[i].tolerance is None else known[i].tolerance
                            for i in free], dtype=float)
-
-
-def scaled(columns: Array, tolerance: Array) -> Array:
-    """Return columns (..., F) times tolerances (F,); what does not move stays at 0."""
-    with np.errstate(invalid="ignore"):
-        return np.where(columns == 0.0, 0.0, columns * tolerance)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.noise import typical_noise
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, reciprocals
 
 
 def noise_beyond_tolerances(fit: Fit, which: Sequence[bool]) -> list[str]:
@@ -44,7 +44,7 @@ def _moved(fit: Fit, i: int) -> float:
     held = fit.prior[:len(fit.problem.free)] > 0.0
     if not held.any():
         return 0.0
-    tau = np.where(held, 1.0 / np.where(held, fit.prior[:held.size], 1.0), 0.0)
+    tau = reciprocals(fit.prior[:held.size])
     each: list[Array] = []
     for rows in fit.problem.rows_of(i, fit.state, True, fit.keep[i]):
         spread = np.linalg.norm(rows.jacobian[..., :held.size] * tau, axis=-1)

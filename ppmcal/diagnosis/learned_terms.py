@@ -13,6 +13,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.gross_rows import rows_with_outliers
 from ppmcal.calibration.sessions import pose_labels
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.equations import equations, sized_again
@@ -80,7 +81,7 @@ def learned_terms(base: Fit, whole: Fit, held: Sequence[Dataset], whitening: Whi
 
 def _start(fit: Fit, outliers: bool) -> list[Bools]:
     """Return the rows that a fit uses, with those that it left out as outliers if wanted."""
-    return [k | o if outliers else k for k, o in zip(fit.keep, fit.outliers, strict=True)]
+    return rows_with_outliers(fit) if outliers else list(fit.keep)
 
 
 def _judged(base: Fit, whole: Fit, found: Learned, held: Sequence[Dataset], outliers: bool,

@@ -16,7 +16,7 @@ from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import JoinedColumns, UnitColumns
 from ppmcal.inference.priors import ALL_ALIKE, FAMILY, GROSS_ROW, UNKNOWN, WIDE
 from ppmcal.inference.sets import Question
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, reciprocals
 
 UNKNOWN_FAMILY = "unknown"
 """The family of what no kind of the library does."""
@@ -57,7 +57,7 @@ def question(system: System, library: Library) -> Question:
     scale = system.jacobian_scale
     away = -to_prior(problem, system.state) / scale
     weight = prior_weights(problem, "prior") * scale
-    prior = np.where(weight > 0.0, 1.0 / np.where(weight > 0.0, weight, 1.0), float(WIDE))
+    prior = reciprocals(weight, float(WIDE))
     observed = system.observed
     flat = system.jacobian.reshape(observed.size, -1) * observed.reshape(-1, 1)
     values = system.residual.reshape(-1) * observed.reshape(-1) + flat @ away

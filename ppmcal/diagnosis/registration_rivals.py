@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, residual_freedom
+from ppmcal.calibration.fit import Fit, values_taken
 from ppmcal.calibration.problem import Problem, white_squares
 from ppmcal.calibration.registration_freedoms import (
     RegistrationHint,
@@ -63,7 +63,7 @@ def _worse(found: Diagnosis, hint: RegistrationHint) -> float:
     other = hint.square * found.before.noise**2
     n = min(count, hint.count)
     fit = found.identification.fit
-    fitted = fit.reduced.count - residual_freedom(fit)
+    fitted = values_taken(fit)
     # the noise is that of the better of the two, the stated one at least
     noise = max(1.0, min(square / max(count - fitted, 1.0),
                          other / max(hint.count - hint.fitted, 1.0)))

@@ -222,12 +222,11 @@ def _within_rows(system: System, basis: Array, left: Array, noise: Whitening) ->
 def _correlation(system: System, basis: Array, left: Array) -> tuple[float, int]:
     """Return the correlation of successive rows beyond what the projection makes, and pairs."""
     both = system.observed[1:] & system.observed[:-1] & (system.apart == 1)[:, None]
-    pairs = int(both.sum())
-    if pairs < 20:
+    pairs, rank = int(both.sum()), basis.shape[-1]
+    if pairs < 20 or rank >= system.count:    # or nothing is left
         return 0.0, pairs
     found = float(np.sum(left[1:] * left[:-1] * both)) / pairs
     variance = float(np.sum(left**2)) / system.count
-    rank = basis.shape[-1]
     expected = -float(np.sum(np.sum(basis[1:] * basis[:-1], axis=-1) * both)) / pairs
     return found / variance - expected / (1.0 - rank / system.count), pairs
 

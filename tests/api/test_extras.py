@@ -86,6 +86,7 @@ def test_what_decides_whether_commands_are_safe_is_no_extra(folders, break_, nam
         ppmcal.compensate(folders[0] / "identified.yaml", TARGETS, frame="base")
 
 
+@pytest.mark.slow
 def test_validate_judges_the_machine_without_the_noise_of_the_day(runs, folders, break_):
     whole = ppmcal.validate(folders[0], runs[1].data)
     break_((day_noise, "day_noise"))
@@ -96,6 +97,7 @@ def test_validate_judges_the_machine_without_the_noise_of_the_day(runs, folders,
     assert bare.noise[0].source == "stated"
 
 
+@pytest.mark.slow
 def test_validate_leaves_out_another_machine_that_cannot_be_judged(
         runs, folders, monkeypatch):
     registered = frozen_models._registered
@@ -139,6 +141,7 @@ def test_kinematics_without_how_well_the_model_is_known(folders, break_):
     assert "not known" in bare.headline() and "kinematics.json" in bare.files()
 
 
+@pytest.mark.slow
 def test_plan_without_its_comparisons(break_):
     whole = ppmcal.plan(BENCH, count=4, seed=1)
     break_((planning, "_against"))
@@ -148,6 +151,7 @@ def test_plan_without_its_comparisons(break_):
     assert "plan.json" in bare.files() and not any("nan" in s for s in bare.record.said)
 
 
+@pytest.mark.slow
 def test_tolerances_without_what_the_linear_model_expects(break_):
     whole = ppmcal.tolerances(BENCH, accuracy=1.0, machines=20, cores=1)
     break_((tolerances_command, "_expected"), (tolerances_command, "root_sum_square"))

@@ -236,6 +236,7 @@ def test_singular_poses_in_tables(rz):
     refused("singular", lambda: face.plan(machine, candidates=only, count=4))
 
 
+@pytest.mark.slow
 def test_one_pose_and_the_same_pose_again():
     once, again = poses((500, 288.675, 30)), poses(*[(500, 288.675, 30)] * 4)
     same = [had(face.inverse(TREE, p)).q for p in (once, again)]
@@ -306,6 +307,7 @@ def test_poses_hardly_apart_tell_no_more_than_sound_ones(bench, identified, apar
 # --- sizes --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1e-6, pytest.param(1e2, marks=pytest.mark.slow)])
 def test_designs_of_any_size_give_scaled_answers(factor):
     machine, _ = at_scale(factor)
@@ -340,6 +342,7 @@ def test_plans_and_tolerances_of_any_size(factor):
     assert other == pytest.approx(one * factor, rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [pytest.param(1e-6, marks=pytest.mark.slow), 1e2])
 def test_campaigns_of_any_size(identified, bench, tmp_path, factor):
     machine, scenario = at_scale(factor)
@@ -408,6 +411,7 @@ def test_tolerances_of_nothing_leave_nothing_to_design_for():
         refused("cannot be meant", lambda v=value: face.load(with_tolerance(v)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e6, pytest.param(math.inf, marks=pytest.mark.slow)])
 def test_tolerances_of_everything_are_no_prior(bench, identified, tmp_path, tolerance):
     """What the data tell is told without them too: the commands are those of the data."""
@@ -488,6 +492,7 @@ def test_loads_of_any_size(load):
 # --- wrong rows, other machines -----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_one_row_in_five_wrong_is_left_out_of_a_validation(bench, identified):
     wrong = {c: v.copy() for c, v in bench[1].items()}
     rng = np.random.default_rng(4)
@@ -498,6 +503,7 @@ def test_one_row_in_five_wrong_is_left_out_of_a_validation(bench, identified):
     assert judged.errors[0].noise < 1.5
 
 
+@pytest.mark.slow
 def test_validate_says_that_rows_are_of_another_machine(bench, identified):
     other = tree()
     for i, limb in enumerate(other["limbs"]):
@@ -512,6 +518,7 @@ def test_validate_says_that_rows_are_of_another_machine(bench, identified):
     assert not any("another machine" in f for f in found.findings), found.findings
 
 
+@pytest.mark.slow
 def test_compare_of_the_same_data_finds_no_difference(bench, identified, saved, tmp_path):
     for i, model in enumerate((face.identify(TREE, data(bench), holdout=0.2), identified)):
         model.save(tmp_path / str(i))
@@ -536,6 +543,7 @@ def test_grids_of_poses_that_cannot_be(saved, tmp_path, rows, words):
     refused(words, lambda: face.export("grid", saved, poses=tmp_path / "p.csv"))
 
 
+@pytest.mark.slow
 def test_grids_and_tables_that_can(saved, tmp_path):
     (tmp_path / "p.csv").write_text("x,y,rz\n" + "500,288.675,30\n" * 4 + "500,288.675,0\n")
     assert had(face.export("grid", saved, poses=tmp_path / "p.csv")).needs_a_look
@@ -563,6 +571,7 @@ def test_rods_and_radii_that_cannot_be(tmp_path, options):
     refused("radius|rods", lambda: face.import_config("klipper", file, **options))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("pyarrow") is None, reason="writes Parquet")
 def test_a_batch_goes_on_after_numbers_that_cannot_be(tmp_path):
     """One sound campaign; one of noise of nothing, one of too few rows, one singular at home."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import shutil
@@ -11,8 +10,7 @@ from pathlib import Path
 
 import pytest
 from helpers.commands import ppmcal, ppmcal_process, tree
-from helpers.desk import examples_of
-from helpers.desk import run as run_example
+from helpers.shared import shared_demo
 from torture.desk import make_desk
 
 import ppmcal as face
@@ -32,7 +30,7 @@ WRITING = {
     "sens": "sensitivity mine.yaml --home-only",
     "validated": "validate identified run2.csv --against identified-may",
     "compared": "compare identified identified-may",
-    "diagnosed": "diagnose mine.yaml run2.csv --draws 200",
+    "diagnosed": "diagnose mine.yaml run1.csv --draws 200 --kind backlash",
     "tol": "tolerances mine.yaml --accuracy 0.2 --machines 50",
     "stiffness": "stiffness stiff.yaml",
     "ws": "workspace mine.yaml --grid x=-20:20:3,y=-20:20:3",
@@ -99,10 +97,8 @@ def test_what_a_command_wrote_is_made_again_byte_by_byte(desk: Path, name: str) 
 
 
 @pytest.mark.slow
-def test_the_folders_of_the_demo(tmp_path: Path) -> None:
-    with contextlib.chdir(tmp_path):
-        run_example(examples_of("demo")[0])    # the one of the help
-    runs = checked(tmp_path, "demo-results", code=0)
+def test_the_folders_of_the_demo(tmp_path_factory: pytest.TempPathFactory) -> None:
+    runs = checked(shared_demo(tmp_path_factory), "demo-results", code=0)
     assert {r["command"] for r in runs} == {"identify", "compensate", "diagnose", "kinematics",
                                             "simulate", "sensitivity", "plan", "report"}
 
@@ -222,6 +218,7 @@ def test_results_of_python(desk: Path, tmp_path: Path, monkeypatch: pytest.Monke
     assert "in memory" in found.findings[0]
 
 
+@pytest.mark.slow
 def test_a_refused_diagnosis(desk: Path, tmp_path: Path) -> None:
     own = copied(desk, tmp_path)
     text = (own / "run1.csv").read_text().splitlines()
@@ -335,6 +332,7 @@ def test_names_of_files_in_a_record_stay_in_the_folder(desk: Path, tmp_path: Pat
     assert "../mine.yaml" not in [f["file"] for f in run["files"]]
 
 
+@pytest.mark.slow
 def test_nothing_is_left_in_the_temporary_folder(desk: Path, tmp_path: Path,
                                                  monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "temporary").mkdir()

@@ -147,6 +147,7 @@ def sister() -> Mechanism:
     return replace(machine(NAME), parameters=tuple(parameters))
 
 
+@pytest.mark.slow
 def test_files_of_one_frame_are_each_looked_at_alone() -> None:
     (found,) = check(sister(), three()[:2]).misreadings
     assert found.mistakes[0].kind == "other-machine"

@@ -185,6 +185,7 @@ def in_both(whole: Mechanism, data: list[Dataset], poorer: int, without: str) ->
     return between(whole.with_values(at), first, second, {}, np.random.default_rng(0))[0]
 
 
+@pytest.mark.slow
 def test_what_only_one_calibration_could_fit_is_no_change() -> None:
     """Nothing changed; one fit had the platform's joints free, the other one held them."""
     whole = machine("3-RPR")
@@ -367,6 +368,7 @@ def test_it_is_said_what_is_how_many_times_what() -> None:
         "every +- here; at the same poses in both, smaller changes would show.")
 
 
+@pytest.mark.slow
 def test_compare_fits_again_what_had_other_parameters_free(sessions: Path, tmp_path: Path) -> None:
     """--free differs: nothing has changed, and no change of what one of the two held is told."""
     ppmcal("identify", "3-RPR.yaml", "B/measurements.csv", "--free", "*.offset", "--quiet",
@@ -416,6 +418,7 @@ def test_tables_are_read_where_they_are_unchanged(sessions: Path, tmp_path: Path
         i.endswith("there/measurements.csv") for i in inputs)
 
 
+@pytest.mark.slow
 def test_keep_carries_on(sessions: Path, tmp_path: Path) -> None:
     """--start OLD --keep, or the old model itself with --keep; the same rows twice are refused."""
     args = ("--keep", "--quiet", "--holdout", "0")
@@ -448,8 +451,12 @@ def test_keep_keeps_what_was_measured_before(sessions: Path, tmp_path: Path) -> 
                  for f in (sessions / "idB", tmp_path / "o"))
     assert seen["x"] == pytest.approx([-2000.0, new["x"][1]], rel=1e-3)
     assert seen["temperature"] == [15.0, 25.0]
+    # the volume that targets are compared in is the same in both files
+    told = json.loads((tmp_path / "o" / "identification.json").read_text())["measured_volume"]
+    assert told["x"] == pytest.approx(seen["x"])
 
 
+@pytest.mark.slow
 def test_keep_says_when_the_machine_has_changed(sessions: Path, tmp_path: Path) -> None:
     run = ppmcal("identify", "3-RPR.yaml", "C/measurements.csv", "--start", "idA/identified.yaml",
                  "--keep", "--out", tmp_path / "o", cwd=sessions, expect=1)
@@ -476,6 +483,7 @@ def test_bad_starts_are_refused(sessions: Path, tmp_path: Path) -> None:
         assert run.err.startswith("Error:") or "Error:" in run.err
 
 
+@pytest.mark.slow
 def test_a_table_that_was_only_held_out_is_not_known(sessions: Path, tmp_path: Path) -> None:
     ppmcal("identify", "3-RPR.yaml", "A/measurements.csv", "--holdout", "B/measurements.csv",
            "--quiet", "--out", tmp_path / "one", cwd=sessions, expect=0)
@@ -486,6 +494,7 @@ def test_a_table_that_was_only_held_out_is_not_known(sessions: Path, tmp_path: P
     assert "two/identified.yaml: is an input of this run" in run.err
 
 
+@pytest.mark.slow
 def test_a_flat_calibration_claims_no_more_than_its_data(sessions: Path, tmp_path: Path) -> None:
     """Frame unknown, no tolerances: twelve parameters, nine directions known.
 

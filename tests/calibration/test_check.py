@@ -109,6 +109,7 @@ def said(run):
     return " ".join(run.out.split())
 
 
+@pytest.mark.slow
 def test_home_outside_its_limits_is_said_and_the_columns_are_not_blamed(tmp_path):
     bench(tmp_path, {"leg2": [100, 200]})
     run = ppmcal("check", "m.yaml", "d.csv", "--json", cwd=tmp_path, expect=1)

@@ -89,6 +89,7 @@ def test_a_day_that_cannot_be_fitted_keeps_its_noise(stage, day):
     assert (found.source, found.factor) == (STATED, 1.0)
 
 
+@pytest.mark.slow
 def test_what_data_demand_rests_on_the_noise_of_the_day(stage, day):
     """Zeros moved by some 0.02 mm; the file begins with noise eight times too large."""
     shifted = replace(day.noisier(8.0), estimated=True, q=day.q + np.array([16e-6, -16e-6, 24e-6]))

@@ -119,3 +119,16 @@ def test_draws_of_many_poses_take_little_memory_and_are_the_same(
     np.testing.assert_array_equal(some, whole)
     # of all draws at once, indices alone would take sixteen megabytes
     assert peak < 4e6
+
+
+def test_intervals_that_are_to_hold_together_are_longer():
+    """Of five alike machines noise makes one better or worse in one day of twenty, not in five."""
+    rng, days, found = np.random.default_rng(6), 150, np.zeros(2)
+    for _ in range(days):
+        draws = RmsDraws(np.arange(24), 0)
+        one, *others = rng.normal(size=(6, 24)) ** 2
+        first = draws.rms(one)
+        for n, together in enumerate((1, 5)):
+            ends = [draws.interval(first - draws.rms(o), together) for o in others]
+            found[n] += any(low > 0.0 or high < 0.0 for low, high in ends)
+    assert found[0] > 0.1 * days > 0.05 * days + 2.0 * np.sqrt(0.05 * days) > found[1]

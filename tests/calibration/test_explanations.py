@@ -188,6 +188,7 @@ def test_a_body_defined_anew_is_no_change_of_legs() -> None:
         1e-3, abs=4.0 * by["target_rotation.rx"].sigma)
 
 
+@pytest.mark.slow
 def test_what_both_miss_alike_is_no_noise() -> None:
     """At the same poses again a misfit of six sigma cancels, and a change of two still shows."""
     mechanism, rng = machine("3-RPR"), np.random.default_rng(8)

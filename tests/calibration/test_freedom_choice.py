@@ -72,6 +72,7 @@ def test_noise_does_not_flip_the_choice(printer):
     assert sum(k > 1 for k in kept) <= 3
 
 
+@pytest.mark.slow
 def test_left_out_rows_are_predicted_as_by_fits_without_them(printer):
     """Linear algebra on the rows against a fit of the others, block by block, set by set."""
     data = measured(printer, False, 5)

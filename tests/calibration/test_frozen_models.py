@@ -80,6 +80,20 @@ def test_the_true_machine_misses_by_the_noise(truth, day):
     assert first.noise == pytest.approx(1.0, abs=0.1)
 
 
+def test_a_registration_takes_what_rows_see_of_it():
+    """A platform that stays level tells no target from the frame: with both open nothing is lost.
+
+    Not of the error's interval either, which columns that take no value would widen.
+    """
+    printer = ppmcal.load(ppmcal.shipped("delta-linear"))
+    (bed,) = ppmcal.simulate(printer, ppmcal.shipped("delta-linear", scenario=True)).data
+    few = bed.take(np.arange(8))
+    alone, both = (validated([FrozenModel("model", printer)], [few], words)[0].errors[0].position
+                   for words in (("frame",), ("frame", "target")))
+    assert both["rms"] == pytest.approx(alone["rms"], rel=1e-6)
+    assert both["rms_high"] == pytest.approx(alone["rms_high"], rel=1e-6)
+
+
 def test_each_effect_left_out_is_surely_worse(truth, day):
     (found,) = validated(with_and_without(truth), day)
     labels = [e.label for e in found.errors]
@@ -95,6 +109,7 @@ def test_an_effect_that_is_not_there_makes_it_worse(stage, truth):
     assert [e.sure for e in found.errors][1:] == [1, 1, 1]
 
 
+@pytest.mark.slow
 def test_the_command_says_so_and_exits_with_1(stage, truth, tmp_path):
     """Effects that make the day worse than the geometry alone are a finding; those that help none.
     """
@@ -141,6 +156,7 @@ def test_errors_agree_with_a_fit_of_the_frame_by_other_means(truth, day):
     assert found.errors[0].position["rms"] == pytest.approx(own, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_zeros_that_moved_between_days_are_demanded(truth, day):
     (data,) = day
     shifted = replace(data, q=data.q + np.array([3e-4, -2e-4, 4e-4]))
@@ -151,6 +167,7 @@ def test_zeros_that_moved_between_days_are_demanded(truth, day):
     assert kept.demanded == () and kept.errors[0].noise > 5.0
 
 
+@pytest.mark.slow
 def test_a_frame_is_demanded_where_the_file_holds_it_known(truth, day):
     (data,) = day
     known = replace(data, frame=replace(data.frame, fitted=False, value=np.zeros(6)),
@@ -187,6 +204,7 @@ def test_false_certainty_is_rare(stage, truth):
 # ---------------------------------------------------------------- face, files, words
 
 
+@pytest.mark.slow
 def test_the_face_judges_against_nominal_and_others(truth, stage, day, tmp_path):
     calibrated = ppmcal.identify(stage, ppmcal.simulate(stage, scenario(7, EFFECTS)).data,
                                  holdout=0.0)
@@ -202,6 +220,7 @@ def test_the_face_judges_against_nominal_and_others(truth, stage, day, tmp_path)
     assert "made smaller by backlash on leg1 (" in effects_sentence(result.record.datasets[0])
 
 
+@pytest.mark.slow
 def test_a_folder_is_as_good_as_its_model(stage, day, tmp_path):
     calibrated = ppmcal.identify(stage, ppmcal.simulate(stage, scenario(7)).data, holdout=0.0)
     calibrated.save(tmp_path / "cal")
@@ -236,6 +255,7 @@ def test_diagnose_validates_each_session_from_the_others(stage):
     assert result.record.confirmed is True
 
 
+@pytest.mark.slow
 def test_a_value_typed_wrong_counts_for_no_machine(truth, day):
     (data,) = day
     position = data.position.copy()
@@ -263,6 +283,7 @@ def test_a_bed_that_lies_elsewhere_is_demanded(tmp_path):
     assert same.demanded == ()
 
 
+@pytest.mark.slow
 def test_a_row_that_is_wrong_within_tolerances_is_named_and_counts(truth, day):
     """A tolerance of 0.5 mm explains 0.06 mm; the other 79 rows do not."""
     wrong = day[0].position.copy()
@@ -277,6 +298,7 @@ def test_a_row_that_is_wrong_within_tolerances_is_named_and_counts(truth, day):
     assert "does not fit with the others, whatever the geometry" in said and "they count" in said
 
 
+@pytest.mark.slow
 def test_a_row_beyond_tolerances_is_left_out_and_named(truth, day):
     wrong = day[0].position.copy()
     wrong[17, 1] += 0.05

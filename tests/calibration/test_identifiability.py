@@ -133,6 +133,7 @@ def test_fixed_drives_tell_scale_a_little(tmp_path: Path) -> None:
     assert found.scale is not None and not found.scale.unobservable
 
 
+@pytest.mark.slow
 def test_a_flat_fit_that_would_run_off_is_refused(tmp_path: Path) -> None:
     """288 mm rods became 269 or 320 mm that way; with tolerances they stay."""
     mechanism = printer(tmp_path)

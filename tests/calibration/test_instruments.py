@@ -125,6 +125,7 @@ def scenario(folder: Path, name: str, **changes: object) -> None:
     (folder / "s.yaml").write_text(yaml.safe_dump(content | changes))
 
 
+@pytest.mark.slow
 def test_commands_with_heights_and_distances(tmp_path: Path) -> None:
     """Simulated, fitted together, reported; residuals under their own names."""
     scenario(tmp_path, "delta-linear", instrument={"kind": "plane", "sigma": {"height": 0.01}},
@@ -158,6 +159,7 @@ def test_commands_with_heights_and_distances(tmp_path: Path) -> None:
     ppmcal("report", "a", "i", "--out", "r", cwd=tmp_path, expect=0)
 
 
+@pytest.mark.slow
 def test_backlash_in_touches_of_a_flat(tmp_path: Path) -> None:
     """Few rows of one number each: what alternates is not taken for correlated noise."""
     scenario(tmp_path, "delta-linear", instrument={"kind": "plane", "sigma": {"height": 0.01}},

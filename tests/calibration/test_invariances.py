@@ -187,6 +187,7 @@ def test_frames_and_all_else_at_once_tell_nothing(campaign, plain, seed):
     assert found[4] == plain[4]
 
 
+@pytest.mark.slow
 def test_what_is_said_of_it_is_the_same_from_every_side(campaign, tmp_path):
     """The console's own sentence, for check and for identify."""
     said = set()

@@ -166,6 +166,7 @@ def campaigns():
     return of
 
 
+@pytest.mark.slow_cases("3-RPS", "6-UPS")
 @pytest.mark.parametrize("kind", QUICK)
 def test_everything_at_once_tells_nothing(campaigns, kind):
     _, plain = campaigns(kind)
@@ -222,6 +223,7 @@ def judged(record, machine):
     return said, figures
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["3-RPS", *(pytest.param(k, marks=pytest.mark.slow)
                                              for k in ROWS if k != "3-RPS")])
 def test_validate_judges_the_same(campaigns, kind):

@@ -127,6 +127,7 @@ def mended(path: Path, block: object) -> None:
     sidecar.write_text(yaml.safe_dump({**text, "read": block}), encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow)
                                   for n in WRONG])
 def test_a_mistake_is_named_and_its_mend_mends(tmp_path: Path, name: str) -> None:
@@ -141,6 +142,7 @@ def test_a_mistake_is_named_and_its_mend_mends(tmp_path: Path, name: str) -> Non
     assert not after.misread and after.times < 1.0
 
 
+@pytest.mark.slow
 def test_the_mend_of_the_message_can_be_copied(tmp_path: Path) -> None:
     path = session(tmp_path, both(swapped, euler("xyz")))
     with pytest.raises(Misread) as refused:
@@ -173,6 +175,7 @@ def test_sigma_goes_with_the_unit_of_the_whole_file(tmp_path: Path, unit: str) -
     assert entry.sigma == lines[1]["instrument"]["sigma"]
 
 
+@pytest.mark.slow
 def test_a_sigma_that_is_right_stays(tmp_path: Path) -> None:
     """Positions in inches, and the tracker's sigma as its maker states it, mm."""
     path = session(tmp_path, scaled(("x", "y", "z"), 1.0 / 25.4))
@@ -233,6 +236,7 @@ def test_another_machines_file_has_no_winner_and_nothing_is_written(tmp_path: Pa
 
 # --- what the commands say ------------------------------------------------------------------------
 
+@pytest.mark.slow
 def test_commands_tell_the_mistakes(tmp_path: Path) -> None:
     path = session(tmp_path, both(swapped, scaled(("x", "y", "z"), 1e-3)))
     checked = json.loads(ppmcal("check", MACHINE, path, "--json", expect=1).out)
@@ -467,6 +471,7 @@ def test_what_happens_in_mid_run_is_no_misreading(tmp_path: Path) -> None:
     assert found.times > 5.0 and not found.misread
 
 
+@pytest.mark.slow
 def test_a_geometry_that_absorbs_another_machine_is_refused(tmp_path: Path) -> None:
     problem = campaign(tmp_path, "other-machine", "delta-linear")
     with pytest.raises(Misread, match="the file of another machine"):
@@ -504,6 +509,7 @@ def test_rows_that_hold_each_others_measurements_are_told(tmp_path: Path, machin
     assert set(mistake.rows) <= set(moved) and len(mistake.rows) > 0.75 * len(moved)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("case", "machine"), [
     ("stretch-swapped", "delta-linear"),
     pytest.param("stretch-mirrored", "delta-rotary", marks=pytest.mark.slow),
@@ -620,6 +626,7 @@ def test_check_tells_rows_that_repeat_the_one_before_once(tmp_path: Path) -> Non
     assert said.count("are still those of the row before") == 1
 
 
+@pytest.mark.slow
 def test_a_mistake_is_named_on_a_machine_with_a_hidden_effect_too(tmp_path: Path) -> None:
     """A play of ten times the noise is left by the right reading; by the wrong one everything."""
     path = simulated(tmp_path, 7.0, [{"kind": "backlash", "on": ["leg2"],

@@ -10,7 +10,7 @@ from interval_study import few_rows
 from scipy.special import bdtr, ndtr, stdtrit
 
 import ppmcal
-from ppmcal.calibration.coverage import LEAST, coverage_by
+from ppmcal.calibration.coverage import LEAST, Z95, coverage_by
 from ppmcal.calibration.fit import Fit, FitOptions, posterior
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.intervals import by_noise, coverage
@@ -63,6 +63,27 @@ def test_what_only_noise_makes_uncertain_has_one_factor(stage: Mechanism) -> Non
     np.testing.assert_allclose(by_noise(fit, options), coverage(fit) * sigma, rtol=1e-6)
 
 
+def test_what_is_held_does_not_grow_with_the_noise(stage: Mechanism) -> None:
+    """The sum of Student's t of few values and of a normal one, by drawing both.
+
+    As lengths of intervals they do not add up like standard deviations.
+    """
+    options = FitOptions("flat", robust=False)
+    fit, _ = fitted(stage, 1, 1.0, options)
+    fit = replace(fit, reduced=replace(fit.reduced, count=fit.reduced.count - noise_parts(fit)[1]))
+    assert noise_parts(fit)[1] == 0
+    column, rng = int(np.argmin(np.diagonal(posterior(fit)))), np.random.default_rng(5)
+    variance = float(np.diagonal(posterior(fit))[column])
+    by = np.sqrt(variance * LEAST / rng.chisquare(LEAST, 400_000)) * rng.standard_normal(400_000)
+    for part in (0.2, 1.0, 5.0):
+        more = part * variance
+        both = np.abs(by + np.sqrt(more) * rng.standard_normal(by.size))
+        half = by_noise(fit, options, np.full(fit.scale.size, more))[column]
+        assert np.mean(both < half) == pytest.approx(0.95, abs=0.0015)
+        alone = np.hypot(by_noise(fit, options)[column], Z95 * np.sqrt(more))
+        assert half < alone
+
+
 @pytest.mark.parametrize("degrees", [4, 10, 40])
 def test_intervals_by_an_estimated_noise_hold(degrees: int) -> None:
     """A difference over a sigma from so few degrees of freedom; 1.96 of it holds less."""
@@ -80,6 +101,7 @@ def test_what_a_tolerance_holds_is_no_less_certain_for_noise(stage: Mechanism) -
     np.testing.assert_allclose(half, 1.96 * prior, rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_noise_stated_too_small_and_not_noticed_leaves_intervals_that_hold(stage: Mechanism
                                                                           ) -> None:
     """1.5 times too small, at 24 degrees of freedom: the check fails in half of the campaigns."""

@@ -82,6 +82,7 @@ def test_noise_that_nobody_stated_is_not_called_stated(hexapod: Mechanism) -> No
     assert noise_source([data, replace(data, estimated=True)]) == "stated or estimated"
 
 
+@pytest.mark.slow
 def test_noise_and_prior_are_checked_apart(hexapod: Mechanism) -> None:
     """Each part has its own degrees of freedom, whatever the other one is."""
     checks = [found(hexapod, campaign(hexapod, seed, 1.0))[1] for seed in range(SEEDS)]

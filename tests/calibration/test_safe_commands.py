@@ -60,6 +60,7 @@ def off(mechanism: Mechanism, scale: float = 1.0, seed: int = 3) -> Mechanism:
 # --- ways -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow_cases("3-RPS", "6-RUS", "6-UPS", "delta-rotary")
 @pytest.mark.parametrize("name", ["3-RPR", "3-RRR-1", "3-RPS", "6-RUS", "6-UPS", "delta-rotary"])
 def test_ways_that_a_fine_search_finds_unsound_are_found(name: str) -> None:
     """Beyond the box inside limits some ways lead out of limits, or through singularities."""
@@ -82,6 +83,7 @@ def test_ways_that_a_fine_search_finds_unsound_are_found(name: str) -> None:
     np.testing.assert_array_equal(mine, wrong)
 
 
+@pytest.mark.slow_cases("delta-linear-6rods", "delta-rotary-6rods")
 @pytest.mark.parametrize("name", CONFIGS)
 def test_no_way_inside_the_workspace_is_refused(name: str) -> None:
     mechanism = machine(name)
@@ -149,6 +151,7 @@ def path_of(mechanism: Mechanism, count: int = 60) -> Array:
     return placed(mechanism, chosen, (low + high) / 2.0 + 0.4 * (high - low) * np.sin(t))
 
 
+@pytest.mark.slow_cases("3-RPS", "6-RUS", "6-UPS", "delta-rotary")
 @pytest.mark.parametrize("name", ["3-RPR", "6-UPS", "3-RPS", "delta-rotary", "6-RUS"])
 def test_a_joint_that_jumps_between_neighbours_is_refused(name: str) -> None:
     """Another root, a turn too many: the targets do not jump, so the commands must not."""
@@ -165,6 +168,7 @@ def test_a_joint_that_jumps_between_neighbours_is_refused(name: str) -> None:
     assert "jump" in refused[20]
 
 
+@pytest.mark.slow
 def test_a_jump_is_seen_where_effects_take_the_pose_off_the_geometry() -> None:
     """A 3-RPS that drifts stands beside its own surface, where the geometry alone has no joints."""
     mechanism = off(machine("3-RPS"))
@@ -305,6 +309,8 @@ SPECIAL: dict[str, dict[str, Any]] = {
 KINDS = [k for k, kind in effect_kinds().items()
          if "planar" in kind.motions and kind.joints != "turning"
          and not kind.instrument and not kind.onset and k not in ("product", "learned")]
+QUICK = {"backlash", "drift", "leg_thermal"}
+"""With a direction, a time and a temperature: every test run can bear these."""
 
 
 def acting(kind: str) -> Mechanism:
@@ -333,7 +339,8 @@ def conditions(mechanism: Mechanism, count: int) -> dict[str, Array]:
     return out
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [
+    k if k in QUICK else pytest.param(k, marks=pytest.mark.slow) for k in KINDS])
 def test_a_condition_that_changes_commands_is_never_taken_as_zero(kind: str) -> None:
     """Whatever column moves a command: without it the targets are refused, or the row is."""
     mechanism = acting(kind)

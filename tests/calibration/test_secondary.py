@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,20 @@ def test_what_fails_is_left_out_and_noted(error: Exception) -> None:
 def test_faults_of_the_program_are_not_hidden() -> None:
     with pytest.raises(TypeError):
         secondary("the colour", lambda: len(3), 7, [])    # type: ignore[arg-type]
+
+
+def test_two_machines_of_exact_values_disagree_and_have_a_result() -> None:
+    """Residuals are millions of times the noise, whatever the fit: that is told, and is no end."""
+    printer = read_mechanism(ROOT / "configs" / "delta-linear.yaml")
+    scenario = replace(read_scenario(
+        ROOT / "configs" / "scenarios" / "delta-linear.yaml", printer), sigma_position=1e-12)
+    days = [replace(run(printer, scenario, seed).data.take(np.arange(8)), name=f"day{seed}")
+            for seed in (1, 2)]
+    found = ppmcal.identify(printer, days)
+    assert found.identification.noise.sigma_ratio > 1e6
+    assert found.identification.sessions is not None and found.identification.sessions.differ
+    assert any(f.startswith("sessions disagree") for f in found.findings)
+    assert not any(f.startswith(NOTE) for f in found.findings)
 
 
 def test_identify_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch,

@@ -71,6 +71,7 @@ def together(found: list[dict[str, tuple[float, float]]], what: str) -> Array:
     return np.asarray(np.sqrt(np.mean(np.square([f[what] for f in found]), axis=0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("noise", "frame"), [(0.5, "base"), (0.3, "")])
 def test_machines_as_the_tolerances_have_them_err_as_is_told(noise: float, frame: str) -> None:
     """Poor data: what is not known is as large as what is corrected, and in both errors.

@@ -131,6 +131,7 @@ def test_no_command_loads_the_statistics_of_scipy():
     assert (done.returncode, done.stdout) == (0, "False\n"), done.stderr
 
 
+@pytest.mark.slow
 def test_installed_command_runs(tmp_path):
     script = Path(sys.executable).with_name("ppmcal")
     done = subprocess.run([script, "init", "3-RPR", "--out", "m.yaml"], cwd=tmp_path, timeout=60,
@@ -235,6 +236,7 @@ def test_outlier_is_excluded_with_reason_and_exit_1(bench):
     assert not found[3]["reason"]
 
 
+@pytest.mark.slow
 def test_failed_noise_check_is_1(bench):
     path = bench / "s" / "measurements.yaml"
     path.write_text(path.read_text().replace("position: 0.01", "position: 0.001"))
@@ -290,6 +292,7 @@ def test_errors_are_shown_in_quiet_and_json(bench, flag):
     assert "absent.yaml" in run.err
 
 
+@pytest.mark.slow
 def test_seed_reproduces_bytes(bench):
     def once(seed, out):
         ppmcal("simulate", "m.yaml", "m.scenario.yaml", "--seed", seed, "--out", f"s{out}",
@@ -551,6 +554,7 @@ def test_velocity_is_the_derivative(bench):
         assert number(rate, f"rate_{leg}") == pytest.approx(slope, rel=1e-4, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_empty_coordinates_are_solved_for(tmp_path):
     ppmcal("init", "3-RPS", "--out", "m.yaml", cwd=tmp_path, expect=0)
     write_csv(tmp_path / "p.csv", [{"x": "", "y": "", "z": z, "rx": rx, "ry": -3, "rz": ""}
@@ -972,6 +976,7 @@ def test_gcv(bench):
     assert 0.8 < found["noise"]["sigma_ratio"] < 1.2
 
 
+@pytest.mark.slow
 def test_damped(bench):
     """The scheme of the PPM paper, on what it can do: known frame, few parameters."""
     scenario(bench, frame={"x": 0, "y": 0, "rz": 0}, target=[0, 0],

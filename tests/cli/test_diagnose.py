@@ -281,6 +281,7 @@ def test_an_effect_whose_column_was_not_recorded_is_not_called_another(tmp_path:
                    for v in e["parameters"].values()), e["kind"]
 
 
+@pytest.mark.slow
 def test_columns_that_do_not_change(tmp_path: Path) -> None:
     """Every row approached from one side, one load, one temperature."""
     simulate(tmp_path, "3-RPR", [], approach="one",
@@ -303,6 +304,7 @@ def test_nothing_follows_what_does_not_change(tmp_path: Path) -> None:
     assert found["verdict"] in ("none", "weak")
 
 
+@pytest.mark.slow_cases("6")
 @pytest.mark.parametrize("count", [1, 2, 6, 10])
 def test_hardly_any_data(tmp_path: Path, count: int) -> None:
     """A clear refusal or a verdict that claims nothing."""
@@ -397,6 +399,7 @@ def test_next_measurements_move_the_way_they_come(made: Callable[[str], Path]) -
 # --- what is written ----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CAMPAIGNS)
 def test_diagnosis_json(made: Callable[[str], Path], name: str) -> None:
     """Every key of the contract, of the right type, in the machine's units."""
@@ -547,6 +550,7 @@ def test_the_model_compensates(made: Callable[[str], Path], tmp_path: Path) -> N
     assert abs(number(up, "q_leg1") - number(down, "q_leg1")) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_report_of_a_diagnosis(made: Callable[[str], Path], tmp_path: Path) -> None:
     folder = shutil.copytree(made("two"), tmp_path / "c")
     ppmcal("report", "d", "--out", "r", cwd=folder, expect=0)

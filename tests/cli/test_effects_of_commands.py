@@ -232,6 +232,7 @@ def test_a_scenario_that_does_not_set_what_an_effect_needs(tmp_path: Path) -> No
         assert not (tmp_path / "o").exists()
 
 
+@pytest.mark.slow
 def test_kinds_that_nothing_shows_do_no_harm(bench: Path, tmp_path: Path) -> None:
     """Free effects that are not there: identified as next to nothing, in a file that reads."""
     effects = [effect("backlash", width=0.1), effect("compliance", stiffness=1e5)]

@@ -7,7 +7,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from helpers.desk import examples_of, lay_desk, run
+from helpers.desk import examples_of, run
+from helpers.shared import shared_desk
 
 from ppmcal.cli import COMMANDS
 
@@ -30,12 +31,12 @@ def test_every_command_has_an_example(name: str) -> None:
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with everything that the examples name."""
-    folder = tmp_path_factory.mktemp("desk")
-    lay_desk(folder)
-    return folder
+    return shared_desk(tmp_path_factory)
 
 
+@pytest.mark.slow_cases("identify mine.yaml run1.csv run2.csv --leave-out session",
+                        "identify mine.yaml run2.csv --start identified --keep --out kept",
+                        "validate identified run2.csv --against identified-may")
 @pytest.mark.parametrize("line", [
     pytest.param(line, marks=pytest.mark.slow if name in SLOW else ()) for name, line in HERE],
     ids=[line.removeprefix("ppmcal ") for _, line in HERE])

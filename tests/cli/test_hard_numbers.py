@@ -115,6 +115,8 @@ ROWS = {
 }
 
 
+@pytest.mark.slow_cases("two rows far beyond any machine-identify", "two rows typed wrong-identify",
+                        "one in five wrong-identify")
 @pytest.mark.parametrize("command", ["check", "identify"])
 @pytest.mark.parametrize("name", ROWS)
 def test_rows_that_tell_little_or_nothing(bench, tmp_path, name, command):
@@ -145,6 +147,7 @@ NOISE = {
 }
 
 
+@pytest.mark.slow_cases("a ten-millionth of the scatter-diagnose")
 @pytest.mark.parametrize("command", ["check", "identify", "diagnose"])
 @pytest.mark.parametrize("name", NOISE)
 def test_noise_that_cannot_be_meant_is_refused_at_once(bench, tmp_path, name, command):
@@ -170,13 +173,16 @@ TOLERANCES = {0.0: None, 1e-300: "cannot be meant", 1e-15: "cannot be meant", 1e
               1e6: None, math.inf: None, 1e300: "cannot be"}
 
 
+@pytest.mark.slow_cases("0.0-identify", "1e-09-identify", "1e-09-check", "1e-09-sensitivity",
+                        "1000000.0-sensitivity", "inf-sensitivity", "1e-09-tolerances",
+                        "inf-tolerances")
 @pytest.mark.parametrize("command", ["check", "identify", "sensitivity", "tolerances"])
 @pytest.mark.parametrize("value", TOLERANCES)
 def test_tolerances_of_any_size(bench, tmp_path, value, command):
     machine, side, table, _ = bench
     folder = written(tmp_path / "w", with_tolerance(machine, value), side, table)
     data = ["run.csv"] if command in ("check", "identify") else []
-    more = ["--accuracy", "0.5"] if command == "tolerances" else []
+    more = ["--accuracy", "0.5", "--machines", "100"] if command == "tolerances" else []
     found = run(folder, command, "mine.yaml", *data, *more)
     words = " ".join(found.err.split())
     if TOLERANCES[value]:
@@ -195,6 +201,7 @@ def test_diagnose_of_rows_that_tell_little(bench, tmp_path, name):
         assert run(folder, "diagnose", "mine.yaml", "run.csv").code in (0, 1, 3)
 
 
+@pytest.mark.slow
 def test_diagnose_of_a_sequence_with_two_rows_typed_wrong(bench, tmp_path):
     machine, side, table, _ = bench
     folder = written(tmp_path / "w", machine, {**side, "approach": "sequence"},
@@ -206,13 +213,16 @@ def test_diagnose_of_a_sequence_with_two_rows_typed_wrong(bench, tmp_path):
 @pytest.mark.parametrize("method", [["--method", "gcv"], ["--method", "damped"],
                                     ["--prior", "flat"], ["--sigma", "estimated"],
                                     ["--keep-outliers"]])
-@pytest.mark.parametrize("name", ["poses hardly apart", "two rows typed wrong", "three poses"])
+@pytest.mark.parametrize("name", [
+    *(pytest.param(n, marks=pytest.mark.slow) for n in ("poses hardly apart",
+                                                        "two rows typed wrong")), "three poses"])
 def test_other_methods_refuse_by_name_too(bench, tmp_path, name, method):
     machine, side, table, _ = bench
     folder = written(tmp_path / "w", machine, side, ROWS[name][1](table))
     run(folder, "identify", "mine.yaml", "run.csv", "--iterations", 40, *method)
 
 
+@pytest.mark.slow
 def test_one_row_in_five_wrong_is_left_out_and_the_machine_found(bench, tmp_path):
     machine, side, table, truth = bench
     folder = written(tmp_path / "w", machine, side, gross(table, 0.2))
@@ -282,6 +292,7 @@ def answers(folder, machine, side, table):
     return found
 
 
+@pytest.mark.slow_cases("1e-06", "0.001")
 @pytest.mark.parametrize("factor", SCALES)
 def test_a_scaled_machine_gives_scaled_answers(bench, at_one, tmp_path, factor):
     found = answers(tmp_path, *at_scale(bench, factor))

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 from helpers.commands import ppmcal, tree
-from torture.desk import make_desk
+from helpers.shared import shared_demo
+from torture.desk import make_desk, remember
 
 from ppmcal.cli import COMMANDS
 from ppmcal.errors import BadInput
@@ -29,7 +30,7 @@ FOLDERS = {
     "identify": "mine.yaml run1.csv",
     "validate": "identified run2.csv",
     "compare": "identified identified-may",
-    "diagnose": "mine.yaml run2.csv --draws 200",
+    "diagnose": "mine.yaml run1.csv --draws 200 --kind backlash",
     "compensate": "identified targets.csv",
     "sensitivity": "mine.yaml --home-only",
     "tolerances": "mine.yaml --accuracy 0.2 --machines 50",
@@ -52,6 +53,8 @@ TWO = {"compensate", "export"}
 """Those that lift a refusal too, with --regardless: what replaces files is --overwrite there."""
 SLOW = {"tolerances", "workspace", "plan", "diagnose", "demo", "batch", "validate", "compare",
         "stiffness"}
+OUT = "demo-results"
+"""Where each of them writes."""
 
 
 def slowly(names: object) -> list[object]:
@@ -82,12 +85,23 @@ def here(desk: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
+def remembering() -> list[tuple[object, str, object]]:
+    """Return module, name and substitute of what computes, once for the same words."""
+    found: list[tuple[object, str, object]] = []
+    remember(lambda *function: found.append(function))
+    return found
+
+
+@pytest.fixture(scope="module")
 def done(desk: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[int, Path]]:
-    """Return a command's exit code, and a folder in which it wrote o; each is run once."""
+    """Return a command's exit code, and a folder in which it wrote; each is run once."""
     @cache
     def made(name: str) -> tuple[int, Path]:
         folder = Path(shutil.copytree(desk, tmp_path_factory.mktemp("done") / "desk"))
-        run = ppmcal(name, *shlex.split(FOLDERS[name]), "--out", "o", cwd=folder)
+        if name == "demo":
+            shutil.copytree(shared_demo(tmp_path_factory) / OUT, folder / OUT)
+            return 0, folder
+        run = ppmcal(name, *shlex.split(FOLDERS[name]), "--out", OUT, cwd=folder)
         assert run.code in (0, 1), run.err
         return run.code, folder
 
@@ -123,23 +137,27 @@ def test_a_folder_of_another_command_is_refused(name: str, here: Path) -> None:
 
 @pytest.mark.parametrize("name", slowly(FOLDERS))
 def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
-        name: str, done: Callable[[str], tuple[int, Path]], tmp_path: Path) -> None:
-    words = [name, *shlex.split(FOLDERS[name]), "--out", "o"]
+        name: str, done: Callable[[str], tuple[int, Path]], tmp_path: Path,
+        remembering: list[tuple[object, str, object]], monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is computed stays the same, so it is computed once: here files count."""
+    for function in remembering:
+        monkeypatch.setattr(*function)
+    words = [name, *shlex.split(FOLDERS[name]), "--out", OUT]
     if name == "stiffness":
         pytest.importorskip("matplotlib")
     code, folder = done(name)
     here = Path(shutil.copytree(folder, tmp_path / "desk"))
-    record = json.loads((here / "o" / RECORD).read_text())
+    record = json.loads((here / OUT / RECORD).read_text())
     if record["files"]:
-        (here / "o" / "old.csv").write_text("x\n")
+        (here / OUT / "old.csv").write_text("x\n")
         digest = "73cb3858a687a8494ca3323053016282f3dad39d42cf62ca4e79dda2aac7d9ac"
         record["files"]["old.csv"] = {"command": name, "sha256": digest}
-        (here / "o" / RECORD).write_text(json.dumps(record))
-    (here / "o" / "notes.txt").write_text("mine")
+        (here / OUT / RECORD).write_text(json.dumps(record))
+    (here / OUT / "notes.txt").write_text("mine")
     again = ppmcal(*words, cwd=here)
     assert again.code == code, again.err
-    assert not (here / "o" / "old.csv").exists()
-    assert (here / "o" / "notes.txt").read_text() == "mine"
+    assert not (here / OUT / "old.csv").exists()
+    assert (here / OUT / "notes.txt").read_text() == "mine"
 
 
 @pytest.mark.parametrize("name", slowly(FOLDERS))
@@ -150,14 +168,14 @@ def test_no_force_replaces_an_input(name: str, done: Callable[[str], tuple[int, 
     inputs = [here / w for w in words[1:] if (here / w).is_file()]
     if not inputs:
         return
-    names = list(json.loads((done(name)[1] / "o" / RECORD).read_text())["files"])
+    names = list(json.loads((done(name)[1] / OUT / RECORD).read_text())["files"])
     if not names:
         return
-    (here / "o").mkdir()
+    (here / OUT).mkdir()
     for target in names:
-        (here / "o" / target).hardlink_to(inputs[-1])
+        (here / OUT / target).hardlink_to(inputs[-1])
     before = {path: path.read_bytes() for path in inputs}
-    run = ppmcal(*words, "--out", "o", replacing(name), cwd=here, expect=2)
+    run = ppmcal(*words, "--out", OUT, replacing(name), cwd=here, expect=2)
     assert "is an input of this run" in " ".join(run.err.split())
     assert {path: path.read_bytes() for path in inputs} == before
 
@@ -221,6 +239,8 @@ main()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="has no such limit")
+@pytest.mark.slow_cases("check mine.yaml --draw machine.html",
+                        "import klipper printer.cfg --out o")
 @pytest.mark.parametrize("line", [
     "init 6-UPS --out new.yaml", "init 6-UPS --out mine.yaml --force",
     "check mine.yaml --draw machine.html", "import klipper printer.cfg --out o",

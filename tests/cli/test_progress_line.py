@@ -125,6 +125,7 @@ def test_long_names_are_cut_in_the_middle() -> None:
 # ---------------------------------------------------------------- -v
 
 
+@pytest.mark.slow
 def test_verbose_says_what_was_read_decided_and_how_long_it_took(desk: Path) -> None:
     run = ppmcal("identify", "hexapod.yaml", "measurements.csv", "--out", "v", "-v", cwd=desk)
     said = " ".join(run.err.split())

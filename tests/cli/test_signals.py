@@ -86,6 +86,7 @@ RUNS = {
 """Command -> its words, and seconds within which to stop it."""
 
 
+@pytest.mark.slow_cases("SIGTERM", "SIGHUP")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_signal_now_and_then(bench: Path, name: str) -> None:
     drawn = random.Random(name)

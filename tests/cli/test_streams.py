@@ -62,6 +62,7 @@ def test_the_exit_code_stands_although_nobody_can_read_why(tmp_path):
     assert run.returncode == 2
 
 
+@pytest.mark.slow
 def test_results_are_written_although_nobody_listens(bench, tmp_path):
     reader, writer = os.pipe()
     os.close(reader)
@@ -131,6 +132,7 @@ some = [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in CO
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
+@pytest.mark.slow_cases("stdout-check", "stderr-check", "stdout-simulate", "stderr-simulate")
 @pytest.mark.parametrize("name", some)
 @pytest.mark.parametrize("which", ["stdout", "stderr", "both"])
 def test_full_streams_of_each_command(bench, tmp_path, name, which):

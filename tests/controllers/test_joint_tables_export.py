@@ -182,6 +182,7 @@ def told(n: float, offset: float, way: float) -> float:
     return float(brentq(off, n - 2.0, n + 2.0, xtol=1e-13))
 
 
+@pytest.mark.slow
 def test_tables_against_bisection_and_interpolation_by_hand(tmp_path: Path) -> None:
     path = machine(tmp_path, effects=DRIVES, change=offsets())
     run = ppmcal("export", "joints", path, "--json", "--out", tmp_path / "o", expect=0)

@@ -411,6 +411,7 @@ def test_an_unknown_format_names_the_nearest(tmp_path: Path, command: str) -> No
     assert not tree(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_sample_printer_goes_through_the_readmes_three_commands(tmp_path: Path) -> None:
     """As they stand there. The intervals hold what the sample was simulated with."""
     top = ROOT

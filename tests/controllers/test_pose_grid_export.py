@@ -94,6 +94,7 @@ def test_errors_between_the_poses_shrink(tmp_path: Path, name: str, factor: floa
         assert "rotation" not in after
 
 
+@pytest.mark.slow_cases("6-UPS")
 @pytest.mark.parametrize("name", ["3-RPR", "6-UPS"])
 def test_the_gain_by_hand(tmp_path: Path, name: str) -> None:
     """Corner weights, strut lengths by matrices, the true machine's pose by a root finder."""
@@ -170,6 +171,7 @@ def test_a_machine_as_drawn_is_told_what_is_wanted(tmp_path: Path) -> None:
     assert run.json["gain"]["before"]["max"] < 1e-7 > run.json["gain"]["after"]["max"]
 
 
+@pytest.mark.slow
 def test_a_machine_with_fewer_drives_is_commanded_in_what_they_move(tmp_path: Path) -> None:
     machine = identified("3-RPS")
     assert [("x", "y", "z", "rx", "ry", "rz")[c] for c in named(machine)] == ["z", "rx", "ry"]

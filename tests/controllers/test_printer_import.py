@@ -128,6 +128,7 @@ def test_numbers_that_were_edited_by_hand_are_named_with_how_much(tmp_path: Path
     assert run.json["saved"]["printer.delta_radius"] == REAL.radius
 
 
+@pytest.mark.slow
 def test_rods_of_which_only_a_result_is_known_are_wide_and_asked_for(tmp_path: Path) -> None:
     saved = DeltaGeometry(REAL.radius, REAL.angles, (300.9, 299.7, 300.0), REAL.endstops)
     path = written(tmp_path, config(saved, arms="", pairs=1.0))
@@ -175,6 +176,7 @@ def test_rods_that_are_none_are_refused(tmp_path: Path, rods: str, words: str) -
 # ---------------------------------------------------------------- noise, calipers
 
 
+@pytest.mark.slow
 def test_a_rod_on_a_drawing_does_not_outweigh_a_caliper(tmp_path: Path) -> None:
     """The file says 300 mm, they are 304: told both ways, found, and never sure."""
     real = DeltaGeometry(140.5, REAL.angles, (304.0,) * 3, REAL.endstops)
@@ -198,6 +200,7 @@ def test_a_rod_on_a_drawing_does_not_outweigh_a_caliper(tmp_path: Path) -> None:
     assert stated.scale == "printed" and stated.printer.nominal.rods == 0.3
 
 
+@pytest.mark.slow
 def test_rods_and_a_printed_part_are_known_as_far_as_the_part_is(tmp_path: Path) -> None:
     """Neither is certain, neither left open: rods that are 2 mm longer than the file has them."""
     real = DeltaGeometry(140.5, REAL.angles, (302.0,) * 3, REAL.endstops)
@@ -235,6 +238,7 @@ def test_what_is_known_of_printed_parts_is_written_once(tmp_path: Path) -> None:
     assert "printed" in run.err
 
 
+@pytest.mark.slow
 def test_touches_alone_promise_no_more_than_the_rods_tolerance_lets_them(tmp_path: Path) -> None:
     """The rods are 303 mm, the file says 300, and nothing measured a length."""
     real = DeltaGeometry(REAL.radius, REAL.angles, (303.0,) * 3, REAL.endstops)
@@ -252,6 +256,7 @@ def test_touches_alone_promise_no_more_than_the_rods_tolerance_lets_them(tmp_pat
     assert told > 1.5 * exact
 
 
+@pytest.mark.slow
 def test_the_noise_is_estimated_unless_it_is_stated(tmp_path: Path) -> None:
     """Touches that scatter by 0.06 mm, with a sidecar that begins at 0.02."""
     written(tmp_path, config(REAL, noise=0.06))
@@ -273,6 +278,7 @@ def test_the_noise_is_estimated_unless_it_is_stated(tmp_path: Path) -> None:
     assert estimated["delta_radius"] > 0.0
 
 
+@pytest.mark.slow
 def test_calipers_that_are_all_off_take_no_touch_with_them(tmp_path: Path) -> None:
     """A part that shrank by 0.25 %: its scale is found, and no touch is blamed for it."""
     written(tmp_path, config(REAL, pairs=0.9975, noise=0.01))
@@ -286,6 +292,7 @@ def test_calipers_that_are_all_off_take_no_touch_with_them(tmp_path: Path) -> No
     assert tree["measurement"]["datasets"]["distances"]["scale"] == pytest.approx(0.9975, abs=4e-4)
 
 
+@pytest.mark.slow_cases("0.99-False")
 @pytest.mark.parametrize(("pairs", "bad"), [(0.99, False), (1.0025, False), (0.99, True)])
 def test_no_touch_pays_for_calipers(tmp_path: Path, pairs: float, bad: bool) -> None:
     """Distances all off by one factor, scale and noise stated: touches agree with their own file.
@@ -309,6 +316,7 @@ def test_no_touch_pays_for_calipers(tmp_path: Path, pairs: float, bad: bool) -> 
     assert set(fit.reasons[0]) == ({6} if bad else set())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [2, 7])    # 7 used to pass for noise
 def test_a_wrong_distance_does_not_pass_for_noise_of_its_file(tmp_path: Path, row: int) -> None:
     """Nine touches and twelve distances, noise estimated: one that is misread by 1 mm is named."""
@@ -556,6 +564,7 @@ def test_reprap_takes_a_radius_too(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- freedoms
 
 
+@pytest.mark.slow
 def test_freedoms_are_left_to_what_predicts_best_unless_chosen(tmp_path: Path) -> None:
     path = written(tmp_path, config(REAL, pairs=1.0, noise=0.01))
     for rods, optional in (((), True), ((300,), True), (("shared",), False)):

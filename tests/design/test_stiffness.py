@@ -140,6 +140,7 @@ sections = st.fixed_dictionaries({}, optional={
                                        for n in (1, 2, 3)}})
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.sampled_from(["3-RPR", "linapod", "6-RUS", "mixed-planar"]), sections,
        st.lists(sections, min_size=3, max_size=3))
@@ -397,6 +398,7 @@ def test_bars_and_drives_alone_are_springs_along_the_legs(tmp_path: Path) -> Non
 
 # --- rigid directions, shares -----------------------------------------------------------------
 
+@pytest.mark.slow
 def test_one_soft_bar_leaves_all_but_one_motion_rigid(tmp_path: Path) -> None:
     path = edited(tmp_path, "6-UPS", limbs=lambda i, limb: limb | (
         {"stiffness": {"bar": 5e4}} if i == 2 else {}))

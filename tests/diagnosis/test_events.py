@@ -40,6 +40,7 @@ def diagnosed(folder: Path, name: str) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["zero_shift", pytest.param("target_shift",
                          marks=pytest.mark.slow), pytest.param("base_shift",
                                                                marks=pytest.mark.slow)])

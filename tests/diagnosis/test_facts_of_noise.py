@@ -71,6 +71,14 @@ def test_noise_that_was_projected_is_not_correlated() -> None:
     assert rank / n > 20.0 * value.std() / np.sqrt(draws)
 
 
+def test_rows_of_which_a_fit_takes_every_value_tell_no_correlation() -> None:
+    rng = np.random.default_rng(4)
+    n = 30
+    system = rows(rng.normal(size=(n, 1)))
+    every = np.eye(n)[:, None, :]
+    assert _correlation(system, *_cleaned(system, every, white(1))) == (0.0, n - 1)
+
+
 def test_correlation_of_successive_rows_only() -> None:
     """Of rows with one left out between them, or of two files, nothing is said."""
     rng = np.random.default_rng(3)

@@ -37,6 +37,7 @@ def bed(folder: Path, there: float) -> None:
         "frame: known", "frame: unknown"))
 
 
+@pytest.mark.slow_cases("0.0-False")
 @pytest.mark.parametrize(("there", "refused"), [(0.0, False), (-1.0, True)])
 def test_a_backlash_that_is_gone_in_some_rows_is_no_misreading(tmp_path: Path, there: float,
                                                               refused: bool) -> None:

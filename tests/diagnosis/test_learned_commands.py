@@ -110,6 +110,7 @@ def driven(real: Mechanism, q: Array, wanted: Array) -> float:
 CASES = [(i, t) for i in INSTRUMENTS for t in TERMS if (i, t) != ("pose", "up")]
 
 
+@pytest.mark.slow_cases("plane-up")
 @pytest.mark.parametrize(("instrument", "term"), CASES)
 def test_what_is_learned_does_no_harm(instrument: str, term: str) -> None:
     """With it the real machine is no worse than with geometry alone, and within tolerances."""

@@ -54,11 +54,13 @@ def test_a_hidden_effect_is_found() -> None:
     assert found.families(0)["curvature"] > 0.9
 
 
+@pytest.mark.slow
 def test_rows_that_do_not_belong_are_told_from_causes() -> None:
     found = posterior(asked("3-RPR", ["curvature"], 2.0, spoiled=(10, 11, 40)))
     assert sorted(names(found)) == ["curvature", *[ROW_FAMILY] * 3]
 
 
+@pytest.mark.slow
 def test_what_no_kind_does_is_unknown() -> None:
     found = posterior(asked("3-RRR-1", ["bump"], 2.0))
     assert UNKNOWN_FAMILY in names(found)

@@ -41,6 +41,7 @@ def stage() -> Stage:
     return diagnosed("3-RPR", 1, ("backlash",), 1.5, 30).found.last
 
 
+@pytest.mark.slow
 def test_the_odds_of_a_set_are_those_of_its_bic() -> None:
     found = replace(stage(), search=replace(stage().search, detect=-0.5))
     sets = effect_sets(found, {i: rivals(found.search, found.chosen, i) for i in found.chosen})

@@ -12,8 +12,9 @@ import pytest
 from generators.notebook import cells
 from generators.pages import FENCE, WHOLE, Ran, Step, perform, stands, steps, units, with_output
 from helpers.commands import ppmcal
-from helpers.desk import examples_of, lay_desk
+from helpers.desk import examples_of
 from helpers.paths import ROOT
+from helpers.shared import shared_desk
 
 from ppmcal.cli import COMMANDS, cli
 
@@ -21,7 +22,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 ELSEWHERE = {"--scheduler": "needs a cluster"}
 """What a command line has that is not run here: its options are read all the same."""
 HEAVY = {"compare", "diagnose", "tolerances", "workspace", "batch", "plan", "stiffness",
-         "sensitivity", "demo"}
+         "sensitivity", "validate", "demo"}
 """Commands that take more than some seconds."""
 QUICK = {"first-calibration.md", "own-mechanism.md", "data.md", "report.md"}
 """Whole pages that every test run can bear."""
@@ -66,8 +67,8 @@ def cases():
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("desk")
-    lay_desk(folder)
+    folder = Path(shutil.copytree(shared_desk(tmp_path_factory),
+                                  tmp_path_factory.mktemp("desk") / "files"))
     for name in ("sample_data", "configs"):
         shutil.copytree(ROOT / name, folder / name)
     return folder

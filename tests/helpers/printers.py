@@ -9,6 +9,7 @@ import yaml
 from numpy.typing import NDArray
 
 from helpers.instruments import data_of
+from ppmcal.api.inputs import shipped
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
@@ -42,6 +43,16 @@ def printer(tmp_path: Path, **limb: object) -> Mechanism:
     path = tmp_path / "printer.yaml"
     path.write_text(yaml.safe_dump(tree))
     return read_mechanism(path)
+
+
+def leaning(folder: Path) -> Path:
+    """Write the package's printer with a tower that leans and endstops that nobody has measured."""
+    text = shipped("delta-linear").read_text(encoding="utf-8")
+    text = text.replace("[0, 0, 1], fixed: true}", "[0, 0, 1]}", 1)
+    text = text.replace("offset: 0.5}", "offset: .inf}")
+    path = folder / "printer.yaml"
+    path.write_text(text[:text.index("limits:")], encoding="utf-8")
+    return path
 
 
 def touches(mechanism: Mechanism, g: Array, rng: np.random.Generator, n: int = 60) -> Dataset:

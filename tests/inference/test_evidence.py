@@ -70,6 +70,7 @@ def test_a_root_makes_one_sigma_rms() -> None:
     assert np.sum(made**2) / ROWS == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_sign_and_range_are_those_of_the_integral_over_the_coefficient() -> None:
     matrix, values = drawn(1, effect=0.4)
     given = Conditioned.nothing(MatrixColumns(matrix), values)

@@ -366,6 +366,7 @@ def test_a_copy_is_not_carried_on(bench, calibrated, tmp_path, change, units):
     assert "is in that calibration already" in " ".join(run.err.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("change", "units"), COPIES)
 def test_a_copy_is_no_test_of_a_calibration(bench, calibrated, tmp_path, change, units):
     plain, new = measured(bench), other_rows(bench, tmp_path, 11, 12)
@@ -380,6 +381,7 @@ def test_a_copy_is_no_test_of_a_calibration(bench, calibrated, tmp_path, change,
     assert any("the model was fitted to 7 of these 19 rows" in f for f in run.json["findings"])
 
 
+@pytest.mark.slow
 def test_only_new_rows_of_a_file_that_grew_are_carried_on(bench, calibrated, tmp_path):
     plain, new = measured(bench), other_rows(bench, tmp_path, 11, 20)
     grown = copy_of(bench, [*plain, *new], "grown", in_fewer_digits, "mm")

@@ -149,6 +149,7 @@ def moving(folder: Path, form: str, count: int = 90) -> list[Path]:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["target", "name", "group", "file"])
 def test_three_targets_tell_the_offset_of_the_clocks(tmp_path: Path, form: str) -> None:
     result = ppmcal.read(moving(tmp_path, form), MACHINE, interpolate=True, clock_offset="find")
@@ -159,6 +160,7 @@ def test_three_targets_tell_the_offset_of_the_clocks(tmp_path: Path, form: str) 
     assert all(run.data.frame.same_as == "run T1" for run in result.runs[1:])
 
 
+@pytest.mark.slow
 def test_few_points_tell_it_where_the_targets_places_are_known(tmp_path: Path) -> None:
     """Else it is said how many more there must be."""
     files = moving(tmp_path, "target", 24)

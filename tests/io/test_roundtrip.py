@@ -166,6 +166,7 @@ def test_mechanisms_read_back_equal(tmp_path, tree):
     assert_same(second, back(second, path))
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(seed=st.integers(0, 1000), scale=st.sampled_from([0.0, 1e-9, 1e-3, 0.02]),
        good=st.sampled_from(["bench", "crank", "rails"]))

@@ -22,6 +22,7 @@ def torture(*words: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not AVAILABLE, reason="needs ptrace of x86-64")
 def test_commands_survive() -> None:
     said = torture("init", "simulate", "--kinds", "kills,disks,signals,crowds", "--every", "4")

@@ -219,6 +219,7 @@ def test_touches_alone_say_how_well_the_size_is_known_whatever_was_held(folders:
     assert f"a distance of {scale['distance']:.4g} mm is known to" in page(folders / "touches")[1]
 
 
+@pytest.mark.slow
 def test_what_is_not_told_in_the_words_of_the_console(folders: Path, tmp_path: Path) -> None:
     """Touches alone, rods free: else what predicts touches best holds the rods, and the size."""
     free = [word for name in ("offset", "length", "point.*") for word in ("--free", f"*.{name}")]
@@ -232,6 +233,7 @@ def test_what_is_not_told_in_the_words_of_the_console(folders: Path, tmp_path: P
     assert all(t.replace("±", "+-") in said for t in lines)
 
 
+@pytest.mark.slow
 def test_console_and_report_say_one_sentence(folders: Path, tmp_path: Path) -> None:
     run = ppmcal("compare", "idA", "idB", "--out", tmp_path / "c", cwd=folders, expect=1)
     found = ComparisonRecord.read(tmp_path / "c" / "comparison.json")
@@ -296,6 +298,7 @@ def test_all_on_one_page(folders: Path) -> None:
     json.dumps(out, allow_nan=False)
 
 
+@pytest.mark.slow_cases("fit/identification.json")
 @pytest.mark.parametrize("source", ["fit/identification.json", "cmp/comparison.json",
                                     "lean/export.json"])
 def test_older_files_make_a_page(folders: Path, tmp_path: Path, source: str) -> None:

@@ -1,9 +1,12 @@
 """Pages without a fit of their own, in a browser: of batch, validate, kinematics, designs."""
 
+import shutil
+from pathlib import Path
+
 import pytest
 from helpers.browser import Browser, needs_browser
 from helpers.commands import ppmcal
-from helpers.desk import lay_desk
+from helpers.shared import shared_desk
 
 pytestmark = [needs_browser, pytest.mark.slow, pytest.mark.xdist_group("browser")]
 SMALL = "x=-100:100:9,y=-100:100:9"
@@ -42,9 +45,8 @@ PALE = """(() => {
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("desk")
-    lay_desk(folder)
-    return folder
+    return Path(shutil.copytree(shared_desk(tmp_path_factory),
+                                tmp_path_factory.mktemp("desk") / "files"))
 
 
 @pytest.fixture(scope="module", params=MADE)

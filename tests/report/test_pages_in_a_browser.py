@@ -8,6 +8,7 @@ import pytest
 from helpers.browser import Browser, needs_browser
 from helpers.commands import ppmcal
 from helpers.paths import ROOT
+from helpers.shared import shared_demo
 
 from ppmcal.io import read_mechanism
 
@@ -21,11 +22,6 @@ BESIDE = ("[...document.querySelectorAll('main *')].filter(e => {"
           "const b = e.getBoundingClientRect();"
           "return b.width && b.right > innerWidth + 1 }).map(e => e.outerHTML.slice(0, 90))")
 pytestmark = [needs_browser, pytest.mark.slow, pytest.mark.xdist_group("browser")]
-
-
-def demo(folder):
-    ppmcal("demo", "--out", "out", cwd=folder, expect=0)
-    return folder / "out/report/report.html", 6
 
 
 def simulated(kind):
@@ -60,13 +56,15 @@ def printer(folder):
     return folder / "report/report.html", 3
 
 
-MAKERS = {"demo": demo, "planar": simulated("3-RRR-1"), "delta": simulated("delta-linear"),
+MAKERS = {"planar": simulated("3-RRR-1"), "delta": simulated("delta-linear"),
           "rig": rig, "printer": printer}
 
 
-@pytest.fixture(scope="module", params=MAKERS)
+@pytest.fixture(scope="module", params=["demo", *MAKERS])
 def made(request, tmp_path_factory):
     """Return a report and how many limbs its machine has."""
+    if request.param == "demo":
+        return shared_demo(tmp_path_factory) / "demo-results/report/report.html", 6
     return MAKERS[request.param](tmp_path_factory.mktemp(request.param))
 
 

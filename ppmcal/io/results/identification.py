@@ -44,7 +44,6 @@ from ppmcal.io.results.identification_tables import (
 from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
 from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, UnitNames, Whole
 from ppmcal.io.results.units import Numbers
-from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.model.mechanism import POSE_COORDINATES
 
 CORRELATED = 0.95
@@ -194,11 +193,5 @@ def _datasets(result: Identification) -> tuple[FittedDataset, ...]:
 def _volume(result: Identification) -> dict[str, tuple[float, float]]:
     """Range of the platform poses that were measured, base frame, file units."""
     units = result.mechanism.units
-    poses = np.concatenate([p[k].reshape(-1, 8)    # a distance has two platform positions
-                            for p, k in zip(result.fit.state.poses, result.fit.keep, strict=True)])
-    full = pose_vector(poses)
-    out = {}
-    for c in result.mechanism.dof:
-        f = units.factor("length" if c < 3 else "angle")
-        out[POSE_COORDINATES[c]] = (float(full[:, c].min() / f), float(full[:, c].max() / f))
-    return out
+    return {name: (low / f, high / f) for name, (low, high) in result.measured_volume.items()
+            for f in [units.factor("length" if name in POSE_COORDINATES[:3] else "angle")]}
