@@ -27,8 +27,8 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.reading_evidence import (
     FAR_FROM_NOISE,
     LOST,
+    AtNominal,
     Left,
-    Nominal,
     after_short_fit,
     best_way,
     few_rows,
@@ -259,7 +259,7 @@ def _misreadings(problem: Problem, whole: Left) -> tuple[Misreading, ...]:
         as_read, alone = whole, problem.alone(data)
         if len(problem.datasets) > 1:
             try:
-                at = Nominal.of(alone)
+                at = AtNominal.of(alone)
                 as_read = Left(at.times, at.misses)
             except PpmcalError:
                 as_read = Left(np.inf)

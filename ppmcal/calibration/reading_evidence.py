@@ -52,6 +52,11 @@ SMALLEST = 1e-3
 OFFSET = "offset"
 
 
+def evidence(times: float, parts: float) -> float:
+    """Return the score of what is left in any unit if so many things are read otherwise."""
+    return -float(COURSE) * float(np.log(times)) + parts * float(np.log(float(MISREAD)))
+
+
 @dataclass(frozen=True, eq=False)
 class Way:
     """A way in which files may have been meant.
@@ -71,7 +76,7 @@ class Way:
     @property
     def most(self) -> float:
         """The score that it has where everything fits."""
-        return (float(COURSE) * self.volume + self.parts * float(np.log(float(MISREAD)))
+        return (evidence(1.0, self.parts) + float(COURSE) * self.volume
                 - 0.5 * self.freedoms * float(np.log(float(COURSE))))
 
 
@@ -93,7 +98,7 @@ class Left:
 
 
 @dataclass(frozen=True, eq=False)
-class Nominal:
+class AtNominal:
     """Few rows with the nominal machine, before a fit.
 
     ``times``: of what noise and tolerances explain; ``misses``: median ones of positions, m, and
@@ -107,7 +112,7 @@ class Nominal:
     misses: tuple[float, float]
 
     @classmethod
-    def of(cls, problem: Problem) -> Nominal:
+    def of(cls, problem: Problem) -> AtNominal:
         """Return it.
 
         Raises:
@@ -139,9 +144,9 @@ def leaves(problem: Problem) -> Left:
     """Return what files leave as they are read.
 
     Raises:
-        BadInput, NoResult: as :meth:`Nominal.of`.
+        BadInput, NoResult: as :meth:`AtNominal.of`.
     """
-    return Nominal.of(problem).fitted()
+    return AtNominal.of(problem).fitted()
 
 
 def of_noise(times: float) -> float:
@@ -184,10 +189,10 @@ def best_way(ways: Iterable[Way], as_read: float, times: float) -> tuple[Way, Le
             way that leaves more is not worth a fit, unless the tolerances may be that far off.
     """
     worth = min(max(times, float(BELIEVED)), FAR_FROM_NOISE)
-    promising: list[tuple[float, int, Way, Nominal]] = []
+    promising: list[tuple[float, int, Way, AtNominal]] = []
     for n, way in enumerate(ways):
         with suppress(PpmcalError):
-            at = Nominal.of(way.problem)
+            at = AtNominal.of(way.problem)
             if at.times > worth:
                 continue
             # a machine off by twice its tolerances is that far off, and no more is to be had

@@ -23,7 +23,7 @@ from ppmcal.calibration.reading_candidates import (
     rotation_readings,
     whole_pose_readings,
 )
-from ppmcal.calibration.reading_evidence import Way
+from ppmcal.calibration.reading_evidence import SMALLEST, Way, evidence
 from ppmcal.calibration.reading_search import SHIFTS, search_readings
 from ppmcal.calibration.readings import FileReading, JointReading
 from ppmcal.linalg import Array, Bools, range_basis, subsample
@@ -31,8 +31,8 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.scaled_points import other_radii
 
-TRIED = 8
-"""Readings of each list that are weighed, the best of it."""
+TRIED, SCREENED = 12, 4
+"""Readings that are weighed: the nearest to the nominal machine, and the best by a fit."""
 ROWS = 120
 """Rows by which a fit tells which readings lower what it cannot explain."""
 RANK = 1e-9
@@ -63,10 +63,8 @@ def ways(problem: Problem, index: int, fit: Fit | None = None, hidden: bool = Tr
     problem = replace(problem, given=None, earlier=None)
     plain = JointReading.plain(len(mechanism.actuators))
     near = [s for s in search_readings(mechanism, data) if s.reading.parts]
-    # of those that come as near the one that changes least is weighed first
-    simple = sorted((s for s in near if s.score <= 2.5 * near[0].score),
-                    key=lambda s: (s.reading.parts, s.score))[:TRIED]
-    readings = [s.reading for s in (*simple, *near[:TRIED // 2])]
+    near.sort(key=lambda s: evidence(max(s.score, SMALLEST), s.reading.parts), reverse=True)
+    readings = [s.reading for s in near[:TRIED]]
     if hidden:
         readings += [FileReading(plain, shift=s) for s in SHIFTS]
     if fit is not None:
@@ -150,7 +148,7 @@ def _screened(fit: Fit, index: int) -> list[FileReading]:
             score = _unexplained(basis, other)
             if score < start:
                 found.append((score, reading))
-    return [r for _, r in sorted(found, key=lambda f: (round(f[0], 2), f[1].parts))[:TRIED // 2]]
+    return [r for _, r in sorted(found, key=lambda f: (round(f[0], 2), f[1].parts))[:SCREENED]]
 
 
 def _single_changes(mechanism: Mechanism, data: Dataset) -> Iterator[FileReading]:
