@@ -126,15 +126,14 @@ def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
     if dropped:
         found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
         total = sum(int(k.sum()) for k in keep) + len(dropped)
-        p = found.p_values(factor)
+        p, away = found.p_values(factor), found.over_noise(factor)
         solved = [finite_rows(pose) for pose in fit.state.poses]
         back = [(i, n) for i, n in sorted(dropped) if solved[i][n] and p[i][n] * total >= REJECT]
         for i, n in back:
             keep[i][n] = True
         for i, n in sorted(dropped - set(back)):
-            away = np.sqrt(found.square[i][n] / max(found.size[i][n], 1.0)) / factor
-            times[i][n] = float(away)
-            reasons[i][n] = (f"{OUTLIER}: {away:.1f} times the noise" if solved[i][n]
+            times[i][n] = float(away[i][n])
+            reasons[i][n] = (f"{OUTLIER}: {times[i][n]:.1f} times the noise" if solved[i][n]
                              else NO_POSE)
         if back:
             fit = fit_rows(fit.problem, fit.state, keep, reasons, fit.prior, options,

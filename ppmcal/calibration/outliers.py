@@ -49,6 +49,11 @@ class Distances:
         ratios = ratios[np.isfinite(ratios)]
         return float(np.sqrt(np.median(ratios))) if ratios.size else 0.0
 
+    def over_noise(self, factor: float) -> list[Array]:
+        """Return how many times the noise rows are off, rms of a row's values (N,)."""
+        return [np.sqrt(d / np.maximum(m, 1.0)) / factor
+                for d, m in zip(self.square, self.size, strict=True)]
+
     def p_values(self, factor: float) -> list[Array]:
         """Return the chance of a larger distance, by data set (N,); 1 where unknown."""
         return [np.where(~np.isnan(d) & (m > 0), chdtrc(np.maximum(m, 1), np.nan_to_num(
@@ -114,11 +119,9 @@ def _freed(rows: Array, covariance: Array, used: Array) -> Array:
 def huber_weights(problem: Problem, state: State, keep: Sequence[Bools]) -> list[Array]:
     """Return the factor on each row's residual, by data set (N,)."""
     found = distances(problem, state)
-    factor = found.factor(keep)
     out = []
-    for d, m in zip(found.square, found.size, strict=True):
+    for away in found.over_noise(found.factor(keep)):
         with np.errstate(invalid="ignore", divide="ignore"):
-            away = np.sqrt(d / (factor**2 * np.maximum(m, 1.0)))
             weight = np.minimum(1.0, HUBER / away)
         out.append(np.sqrt(np.where(np.isfinite(weight), weight, 1.0)))
     return out

@@ -88,7 +88,7 @@ def _judged(fit: Fit, rows: Sequence[Bools]
     keep, reasons = [k.copy() for k in fit.keep], [dict(r) for r in fit.reasons]
     found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
     total = sum(int(k.sum()) for k in keep) + sum(int(r.sum()) for r in rows)
-    p, back = found.p_values(fit.noise_factor), 0
+    p, away, back = found.p_values(fit.noise_factor), found.over_noise(fit.noise_factor), 0
     for i, some in enumerate(rows):
         for n in np.flatnonzero(some & (found.size[i] > 0)).tolist():
             if p[i][n] * total >= REJECT:
@@ -96,7 +96,6 @@ def _judged(fit: Fit, rows: Sequence[Bools]
                 del reasons[i][n]
                 back += 1
                 continue
-            away = np.sqrt(found.square[i][n] / max(found.size[i][n], 1.0)) / fit.noise_factor
-            reasons[i][n] = (f"no pose at the start; at the fitted machine {away:.1f} times the "
-                             "noise")
+            reasons[i][n] = (f"no pose at the start; at the fitted machine {away[i][n]:.1f} times "
+                             "the noise")
     return keep, tuple(reasons), back
