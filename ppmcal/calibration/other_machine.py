@@ -7,7 +7,6 @@ data, unless something happens in mid-run. The file of a sister machine moves it
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -23,12 +22,10 @@ from ppmcal.calibration.reading_evidence import (
     best_way,
     leaves,
     misreading,
-    of_noise,
     rms,
 )
 from ppmcal.calibration.reading_ways import may_be_misread, ways
 from ppmcal.errors import PpmcalError
-from ppmcal.inference.priors import COURSE, MISREAD, SISTER
 from ppmcal.model.parameters import NO_TOLERANCE
 from ppmcal.wording.progress import stage
 
@@ -37,7 +34,8 @@ FAR = 4.0
 FEWEST = 3
 """and of at least so many parameters: one number typed wrong is no other machine."""
 NEAR = 2.0
-"""If the first or the last rows alone are this near, and at the noise, it is the machine."""
+"""In a reading that leaves the geometry this near, it is the machine; so it is where the first or
+the last rows alone do, and come to the noise."""
 NOTHING = (float("nan"), float("nan"))
 
 
@@ -59,7 +57,7 @@ def other_machine(problem: Problem, state: State) -> Misreading | None:
     size = rms([*away.values()])
     if size <= FAR or len(far) < FEWEST or _right_in_part(problem):
         return None
-    otherwise = _otherwise(problem, [*away.values()])
+    otherwise = _otherwise(problem)
     if otherwise is not None:
         return otherwise
     words = ", ".join(f"{name} by {away[name]:.0f}" for name in far[:3])
@@ -81,25 +79,18 @@ def refuse_other_machine(fit: Fit) -> None:
         raise Misread.of([found], fit.problem.mechanism.units)
 
 
-def _otherwise(problem: Problem, away: Sequence[float]) -> Misreading | None:
-    """Return how files would have to be read for the machine to be this one, None if in no way.
-
-    ``away``: the geometry's errors as they are read, tolerances. As another machine its every
-    parameter is free.
-    """
+def _otherwise(problem: Problem) -> Misreading | None:
+    """Return how files would have to be read for the machine to be this one, None if in no way."""
     problem = replace(problem, given=None, earlier=None)
     try:
         as_read = leaves(problem)
     except PpmcalError:
         return None
-    other = (of_noise(as_read.noise) - 0.5 * len(away) * np.log(float(COURSE))
-             - 0.5 * float(np.sum(np.square(away))) / float(SISTER)**2
-             + np.log(float(MISREAD)))
     found = []
     for i, data in enumerate(problem.datasets):
         if may_be_misread(data):
-            best = best_way(ways(problem, i), max(as_read.score, other), as_read.times)
-            if best is not None:
+            best = best_way(ways(problem, i), as_read.score, as_read.times)
+            if best is not None and best[1].size <= NEAR:
                 found.append((best[1].score, misreading(
                     best[0], problem, i, NOTHING, NOTHING, replace(best[1], noise=np.nan))))
     return max(found, key=lambda f: f[0])[1] if found else None

@@ -9,7 +9,8 @@ one smooth course and not one value for each number: so all values of a file cou
 
 ``log p(s)``: mostly the noise is as stated, else anything; ``J``: factor of the measured columns
 by which the reading changes their values, its mean over the columns (in a unit that makes
-everything small little is left, and nothing explained); ``G``: what the geometry has to be off;
+everything small little is left, and nothing explained); ``G``: what the geometry has to be off, or
+another machine's;
 ``F``: freedoms that are opened; ``parts``: how many things are read otherwise. The way that has
 most of it is told, where all in which nothing is misread have less than a twentieth beside it.
 """
@@ -36,6 +37,7 @@ from ppmcal.inference.priors import (
     COURSE,
     MISREAD,
     NONE_MISREAD,
+    SISTER,
     STATED,
     UNKNOWN,
 )
@@ -158,9 +160,15 @@ def of_noise(times: float) -> float:
 
 
 def _of_geometry(away: Sequence[float]) -> float:
-    """Return what errors in tolerances cost beyond those that every machine has."""
-    square = float(np.sum(np.square(away))) / float(BELIEVED)**2
-    return 0.5 * max(0.0, square - len(away))
+    """Return what errors in tolerances cost beyond those that every machine has.
+
+    Whatever way the files are read, the machine may be another one: then every parameter is free.
+    """
+    square = float(np.sum(np.square(away)))
+    own = 0.5 * max(0.0, square / float(BELIEVED)**2 - len(away))
+    other = (0.5 * square / float(SISTER)**2 + 0.5 * len(away) * np.log(float(COURSE))
+             - np.log(float(MISREAD)))
+    return -float(np.logaddexp(-own, -other))
 
 
 def away_from_nominal(problem: Problem, state: State) -> dict[str, float]:

@@ -76,3 +76,11 @@ def test_rows_that_are_late_on_a_machine_with_play_are_no_other_machine() -> Non
                    rotation=data.rotation[late], whole=None, place=None)
     _, found = found_wrong(Problem(machine, (data,), machine.free))
     assert [m.kind for f in found for m in f.mistakes] == ["shifted"]
+
+
+@pytest.mark.slow
+def test_what_lets_a_fit_of_another_machine_go_a_little_less_astray_is_no_misreading() -> None:
+    """Fifteen tolerances away cost what another machine does, with the body turned or not."""
+    machine, data = simulated("6-UPS", seed=2091, errors={"random": {"scale": 25.0}})
+    _, found = found_wrong(Problem(machine, (data,), machine.free))
+    assert [m.kind for f in found for m in f.mistakes] == ["other-machine"]
