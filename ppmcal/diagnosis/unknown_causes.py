@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.diagnosis.linear_system import System, plain
 from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
 from ppmcal.inference.blocks import Block
@@ -116,7 +117,7 @@ class UnknownCauses:
             return
         roots = []
         for kernel in kernels:
-            w, v = np.linalg.eigh(kernel)
+            w, v = linalg.eigh(kernel)
             root = v * np.sqrt(np.maximum(w, 0.0))
             size = np.sqrt(np.trace(root.T @ gram @ root) / self.system.count)
             roots.append(root / size)
