@@ -229,8 +229,16 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         tables.swallowed(whole, final), reported.fit if final is whole and not terms else whole,
         reported, found, proposed, (*said, *beside), blocks, readings, terms, days,
         what.last.answer.nothing((ROW_FAMILY,)), tuple(
-            UnknownFound(p.label, sum(m.probability for m in p.members
-                                      if UNKNOWN_FAMILY in m.family)) for p in what.unknown))
+            _unknown(what, p) for p in what.unknown))
+
+
+def _unknown(what: Told, place: CausePlace) -> UnknownFound:
+    """Return what a place without a name looks like, and what may be there instead."""
+    mine = [m for m in place.members if m.family == UNKNOWN_FAMILY]
+    others = [m for m in place.members if m not in mine]
+    return UnknownFound(place.label, sum(m.probability for m in mine),
+                        tuple(what.label(m, place) for m in others),
+                        tuple(m.probability for m in others))
 
 
 def _candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:

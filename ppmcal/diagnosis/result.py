@@ -148,10 +148,15 @@ class Candidate:
 
 @dataclass(frozen=True)
 class UnknownFound:
-    """Something that is there and has no name, what it looks like, and how probable it is."""
+    """Something that is there and has no name, what it looks like, and how probable it is.
+
+    ``alternatives``: what it may be instead, with their ``probabilities``.
+    """
 
     looks_like: str
     probability: float
+    alternatives: tuple[str, ...] = ()
+    probabilities: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

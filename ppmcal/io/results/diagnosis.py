@@ -93,8 +93,10 @@ class DiagnosisRecord(Record):
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
             possible=tuple(SuspectedEffect.of(c) for c in result.possible),
             nothing=result.nothing,
-            unknown=tuple(UnnamedCause(looks_like=u.looks_like, probability=u.probability)
-                          for u in result.unknown),
+            unknown=tuple(UnnamedCause(
+                looks_like=u.looks_like, probability=u.probability,
+                alternatives=u.alternatives, probabilities=u.probabilities)
+                for u in result.unknown),
             learned=LearnedEntry.all_of(result),
             residual=DiagnosedErrors.of(result),
             remainder=ResidualAfter(

@@ -211,10 +211,15 @@ class SuspectedEffect(CalledKind):
 
 
 class UnnamedCause(Part):
-    """Something that is there and has no name, and its ``probability``."""
+    """Something that is there and has no name, and its ``probability``.
+
+    ``alternatives``: what it may be instead, with their ``probabilities``.
+    """
 
     looks_like: Text = ""
     probability: Shown | None = None
+    alternatives: tuple[Text, ...] = ()
+    probabilities: tuple[Shown | None, ...] = ()
 
 
 class ResidualAfter(Part):

@@ -202,7 +202,9 @@ LIKELY, FEW_SETS = 0.01, 4
 
 def unknown_causes(record: DiagnosisRecord) -> str:
     """Return what is there without a name, empty where nothing is."""
-    each = [f"{u.looks_like} ({probable(u.probability)})" for u in record.unknown]
+    each = [" or ".join(f"{name} ({probable(p)})" for name, p in zip(
+        (u.looks_like, *u.alternatives), (u.probability, *u.probabilities), strict=False))
+        for u in record.unknown]
     return f"Without a name: {'; '.join(each)}." if each else ""
 
 
