@@ -37,7 +37,7 @@ from ppmcal.calibration.reading_evidence import (
     misreading,
     of_noise,
 )
-from ppmcal.calibration.reading_ways import may_be_misread, ways
+from ppmcal.calibration.reading_ways import may_be_misread, of_registration, ways
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.linalg import Ints, finite_rows
 from ppmcal.model.dataset import Dataset
@@ -194,7 +194,8 @@ def refuse_small_misreading(fit: Fit) -> None:
     """Refuse measurements that a fit does not explain, and another reading of the file does.
 
     A mistake that tolerances could explain, such as Euler angles of small turns, passes
-    :func:`refuse_misread` and shows in what the fit leaves.
+    :func:`refuse_misread` and shows in what the fit leaves. A registration that is not quite as the
+    sidecar says is no reason to refuse: :mod:`registration_freedoms` tells it.
 
     Raises:
         Misread: with how the file is to be read.
@@ -210,7 +211,7 @@ def refuse_small_misreading(fit: Fit) -> None:
     for i, data in enumerate(problem.datasets):
         if may_be_misread(data):
             best = best_way(ways(problem, i, fit), as_read.score, as_read.times)
-            if best is not None:
+            if best is not None and not of_registration(best[0]):
                 found.append(misreading(best[0], problem, i, as_read.fitted, best[1].fitted,
                                         best[1]))
     if found:

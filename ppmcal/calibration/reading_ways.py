@@ -45,6 +45,12 @@ REGISTERED = {"frame": ("frame", "the measuring frame is not where the sidecar h
 """What a sidecar may give and be wrong about: kind of mistake and text, by its key."""
 
 
+def of_registration(way: Way) -> bool:
+    """Whether only what a sidecar says of a registration is otherwise."""
+    kinds = {kind for kind, _ in REGISTERED.values()}
+    return bool(way.mistakes) and all(m.kind in kinds for m in way.mistakes)
+
+
 def may_be_misread(data: Dataset) -> bool:
     """Whether a data set has columns that may be read otherwise."""
     return data.kind not in SCALARS and data.commanded is None
