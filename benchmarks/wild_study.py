@@ -37,11 +37,10 @@ from ppmcal.api.diagnose import diagnose
 from ppmcal.api.identify import identify
 from ppmcal.api.inputs import prepared
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.misreading import TELLING
-from ppmcal.calibration.mistakes import Misreading
+from ppmcal.calibration.misreading import TELLING, trial
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.reading_evidence import leaves
+from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.errors import PpmcalError
 
 KINDS = frozenset(("permuted", "sign", "unit", "rotation", "inverse", "mirrored", "exchanged",
@@ -131,7 +130,7 @@ def shows(folder: Path) -> bool:
     """Whether a campaign as written is beyond what a short fit explains."""
     try:
         machine, datasets = prepared(folder / "mechanism.yaml", [folder / "data.csv"])
-        return leaves(Problem(machine, datasets, machine.free)).noise > TELLING
+        return trial(Problem(machine, datasets, machine.free)).after > TELLING
     except (PpmcalError, np.linalg.LinAlgError):
         return True
 

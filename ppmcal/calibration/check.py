@@ -16,12 +16,12 @@ from ppmcal.calibration.identifiability import Identifiability, predict_identifi
 from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
 from ppmcal.calibration.misread import mend_of, misreading_sentence
 from ppmcal.calibration.misreading import MEND
-from ppmcal.calibration.mistakes import Misreading
 from ppmcal.calibration.other_branch import branch_findings
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.rank import RANK_TOLERANCE, Unidentifiable, unidentifiable, whole_rank
 from ppmcal.calibration.read_rightly import found_wrong
+from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, to_joint
 from ppmcal.kinematics.needed_columns import remembers

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.calibration.mistakes import NOISE, Misreading, block_text
+from ppmcal.calibration.mistakes import block_text
+from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.errors import NoResult
 from ppmcal.units import SI, Units
 

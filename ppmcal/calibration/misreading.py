@@ -17,29 +17,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.gross_rows import beyond, explained_distances, toleranced
+from ppmcal.calibration.gauss_newton import least_squares
+from ppmcal.calibration.gross_rows import beyond, explained_distances, gross_errors, toleranced
+from ppmcal.calibration.least_squares import prior_weights
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.mistakes import NOISE, Misreading
 from ppmcal.calibration.negative_struts import negative_struts, with_positive_struts
-from ppmcal.calibration.outliers import distances
+from ppmcal.calibration.observation import coordinates
+from ppmcal.calibration.outliers import distances, huber_weights
 from ppmcal.calibration.plain_mistakes import other_zeros
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.reading_evidence import (
-    FAR_FROM_NOISE,
-    LOST,
-    AtNominal,
-    Left,
-    after_short_fit,
-    best_way,
-    few_rows,
-    leaves,
-    medians,
-    misreading,
-    of_noise,
-)
-from ppmcal.calibration.reading_ways import may_be_misread, of_registration, ways
-from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.linalg import Ints, finite_rows
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.reading_trial import NOISE, Misreading, Trial, find_misreading
+from ppmcal.calibration.small_misreading import find_small_misreading
+from ppmcal.errors import BadInput, NoResult, PpmcalError
+from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.units import Units
 from ppmcal.wording.progress import stage
@@ -50,11 +40,15 @@ MANY_GROSS = 0.2
 """If more than this part are, they may be read wrongly, and no others."""
 DOUBTED = 5.0
 """Half of the rows are so many times beyond what noise and tolerances explain: try a fit."""
+FAR_FROM_NOISE = 10.0
+"""A short fit that leaves half of the rows so many times beyond the noise explains nothing,"""
 HARDLY_LESS = 0.05
-"""A fit that explains nothing is on its way if it leaves less than this part of what it began
-with."""
+"""and is not on its way either if that is more than this part of what it began with."""
+TRIAL_ROWS, TRIAL_ITERATIONS = 48, 10
 TELLING = 2.0
 """A fit that leaves more than this times the noise is worth a look at other readings."""
+LOST = 0.5
+"""More rows than this part without a pose are doubted too."""
 PARTS = 3
 """A third of the rows, the first or the last, is looked at alone where nothing explains all."""
 MEND = ("Check the order and signs of the q columns, their units, and how the rotation is written "
@@ -136,11 +130,12 @@ def misfit(problem: Problem) -> Misfit:
 
 def _misfit(problem: Problem) -> Misfit:
     """Return what :func:`misfit` does, of joints whose signs are right."""
-    few = few_rows(toleranced(problem))
+    few = _few(toleranced(problem))
     try:
         state = few.start()
     except BadInput:
-        found = _sure(_misreadings(problem, Left(np.inf))) or _other_zeros(problem)
+        nothing = Trial(np.inf, np.nan, np.nan, np.inf)
+        found = _sure(_misreadings(problem, nothing)) or _other_zeros(problem)
         if not found:
             raise
         return Misfit(np.inf, np.nan, np.nan, np.nan, np.nan, 0, 0, found)
@@ -149,23 +144,23 @@ def _misfit(problem: Problem) -> Misfit:
     explained = explained_distances(few, state)
     times = explained.times(keep)
     gross = sum(int(g.sum()) for g in beyond(explained, keep)) / max(rows, 1)
-    nominal = medians(few, state)
+    position, rotation = _medians(few, state)
     before = after = float("nan")
     found = ()
     if times > DOUBTED or lost > LOST * rows:
         # a reading that explains everything needs no fit of what is read wrongly, which is slow
-        likely = _misreadings(problem, Left(times, nominal))
+        likely = _misreadings(problem, Trial(times, position, rotation, np.inf))
         found = _sure(likely)
         if not found:
             before = distances(few, state).times(keep)
-            after = distances(few, after_short_fit(few, state, keep)).times(keep)
+            after = distances(few, _after_trial(few, state, keep)).times(keep)
             found = _other_zeros(problem) if after > TELLING else ()
             if not found and any(True for _ in right_parts(problem)):
                 before = after = float("nan")
             elif not found and after > max(FAR_FROM_NOISE, HARDLY_LESS * before):
                 # what no geometry explains and a reading does, but for an effect of some size
                 found = tuple(m for m in likely if m.noise_after <= FAR_FROM_NOISE)
-    return Misfit(times, *nominal, before, after, lost, rows, found, gross)
+    return Misfit(times, position, rotation, before, after, lost, rows, found, gross)
 
 
 @stage("trying other readings")
@@ -190,30 +185,52 @@ def refuse_misread(problem: Problem) -> Misfit:
     return found
 
 
+def explained_times(problem: Problem) -> float:
+    """Return how far the nominal machine is from few rows, times what tolerances and noise explain.
+
+    Raises:
+        BadInput: as :meth:`ppmcal.calibration.problem.Problem.start`.
+    """
+    few = _few(toleranced(problem))
+    state = few.start()
+    return explained_distances(few, state).times([finite_rows(p) for p in state.poses])
+
+
+def short_fit(problem: Problem, lands: float = np.inf) -> tuple[Problem, State, float]:
+    """Return few rows of a problem, where a short robust fit ends, and the noise it leaves, times.
+
+    Args:
+        problem: machine and data.
+        lands: the fit is not made of a nominal machine farther off than this, see
+            :func:`explained_times`.
+
+    Raises:
+        BadInput: as :meth:`ppmcal.calibration.problem.Problem.start`. NoResult: it is farther off.
+    """
+    few = _few(toleranced(problem))
+    state = few.start()
+    keep = [finite_rows(p) for p in state.poses]
+    if np.isfinite(lands) and not explained_distances(few, state).times(keep) <= lands:
+        raise NoResult("the nominal machine is too far off for a fit",
+                       ", ".join(d.source for d in problem.datasets))
+    keep = [k & ~g for k, g in zip(keep, gross_errors(few, state, keep), strict=True)]
+    end = _after_trial(few, state, keep)
+    return few, end, distances(few, end).times(keep)
+
+
 def refuse_small_misreading(fit: Fit) -> None:
     """Refuse measurements that a fit does not explain, and another reading of the file does.
 
     A mistake that tolerances could explain, such as Euler angles of small turns, passes
-    :func:`refuse_misread` and shows in what the fit leaves. A registration that is not quite as the
-    sidecar says is no reason to refuse: :mod:`registration_freedoms` tells it.
+    :func:`refuse_misread` and shows in what the fit leaves.
 
     Raises:
         Misread: with how the file is to be read.
     """
     if distances(fit.problem, fit.state).times(fit.keep) <= TELLING:
         return
-    problem = replace(fit.problem, given=None, earlier=None)
-    try:
-        as_read = leaves(problem)
-    except PpmcalError:
-        return
-    found = []
-    for i, data in enumerate(problem.datasets):
-        if may_be_misread(data):
-            best = best_way(ways(problem, i, fit), as_read.score, as_read.times)
-            if best is not None and not of_registration(best[0]):
-                found.append(misreading(best[0], problem, i, as_read.fitted, best[1].fitted,
-                                        best[1]))
+    found = tuple(m for i in range(len(fit.problem.datasets))
+                  if (m := find_small_misreading(fit, i, trial)) is not None)
     if found:
         raise Misread.of(found, fit.problem.mechanism.units)
 
@@ -229,7 +246,7 @@ def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
     What is read wrongly is wrong from the first row to the last.
     """
     for data, part, alone in end_parts(problem):
-        few = few_rows(toleranced(alone))
+        few = _few(toleranced(alone))
         try:
             state = few.start()
         except PpmcalError:
@@ -250,25 +267,71 @@ def _other_zeros(problem: Problem) -> tuple[Misreading, ...]:
     return tuple(m for d in problem.datasets for m in other_zeros(d, problem.mechanism))
 
 
-def _misreadings(problem: Problem, whole: Left) -> tuple[Misreading, ...]:
+def _misreadings(problem: Problem, whole: Trial) -> tuple[Misreading, ...]:
     """Return how the data sets that do not fit the machine are to be read.
 
-    ``whole``: what they leave together, nominal machine.
+    ``whole``: what they leave together.
     """
     out = []
     for i, data in enumerate(problem.datasets):
-        as_read, alone = whole, problem.alone(data)
+        as_read = whole
         if len(problem.datasets) > 1:
             try:
-                at = AtNominal.of(alone)
-                as_read = Left(at.times, at.misses)
+                as_read = trial(problem.alone(data), 0.0)
             except PpmcalError:
-                as_read = Left(np.inf)
-        if as_read.times > DOUBTED and may_be_misread(data):
-            # without a fit: of no machine within its tolerances a file leaves much less
-            best = best_way(ways(alone, 0, hidden=False), of_noise(as_read.times),
-                            as_read.times)
-            if best is not None:
-                out.append(misreading(best[0], problem, i, as_read.nominal, best[1].nominal,
-                                      best[1]))
+                as_read = Trial(np.inf, np.nan, np.nan, np.inf)
+        if as_read.times > DOUBTED:
+            found = find_misreading(problem, i, as_read, trial)
+            out += [found] if found else []
     return tuple(out)
+
+
+def trial(problem: Problem, lands: float = np.inf) -> Trial:
+    """Return what the measurements leave, nominal machine and after a short fit of few rows.
+
+    ``lands``: the fit is not made where more than so many times what tolerances and noise explain
+    is left without it.
+    """
+    few = _few(toleranced(problem))
+    state = few.start()
+    keep = [finite_rows(p) for p in state.poses]
+    if sum(int((~k).sum()) for k in keep) > LOST * sum(k.size for k in keep):
+        raise NoResult("most rows have no pose", ", ".join(d.source for d in problem.datasets))
+    times = explained_distances(few, state).times(keep)
+    if times > lands:
+        return Trial(times, *_medians(few, state), np.inf)
+    # values typed wrong are no sign of how a file is to be read
+    keep = [k & ~g for k, g in zip(keep, gross_errors(few, state, keep), strict=True)]
+    end = _after_trial(few, state, keep)
+    return Trial(times, *_medians(few, state), distances(few, end).times(keep),
+                 _medians(few, end))
+
+
+def _few(problem: Problem) -> Problem:
+    keep = subsample([np.ones(len(d), dtype=bool) for d in problem.datasets], TRIAL_ROWS)
+    datasets = tuple(d.take(np.flatnonzero(k)) if k.any() else d
+                     for d, k in zip(problem.datasets, keep, strict=True))
+    return replace(problem, datasets=datasets, earlier=None)
+
+
+def _medians(problem: Problem, state: State) -> tuple[float, float]:
+    """Return the median miss of positions, m, and rotations, rad."""
+    out: dict[bool, list[float]] = {False: [], True: []}
+    for rows in problem.rows(state, False):
+        places = np.array(coordinates(problem.datasets[rows.dataset], problem.mechanism.motion))
+        for turn in out:
+            raw = np.where(rows.observed, rows.raw, 0.0)[:, (places >= 3) == turn]
+            if raw.shape[1]:
+                out[turn] += np.linalg.norm(raw, axis=1).tolist()
+    position, rotation = (float(np.median(v)) if v else float("nan") for v in out.values())
+    return position, rotation
+
+
+def _after_trial(problem: Problem, state: State, keep: Sequence[Bools]) -> State:
+    """Return where a short robust fit ends."""
+    prior = prior_weights(problem, "prior")
+
+    def weigh(at: State) -> Sequence[Array]:
+        return huber_weights(problem, at, keep)
+
+    return least_squares(problem, state, keep, prior, TRIAL_ITERATIONS, weigh).state

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,8 +28,6 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
 
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
-NOISE = "times the noise"
-"""In the place of a quantity: residuals over the noise, no length or angle."""
 
 
 @dataclass(frozen=True)
@@ -45,29 +43,6 @@ class Mistake:
     columns: tuple[str, ...]
     text: str
     rows: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True)
-class Misreading:
-    """A file that was read wrongly, and how it is to be read.
-
-    Attributes:
-        source: the CSV.
-        mistakes: what is wrong in it; ``block``: the sidecar's ``read`` that mends it, None
-            where only the user can.
-        before, after: median miss, m or rad (``quantity``), with the nominal machine.
-        noise_after: what a short fit leaves, times the noise.
-        sigma: entries of the sidecar's ``instrument.sigma`` that are in the columns' unit too.
-    """
-
-    source: str
-    mistakes: tuple[Mistake, ...]
-    block: dict[str, object] | None
-    quantity: str
-    before: float
-    after: float
-    noise_after: float
-    sigma: Mapping[str, float] = field(default_factory=dict)
 
 
 def mistakes(reading: FileReading, mechanism: Mechanism, data: Dataset) -> tuple[Mistake, ...]:

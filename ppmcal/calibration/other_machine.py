@@ -14,17 +14,12 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.misreading import TELLING, end_parts
-from ppmcal.calibration.mistakes import NOISE, Misreading, Mistake
+from ppmcal.calibration.misreading import TELLING, end_parts, explained_times, short_fit
+from ppmcal.calibration.mistakes import Mistake, read_block
+from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.calibration.reading_evidence import (
-    away_from_nominal,
-    best_way,
-    leaves,
-    misreading,
-    rms,
-)
-from ppmcal.calibration.reading_ways import may_be_misread, ways
+from ppmcal.calibration.reading_trial import AS_GOOD, NOISE, Misreading, other_registrations
+from ppmcal.calibration.small_misreading import nearest_readings, read_as
 from ppmcal.errors import PpmcalError
 from ppmcal.model.parameters import NO_TOLERANCE
 from ppmcal.wording.progress import stage
@@ -34,9 +29,8 @@ FAR = 4.0
 FEWEST = 3
 """and of at least so many parameters: one number typed wrong is no other machine."""
 NEAR = 2.0
-"""In a reading that leaves the geometry this near, it is the machine; so it is where the first or
-the last rows alone do, and come to the noise."""
-NOTHING = (float("nan"), float("nan"))
+"""If the first or the last rows alone are this near, and at the noise, it is the machine."""
+OFFSET = "offset"
 
 
 def other_machine(problem: Problem, state: State) -> Misreading | None:
@@ -52,9 +46,9 @@ def other_machine(problem: Problem, state: State) -> Misreading | None:
     mechanism = problem.mechanism
     if any(NO_TOLERANCE in f for f in mechanism.findings):
         return None
-    away = away_from_nominal(problem, state)
+    away = _away(problem, state)
     far = sorted((name for name, times in away.items() if times > FAR), key=lambda n: -away[n])
-    size = rms([*away.values()])
+    size = _size(away)
     if size <= FAR or len(far) < FEWEST or _right_in_part(problem):
         return None
     otherwise = _otherwise(problem)
@@ -65,6 +59,11 @@ def other_machine(problem: Problem, state: State) -> Misreading | None:
             "machine?")
     return Misreading(mechanism.source, (Mistake("other-machine", tuple(far), text),), None, NOISE,
                       np.nan, np.nan, np.nan)
+
+
+def far_from_nominal(problem: Problem, state: State) -> bool:
+    """Whether a geometry, zeros of drives left out, is farther than tolerances allow."""
+    return _size(_away(problem, state)) > FAR
 
 
 @stage("is it this machine")
@@ -79,27 +78,55 @@ def refuse_other_machine(fit: Fit) -> None:
         raise Misread.of([found], fit.problem.mechanism.units)
 
 
+def _away(problem: Problem, state: State) -> dict[str, float]:
+    """Return by how many tolerances the geometry is from nominal, zeros of drives left out."""
+    out = {}
+    for i in problem.free:
+        parameter = problem.mechanism.parameters[i]
+        tau = parameter.prior_sigma
+        if tau and parameter.tolerance_class and parameter.tolerance_class != OFFSET:
+            out[parameter.name] = abs(float(state.g[i]) - parameter.nominal) / tau
+    return out
+
+
+def _size(away: dict[str, float]) -> float:
+    return float(np.sqrt(np.mean(np.square([*away.values()])))) if away else 0.0
+
+
 def _otherwise(problem: Problem) -> Misreading | None:
-    """Return how files would have to be read for the machine to be this one, None if in no way."""
-    problem = replace(problem, given=None, earlier=None)
+    """Return how files would have to be read for the machine to be this one, None if in no way.
+
+    A mistake that bends the geometry leaves little more than noise.
+    """
+    mechanism = problem.mechanism
+    problem = replace(problem, earlier=None)
     try:
-        as_read = leaves(problem)
+        lands = max(NEAR, explained_times(problem))
     except PpmcalError:
         return None
-    found = []
+    found: list[tuple[float, float, Misreading]] = []
     for i, data in enumerate(problem.datasets):
-        if may_be_misread(data):
-            best = best_way(ways(problem, i), as_read.score, as_read.times)
-            if best is not None and best[1].size <= NEAR:
-                found.append((best[1].score, misreading(
-                    best[0], problem, i, NOTHING, NOTHING, replace(best[1], noise=np.nan))))
-    return max(found, key=lambda f: f[0])[1] if found else None
+        if data.kind in SCALARS or data.commanded is not None:
+            continue
+        for reading, what, other in (*other_registrations(problem, i), *read_as(
+                problem, i, nearest_readings(mechanism, data))):
+            with suppress(PpmcalError):
+                few, state, left = short_fit(other, lands)
+                size = _size(_away(few, state))
+                if left <= TELLING and size <= NEAR:
+                    block = None if reading is None else read_block(reading, mechanism, data)
+                    found.append((left + size, len(what) if reading is None else reading.parts,
+                                  Misreading(data.source, what, block, NOISE, np.nan, np.nan,
+                                             np.nan)))
+    least = min((cost for cost, _, _ in found), default=np.inf)
+    near = [f for f in found if f[0] <= AS_GOOD * least]
+    return min(near, key=lambda f: f[:2][::-1])[2] if near else None
 
 
 def _right_in_part(problem: Problem) -> bool:
     for *_, alone in end_parts(problem):
         with suppress(PpmcalError):
-            left = leaves(alone)
-            if left.noise <= TELLING and left.size <= NEAR:
+            few, state, left = short_fit(alone)
+            if left <= TELLING and _size(_away(few, state)) <= NEAR:
                 return True
     return False

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.mistakes import NOISE, Misreading, Mistake, with_line
+from ppmcal.calibration.mistakes import Mistake, with_line
+from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.calibration.stale_rows import stale
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Bools

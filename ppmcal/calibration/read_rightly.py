@@ -18,12 +18,12 @@ from ppmcal.calibration.misreading import (
     misfit,
     refuse_misread,
     refuse_small_misreading,
+    short_fit,
 )
-from ppmcal.calibration.mistakes import Misreading
-from ppmcal.calibration.other_machine import FAR, refuse_other_machine
+from ppmcal.calibration.other_machine import far_from_nominal, refuse_other_machine
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.reading_evidence import leaves
+from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.calibration.wrong_rows import refuse_wrong_part, refuse_wrong_rows, wrong_parts
 from ppmcal.errors import PpmcalError
 
@@ -70,8 +70,8 @@ def found_wrong(problem: Problem) -> tuple[Misfit, tuple[Misreading, ...]]:
 def _by_fit(problem: Problem) -> tuple[Misreading, ...]:
     try:
         with suppress(PpmcalError):
-            left = leaves(problem)
-            if left.noise <= TELLING and left.size <= FAR:
+            few, state, left = short_fit(problem)
+            if left <= TELLING and not far_from_nominal(few, state):
                 return ()
         fit = identify(problem)
         refuse_after_fit(fit)

@@ -145,16 +145,6 @@ class FileReading:
         """How many things are read in another way."""
         return self.joints.parts + self.pose.parts + (self.shift != 0)
 
-    def volume(self, data: Dataset, columns: Sequence[int]) -> float:
-        """Return the logarithm of the factor on measured values, its mean over their columns.
-
-        ``columns``: which of (x, y, z, rx, ry, rz) were measured. A convention has none.
-        """
-        length, turn = LENGTHS[data.units.length], unit_factor(
-            self.pose.turn_unit, ANGLES[data.units.angle])
-        factors = [*(unit_factor(u, length) for u in self.pose.units), turn, turn, turn]
-        return float(np.mean(np.log([factors[c] for c in columns])))
-
     def of(self, data: Dataset, mechanism: Mechanism) -> Dataset:
         """Return a data set of a machine read in this way."""
         q = self.joints.of(data.q, mechanism.joint_factors(data.units))

@@ -19,7 +19,7 @@ from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.misreading import PARTS, right_parts
-from ppmcal.calibration.mistakes import NOISE, Misreading, Mistake, block_text, mistakes, read_block
+from ppmcal.calibration.mistakes import Mistake, block_text, mistakes, read_block
 from ppmcal.calibration.observation import SCALARS, coordinates, shown
 from ppmcal.calibration.outliers import distances
 from ppmcal.calibration.problem import Problem, State
@@ -29,6 +29,7 @@ from ppmcal.calibration.reading_candidates import (
     rotation_readings,
     whole_pose_readings,
 )
+from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.calibration.readings import FileReading, JointReading
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model

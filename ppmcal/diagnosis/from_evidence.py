@@ -13,12 +13,13 @@ from ppmcal.calibration.frozen_models import Validated
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.left_out_rows import left_out
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.mistakes import NOISE, Misreading, Mistake
+from ppmcal.calibration.mistakes import Mistake
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.read_rightly import refuse_after_fit
+from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.calibration.secondary import NOTE, secondary
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.calibration.summary import report

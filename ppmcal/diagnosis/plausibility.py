@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ppmcal.calibration.mistakes import NOISE, Misreading, Mistake, with_line
+from ppmcal.calibration.mistakes import Mistake, with_line
+from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.search import Search, columns_of

@@ -37,10 +37,3 @@ CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
 """Correlations from row to row that noise may have; with the same prior each."""
 SIZE_STEPS = 34
 """Points between the smallest and the largest size: three to the factor of two or so."""
-
-MISREAD = Prior(1 / 200, "one file in a few is misread somehow, in one of some fifty ways")
-NONE_MISREAD = Prior(0.05, "a misreading is told where this is left to all that is none")
-COURSE = Prior(16.0, "what nobody listed is a smooth course: a few values over each of few inputs")
-BELIEVED = Prior(2.0, "tolerances are believed within a factor 2, while a file may be misread")
-STATED = Prior(0.35, "a stated sigma is right within 40 %, where nothing else is in the data")
-SISTER = Prior(10.0, "a sister machine is some ten tolerances away, five to sixty")

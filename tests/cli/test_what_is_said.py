@@ -13,7 +13,8 @@ from helpers.commands import ppmcal, rows
 from helpers.paths import ROOT
 
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.mistakes import Misreading, Mistake
+from ppmcal.calibration.mistakes import Mistake
+from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.cli import COMMANDS, cli
 from ppmcal.units import SI
 
