@@ -13,10 +13,15 @@ from ppmcal.calibration.mistakes import Mistake, with_line
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Bools
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.mechanism import Limb, Mechanism
 
 NEAR = 0.5
 """A joint whose middle is within this part of the opposite of its home value is negative."""
+
+
+def _is_strut(limb: Limb) -> bool:
+    """Whether a limb's actuator is its length, of which only the square is seen."""
+    return limb.kind.actuator == "length" and not any(s.is_bar for s in limb.kind.slots)
 
 
 def _negative(data: Dataset, mechanism: Mechanism) -> Bools:
@@ -28,8 +33,7 @@ def _negative(data: Dataset, mechanism: Mechanism) -> Bools:
     for limb in mechanism.limbs:
         i = limb.actuator
         known = data.q[np.isfinite(data.q[:, i]), i]
-        strut = limb.kind.actuator == "length" and not any(s.is_bar for s in limb.kind.slots)
-        out[i] = bool(strut and known.size and home[i] != 0.0 and abs(
+        out[i] = bool(_is_strut(limb) and known.size and home[i] != 0.0 and abs(
             float(np.median(known)) + home[i]) < NEAR * abs(home[i]))
     return out
 
@@ -43,7 +47,7 @@ def rows_with_negative_struts(data: Dataset, mechanism: Mechanism) -> Bools:
     if data.commanded is not None:
         return out
     for limb in mechanism.limbs:
-        if limb.kind.actuator == "length" and not any(s.is_bar for s in limb.kind.slots):
+        if _is_strut(limb):
             out |= data.q[:, limb.actuator] * home[limb.actuator] < 0.0
     return out
 

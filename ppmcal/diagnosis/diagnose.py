@@ -11,17 +11,14 @@ import numpy as np
 from ppmcal.calibration.estimates import far_from_nominal
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
-from ppmcal.calibration.frozen_models import Validated
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.left_out_rows import LeftOut, left_out
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.model_averaging import Reading
-from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.read_rightly import refuse_after_fit
 from ppmcal.calibration.secondary import NOTE, secondary
-from ppmcal.calibration.sessions import session_masks
 from ppmcal.calibration.summary import report
 from ppmcal.calibration.work import bounded
 from ppmcal.diagnosis import result_tables as tables
@@ -32,11 +29,10 @@ from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.first_rows import without_first_rows
 from ppmcal.diagnosis.from_evidence import diagnosed
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
-from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
 from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
 from ppmcal.diagnosis.imitation import imitated, left_over
 from ppmcal.diagnosis.inverted_directions import inverted_directions
-from ppmcal.diagnosis.learned_terms import learned_terms, with_terms
+from ppmcal.diagnosis.learned_terms import learned_beyond, with_learned
 from ppmcal.diagnosis.localization import Place, localise
 from ppmcal.diagnosis.next_experiment import nothing
 from ppmcal.diagnosis.onsets import refined, with_onsets
@@ -45,11 +41,20 @@ from ppmcal.diagnosis.other_models import other_models
 from ppmcal.diagnosis.plausibility import implausible, implausible_words, misread_column
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import MOST_STEPS as REFIT_STEPS
-from ppmcal.diagnosis.refit import nothing_named, with_mechanism
-from ppmcal.diagnosis.result import Diagnosis, Found, LearnedTerms, NamedEffect, Onset, Survival
+from ppmcal.diagnosis.refit import nothing_named
+from ppmcal.diagnosis.result import (
+    LEARNED_AFTER,
+    NAMED,
+    Diagnosis,
+    Found,
+    LearnedTerms,
+    NamedEffect,
+    Onset,
+    Survival,
+)
 from ppmcal.diagnosis.rivals import rivals
 from ppmcal.diagnosis.search_rounds import DiagnosisOptions as DiagnosisOptions
-from ppmcal.diagnosis.search_rounds import confirm, found_in, training_part
+from ppmcal.diagnosis.search_rounds import confirm, found_in, held_out_gap, training_part
 from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.session_effects import with_sessions
 from ppmcal.diagnosis.stage import Stage, named_only
@@ -63,7 +68,6 @@ from ppmcal.diagnosis.verdict import (
     refuse_unconverged,
     refuse_unredundant,
 )
-from ppmcal.model.dataset import Dataset
 from ppmcal.wording import counted
 from ppmcal.wording.progress import begin
 
@@ -118,7 +122,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     onsets: dict[str, Onset] = {}
     if final is not None:
         final, onsets = refined(final, options.fit)
-    gap = _gap(found, held, options)
+    gap = held_out_gap(found, held, options)
     chosen = [found.last.hypotheses[i] for i in found.last.chosen]
     column = misread_column(found, chosen) or inverted_directions(found, chosen)
     if column is not None:
@@ -126,7 +130,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     odd = implausible(found.first.search, chosen)
     if odd is not None or (gap is not None and gap.worse):
         found, final = nothing_named(found), None
-        gap = _gap(found, held, options)
+        gap = held_out_gap(found, held, options)
     begin("judging what is left")
     left = left_over(found.last, options.seed)
     same = found.last.search is found.first.search and not found.last.chosen
@@ -136,7 +140,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     lasting = earned(found, whole, final, left, out.suspicious, options.seed, options.fit)
     if lasting.lost:
         found, final, left = lasting.found, lasting.final, lasting.left
-        gap, out = _gap(found, held, options), _rows_left_out(found, final or whole)
+        gap, out = held_out_gap(found, held, options), _rows_left_out(found, final or whole)
     others = _alternatives(found.last)
     effects = with_onsets(_effects(found, others, lasting.each), onsets)
     # where what is left follows an input, that says more than a stretch of it
@@ -145,7 +149,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
             out.p_value, left.p_value))
     beside = list[str]()
     blocks = secondary("the gap on stretches of rows", partial(
-        block_gaps, whole, final, _noise(found), options.seed), (), beside) if (
+        block_gaps, whole, final, found.noise, options.seed), (), beside) if (
             final and effects) else ()
     if options.by_session:
         gap = next((b.gap for b in blocks if b.by == SESSION), None)
@@ -162,13 +166,15 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     named = verdict in NAMED
     if final is None or not named:
         final = whole
-    days = secondary("the prediction of each session", partial(_days, final, options), (), beside)
+    days = secondary("the prediction of each session", partial(
+        other_days, final, options.fit, options.seed), (), beside)
     told += worse_days(days)
     terms = None
     if verdict in LEARNED_AFTER and final.converged:
         begin("learning what is left")
         terms = secondary("what is left, learned", partial(
-            _terms, found, final, held, named, wanders, options), None, beside)
+            learned_beyond, found, final, held, named, wanders, options.seed, options.fit),
+            None, beside)
     reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed,
                       chosen=options.held)
     if reported.fit.converged:  # where a fit that was given up has got to says nothing of a machine
@@ -198,14 +204,6 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         (*told, *beside), blocks, readings, terms, days)
 
 
-def _days(final: Fit, options: DiagnosisOptions) -> tuple[Validated, ...]:
-    """Return how well each session is predicted from the others; of one session: nothing."""
-    if len(session_masks(final.problem.datasets)) < 2:
-        return ()
-    begin("predicting each session from the others")
-    return other_days(final, options.fit, options.seed)
-
-
 def _rows_left_out(found: Found, fit: Fit) -> LeftOut:
     """Return what the rows that a fit of all rows left out say."""
     out = left_out(fit)
@@ -216,30 +214,14 @@ def _rows_left_out(found: Found, fit: Fit) -> LeftOut:
     return out
 
 
-NAMED = ("named", "named-set", "partial")
-"""Verdicts that name something."""
-LEARNED_AFTER = ("unnamed", "partial")
-"""Verdicts that leave something to learn."""
-
-
-def _terms(found: Found, whole: Fit, held: Sequence[Dataset], named: bool, wanders: bool,
-           options: DiagnosisOptions) -> LearnedTerms | None:
-    """Return what is learned from the rest; ``whole``: the fit of all rows so far."""
-    return learned_terms(found.after if named else found.before, whole, held, found.last.noise,
-                         _noise(found), options.seed, options.fit, wanders)
-
-
 def _others(whole: Fit, found: Found, alternatives: Alternatives, terms: LearnedTerms | None,
             options: DiagnosisOptions) -> tuple[Reading, ...]:
     """Return the machine with each rival that was recorded, and without effects.
 
     What was learned is part of each of them.
     """
-    if terms is not None:
-        machine = with_terms(whole.problem.mechanism, terms.learned)
-        whole = with_mechanism(whole, machine, options.fit)
-    return other_models(whole, found.last, {i: r for i, (r, _) in alternatives.items()},
-                        options.fit)
+    return other_models(with_learned(whole, terms, options.fit), found.last,
+                        {i: r for i, (r, _) in alternatives.items()}, options.fit)
 
 
 def _untestable(found: Found) -> tuple[Untestable, ...]:
@@ -301,15 +283,3 @@ def _of(hypothesis: Hypothesis, added: Sequence[Added]) -> list[Added]:
     ]
     apart = [hypothesis.apart(a.hypothesis) for a in mine]
     return [a for a, d in zip(mine, apart, strict=True) if d <= min(apart)]
-
-
-def _gap(found: Found, held: Sequence[Dataset], options: DiagnosisOptions) -> Gap | None:
-    if not held:
-        return None
-    return measure_gap(found.before, found.after, held, _noise(found), options.seed)
-
-
-def _noise(found: Found) -> float:
-    """Return the noise over the stated one: that of repeats where there are enough."""
-    pure = found.first.pure
-    return pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0

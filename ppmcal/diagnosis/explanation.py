@@ -11,7 +11,7 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.diagnosis.candidates import library
-from ppmcal.diagnosis.extended_model import Added, extended
+from ppmcal.diagnosis.extended_model import Added, columns_added, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.question import ROW_FAMILY, Asked, question
@@ -82,6 +82,11 @@ class Round:
             h = source if isinstance(source, Hypothesis) and not source.anonymous else None
             out.append(CausePlace(tuple(_likely(self.answer.members(n))), i, blocks[i].name, h))
         return tuple(out)
+
+    @property
+    def unnamed(self) -> tuple[CausePlace, ...]:
+        """Places where something is that has no name."""
+        return tuple(p for p in self.places if p.sure and not p.named)
 
     @property
     def rows(self) -> tuple[int, ...]:
@@ -161,9 +166,7 @@ def _same(before: Round, after: Round) -> bool:
 def _asked(fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools],
            everywhere: Sequence[Setting], kinds: Sequence[str] | None) -> Round:
     """Ask what is in the residuals of a fit, effects that were ``added`` taken out of it."""
-    mechanism = fit.problem.mechanism
-    names = {n for a in added for n in a.parameters}
-    own = [c for c, p in enumerate(fit.problem.free) if mechanism.parameters[p].name in names]
+    own = columns_added(fit.problem, added)
     system = without(build(fit.problem, fit.state, keep), own)
     found = library(system, kinds, [fit.problem.free[c] for c in own], misread=True)
     asked = question(system, found, UnknownCauses(system, everywhere), own)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.linalg import Array
@@ -41,6 +42,12 @@ def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
             value, sigma = _over(search, chosen, hypothesis, place, at, value, sigma)
         sized.append((hypothesis, value[at], sigma[at]))
     return extended(mechanism, sized)
+
+
+def columns_added(problem: Problem, added: Sequence[Added]) -> list[int]:
+    """Return the free columns of a problem that belong to effects that were added."""
+    names, mechanism = {n for a in added for n in a.parameters}, problem.mechanism
+    return [c for c, p in enumerate(problem.free) if mechanism.parameters[p].name in names]
 
 
 def extended(mechanism: Mechanism, sized: Sequence[tuple[Hypothesis, Array, Array]]

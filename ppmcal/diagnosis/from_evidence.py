@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.frozen_models import Validated
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.left_out_rows import left_out
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.mistakes import Mistake
 from ppmcal.calibration.model_averaging import Reading
-from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.read_rightly import refuse_after_fit
 from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.calibration.secondary import NOTE, secondary
-from ppmcal.calibration.sessions import session_masks
 from ppmcal.calibration.summary import report
 from ppmcal.calibration.work import bounded
 from ppmcal.diagnosis import result_tables as tables
@@ -30,9 +27,8 @@ from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.explanation import CausePlace, Round, explained
 from ppmcal.diagnosis.extended_model import Added, extended
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
-from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.learned_terms import learned_terms, with_terms
+from ppmcal.diagnosis.learned_terms import learned_beyond, with_learned
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.localization import localise
 from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
@@ -43,6 +39,8 @@ from ppmcal.diagnosis.question import ROW_FAMILY
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import MOST_STEPS, with_mechanism
 from ppmcal.diagnosis.result import (
+    LEARNED_AFTER,
+    NAMED,
     Candidate,
     Diagnosis,
     Found,
@@ -50,14 +48,13 @@ from ppmcal.diagnosis.result import (
     NamedEffect,
     UnknownFound,
 )
-from ppmcal.diagnosis.search_rounds import DiagnosisOptions, training_part
+from ppmcal.diagnosis.search_rounds import DiagnosisOptions, held_out_gap, training_part
 from ppmcal.diagnosis.session_effects import with_sessions
 from ppmcal.diagnosis.stage import Stage, bare_stage, without
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause
-from ppmcal.diagnosis.verdict import findings, refuse_unconverged, refuse_unredundant
+from ppmcal.diagnosis.verdict import advice, findings, refuse_unconverged, refuse_unredundant
 from ppmcal.errors import PpmcalError
 from ppmcal.inference.sets import Member
-from ppmcal.model.dataset import Dataset
 from ppmcal.wording.progress import begin
 
 WEAK = 0.05
@@ -65,8 +62,6 @@ WEAK = 0.05
 LONG_ODDS = 1000.0
 """Odds beyond which a set of effects is not worth a fit."""
 MOST_READINGS = 8
-NAMED = ("named", "named-set", "partial")
-LEARNED_AFTER = ("unnamed", "partial")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +87,11 @@ class Told:
         """All effects that were added."""
         return tuple(a for _, own in self.effects for a in own)
 
-    @cached_property
-    def unknown(self) -> tuple[CausePlace, ...]:
-        """Places where something is that has no name."""
-        return tuple(p for p in self.last.places if p.sure and not p.named)
+    @property
+    def wanders(self) -> bool:
+        """Whether something wanders in time, in no way that has a name."""
+        return any(isinstance(s := self.last.asked.sources[p.block], UnknownCause) and s.way
+                   for p in self.last.unnamed)
 
     def label(self, member: Member, place: CausePlace) -> str:
         """Return what a member of a place is called, empty for nothing."""
@@ -180,7 +176,7 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     found = _found(what, training, options)
     refuse_unredundant(found)
     beside = list[str]()
-    gap = _gap(found, held, options)
+    gap = held_out_gap(found, held, options)
     verdict = what.verdict
     if verdict in NAMED and gap is not None and gap.worse:
         verdict = "unnamed"    # what does surely not predict is no name
@@ -194,7 +190,7 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     start = _left(found.first, what.rounds[0])
     left = _left(found.last, what.last) if named else start
     blocks = secondary("the gap on stretches of rows", partial(
-        block_gaps, whole, final, _noise(found), options.seed), (), beside) if effects else ()
+        block_gaps, whole, final, found.noise, options.seed), (), beside) if effects else ()
     if options.by_session:
         gap = next((b.gap for b in blocks if b.by == SESSION), None)
     said = findings(whole, final, left, effects, gap, left_out(final), ())
@@ -202,13 +198,15 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         effects, apart = secondary("the size of effects in each session",
                                    partial(with_sessions, final, effects), (effects, []), beside)
         said += apart
-    days = secondary("the prediction of each session", partial(_days, final, options), (), beside)
+    days = secondary("the prediction of each session", partial(
+        other_days, final, options.fit, options.seed), (), beside)
     said += worse_days(days)
     terms = None
     if verdict in LEARNED_AFTER and final.converged:
         begin("learning what is left")
         terms = secondary("what is left, learned", partial(
-            _terms, what, found, final, held, named, options), None, beside)
+            learned_beyond, found, final, held, named, what.wanders, options.seed, options.fit),
+            None, beside)
     reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed,
                       chosen=options.held)
     if reported.fit.converged:
@@ -230,7 +228,7 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         tables.swallowed(whole, final), reported.fit if final is whole and not terms else whole,
         reported, found, proposed, (*said, *beside), blocks, readings, terms, days,
         what.last.answer.nothing((ROW_FAMILY,)), tuple(
-            _unknown(what, p) for p in what.unknown))
+            _unknown(what, p) for p in what.last.unnamed))
 
 
 def _unknown(what: Told, place: CausePlace) -> UnknownFound:
@@ -256,13 +254,12 @@ def _candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:
     for some in groups.values():
         there = [h for _, h in some if id(h) in names]
         best = there[0] if there else max(some, key=lambda o: o[0])[1]
-        others = next((p.members[1:] for p, _ in what.effects if p.hypothesis is best), ())
         place = next((p for p, _ in what.effects if p.hypothesis is best), None)
         status = ("named" if there else "alternative" if named and best.family in families
                   else "not needed")
         out.append(Candidate(
             best, np.nan, np.nan, test.survival(own[_nearest(best, own)].columns), status,
-            tuple(what.label(m, place) for m in others) if place is not None else (), 0.0,
+            () if place is None else tuple(what.label(m, place) for m in place.members[1:]), 0.0,
             min(sum(p for p, _ in some), 1.0)))
     return tuple(sorted(out, key=lambda c: (c.status != "named", -c.probability)))
 
@@ -280,10 +277,8 @@ def _found(what: Told, training: Fit, options: DiagnosisOptions) -> Found:
     if not what.added:
         return Found(training, training, first, first, ())
     last = what.last
-    after = training if training is what.whole else with_mechanism(
+    after = what.fit if training is what.whole else with_mechanism(
         training, what.fit.problem.mechanism.with_values(what.fit.state.g), options.fit)
-    if training is what.whole:
-        after = what.fit
     return Found(training, after, first,
                  _stage(last, last.rows, [p.hypothesis for p, _ in what.effects]), what.added)
 
@@ -310,7 +305,7 @@ def _nearest(h: Hypothesis, some: Sequence[Hypothesis]) -> int:
 
 def _left(stage: Stage, asked: Round) -> Remainder:
     """Return what a stage leaves, and the probability that none of it has an unknown cause."""
-    unknown = [p for p in asked.places if p.sure and not p.named]
+    unknown = asked.unnamed
     chance = float(np.prod([1.0 - sum(m.probability for m in p.members
                                       if UNKNOWN_FAMILY in m.family) for p in unknown]))
     return Remainder(*against_noise(stage), unknown[0].label if unknown else "", chance, {})
@@ -335,10 +330,7 @@ def _effects(what: Told, stage: Stage) -> tuple[NamedEffect, ...]:
 def _readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions
               ) -> tuple[Reading, ...]:
     """Return the machine under each other set of causes at odds that count, and without any."""
-    whole, out = what.whole, []
-    if terms is not None:
-        whole = with_mechanism(whole, with_terms(whole.problem.mechanism, terms.learned),
-                               options.fit)
+    whole, out = with_learned(what.whole, terms, options.fit), []
     with bounded(MOST_STEPS):
         for place, member, odds in _others(what)[:MOST_READINGS]:
             wanted = {id(h) for h in what.hypotheses(member)}
@@ -367,7 +359,6 @@ def _others(what: Told) -> list[tuple[CausePlace, Member, float]]:
 
 def _next(what: Told, stage: Stage, verdict: str, seed: int) -> Proposal:
     """Return measurements that tell the likeliest two apart, or what else to do."""
-    joints = len(what.whole.problem.mechanism.actuators)
     every = stage.library.hypotheses
     for place, member, odds in _others(what) if verdict in NAMED else ():
         other = [h for h in what.hypotheses(member) if not any(
@@ -375,35 +366,4 @@ def _next(what: Told, stage: Stage, verdict: str, seed: int) -> Proposal:
         if place.hypothesis and not place.hypothesis.slot and len(other) == 1:
             return propose(stage, every[_nearest(place.hypothesis, every)],
                            every[_nearest(other[0], every)], odds, seed)
-    return nothing({"none": "nothing more to measure: no missing effect is detectable",
-                    "weak": "repeat the campaign: the suspicion grows or goes with more rows",
-                    "named": "nothing more to measure: the named effects explain the residuals",
-                    }.get(verdict, "record more of what might matter (load, temperature, time)"),
-                   joints)
-
-
-def _terms(what: Told, found: Found, final: Fit, held: Sequence[Dataset], named: bool,
-           options: DiagnosisOptions) -> LearnedTerms | None:
-    wanders = any(isinstance(s := what.last.asked.sources[p.block], UnknownCause) and s.way
-                  for p in what.unknown)
-    return learned_terms(found.after if named else found.before, final, held, found.last.noise,
-                         _noise(found), options.seed, options.fit, wanders)
-
-
-def _days(final: Fit, options: DiagnosisOptions) -> tuple[Validated, ...]:
-    if len(session_masks(final.problem.datasets)) < 2:
-        return ()
-    begin("predicting each session from the others")
-    return other_days(final, options.fit, options.seed)
-
-
-def _gap(found: Found, held: Sequence[Dataset], options: DiagnosisOptions) -> Gap | None:
-    if not held:
-        return None
-    return measure_gap(found.before, found.after, held, _noise(found), options.seed)
-
-
-def _noise(found: Found) -> float:
-    """Return the noise over the stated one: that of repeats where there are enough."""
-    pure = found.first.pure
-    return pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0
+    return advice(verdict, len(what.whole.problem.mechanism.actuators))

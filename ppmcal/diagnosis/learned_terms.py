@@ -22,7 +22,7 @@ from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, gap_of, measure_ga
 from ppmcal.diagnosis.learning import Learned, Term, learn, relearned
 from ppmcal.diagnosis.linear_system import INVISIBLE, MOST_ROWS, Whitening, build, range_basis
 from ppmcal.diagnosis.refit import with_mechanism
-from ppmcal.diagnosis.result import LearnedTerms
+from ppmcal.diagnosis.result import Found, LearnedTerms
 from ppmcal.diagnosis.term_candidates import (
     TermCandidate,
     Visible,
@@ -43,6 +43,20 @@ SEEN = 1e-10
 FOLDS = 5
 AS_WELL = 0.05
 """An equation may leave so much more of what a learned term closes (of the squares)."""
+
+
+def learned_beyond(found: Found, whole: Fit, held: Sequence[Dataset], named: bool, wanders: bool,
+                   seed: int, options: FitOptions) -> LearnedTerms | None:
+    """Return what is learned from what a search left; ``whole``: the fit of all rows so far."""
+    return learned_terms(found.after if named else found.before, whole, held, found.last.noise,
+                         found.noise, seed, options, wanders)
+
+
+def with_learned(whole: Fit, terms: LearnedTerms | None, options: FitOptions) -> Fit:
+    """Return a fit of all rows with what was learned, if anything was, in the machine."""
+    if terms is None:
+        return whole
+    return with_mechanism(whole, with_terms(whole.problem.mechanism, terms.learned), options)
 
 
 def learned_terms(base: Fit, whole: Fit, held: Sequence[Dataset], whitening: Whitening,

@@ -23,15 +23,18 @@ from ppmcal.calibration.gross_rows import rows_with_outliers
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.session_validation import other_sessions
+from ppmcal.calibration.sessions import session_masks
 from ppmcal.errors import PpmcalError
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import begin
 
 
 def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, ...]:
     """Return how well each session is predicted from the others, with and without each effect.
 
-    Sessions of too few rows, and those without which the machine cannot be fitted, are passed over.
+    Of one session nothing. Sessions of too few rows, and those without which the machine cannot be
+    fitted, are passed over.
 
     Args:
         final: the fit of all rows with what was found.
@@ -39,6 +42,9 @@ def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, .
         seed: of the bootstrap.
     """
     problem = final.problem
+    if len(session_masks(problem.datasets)) < 2:
+        return ()
+    begin("predicting each session from the others")
     machine = problem.mechanism.with_values(final.state.g)
     out: list[Validated] = []
     for rest, own in other_sessions(problem.datasets, final.keep,

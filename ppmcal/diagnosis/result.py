@@ -10,6 +10,7 @@ from ppmcal.calibration.coverage import Z95
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.frozen_models import Validated
 from ppmcal.calibration.model_averaging import Reading
+from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.summary import Identification
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.adequacy import Remainder
@@ -27,6 +28,10 @@ from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
+NAMED = ("named", "named-set", "partial")
+"""Verdicts that name something."""
+LEARNED_AFTER = ("unnamed", "partial")
+"""Verdicts that leave something to learn."""
 
 
 @dataclass(frozen=True)
@@ -179,6 +184,12 @@ class Found:
     first: Stage
     last: Stage
     added: tuple[Added, ...]
+
+    @property
+    def noise(self) -> float:
+        """The noise over the stated one: that of repeats where there are enough."""
+        pure = self.first.pure
+        return pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0
 
 
 @dataclass(frozen=True, eq=False)

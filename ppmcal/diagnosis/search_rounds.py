@@ -10,7 +10,8 @@ from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.gross_rows import single_gross_rows
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.validation import split
-from ppmcal.diagnosis.extended_model import Added, with_named
+from ppmcal.diagnosis.extended_model import Added, columns_added, with_named
+from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
 from ppmcal.diagnosis.recorded import usable
 from ppmcal.diagnosis.refit import (
     Key,
@@ -68,6 +69,13 @@ def training_part(whole: Fit, options: DiagnosisOptions) -> tuple[Fit, tuple[Dat
     held = tuple(d.take(o & usable(d) & ~typo) for d, o, typo in zip(
         problem.datasets, out, single_gross_rows(whole), strict=True))
     return of_rows(whole, [~o for o in out], options.fit), held
+
+
+def held_out_gap(found: Found, held: Sequence[Dataset], options: DiagnosisOptions) -> Gap | None:
+    """Return the gap of what was found in the training part on the other poses, if any."""
+    if not held:
+        return None
+    return measure_gap(found.before, found.after, held, found.noise, options.seed)
 
 
 def found_in(before: Fit, options: DiagnosisOptions) -> Found:
@@ -184,9 +192,6 @@ def _machine(before: Fit, mechanism: Mechanism, options: DiagnosisOptions) -> Fi
 def _at_fit(after: Fit, first: Stage, last: Stage, added: Sequence[Added],
             options: DiagnosisOptions) -> Stage:
     """Test again at the fit with what a stage chose, which stays unless something is better."""
-    names = {n for a in added for n in a.parameters}
-    mechanism = after.problem.mechanism
-    columns = [c for c, p in enumerate(after.problem.free) if mechanism.parameters[p].name in names]
     return run_stage(after.problem, after.state, after.keep, options.seed, options.kinds,
-                     options.draws, columns, first.search,
+                     options.draws, columns_added(after.problem, added), first.search,
                      [last.hypotheses[i] for i in last.chosen], first.as_named)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.diagnosis.added_variable_test import prepared, seen_noise
+from ppmcal.diagnosis.added_variable_test import AddedVariableTest, prepared, seen_noise
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import (
@@ -136,10 +136,7 @@ def bare_stage(system: System, found: Library, chosen: Sequence[int], added: Seq
                ) -> Stage:
     """Return the linear problem of a library with hypotheses in the model that were chosen."""
     noise = estimate(system, found, [c for i in chosen for c in found.hypotheses[i].columns])
-    basis = range_basis(noise.apply(system.jacobian, system), INVISIBLE)
-    residual = noise.apply(system.residual[..., None], system)[:, 0]
-    columns = WhiteColumns.of(found.products, noise, system, basis)
-    test = prepared(columns, columns.length, columns.hidden, basis, residual, system.count)
+    basis, residual, _, test = _whitened(system, found, noise)
     search = Search(test, found.hypotheses, float(np.log(DETECT)), float(np.log(NAME)),
                     np.zeros(0))
     return Stage(system, found, noise, basis, residual, search, tuple(chosen),
@@ -186,13 +183,19 @@ def scaling_columns(system: System, columns: Sequence[int]) -> dict[int, Array]:
     return out
 
 
-def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Generator,
-            draws: int, like: Search | None, hold: Sequence[Hypothesis]) -> Stage:
-    jacobian = noise.apply(system.jacobian, system)
-    basis = range_basis(jacobian, INVISIBLE)
+def _whitened(system: System, found: Library, noise: Whitening
+              ) -> tuple[Array, Array, WhiteColumns, AddedVariableTest]:
+    """Return a basis of the geometry, the residual and the library, white, and their tests."""
+    basis = range_basis(noise.apply(system.jacobian, system), INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     columns = WhiteColumns.of(found.products, noise, system, basis)
-    test = prepared(columns, columns.length, columns.hidden, basis, residual, system.count)
+    return basis, residual, columns, prepared(columns, columns.length, columns.hidden, basis,
+                                              residual, system.count)
+
+
+def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Generator,
+            draws: int, like: Search | None, hold: Sequence[Hypothesis]) -> Stage:
+    basis, residual, columns, test = _whitened(system, found, noise)
     left = residual - basis @ (basis.T @ residual)
     drawn = simulated(noise, system, basis, left, 0 if like else draws, rng)
     search = prepare(test, _cautious(found.hypotheses, noise), seen_noise(columns, basis, drawn),

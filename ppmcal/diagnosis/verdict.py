@@ -177,6 +177,11 @@ def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
     against = next(measured_against(stage), None) if verdict == "unnamed" else None
     if against is not None and against.hypothesis.effect is not None:
         return nothing(against.hypothesis.effect.remedy, joints)
+    return advice(verdict, joints)
+
+
+def advice(verdict: str, joints: int) -> Proposal:
+    """Return what to do where no measurements tell rivals apart."""
     return nothing({"none": "nothing more to measure: no missing effect is detectable",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
                     "named": "nothing more to measure: the named effects explain the residuals",
