@@ -27,7 +27,7 @@ OF_A_FIT = ("find_gross_errors", "flats", "honest", "held_out", "left_out", "ide
             "unidentifiable", "doubtful_stretches")
 OF_IDENTIFY = ("with_chosen_freedoms", "weak_campaign", "registration_hints", "left_over")
 OF_DIAGNOSE = ("with_chosen_freedoms", "weak_campaign", "left_over")
-OF_A_DIAGNOSIS = ("block_gaps", "with_sessions", "_days", "_places", "_others", "next_step")
+OF_A_DIAGNOSIS = ("block_gaps", "with_sessions", "other_days", "_places", "_others", "next_step")
 
 
 def planar() -> Any:
