@@ -134,11 +134,15 @@ def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
 
 
 def _group(h: Hypothesis, family: str) -> str:
-    """Return what a hypothesis is one of several of: events of a kind, frozen slots of a sort."""
+    """Return what a hypothesis is one of several of.
+
+    Events of a kind, frozen slots of a sort, joints that have the same each by itself.
+    """
     if h.slot:
         return f"{h.kind} {h.sort}"
-    event = h.effect is not None and h.effect.onset
-    return f"{family} on {' '.join(h.on)} {h.shared}" if event else ""
+    if h.effect is not None and h.effect.onset:
+        return f"{family} on {' '.join(h.on)} {h.shared}"
+    return f"{family} of a joint" if len(h.on) == 1 and not h.misread else ""
 
 
 def _place(kind: str, on: Sequence[str]) -> str:
@@ -160,8 +164,7 @@ def _shares(forms: Sequence[Form]) -> dict[Form, float]:
                 (1.0 - every if several else 1.0) / len(single)) for f in forms}
 
 
-def _range(h: Hypothesis) -> tuple[float, float]:
-    if h.size != 1:
-        return -np.inf, np.inf
-    usual = h.usual[0] if h.usual else (-np.inf, np.inf)
-    return max(h.low[0], usual[0]), min(h.high[0], usual[1])
+def _range(h: Hypothesis) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    usual = h.usual or ((-np.inf, np.inf),) * h.size
+    return (tuple(max(a, b) for a, (b, _) in zip(h.low, usual, strict=True)),
+            tuple(min(a, b) for a, (_, b) in zip(h.high, usual, strict=True)))

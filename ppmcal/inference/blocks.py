@@ -24,7 +24,8 @@ class Block:
         roots: one R (k, q) for each value of what lies on a grid, such that R z makes one sigma
             rms; empty: of each column alone, scaled so.
         log_prior: logarithm of its prior probability.
-        low, high: between which the coefficient of a single column is.
+        low, high: between which the coefficients are, of all columns or of each; those of starts
+            may be anything.
         group: what one thing does share it, events of one kind at one place, errors of one sort in
             several limbs: one more of them costs less than another cause; empty: it is by itself.
         form: what it looks like, where a family has several that differ much; empty: one.
@@ -39,8 +40,8 @@ class Block:
     columns: tuple[int, ...]
     log_prior: float
     roots: tuple[Array, ...] = ()
-    low: float = -np.inf
-    high: float = np.inf
+    low: float | tuple[float, ...] = -np.inf
+    high: float | tuple[float, ...] = np.inf
     group: str = ""
     form: str = ""
     starts: tuple[int, ...] = ()
@@ -48,13 +49,21 @@ class Block:
     gives: str = ""
     needs: str = ""
 
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Between which each coefficient is (k,) and (k,)."""
+        free = np.full(len(self.starts), np.inf)
+        own = (len(self.columns) - free.size,)
+        return (np.concatenate([np.broadcast_to(self.low, own), -free]),
+                np.concatenate([np.broadcast_to(self.high, own), free]))
+
 
 @dataclass(frozen=True, eq=False)
 class Batch:
     """B blocks of the same shape, so that they are asked together.
 
     ``which`` (B,) numbers of the blocks; ``columns`` (B, k); ``gram`` (B, k, k) inner products of
-    their raw columns; ``roots`` (B, G, k, q); ``low``, ``high`` (B,).
+    their raw columns; ``roots`` (B, G, k, q); ``low``, ``high`` (B, k).
     """
 
     which: Ints
@@ -108,8 +117,8 @@ def _batch(which: Ints, blocks: Sequence[Block], columns: ColumnSource, count: i
     linalg.finite("the length of columns", gram)
     roots = np.array([b.roots for b in blocks]) if blocks[0].roots else scaled_root(
         gram, count, blocks[0].starts, np.array([b.least for b in blocks]))[:, None]
-    return Batch(which, at, gram, roots, np.array([b.low for b in blocks]),
-                 np.array([b.high for b in blocks]))
+    ends = np.array([b.ends for b in blocks])                           # (B, 2, k)
+    return Batch(which, at, gram, roots, ends[:, 0], ends[:, 1])
 
 
 def _grams(at: Ints, columns: ColumnSource) -> Array:

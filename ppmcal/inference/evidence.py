@@ -60,9 +60,9 @@ def odds(given: Conditioned, batch: Batch) -> Array:
     part = np.einsum("bgqp,bgq->bgp", turn, along)
     out = odds_by_size(given, own, part**2)
     out = np.where(np.sum(np.maximum(own, 0.0), axis=-1)[..., None] > 0.0, out, 0.0)
-    if batch.bounded and batch.columns.shape[1] == batch.roots.shape[3] == 1:
-        out = out + within(given, batch.roots[..., 0, 0], own[..., 0], along[..., 0],
-                           batch.low[:, None], batch.high[:, None])
+    if batch.bounded:
+        lift = np.einsum("bgkq,bgqp->bgkp", batch.roots, turn, optimize=True)
+        out = out + within(given, lift, own, part, batch.low[:, None], batch.high[:, None])
     return np.asarray(out)
 
 
@@ -72,35 +72,50 @@ def total(log_odds: Array) -> Array:
     return np.asarray(logsumexp(log_odds, axis=(1, 2)) - np.log(few))
 
 
-def within(given: Conditioned, root: Array, own: Array, along: Array, low: Array, high: Array,
+def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array, high: Array,
            gone: float = 0.0) -> Array:
-    """Return by how much odds change where the one coefficient has to be between two ends.
+    """Return by how much odds change where coefficients have to be between two ends each.
 
     Prior and posterior are Student's, since the noise's scale is integrated; what the prior has
-    between the ends, over all roots and sizes, is one.
+    between the ends, over all roots and sizes, is one. Of several coefficients it is the product
+    of what each has by itself: their correlation is left out.
 
     Args:
         given: what is taken.
-        root: R of the single column (..., G).
-        own: G of it (..., G).
-        along: b of it (..., G).
-        low: one end (..., 1).
-        high: the other (..., 1).
+        lift: R times the eigenvectors of G (..., G, k, q).
+        own: eigenvalues of G (..., G, q).
+        part: b along the eigenvectors (..., G, q).
+        low: one end of each coefficient (..., 1, k).
+        high: the other (..., 1, k).
         gone: what other blocks than those taken have explained of y'My.
 
     Returns:
         (..., G, S).
     """
-    own, along = np.maximum(own, 0.0)[..., None], along[..., None]
-    scale = np.abs(root)[..., None] * SIZES
-    spread = 1.0 + SIZES**2 * own
-    rest = np.maximum(given.spread - gone - SIZES**2 * along**2 / spread, LEAST)
-    mean = scale * SIZES * np.sign(root)[..., None] * along / spread
-    deviation = scale * np.sqrt(rest / given.freedom / spread)
-    low, high = low[..., None], high[..., None]
-    before = np.mean(_between(float(NOISE_FREEDOM), low, high, scale), axis=(-2, -1), keepdims=True)
-    after = _between(given.freedom, low - mean, high - mean, deviation)
-    return np.asarray(np.log(np.maximum(after, LEAST)) - np.log(np.maximum(before, LEAST)))
+    ends = np.isfinite(low) | np.isfinite(high)
+    has = np.flatnonzero(ends.reshape(-1, ends.shape[-1]).any(axis=0))
+    lift, low, high = lift[..., has, :], low[..., None, has], high[..., None, has]
+    own, part = np.maximum(own, 0.0)[..., None, :], part[..., None, :]
+    grown = SIZES[:, None] ** 2
+    known = grown / (1.0 + grown * own)                                 # (..., G, S, q)
+    rest = np.maximum(given.spread - gone - np.sum(known * part**2, axis=-1), LEAST)
+    mean = (known * part) @ np.swapaxes(lift, -1, -2)                   # (..., G, S, k)
+    square = known @ np.swapaxes(lift**2, -1, -2)
+    deviation = np.sqrt(rest[..., None] / given.freedom * square)
+    scale = SIZES[:, None] * np.sqrt(np.sum(lift**2, axis=-1))[..., None, :]
+    before = _all_between(float(NOISE_FREEDOM), low, high, scale)
+    after = _all_between(given.freedom, low - mean, high - mean, deviation)
+    usual = np.mean(np.exp(before), axis=(-2, -1), keepdims=True)
+    return np.asarray(after - np.log(np.maximum(usual, LEAST)))
+
+
+def _all_between(freedom: float, low: Array, high: Array, deviation: Array) -> Array:
+    """Return the log probability (...) that all of k coefficients are between their ends (..., k).
+
+    Each by itself, by Student's t.
+    """
+    each = np.log(np.maximum(_between(freedom, low, high, deviation), LEAST))
+    return np.asarray(np.sum(each, axis=-1))
 
 
 def _between(freedom: float, low: Array, high: Array, deviation: Array) -> Array:

@@ -83,7 +83,7 @@ class _System:
         self.values, self.at = values, [[at[c] for c in b.columns] for b in blocks]
         self.roots = [b.roots or (scaled_root(gram[np.ix_(i, i)], given.count, b.starts, b.least),)
                       for b, i in zip(blocks, self.at, strict=True)]
-        self.ends = [(b.low, b.high) for b in blocks]
+        self.ends = [b.ends for b in blocks]
 
     def made(self, k: int, g: int) -> Array:
         """Return a block's columns times one of its roots (n, q)."""
@@ -107,16 +107,11 @@ class _System:
         own, turn = small_eigh(roots.transpose(0, 2, 1) @ left[np.ix_(at, at)] @ roots)
         part = np.einsum("gqp,gcq,c->gp", turn, roots, along[at], optimize=True)
         out = np.asarray(base + odds_by_size(self.given, own, part**2, gone).T)
-        return out, out + self._within(k, left, along, gone)
-
-    def _within(self, k: int, left: Array, along: Array, gone: float) -> Array | float:
-        """Return by how much these odds change where a single coefficient has two ends (S, G)."""
         low, high = self.ends[k]
-        if len(self.at[k]) > 1 or not np.isfinite([low, high]).any():
-            return 0.0
-        root, c = np.array([r[0, 0] for r in self.roots[k]]), self.at[k][0]
-        return within(self.given, root, root**2 * left[c, c], root * along[c], np.array([low]),
-                      np.array([high]), gone).T
+        if not np.isfinite([low, high]).any():
+            return out, out
+        return out, out + within(self.given, roots @ turn, own, part, low[None], high[None],
+                                 gone).T
 
     def coefficients(self, sizes: Ints, grid: Ints) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         """Return mean and standard deviation of each block's coefficients (k,)."""

@@ -22,7 +22,7 @@ class Prior:
 SMALLEST_SIZE = Prior(0.03, "an effect of 0.03 sigma rms needs 10,000 values to be seen at all")
 LARGEST_SIZE = Prior(3000.0, "beyond it fits fail; ten times more of it would cost 0.2 nats")
 NOISE_FREEDOM = Prior(30.0, "a stated sigma is as good as one of 30 values, within 13 %")
-FURTHER_EVENT = Prior(1 / 4, "where one thing happened during the measurement, something else may")
+FURTHER = Prior(1 / 4, "where one thing happened, or one joint has it, a second may: one in four")
 CORRELATED = Prior(1 / 2, "noise from row to row is as often correlated as it is not")
 
 WIDE = Prior(1e3, "frames, targets and offsets: known to nobody, yet within 1000 natural units")

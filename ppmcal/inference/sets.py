@@ -21,7 +21,7 @@ from ppmcal.inference.correlation import RowNoise, Whitened
 from ppmcal.inference.evidence import odds_of_all
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import JointBlocks, joint
-from ppmcal.inference.priors import CORRELATED, CORRELATIONS, FURTHER_EVENT
+from ppmcal.inference.priors import CORRELATED, CORRELATIONS, FURTHER
 from ppmcal.linalg import Array, Bools, Ints
 
 NEGLIGIBLE = 14.0
@@ -106,12 +106,29 @@ class Question:
 
     @cached_property
     def groups(self) -> dict[str, list[int]]:
-        """The blocks of each group of events."""
+        """The blocks of each group."""
         out: dict[str, list[int]] = defaultdict(list)
         for i, block in enumerate(self.blocks):
             if block.group:
                 out[block.group].append(i)
         return out
+
+    @cached_property
+    def parts(self) -> dict[int, list[int]]:
+        """Of each block those of its family, in a group, that have some of its columns each."""
+        single: dict[str, list[int]] = defaultdict(list)
+        for own in self.groups.values():
+            for j in own:
+                single[self.blocks[j].family].append(j)
+        return {i: parts for i, b in enumerate(self.blocks) if not b.group and b.family in single
+                if (parts := [j for j in single[b.family]
+                              if set(b.columns) > set(self.blocks[j].columns)])}
+
+    @cached_property
+    def _of_group(self) -> dict[str, float]:
+        """Log prior of each group: that one of its blocks is there."""
+        return {group: float(logsumexp([self.blocks[i].log_prior for i in own]))
+                for group, own in self.groups.items()}
 
     @cached_property
     def _places(self) -> dict[str, int]:
@@ -123,14 +140,14 @@ class Question:
         return {family: len(groups) for family, groups in found.items()}
 
     def _further(self, i: int, there: Iterable[int]) -> float:
-        """Return the log prior of block i beside others: of an event, one more costs less."""
+        """Return the log prior of block i beside others: of a group, one more costs less."""
         block = self.blocks[i]
         groups = {self.blocks[j].group for j in there if self.blocks[j].family == block.family
                   or self.blocks[j].group == block.group}
         groups.discard("")
         if not block.group or not groups:
             return block.log_prior
-        more = float(np.log(float(FURTHER_EVENT))) - np.log(len(self.groups[block.group]))
+        more = float(np.log(float(FURTHER))) + block.log_prior - self._of_group[block.group]
         if block.group not in groups:
             more -= np.log(self._places[block.family])
         return float(max(block.log_prior, more))
@@ -415,8 +432,8 @@ class _Visited:
         found = self._likelier(now, moves)
         if found is not None:
             return found
-        for far in chain(self._masked(now), self._split(now), self._merged(now),
-                         self._pairs(now, now.log_p)):
+        for far in chain(self._masked(now), self._parted(now), self._split(now),
+                         self._merged(now), self._pairs(now, now.log_p)):
             if far.log_p > now.log_p + LEAST_GAIN:
                 return far
         return None
@@ -452,6 +469,22 @@ class _Visited:
             if gain < each:
                 return
             last, each, count = at, gain, 2 * count
+
+    def _parted(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with parts of one block in its place, those first that it needs most.
+
+        What all joints have a value of their own for, perhaps two of them have.
+        """
+        blocks, log_z = self.question.blocks, [log_p for _, log_p, _ in now.views]
+        sized = now.views[int(np.argmax(log_z))][2]
+        for n, i in enumerate(now.chosen):
+            mine = {c: k for k, c in enumerate(blocks[i].columns)}
+            parts = list(self.question.parts.get(i, ()))
+            sure = np.abs(sized.values[n]) / np.maximum(sized.sigmas[n], 1e-300)
+            parts.sort(key=lambda j: -max(sure[mine[c]] for c in blocks[j].columns))
+            rest = tuple(j for j in now.chosen if j != i)
+            for count in range(1, len(parts)):
+                yield self.visit((*rest, *parts[:count]))
 
     def _split(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with one block gone, and others, of other families, in its place."""
@@ -504,8 +537,10 @@ class _Visited:
 
     def _pairs(self, at: BlockSet, least: float) -> Iterator[BlockSet]:
         """Yield sets with two events of one group more that may be likelier than ``least``."""
-        for group in self.question.groups:
-            free = [i for i in self.question.groups[group] if i not in at.chosen]
+        parts = {i for own in self.question.parts.values() for i in own}
+        for group, every in self.question.groups.items():
+            # parts of another block are come to from there, one by one
+            free = [i for i in every if i not in at.chosen and i not in parts]
             if len(free) > 1:
                 i, j, most = self._likeliest_pair(at, group, free)
                 prior = (self.question.log_prior((*at.chosen, i, j))

@@ -20,7 +20,7 @@ from ppmcal.diagnosis.question import Asked, question
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.unknown_causes import UnknownCauses
-from ppmcal.inference.priors import FAMILY, FURTHER_EVENT, MISREAD, PLAIN
+from ppmcal.inference.priors import FAMILY, FURTHER, MISREAD, PLAIN
 from ppmcal.linalg import Array
 
 
@@ -45,7 +45,7 @@ def test_frozen_slots_of_one_sort_share_a_prior_and_a_second_of_a_sort_costs_les
     assert prior([first]) == pytest.approx(np.log(float(FAMILY) / 3))
     assert prior([other]) == pytest.approx(np.log(float(FAMILY)))
     assert prior([first, second]) - prior([second]) == pytest.approx(
-        np.log(float(FURTHER_EVENT) / 3))
+        np.log(float(FURTHER) / 3))
     assert prior([first, other]) == pytest.approx(prior([first]) + prior([other]))
 
 
