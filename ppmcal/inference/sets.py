@@ -142,13 +142,16 @@ class Question:
     def _further(self, i: int, there: Iterable[int]) -> float:
         """Return the log prior of block i beside others: of a group, one more costs less."""
         block = self.blocks[i]
-        groups = {self.blocks[j].group for j in there if self.blocks[j].family == block.family
-                  or self.blocks[j].group == block.group}
-        groups.discard("")
-        if not block.group or not groups:
+        like = [j for j in there if self.blocks[j].group and (
+            self.blocks[j].family == block.family or self.blocks[j].group == block.group)]
+        if not block.group or not like:
             return block.log_prior
-        more = float(np.log(float(FURTHER))) + block.log_prior - self._of_group[block.group]
-        if block.group not in groups:
+        count = len(self.groups[block.group])
+        same = sum(self.blocks[j].group == block.group for j in like)
+        # any m of n are as likely as any others, in whatever order they are told
+        more = (np.log(float(FURTHER) * (len(like) + 1) * count / (count - same))
+                + block.log_prior - self._of_group[block.group])
+        if not same:
             more -= np.log(self._places[block.family])
         return float(max(block.log_prior, more))
 

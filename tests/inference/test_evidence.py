@@ -135,6 +135,34 @@ def test_sign_and_range_are_those_of_the_integral_over_the_coefficient(
             odds(given, [block])[0], abs=1e-8)
 
 
+@pytest.mark.parametrize(("lean", "within"), [(0.0, 0.02), (0.5, 0.25)])
+@pytest.mark.parametrize("signs", [(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)])
+def test_several_coefficients_have_their_signs_as_in_drawn_machines(
+        lean: float, within: float, signs: tuple[float, float]) -> None:
+    """By draws from prior and posterior at each size; ``lean``: correlation of the columns."""
+    matrix, values = drawn(3, seed=2)
+    first = matrix[:, 0] / np.std(matrix[:, 0])
+    second = matrix[:, 1] - first * (matrix[:, 1] @ first) / (first @ first)
+    second = np.sqrt(1.0 - lean**2) * second / np.std(second) + lean * first
+    columns = np.stack([first, second], axis=1)
+    values = values + 0.3 * first + 0.2 * second
+    given = Conditioned.nothing(MatrixColumns(columns), values)
+    ends = (tuple(np.minimum(np.multiply(signs, np.inf), 0.0)),
+            tuple(np.maximum(np.multiply(signs, np.inf), 0.0)))
+    rng, parts, free = np.random.default_rng(0), [], Block("", "", (0, 1), 0.0)
+    root = batches([free], given.columns, ROWS)[0].roots[0, 0]
+    plain = odds_of_batch(given, batches([free], given.columns, ROWS)[0])[0, 0]
+    for s, log_odds in zip(SIZES, plain, strict=True):
+        block = s * columns @ root
+        inverse = np.linalg.inv(np.eye(2) + block.T @ block)
+        mean = inverse @ block.T @ values
+        spread = (NU + values @ values - values @ block @ mean) / (NU + ROWS)
+        z = rng.multivariate_normal(mean, spread * inverse, 20_000)
+        parts.append(np.exp(log_odds) * np.mean(np.all(z @ root.T * signs > 0.0, axis=1)))
+    found = odds(given, [Block("", "", (0, 1), 0.0, low=ends[0], high=ends[1])])[0]
+    assert found == pytest.approx(np.log(np.mean(parts) / 0.25), abs=within)
+
+
 def test_a_range_that_no_size_comes_to_is_not_in_the_data() -> None:
     """Beyond 1e4 times the largest size neither prior nor posterior has anything."""
     matrix, values = drawn(1, effect=1.0)

@@ -70,7 +70,27 @@ def test_an_event_and_the_one_that_undoes_it_are_two_of_one_group() -> None:
     alone = found.best.question.log_prior([first])
     pair = found.best.question.log_prior([first, second])
     onsets = len(found.best.question.groups["slip on a"])
-    assert pair - alone == pytest.approx(np.log(0.25 / onsets))
+    assert pair - alone == pytest.approx(np.log(0.25 * 2.0 / (onsets - 1)))
+
+
+@pytest.mark.parametrize("acting", [(1,), (1, 4), (0, 2, 5), (0, 1, 2, 3, 4, 5)])
+def test_as_many_joints_have_it_as_have_it(acting: tuple[int, ...]) -> None:
+    """Six joints each by itself, all with their own values, or all with one."""
+    joints, rng = 6, np.random.default_rng(4)
+    matrix, _ = library(rng)
+    own = matrix[:, :joints] / np.sqrt(np.mean(matrix[:, :joints] ** 2, axis=0))
+    columns = np.column_stack([own, own.sum(axis=1)])
+    of = np.log(1 / 50)
+    blocks = (*(Block(f"on {j}", "play", (j,), of - np.log(12), group="play of a joint", low=0.0)
+                for j in range(joints)),
+              Block("on each", "play", tuple(range(joints)), of - np.log(4), low=0.0),
+              Block("on all", "play", (joints,), of - np.log(4), low=0.0))
+    values = rng.normal(size=len(columns))
+    for j in acting:
+        values = values + (3.0 + 0.3 * j) * own[:, j]
+    found = posterior(question(columns, blocks, values, rng.normal(size=(len(columns), 4))))
+    names = {found.best.question.blocks[i].name for i in found.best.chosen}
+    assert names == ({"on each"} if len(acting) == joints else {f"on {j}" for j in acting})
 
 
 def test_the_order_of_rows_of_columns_and_of_blocks_does_not_matter() -> None:
