@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -117,10 +117,8 @@ class UnknownCauses:
             return
         roots = []
         for kernel in kernels:
-            w, v = linalg.eigh(kernel)
-            root = v * np.sqrt(np.maximum(w, 0.0))
-            size = np.sqrt(np.trace(root.T @ gram @ root) / self.system.count)
-            roots.append(root / size)
+            size = np.sqrt(np.sum(gram * kernel) / self.system.count)
+            roots.append(_root(kernel) / size)
         self._columns.append(columns)
         self.causes.append(UnknownCause(label, columns.shape[1], tuple(roots), share, curve, on,
                                         way))
@@ -206,6 +204,17 @@ class UnknownCauses:
                      for u in own], axis=1)
                 each = [np.asarray(np.kron(np.eye(len(own)), k)) for k in kernels]
                 yield f"a slow course of the {body}", columns, each, True, None, (), body
+
+
+def _root(kernel: Array) -> Array:
+    """Return the root R (n, n) of a kernel, R R' (n, n); each kernel is taken apart once."""
+    return _roots(kernel.tobytes(), len(kernel))
+
+
+@lru_cache(maxsize=256)
+def _roots(kernel: bytes, size: int) -> Array:
+    w, v = linalg.eigh(np.frombuffer(kernel).reshape(size, size))
+    return np.asarray(v * np.sqrt(np.maximum(w, 0.0)))
 
 
 def _moved(body: str, coordinate: str, rows: int) -> Shift:

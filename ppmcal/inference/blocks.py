@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ppmcal import linalg
 from ppmcal.inference.columns import ColumnSource
+from ppmcal.inference.ranges import usual
 from ppmcal.linalg import Array, Ints
 
 
@@ -72,6 +74,11 @@ class Batch:
     roots: Array
     low: Array
     high: Array
+
+    @cached_property
+    def usual(self) -> Array:
+        """Log prior probability that coefficients are where they may be (B,)."""
+        return usual(self.roots, self.low, self.high)
 
     @property
     def bounded(self) -> bool:

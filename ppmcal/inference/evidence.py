@@ -12,18 +12,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import logsumexp, stdtr
+from scipy.special import logsumexp
 
 from ppmcal import linalg
 from ppmcal.inference.blocks import Batch
 from ppmcal.inference.given import Conditioned
-from ppmcal.inference.priors import LARGEST_SIZE, NOISE_FREEDOM, SIZE_STEPS, SMALLEST_SIZE
+from ppmcal.inference.ranges import LEAST, SIZES, all_between, bounded
 from ppmcal.linalg import Array
-
-SIZES = np.geomspace(float(SMALLEST_SIZE), float(LARGEST_SIZE), SIZE_STEPS)
-"""Sizes s (S,), rms over the noise."""
-LEAST = 1e-300
-
 
 def odds_by_size(given: Conditioned, own: Array, part: Array, gone: float = 0.0) -> Array:
     """Return log Z at each size over log Z without the block (..., S).
@@ -62,7 +57,8 @@ def odds(given: Conditioned, batch: Batch) -> Array:
     out = np.where(np.sum(np.maximum(own, 0.0), axis=-1)[..., None] > 0.0, out, 0.0)
     if batch.bounded:
         lift = np.einsum("bgkq,bgqp->bgkp", batch.roots, turn, optimize=True)
-        out = out + within(given, lift, own, part, batch.low[:, None], batch.high[:, None])
+        ends = batch.low[:, None], batch.high[:, None]
+        out = out + within(given, lift, own, part, *ends) - batch.usual[:, None, None]
     return np.asarray(out)
 
 
@@ -74,11 +70,10 @@ def total(log_odds: Array) -> Array:
 
 def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array, high: Array,
            gone: float = 0.0) -> Array:
-    """Return by how much odds change where coefficients have to be between two ends each.
+    """Return the log probability that coefficients are between two ends each.
 
-    Prior and posterior are Student's, since the noise's scale is integrated; what the prior has
-    between the ends, over all roots and sizes, is one. Of several coefficients it is the product
-    of what each has by itself: their correlation is left out.
+    They are Student's, since the noise's scale is integrated. Of several it is the product of what
+    each has by itself: their correlation is left out.
 
     Args:
         given: what is taken.
@@ -92,8 +87,7 @@ def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array,
     Returns:
         (..., G, S).
     """
-    ends = np.isfinite(low) | np.isfinite(high)
-    has = np.flatnonzero(ends.reshape(-1, ends.shape[-1]).any(axis=0))
+    has = bounded(low, high)
     lift, low, high = lift[..., has, :], low[..., None, has], high[..., None, has]
     own, part = np.maximum(own, 0.0)[..., None, :], part[..., None, :]
     grown = SIZES[:, None] ** 2
@@ -102,29 +96,7 @@ def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array,
     mean = (known * part) @ np.swapaxes(lift, -1, -2)                   # (..., G, S, k)
     square = known @ np.swapaxes(lift**2, -1, -2)
     deviation = np.sqrt(rest[..., None] / given.freedom * square)
-    scale = SIZES[:, None] * np.sqrt(np.sum(lift**2, axis=-1))[..., None, :]
-    before = _all_between(float(NOISE_FREEDOM), low, high, scale)
-    after = _all_between(given.freedom, low - mean, high - mean, deviation)
-    usual = np.mean(np.exp(before), axis=(-2, -1), keepdims=True)
-    return np.asarray(after - np.log(np.maximum(usual, LEAST)))
-
-
-def _all_between(freedom: float, low: Array, high: Array, deviation: Array) -> Array:
-    """Return the log probability (...) that all of k coefficients are between their ends (..., k).
-
-    Each by itself, by Student's t.
-    """
-    each = np.log(np.maximum(_between(freedom, low, high, deviation), LEAST))
-    return np.asarray(np.sum(each, axis=-1))
-
-
-def _between(freedom: float, low: Array, high: Array, deviation: Array) -> Array:
-    """Return what Student's t of a standard deviation has between two ends."""
-    safe = np.maximum(deviation, LEAST)
-    a, b = low / safe, high / safe
-    turned = a > 0.0                    # differences of small tails, not of numbers near one
-    a, b = np.where(turned, -b, a), np.where(turned, -a, b)
-    return np.asarray(stdtr(freedom, b) - stdtr(freedom, a))
+    return all_between(given.freedom, low - mean, high - mean, deviation)
 
 
 def odds_of_all(given: Conditioned, some: Sequence[Batch], count: int) -> Array:

@@ -14,8 +14,9 @@ from scipy.special import logsumexp
 
 from ppmcal import linalg
 from ppmcal.inference.blocks import Block, scaled_root
-from ppmcal.inference.evidence import LEAST, SIZES, odds_by_size, small_eigh, within
+from ppmcal.inference.evidence import odds_by_size, small_eigh, within
 from ppmcal.inference.given import Conditioned
+from ppmcal.inference.ranges import LEAST, SIZES, usual
 from ppmcal.linalg import Array, Ints
 
 SWEEPS = 6
@@ -84,6 +85,8 @@ class _System:
         self.roots = [b.roots or (scaled_root(gram[np.ix_(i, i)], given.count, b.starts, b.least),)
                       for b, i in zip(blocks, self.at, strict=True)]
         self.ends = [b.ends for b in blocks]
+        self.usual = [float(usual(np.array(r), *ends)) for r, ends in
+                      zip(self.roots, self.ends, strict=True)]
 
     def made(self, k: int, g: int) -> Array:
         """Return a block's columns times one of its roots (n, q)."""
@@ -110,8 +113,8 @@ class _System:
         low, high = self.ends[k]
         if not np.isfinite([low, high]).any():
             return out, out
-        return out, out + within(self.given, roots @ turn, own, part, low[None], high[None],
-                                 gone).T
+        inside = within(self.given, roots @ turn, own, part, low[None], high[None], gone)
+        return out, out + inside.T - self.usual[k]
 
     def coefficients(self, sizes: Ints, grid: Ints) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
         """Return mean and standard deviation of each block's coefficients (k,)."""

@@ -116,13 +116,15 @@ class Question:
     @cached_property
     def parts(self) -> dict[int, list[int]]:
         """Of each block those of its family, in a group, that have some of its columns each."""
-        single: dict[str, list[int]] = defaultdict(list)
-        for own in self.groups.values():
-            for j in own:
-                single[self.blocks[j].family].append(j)
-        return {i: parts for i, b in enumerate(self.blocks) if not b.group and b.family in single
-                if (parts := [j for j in single[b.family]
-                              if set(b.columns) > set(self.blocks[j].columns)])}
+        with_column: dict[tuple[str, int], set[int]] = defaultdict(set)
+        for i in chain(*self.groups.values()):
+            for c in self.blocks[i].columns:
+                with_column[self.blocks[i].family, c].add(i)
+        found = {i: set[int]().union(*(with_column.get((b.family, c), ()) for c in b.columns))
+                 for i, b in enumerate(self.blocks) if not b.group and len(b.columns) > 1}
+        return {i: sorted(j for j in some
+                          if set(self.blocks[j].columns) < set(self.blocks[i].columns))
+                for i, some in found.items() if some}
 
     @cached_property
     def _of_group(self) -> dict[str, float]:

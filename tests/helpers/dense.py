@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 from ppmcal.inference.blocks import Block
-from ppmcal.inference.evidence import SIZES
+from ppmcal.inference.ranges import SIZES
 from ppmcal.inference.priors import NOISE_FREEDOM
 
 

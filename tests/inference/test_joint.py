@@ -9,7 +9,8 @@ from scipy.special import logsumexp
 
 from ppmcal.inference.blocks import Block, batches
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.evidence import SIZES, odds, total
+from ppmcal.inference.evidence import odds, total
+from ppmcal.inference.ranges import SIZES
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import joint
 

@@ -13,7 +13,7 @@ from scipy.special import gammaln, logsumexp
 from ppmcal.inference.blocks import Block, scaled_root
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.correlation import RowNoise
-from ppmcal.inference.evidence import SIZES
+from ppmcal.inference.ranges import SIZES
 from ppmcal.inference.priors import CORRELATED, CORRELATIONS, GROSS_ROW, NOISE_FREEDOM
 from ppmcal.inference.sets import Question, posterior, state
 
