@@ -43,7 +43,8 @@ from ppmcal.errors import PpmcalError  # noqa: E402
 class Answer:
     """What `diagnose` said of a world: each effect named, with its alternatives, and its sizes.
 
-    ``gap``: before and after, over the noise; ``refused``: why there is no diagnosis.
+    ``gap``: before and after, over the noise; ``refused``: why there is no diagnosis; ``chances``
+    and ``kinds``: the probability of each name that leads.
     """
 
     verdict: str
@@ -52,6 +53,8 @@ class Answer:
     sizes: tuple[tuple[str, float, float, str], ...] = ()
     gap: tuple[float, float] = (np.nan, np.nan)
     refused: str = ""
+    chances: tuple[float, ...] = ()
+    kinds: tuple[str, ...] = ()
 
 
 def wrong(case: Case, answer: Answer) -> list[str]:
@@ -77,7 +80,9 @@ def ask(folder: Path) -> Answer:
     sizes = tuple((f"{e.kind}.{n}", p.value, p.sigma, p.unit)
                   for e in record.effects for n, p in e.parameters.items() if p.sigma is not None)
     return Answer(record.verdict, named, text, sizes,
-                  (record.gap.before or np.nan, record.gap.after or np.nan))
+                  (record.gap.before or np.nan, record.gap.after or np.nan),
+                  chances=tuple(e.probability for e in record.effects),
+                  kinds=tuple(e.kind for e in record.effects))
 
 
 def random_run(machine: Machine, shape: Shape, rng: np.random.Generator, rows: int) -> Any:

@@ -74,7 +74,7 @@ class Outcome:
     """What became of one campaign; one line of study.csv.
 
     ``p_search``: how often noise alone shows a test as small as the smallest of all;
-    ``p_left``: of what is left following some input.
+    ``p_left``: of what is left following some input; ``said``: as :func:`reliability`.
     """
 
     cell: str
@@ -98,6 +98,7 @@ class Outcome:
     closed_truth: str
     p_search: float
     p_left: float
+    said: str
     seconds: float
 
 
@@ -149,7 +150,7 @@ def run(job: Job) -> Outcome | None:
         return Outcome(**asdict(job), survival=min((t.survival for t in found.truth), default=1.0),
                        freedom=0, verdict="refused", named="", alternatives="", right=0, alone=0,
                        wrong=0, set_size=0.0, covered="0/0", closed="", closed_truth="",
-                       p_search=float("nan"), p_left=float("nan"),
+                       p_search=float("nan"), p_left=float("nan"), said="",
                        seconds=round(time.perf_counter() - start, 2))
     return judge(job, found, result, time.perf_counter() - start)
 
@@ -175,7 +176,15 @@ def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome
         closed_truth=told(found, result, job.seed % 1000),
         p_search=float(np.exp(first.search.over_all(float(
             first.log_p.min(initial=0.0))))),
-        p_left=result.remainder.p_value, seconds=round(seconds, 2))
+        p_left=result.remainder.p_value,
+        said=reliability((e.probability, family(e.kind, e.parameters) in truth)
+                         for e in result.effects),
+        seconds=round(seconds, 2))
+
+
+def reliability(effects: Iterable[tuple[float, bool]]) -> str:
+    """Return the probability of each name that leads, and whether it is right: ``0.9731:1``."""
+    return " ".join(f"{p:.4f}:{int(right)}" for p, right in effects)
 
 
 def family(kind: str, parameters: Iterable[str]) -> str:

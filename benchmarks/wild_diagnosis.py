@@ -33,6 +33,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import numpy as np  # noqa: E402
+from diagnosis_study import reliability  # noqa: E402
 from study_runner import read, remaining, work  # noqa: E402
 from study_summary import share  # noqa: E402
 from wild.cases import CASES  # noqa: E402
@@ -65,7 +66,7 @@ class Line:
     """What became of one campaign; one line of wild.csv. ``learned``: inputs of learned terms.
 
     ``before``, ``after``: residuals over the noise in unseen poses, without and with all that was
-    found; ``worse``: whether it grew.
+    found; ``worse``: whether it grew; ``said``: the probability of each name, and if it is right.
     """
 
     group: str
@@ -85,6 +86,7 @@ class Line:
     after: str
     closed: str
     worse: int
+    said: str
     seconds: float
 
 
@@ -147,6 +149,8 @@ def _line(job: Job, truth: Mapping[str, Any], found: Mapping[str, Any], start: f
         " ".join(t["input"] for t in learned), _number(before), _number(after),
         _closed(before, after), int(before is not None and after is not None
                                     and after > before * 1.001),
+        reliability((e.get("probability", np.nan), e["kind"] in kinds | accept)
+                    for e in found.get("effects", ())),
         round(time.perf_counter() - start, 1))
 
 

@@ -48,7 +48,8 @@ class Line(Job):
 
     ``group``: nothing, poor noise, one, several, event, memory, unknown; ``right``: every cause is
     named, alone or in a set; ``wrong``: names that are none of them, in whatever verdict;
-    ``size``: mean number of names in a set, 0 where nothing is named.
+    ``size``: mean number of names in a set, 0 where nothing is named; ``said``: the probability
+    of each name that leads, and whether it is right, as ``0.9731:1``.
     """
 
     group: str
@@ -58,6 +59,7 @@ class Line(Job):
     alone: int
     wrong: int
     size: float
+    said: str
     seconds: float
 
 
@@ -95,7 +97,7 @@ def run(job: Job) -> Line | None:
         found = {"hidden": _hidden, "wild": _wild, "bodies": _bodies}[job.generator](job)
     except Exception as error:  # a fault is a line of the study, not its end
         print(f"{job}: {error!r}", file=sys.stderr)
-        found = (_group(job), "fault", "", 0, 0, 0, 0.0)
+        found = (_group(job), "fault", "", 0, 0, 0, 0.0, "")
     if found is None:
         return None
     return Line(*astuple(job), *found, round(time.perf_counter() - start, 1))
@@ -114,7 +116,7 @@ def _group(job: Job) -> str:
     return {"none": "nothing", "physics": "one"}.get(group, group)
 
 
-Judged = tuple[str, str, str, int, int, int, float]
+Judged = tuple[str, str, str, int, int, int, float, str]
 
 
 def _hidden(job: Job) -> Judged | None:
@@ -124,7 +126,7 @@ def _hidden(job: Job) -> Judged | None:
     if line is None:
         return None
     return (_group(job), line.verdict, line.named, line.right, line.alone, line.wrong,
-            line.set_size)
+            line.set_size, line.said)
 
 
 def _wild(job: Job) -> Judged | None:
@@ -139,7 +141,7 @@ def _wild(job: Job) -> Judged | None:
         group = "several"
     sizes = [len(f.split("/")) for f in line.named.split("; ") if f]
     return (group, line.verdict.split(" ")[0], line.named, line.right, line.alone, line.wrong,
-            float(np.mean(sizes)) if sizes else 0.0)
+            float(np.mean(sizes)) if sizes else 0.0, line.said)
 
 
 def _bodies(job: Job) -> Judged:
@@ -151,5 +153,8 @@ def _bodies(job: Job) -> Judged:
     right = bool(case.right) and all(names & said for names in case.must) and bool(answer.named)
     wrong = sum(not names & case.right for names in answer.named)
     sizes = [len(f) for f in answer.named]
+    chances = diagnosis_study.reliability(
+        (p, kind in case.right) for p, kind in zip(answer.chances, answer.kinds, strict=True))
     return (_group(job), answer.verdict, answer.text, int(right and not answer.refused),
-            int(right and said <= case.right), wrong, float(np.mean(sizes)) if sizes else 0.0)
+            int(right and said <= case.right), wrong, float(np.mean(sizes)) if sizes else 0.0,
+            chances)

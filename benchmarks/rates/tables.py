@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from study_summary import share
+import numpy as np
+from study_summary import interval, share
 
 Line = Mapping[str, str]
 ROOT = Path(__file__).resolve().parents[2]
@@ -15,6 +17,8 @@ NAMED = ("named", "named-set", "partial")
 GROUPS = {"nothing": "nothing hidden", "poor noise": "nothing hidden, noise not as stated",
           "one": "one cause", "memory": "one cause with memory", "event": "events, with their rows",
           "several": "two or three causes", "unknown": "a cause in no library"}
+KNOWN = ("one", "memory", "event")
+BINS = (0.0, 0.5, 0.7, 0.9, 0.99, 1.01)
 GENERATORS = ("hidden", "wild", "bodies")
 
 
@@ -25,7 +29,32 @@ def rates(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
             for what, own, test in _questions()]
     return "\n".join([
         _said(lines, about), "", "| | all | hidden | wild | bodies |", "|---|---|---|---|---|",
-        *(f"| {what} | {' | '.join(cells)} |" for what, cells in rows)])
+        *(f"| {what} | {' | '.join(cells)} |" for what, cells in rows),
+        f"| one cause, eta from 0.5: names in a set, mean | {' | '.join(_sizes(lines))} |"])
+
+
+def _sizes(lines: Sequence[Line]) -> list[str]:
+    """Return the mean number of names in a set, of all and of each generator."""
+    named = [r for r in _known(*KNOWN, low=0.5)(lines) if float(r["size"]) > 0.0]
+    each = [named, *([r for r in named if r["generator"] == g] for g in GENERATORS)]
+    return [f"{np.mean([float(r['size']) for r in own]):.2f}" if own else "-" for own in each]
+
+
+def reliability(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
+    """Return how often names are right, by the probability that was said."""
+    said = [(float(p), hit == "1") for r in lines for p, _, hit in (
+        word.partition(":") for word in r["said"].split())]
+    out = [_said(lines, about), "", "| said | names | mean of what was said | right |",
+           "|---|---|---|---|"]
+    for low, high in pairwise(BINS):
+        own = [(p, hit) for p, hit in said if low <= p < high]
+        if own:
+            hits, (least, most) = sum(h for _, h in own), interval(
+                sum(h for _, h in own), len(own))
+            out.append(f"| {low:g} to {min(high, 1.0):g} | {len(own)} | "
+                       f"{np.mean([p for p, _ in own]):.3f} | {hits / len(own):.3f} "
+                       f"({least:.3f} to {most:.3f}) |")
+    return "\n".join(out)
 
 
 def _said(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
@@ -35,11 +64,7 @@ def _said(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
 
 def _questions() -> list[tuple[str, Callable[[Sequence[Line]], list[Line]],
                                Callable[[Line], bool]]]:
-    def of(*groups: str, low: float = 0.0) -> Callable[[Sequence[Line]], list[Line]]:
-        return lambda lines: [r for r in lines if r["group"] in groups and (
-            r["generator"] == "bodies" or float(r["eta"]) >= low)]
-
-    quiet, known = ("nothing", "poor noise"), ("one", "memory", "event")
+    quiet, of, known = ("nothing", "poor noise"), _known, KNOWN
     return [
         ("nothing hidden: something said to be there", of("nothing"), said),
         ("the same, noise not as stated", of("poor noise"), said),
@@ -54,6 +79,11 @@ def _questions() -> list[tuple[str, Callable[[Sequence[Line]], list[Line]],
         ("all: a wrong name, in whatever verdict", lambda lines: list(lines), wrong),
         ("all: a right file refused, or called misread", lambda lines: list(lines),
          lambda r: r["verdict"] in ("refused", "misread", "fault"))]
+
+
+def _known(*groups: str, low: float = 0.0) -> Callable[[Sequence[Line]], list[Line]]:
+    return lambda lines: [r for r in lines if r["group"] in groups and (
+        r["generator"] == "bodies" or float(r["eta"]) >= low)]
 
 
 def said(row: Line) -> bool:
@@ -91,4 +121,4 @@ def by_case(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
     return "\n".join(out)
 
 
-TABLES = {"rates": rates, "rates-by-case": by_case}
+TABLES = {"rates": rates, "rates-by-case": by_case, "reliability": reliability}

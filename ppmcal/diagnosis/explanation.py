@@ -35,13 +35,15 @@ class CausePlace:
     """One cause that is there, and what it may be.
 
     ``members``: those that are needed for 95 %, likeliest first. ``block``: of the best set;
-    ``hypothesis``: what it stands for, None if that is unknown.
+    ``hypothesis``: what it stands for, None if that is unknown. ``only_misread``: whether all of
+    the members are columns that are read wrongly.
     """
 
     members: tuple[Member, ...]
     block: int
     label: str
     hypothesis: Hypothesis | None
+    only_misread: bool = False
 
     @property
     def sure(self) -> bool:
@@ -75,12 +77,16 @@ class Round:
     def places(self) -> tuple[CausePlace, ...]:
         """Causes that are there, rows that do not belong left out."""
         blocks, out = self.asked.question.blocks, []
+        misread = {b.family for b, s in zip(blocks, self.asked.sources, strict=True)
+                   if isinstance(s, Hypothesis) and s.misread}
         for n, i in enumerate(self.answer.best.chosen):
             if blocks[i].family == ROW_FAMILY:
                 continue
             source = self.asked.sources[i]
             h = source if isinstance(source, Hypothesis) and not source.anonymous else None
-            out.append(CausePlace(tuple(_likely(self.answer.members(n))), i, blocks[i].name, h))
+            members = tuple(_likely(self.answer.members(n)))
+            out.append(CausePlace(members, i, blocks[i].name, h,
+                                  all(m.family in misread for m in members)))
         return tuple(out)
 
     @property

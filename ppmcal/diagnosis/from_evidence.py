@@ -144,7 +144,7 @@ def refuse_misread(what: Told) -> None:
     mechanism = what.whole.problem.mechanism
     for place in what.last.places:
         h = place.hypothesis
-        if h is None or not (place.sure and place.misread):
+        if h is None or not (place.sure and place.only_misread):
             continue
         effect = replace(h, misread="", follows="").label
         data = what.whole.problem.datasets[0]
