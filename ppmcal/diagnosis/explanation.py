@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,6 @@ from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.question import ROW_FAMILY, Asked, question
 from ppmcal.diagnosis.refit import with_mechanism
-from ppmcal.diagnosis.stage import without
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.unknown_causes import UnknownCauses
@@ -147,7 +146,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
     """
     keep = thinned(fit.problem, [k | o for k, o in zip(fit.keep, fit.outliers, strict=True)])
     everywhere = all_settings(fit)
-    rounds = [_asked(fit, (), keep, everywhere, kinds)]
+    rounds = [_asked(fit, fit, (), keep, everywhere, kinds)]
     for _ in range(ROUNDS - 1):
         last = rounds[-1]
         sized = last.sized(frozenset(last.answer.best.chosen))
@@ -158,7 +157,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
             now = with_mechanism(fit, machine, options) if sized else fit
         except (BadInput, NoResult):
             break
-        rounds.append(_asked(now, added, keep, everywhere, kinds))
+        rounds.append(_asked(fit, now, added, keep, everywhere, kinds))
         if _same(*rounds[-2:]):
             break
     return rounds
@@ -169,11 +168,18 @@ def _same(before: Round, after: Round) -> bool:
         (p.label, p.hypothesis is None) for p in after.places}
 
 
-def _asked(fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools],
+def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools],
            everywhere: Sequence[Setting], kinds: Sequence[str] | None) -> Round:
-    """Ask what is in the residuals of a fit, effects that were ``added`` taken out of it."""
-    own = columns_added(fit.problem, added)
-    system = without(build(fit.problem, fit.state, keep), own)
-    found = library(system, kinds, [fit.problem.free[c] for c in own], misread=True)
-    asked = question(system, found, UnknownCauses(system, everywhere), own)
-    return Round(fit, added, tuple(own), kinds, found, asked, posterior(asked.question))
+    """Ask what is in the data of the ``whole``, its geometry as in a fit with what was ``added``.
+
+    The machine has none of what was added: residuals hold all that it does.
+    """
+    problem = whole.problem
+    g = fit.state.g[:whole.state.g.size].copy()
+    rest = np.setdiff1d(np.arange(g.size), problem.free)
+    g[rest] = whole.state.g[rest]
+    system = build(problem, problem.solve(replace(fit.state, g=g)) if added else fit.state, keep)
+    found = library(system, kinds, misread=True)
+    asked = question(system, found, UnknownCauses(system, everywhere))
+    return Round(fit, added, tuple(columns_added(fit.problem, added)), kinds, found, asked,
+                 posterior(asked.question))
