@@ -20,7 +20,8 @@ from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.unknown_causes import UnknownCauses
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.inference.sets import Member, Numbers, SetPosterior, posterior, state
+from ppmcal.inference.block_sets import Numbers, state
+from ppmcal.inference.sets import Member, SetPosterior, posterior
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects import Setting
 
@@ -118,9 +119,9 @@ class Round:
         best = self.answer.best
         at = best if chosen == frozenset(best.chosen) else state(
             self.asked.question, sorted(chosen), [n for n, _, _ in best.views])
-        _, _, joint = max(at.views, key=lambda v: v[1])
+        joint = at.likeliest[2]
         out = [(source, value[:source.size], sigma[:source.size]) for i, value, sigma in
-               zip(at.chosen, joint.values, joint.sigmas, strict=True)
+               zip(at.causes, joint.values, joint.sigmas, strict=True)
                if isinstance(source := self.asked.sources[i], Hypothesis)
                and not source.anonymous and not source.misread]
         size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)

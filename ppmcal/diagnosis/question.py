@@ -16,7 +16,7 @@ from ppmcal.diagnosis.unknown_causes import SHAPES, UNKNOWN_FAMILY, UnknownCause
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import JoinedColumns, UnitColumns
 from ppmcal.inference.priors import ALL_ALIKE, FAMILY, GROSS_ROW, MISREAD, PLAIN, UNKNOWN, WIDE
-from ppmcal.inference.sets import Question
+from ppmcal.inference.question import Question
 from ppmcal.linalg import Array, Bools, reciprocals
 
 Source = Hypothesis | UnknownCause | int

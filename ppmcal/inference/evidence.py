@@ -20,6 +20,7 @@ from ppmcal.inference.given import Conditioned
 from ppmcal.inference.ranges import LEAST, SIZES, all_between, bounded
 from ppmcal.linalg import Array
 
+
 def odds_by_size(given: Conditioned, own: Array, part: Array, gone: float = 0.0) -> Array:
     """Return log Z at each size over log Z without the block (..., S).
 

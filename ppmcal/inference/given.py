@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.inference.columns import ColumnSource
+from ppmcal.inference.columns import ColumnSource, MatrixColumns
 from ppmcal.inference.priors import NOISE_FREEDOM
 from ppmcal.linalg import Array
 
@@ -64,6 +64,12 @@ class Conditioned:
     def log_evidence(self) -> float:
         """Logarithm of the values' density, up to what depends on their number alone."""
         return -self.log_det - 0.5 * self.freedom * float(np.log(self.spread))
+
+    def asked_of(self, columns: Array) -> Conditioned:
+        """Return the same values and blocks, with other columns (n, T) that can be asked for."""
+        seen = columns.T @ self.basis
+        right = columns.T @ self.values - seen @ (self.basis.T @ self.values)
+        return replace(self, columns=MatrixColumns(columns), seen=seen, right=right)
 
     def taking(self, block: Array) -> Conditioned:
         """Return this with a block Z (n, k) more: its columns times the root of its prior.

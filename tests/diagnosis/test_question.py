@@ -18,7 +18,8 @@ from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.unknown_causes import UnknownCauses
 from ppmcal.inference.priors import FAMILY, GROSS_ROW, UNKNOWN
-from ppmcal.inference.sets import Question, SetPosterior, posterior
+from ppmcal.inference.question import Question
+from ppmcal.inference.sets import SetPosterior, posterior
 
 
 def asked(machine: str, kinds: list[str], eta: float, poses: int = 60,

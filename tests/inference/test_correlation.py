@@ -7,11 +7,12 @@ import pytest
 from helpers.dense import density, summed
 from scipy.special import logsumexp
 
+from ppmcal.inference.block_sets import state
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.correlation import RowNoise, Whitened
 from ppmcal.inference.priors import CORRELATIONS
-from ppmcal.inference.sets import Question, state
+from ppmcal.inference.question import Question
 
 ROWS, WIDTH = 12, 2
 

@@ -9,8 +9,8 @@ from scipy import integrate, special, stats
 
 from ppmcal.inference.blocks import Block, batches
 from ppmcal.inference.columns import JoinedColumns, MatrixColumns
-from ppmcal.inference.evidence import odds_of_all
 from ppmcal.inference.evidence import odds as odds_of_batch
+from ppmcal.inference.evidence import odds_of_all
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import joint
 from ppmcal.inference.priors import NOISE_FREEDOM

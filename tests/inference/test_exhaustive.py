@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
+from ppmcal.inference.block_sets import state
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.sets import Question, posterior, state
+from ppmcal.inference.question import Question
+from ppmcal.inference.sets import posterior
 
 ROWS, WIDTH = 30, 2
 

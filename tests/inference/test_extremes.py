@@ -10,7 +10,8 @@ from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import joint
-from ppmcal.inference.sets import Question, posterior
+from ppmcal.inference.question import Question
+from ppmcal.inference.sets import posterior
 
 ROWS = 40
 PRIOR = float(np.log(0.02))

@@ -10,9 +10,9 @@ from scipy.special import logsumexp
 from ppmcal.inference.blocks import Block, batches
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.evidence import odds, total
-from ppmcal.inference.ranges import SIZES
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import joint
+from ppmcal.inference.ranges import SIZES
 
 
 def drawn(seed: int) -> Conditioned:

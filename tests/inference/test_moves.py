@@ -7,10 +7,14 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import pytest
 
+from ppmcal.inference import moves as steps
 from ppmcal.inference import sets
+from ppmcal.inference.block_sets import BlockSet
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns, UnitColumns
-from ppmcal.inference.sets import BlockSet, Question, posterior
+from ppmcal.inference.moves import Search
+from ppmcal.inference.question import Question
+from ppmcal.inference.sets import posterior
 
 ROWS, WIDTH = 30, 2
 COUNT = ROWS * WIDTH
@@ -20,20 +24,20 @@ Without = Callable[..., None]
 @pytest.fixture
 def without(monkeypatch: pytest.MonkeyPatch) -> Without:
     """Return what takes moves out of the search, by their names."""
-    as_it_is = sets._Visited._likelier
+    as_it_is = Search._likelier
 
     def take_out(*moves: str) -> None:
-        def likelier(self: sets._Visited, now: BlockSet,
+        def likelier(self: Search, now: BlockSet,
                      some: Iterable[tuple[float, tuple[int, ...]]]) -> BlockSet | None:
             names = {1: "more", 0: "exchange", -1: "drop"}
             return as_it_is(self, now, [move for move in some if names[
                 len(move[1]) - len(now.chosen)] not in moves])
 
-        monkeypatch.setattr(sets._Visited, "_likelier", likelier)
+        monkeypatch.setattr(Search, "_likelier", likelier)
         for move in {"split", "merged", "pairs", "masked"} & set(moves):
-            monkeypatch.setattr(sets._Visited, f"_{move}", lambda self, *of: iter(()))
+            monkeypatch.setattr(Search, f"_{move}", lambda self, *of: iter(()))
         if "many" in moves:
-            monkeypatch.setattr(sets._Visited, "_with_others", lambda self, now, more: more)
+            monkeypatch.setattr(Search, "_with_others", lambda self, now, more: more)
 
     return take_out
 
@@ -100,7 +104,7 @@ def test_one_takes_the_place_of_several(without: Without) -> None:
     question = asked(matrix, 0.8 * matrix[:, 3], blocks, 3)
 
     def from_parts() -> set[int]:
-        seen = sets._Visited(question)
+        seen = Search(question)
         now = seen.whole(seen.visit((0, 1, 2)))
         while (better := seen.better(now)) is not None:
             now = seen.whole(better)
@@ -146,8 +150,8 @@ def test_rows_that_hide_each_other_are_found_together(without: Without) -> None:
 
 def test_where_no_row_is_off_few_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     asked_of: list[int] = []
-    as_it_is = sets.state
-    monkeypatch.setattr(sets, "state", lambda question, chosen, *more: (
+    as_it_is = steps.state
+    monkeypatch.setattr(steps, "state", lambda question, chosen, *more: (
         asked_of.append(len(chosen)), as_it_is(question, chosen, *more))[1])
     assert found(with_rows(60, set(), 0.0)) == set()
     assert max(asked_of) <= 4

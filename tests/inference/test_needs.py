@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ppmcal.inference.block_sets import state
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.sets import Question, posterior, state
+from ppmcal.inference.question import Question
+from ppmcal.inference.sets import posterior
 
 ROWS, WIDTH = 60, 2
 ALIKE, EACH, SOFTER, OFFSET = range(4)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ppmcal.inference.block_sets import state
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.sets import Question, posterior, state
+from ppmcal.inference.question import Question
+from ppmcal.inference.sets import posterior
 
 ROWS, WIDTH, KINDS = 60, 2, 12
 

@@ -10,12 +10,14 @@ import pytest
 from scipy import stats
 from scipy.special import gammaln, logsumexp
 
+from ppmcal.inference.block_sets import state
 from ppmcal.inference.blocks import Block, scaled_root
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.correlation import RowNoise
-from ppmcal.inference.ranges import SIZES
 from ppmcal.inference.priors import CORRELATED, CORRELATIONS, GROSS_ROW, NOISE_FREEDOM
-from ppmcal.inference.sets import Question, posterior, state
+from ppmcal.inference.question import Question
+from ppmcal.inference.ranges import SIZES
+from ppmcal.inference.sets import posterior
 
 ROWS, WIDTH = 30, 2
 COUNT = ROWS * WIDTH

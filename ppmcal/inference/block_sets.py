@@ -1,0 +1,134 @@
+"""A set of blocks as it is in the data, for every correlation of the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import logsumexp
+
+from ppmcal.inference.blocks import Block
+from ppmcal.inference.evidence import odds_of_all
+from ppmcal.inference.given import Conditioned
+from ppmcal.inference.gross_rows import RowSize, sized_rows
+from ppmcal.inference.joint import JointBlocks, joint
+from ppmcal.inference.question import NoiseView, Question
+from ppmcal.linalg import Array
+
+NEGLIGIBLE = 14.0
+"""Sets less likely than the best by this logarithm are not counted: less than one in a million."""
+
+ROUNDS = 3
+"""Causes, and sizes of rows beside them, are found in turns, at most so often."""
+
+Numbers = frozenset[int]
+"""A set of blocks, by their numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockSet:
+    """A set of blocks as it is in the data.
+
+    ``views``: for each correlation that is likely its number, log p and sizes of the causes, as if
+    what they need were there; ``log_p``: -inf where it is not. ``rows``: those that do not belong.
+    """
+
+    question: Question
+    chosen: tuple[int, ...]
+    log_p: float
+    views: tuple[tuple[int, float, JointBlocks], ...] = field(repr=False)
+    rows: Mapping[int, RowSize] = field(repr=False)
+
+    @property
+    def causes(self) -> tuple[int, ...]:
+        """Those that are no rows."""
+        return self.question.apart_from_rows(self.chosen)[0]
+
+    @property
+    def likeliest(self) -> tuple[int, float, JointBlocks]:
+        """The likeliest of the views."""
+        return max(self.views, key=lambda view: view[1])
+
+    def given(self, n: int, found: JointBlocks) -> Conditioned:
+        """Return what the values are past the set, for the n-th correlation."""
+        sizes = {i: row.size for i, row in self.rows.items()}
+        return self.question.views[n].taking(sizes).taking(found.taken)
+
+    @cached_property
+    def scores(self) -> Array:
+        """Log p of the set with each block more (B,); -inf for those that are in it.
+
+        And for those with which something that is needed is not there.
+        """
+        question = self.question
+        count = len(question.blocks)
+        every = np.array([
+            log_p + odds_of_all(self.given(n, found), question.views[n].batches, count)
+            for n, log_p, found in self.views])
+        out = np.where(question.completes(self.chosen),
+                       logsumexp(every, axis=0) + question.more(self.chosen), -np.inf)
+        out[list(self.chosen)] = -np.inf
+        return out
+
+
+def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
+          near: Mapping[int, tuple[int, int]] | None = None,
+          rows: Mapping[int, int] | None = None) -> BlockSet:
+    """Return a set of blocks in the data.
+
+    Smaller correlations than those that are likely with it are kept too: with one block more in the
+    data, less is left that goes on from row to row.
+
+    Args:
+        question: what may be there.
+        chosen: numbers of the blocks.
+        likely: numbers of the correlations, default all.
+        near: of each cause's size and root, from which the search for the likeliest starts.
+        rows: numbers of sizes of rows that do not belong, as far as some are known.
+    """
+    causes, out = question.apart_from_rows(chosen)
+    start = [(near or {}).get(i) for i in causes]
+    blocks = [question.blocks[i] for i in causes]
+    numbers = likely or range(len(question.views))
+    own = _rows(question.views[numbers[0]], {i: question.blocks[i] for i in out}, blocks, start,
+                rows or {})
+    sizes = {i: row.size for i, row in own.items()}
+    prior = question.log_prior(chosen) + sum(row.slack for row in own.values())
+    found = [(n, joint(question.views[n].taking(sizes), blocks, start)) for n in numbers]
+    each = [question.views[n].log_prior + j.log_evidence for n, j in found]
+    most = max(n for (n, _), log_z in zip(found, each, strict=True)
+               if log_z > max(each) - NEGLIGIBLE)
+    views = tuple((n, log_z + prior, j) for (n, j), log_z in zip(found, each, strict=True)
+                  if n <= most)
+    log_p = float(logsumexp(each)) + prior if question.complete(chosen) else -np.inf
+    return BlockSet(question, tuple(chosen), log_p, views, own)
+
+
+def _rows(view: NoiseView, rows: Mapping[int, Block], blocks: Sequence[Block],
+          start: Sequence[tuple[int, int] | None], near: Mapping[int, int]) -> dict[int, RowSize]:
+    """Return rows at sizes that are likely beside the causes of a set.
+
+    What is noise without the causes hides how large the errors of rows are.
+    """
+    if not rows:
+        return {}
+    bare = view.start.asked_of(view.start.columns.some([c for b in rows.values()
+                                                        for c in b.columns]))
+    own = _renumbered(rows)
+    found = sized_rows(bare, own, near)
+    for _ in range(ROUNDS if blocks else 0):
+        sizes = {i: row.size for i, row in found.items()}
+        causes = joint(view.taking(sizes), blocks, start)
+        found = sized_rows(bare.taking(causes.taken), own, sizes)
+        if sizes == {i: row.size for i, row in found.items()}:
+            break
+    return found
+
+
+def _renumbered(rows: Mapping[int, Block]) -> dict[int, Block]:
+    """Return blocks of rows whose columns are numbered one after the other."""
+    ends = np.cumsum([0, *(len(b.columns) for b in rows.values())]).tolist()
+    return {i: replace(b, columns=tuple(range(first, last)))
+            for (i, b), first, last in zip(rows.items(), ends, ends[1:], strict=False)}

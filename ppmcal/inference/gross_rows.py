@@ -1,0 +1,117 @@
+"""Rows that do not belong, each a block by itself and at a size of its own.
+
+There may be hundreds. Each tells of itself alone, so that their sizes need not be chosen together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from ppmcal import linalg
+from ppmcal.inference.blocks import Block, scaled_root
+from ppmcal.inference.evidence import odds_by_size, small_eigh
+from ppmcal.inference.given import Conditioned
+from ppmcal.inference.ranges import SIZES
+from ppmcal.linalg import Array
+
+SWEEPS = 8
+"""Each row's size is chosen again, beside the others, at most so often."""
+LOST = 1.0
+"""Sizes that are so little worse, by the logarithm of the evidence of all rows, stay."""
+
+
+@dataclass(frozen=True)
+class RowSize:
+    """A row at the number of its size: its log odds, over all sizes, and by how much that is more.
+
+    Beside all else that is taken.
+    """
+
+    size: int
+    log_odds: float
+    slack: float
+
+    @classmethod
+    def of(cls, log_odds: Array, size: int) -> RowSize:
+        """Return it from the log odds at each size (S,)."""
+        whole = float(logsumexp(log_odds)) - float(np.log(log_odds.size))
+        return cls(size, whole, whole - float(log_odds[size]))
+
+
+def taking_rows(given: Conditioned, blocks: Sequence[Block], sizes: Sequence[int]
+                ) -> Conditioned:
+    """Return what is given with rows taken too, at their sizes."""
+    if not blocks:
+        return given
+    units = given.columns.some([c for b in blocks for c in b.columns])
+    return given.taking(np.hstack([
+        own @ _root(own, given, b) * SIZES[s] for own, b, s in
+        zip(_each(units, blocks), blocks, sizes, strict=True)]))
+
+
+def sized_rows(given: Conditioned, blocks: Mapping[int, Block], near: Mapping[int, int]
+               ) -> dict[int, RowSize]:
+    """Return rows that are not taken yet, each at a size that is likely beside the others.
+
+    ``near``: numbers of sizes that are known; they stay where they are hardly worse.
+    """
+    sizes = {i: near.get(i, SIZES.size // 2) for i in blocks}
+    every = rows_left_out(given, blocks, sizes)
+    for _ in range(SWEEPS):
+        most = {i: int(np.argmax(odds)) for i, odds in every.items()}
+        if sum(float(o[most[i]] - o[sizes[i]]) for i, o in every.items()) <= LOST:
+            break
+        sizes, every = most, rows_left_out(given, blocks, most)
+    return {i: RowSize.of(odds, sizes[i]) for i, odds in every.items()}
+
+
+def rows_left_out(given: Conditioned, blocks: Mapping[int, Block], sizes: Mapping[int, int]
+                  ) -> dict[int, Array]:
+    """Return the log odds (S,) of each row that it does not belong, the others taken out.
+
+    With U of all rows at their sizes, P = (I + U'MU)^-1 and z = P U'My: beside the others a row
+    has G = P_ii^-1 - I and b = P_ii^-1 z_i, both at its size.
+
+    Args:
+        given: what is taken, none of the rows among it.
+        blocks: the rows, by their numbers.
+        sizes: of each.
+    """
+    some, at = list(blocks.values()), [c for b in blocks.values() for c in b.columns]
+    if not at:
+        return {}
+    units = given.columns.some(at)
+    seen = given.seen[at]
+    scale = np.concatenate([np.diagonal(_root(own, given, b)) for own, b in
+                            zip(_each(units, some), some, strict=True)])
+    size = np.repeat([SIZES[sizes[i]] for i in blocks], [len(b.columns) for b in some])
+    inner = (scale * size)[:, None] * (units.T @ units - seen @ seen.T) * (scale * size)
+    right = scale * size * given.right[at]
+    inverse = linalg.inv(np.eye(len(inner)) + inner)
+    z = inverse @ right
+    spread = given.spread - float(right @ z)
+    out, begin = {}, 0
+    for i, block in blocks.items():
+        mine = slice(begin, begin + len(block.columns))
+        begin, s = mine.stop, size[mine.start]
+        alone = linalg.inv(inverse[mine, mine])
+        own, turn = small_eigh((alone - np.eye(len(alone))) / s**2)
+        part = turn.T @ (alone @ z[mine]) / s
+        gone = given.spread - spread - float(z[mine] @ alone @ z[mine])   # by the other rows
+        none = -0.5 * given.freedom * float(np.log1p(-gone / given.spread))
+        out[i] = odds_by_size(given, own, part**2, gone) - none
+    return out
+
+
+def _root(unit: Array, given: Conditioned, block: Block) -> Array:
+    return scaled_root(unit.T @ unit, given.count, (), block.least)
+
+
+def _each(columns: Array, blocks: Sequence[Block]) -> list[Array]:
+    """Return the columns (n, k) of each block."""
+    ends = np.cumsum([len(b.columns) for b in blocks])[:-1]
+    return np.split(columns, ends, axis=1)

@@ -1,0 +1,276 @@
+"""The search for the likeliest set of blocks: from each to a likelier one that is a move away."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.inference.block_sets import BlockSet, Numbers, state
+from ppmcal.inference.given import Conditioned
+from ppmcal.inference.question import NoiseView, Question
+from ppmcal.linalg import Array, Bools
+
+CLOSE = 8.0
+"""Sets that are so much less likely than the best are looked at for every correlation."""
+MOST = 40
+"""Causes in a set at most."""
+MOST_ROWS = 1 / 4
+"""Of all rows, those that do not belong at most: of more, others are the ones."""
+DEEP = 3
+"""Blocks that take the place of one at most."""
+MOST_FORMS = 6
+"""Forms of blocks that are tried in the place of several."""
+LEAST_GAIN = 1e-6
+"""A set is likelier by more than round-off."""
+
+
+class Search:
+    """Sets that the search has come to."""
+
+    def __init__(self, question: Question) -> None:
+        self.question = question
+        self.states: dict[Numbers, BlockSet] = {}
+        self.nearby: dict[Numbers, float] = {}
+        self.settled = set[Numbers]()
+        self.near: dict[int, tuple[int, int]] = {}
+        self.rows: dict[Numbers, dict[int, int]] = {}
+        self.likely: list[int] = []
+
+    def visit(self, chosen: tuple[int, ...]) -> BlockSet:
+        """Return a set, which is looked at once, for the correlations that are likely now."""
+        key = frozenset(chosen)
+        if key not in self.states:
+            self.states[key] = self._state(chosen, self.likely)
+        return self.states[key]
+
+    def settle(self, chosen: tuple[int, ...]) -> BlockSet:
+        """Return a set for every correlation."""
+        key = frozenset(chosen)
+        if key not in self.settled:
+            self.states[key] = self._state(chosen, ())
+            self.settled.add(key)
+        return self.states[key]
+
+    def _state(self, chosen: tuple[int, ...], likely: Sequence[int]) -> BlockSet:
+        """Return a set; the sizes of its rows are where the search for those of others begins."""
+        out = frozenset(self.question.apart_from_rows(chosen)[1])
+        near = max((k for k in self.rows if k <= out), key=len, default=out)
+        at = state(self.question, chosen, likely, self.near, self.rows.get(near))
+        self.rows[out] = {i: row.size for i, row in at.rows.items()}
+        return at
+
+    def overlooked(self, now: BlockSet) -> BlockSet | None:
+        """Return a set that is likelier once every correlation counts, None where there is none."""
+        close = [at for key, at in self.states.items()
+                 if key not in self.settled and at.log_p > now.log_p - CLOSE]
+        best = max((self.settle(at.chosen) for at in close), key=lambda at: at.log_p, default=now)
+        return best if best.log_p > now.log_p + LEAST_GAIN else None
+
+    def whole(self, found: BlockSet) -> BlockSet:
+        """Return a set for every correlation; those that are likely with it are from now on."""
+        found = self.settle(found.chosen)
+        sized = found.likeliest[2]
+        self.near |= {i: (int(size), int(root)) for i, size, root in
+                      zip(found.causes, sized.sizes, sized.grid, strict=True)}
+        if (likely := [n for n, _, _ in found.views]) != self.likely:
+            self.likely = likely
+            self.states = {k: v for k, v in self.states.items() if k in self.settled}
+        return found
+
+    def better(self, now: BlockSet) -> BlockSet | None:
+        """Return a set that is likelier and one move away, None where there is none.
+
+        One more is tried first; then each in turn gone, or another in its place; then what a
+        single step does not come to: many rows at once, several in the place of one, one in the
+        place of several, two events at once.
+        """
+        if len(now.causes) < MOST:
+            more = self._likelier(now, [self._best(now, self._full(now))])
+            if more is not None:
+                return self._with_others(now, more)
+        moves: list[tuple[float, tuple[int, ...]]] = []
+        for i in now.chosen:
+            rest = tuple(j for j in now.chosen if j != i)
+            if i in now.rows:
+                gain = now.rows[i].log_odds + self.question.blocks[i].log_prior
+                moves.append((now.log_p - gain, rest))
+                continue
+            at = self.settle(rest)
+            moves += [(at.log_p, rest), self._best(at, self._full(at))]
+        found = self._likelier(now, moves)
+        if found is not None:
+            return found
+        for far in chain(self._masked(now), self._parted(now), self._split(now),
+                         self._merged(now), self._pairs(now, now.log_p)):
+            if far.log_p > now.log_p + LEAST_GAIN:
+                return far
+        return None
+
+    def _room(self, now: BlockSet) -> int:
+        """Return how many rows more may not belong."""
+        return max(int(MOST_ROWS * len(self.question.observed)) - len(now.rows), 0)
+
+    def _full(self, now: BlockSet) -> Bools | None:
+        """Return which blocks can not be added, where as many rows are out as may be (B,)."""
+        if self._room(now):
+            return None
+        return np.array([b.family in self.question.alone for b in self.question.blocks])
+
+    def _with_others(self, now: BlockSet, more: BlockSet) -> BlockSet:
+        """Return a set with one more that stands alone, and the likelier half of all of its kind.
+
+        Rows that do not belong are many at times; each is looked at again by itself.
+        """
+        question = self.question
+        if question.blocks[more.chosen[-1]].family not in question.alone:
+            return more
+        gains = now.scores - now.log_p
+        rows = [i for i in np.argsort(-gains).tolist() if gains[i] > 0.0
+                and question.blocks[i].family in question.alone]
+        many = self.visit((*now.chosen, *rows[:min(len(rows) // 2 + 1, self._room(now))]))
+        return many if many.log_p > more.log_p else more
+
+    def _masked(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with twice as many more each time of those that stand alone.
+
+        Where many rows do not belong, none is likelier by itself: the others are noise to it. With
+        each that is there the next costs less; where it costs more, there are no others.
+        """
+        blocks = self.question.blocks
+        rows = [i for i in np.argsort(-now.scores).tolist()
+                if blocks[i].family in self.question.alone and i not in now.chosen]
+        last, each, count = now, -np.inf, 2
+        while count <= min(len(rows), self._room(now)):
+            at = self.visit((*now.chosen, *rows[:count]))
+            yield at
+            gain = (at.log_p - last.log_p) / (len(at.chosen) - len(last.chosen))
+            if gain < each:
+                return
+            last, each, count = at, gain, 2 * count
+
+    def _parted(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with parts of one block in its place, those first that it needs most.
+
+        What all joints have a value of their own for, perhaps two of them have.
+        """
+        blocks, sized = self.question.blocks, now.likeliest[2]
+        for n, i in enumerate(now.causes):
+            mine = {c: k for k, c in enumerate(blocks[i].columns)}
+            parts = list(self.question.parts.get(i, ()))
+            sure = np.abs(sized.values[n]) / np.maximum(sized.sigmas[n], 1e-300)
+            parts.sort(key=lambda j: -max(sure[mine[c]] for c in blocks[j].columns))
+            rest = tuple(j for j in now.chosen if j != i)
+            for count in range(1, len(parts)):
+                yield self.visit((*rest, *parts[:count]))
+
+    def _split(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with one block gone, and others, of other families, in its place."""
+        blocks = self.question.blocks
+        for i in now.causes:
+            at = self.settle(tuple(j for j in now.chosen if j != i))
+            gone = np.array([b.family == blocks[i].family for b in blocks])
+            for _ in range(DEEP):
+                log_p, chosen = self._best(at, gone)
+                if log_p <= at.log_p:
+                    break
+                at = self.visit(chosen)
+                yield at
+            yield from self._pairs(self.settle(tuple(j for j in now.chosen if j != i)), now.log_p)
+
+    def _merged(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with one more block, and without those that are not needed beside it.
+
+        What explains most by itself, and most beside what is there.
+        """
+        if len(now.causes) < 2:
+            return
+        tried = dict.fromkeys((*self._strongest(self.visit(()).scores, now),
+                               *self._strongest(now.scores, now)))
+        for i in tried:
+            yield self._pruned(self.visit((*now.chosen, i)), i)
+
+    def _strongest(self, scores: Array, now: BlockSet) -> list[int]:
+        """Return the likeliest block of each of a few forms, those that are there left out."""
+        blocks, found = self.question.blocks, dict[str, int]()
+        for i in np.argsort(-scores).tolist():
+            form = blocks[i].form or blocks[i].family
+            if i not in now.chosen and blocks[i].family not in self.question.alone:
+                found.setdefault(form, i)
+            if len(found) == MOST_FORMS:
+                break
+        return list(found.values())
+
+    def _pruned(self, at: BlockSet, held: int) -> BlockSet:
+        """Return the likeliest of a set and those with less, ``held`` in all of them."""
+        while True:
+            fewer = [self.visit(tuple(j for j in at.chosen if j != k)) for k in at.causes
+                     if k != held]
+            best = max(fewer, key=lambda s: s.log_p, default=at)
+            if best.log_p <= at.log_p:
+                return at
+            at = best
+
+    def _pairs(self, at: BlockSet, least: float) -> Iterator[BlockSet]:
+        """Yield sets with two events of one group more that may be likelier than ``least``."""
+        number, _, found = at.likeliest
+        past = at.given(number, found)
+        parts = {i for own in self.question.parts.values() for i in own}
+        for group, every in self.question.groups.items():
+            # parts of another block are come to from there, one by one
+            free = [i for i in every if i not in at.chosen and i not in parts]
+            if len(free) > 1:
+                i, j, most = self._likeliest_pair(self.question.views[number], past, group, free)
+                prior = (self.question.log_prior((*at.chosen, i, j))
+                         - self.question.log_prior(at.chosen))
+                if at.log_p + most + prior > least:
+                    yield self.visit((*at.chosen, i, j))
+
+    def _likeliest_pair(self, view: NoiseView, given: Conditioned, group: str,
+                        free: Sequence[int]) -> tuple[int, int, float]:
+        """Return the two events whose columns explain most, and how much likelier at most."""
+        columns = np.array([self.question.blocks[i].columns for i in free])   # (E, k)
+        whole = self.question.groups[group]
+        if group not in view.events:
+            values = given.columns.some([c for i in whole for c in self.question.blocks[i].columns])
+            view.events[group] = values.T @ values
+        width, places = columns.shape[1], {i: n for n, i in enumerate(whole)}
+        own = np.concatenate([np.arange(width) + places[i] * width for i in free])
+        seen = given.seen[columns.ravel()]
+        gram = (view.events[group][np.ix_(own, own)] - seen @ seen.T).reshape(
+            *columns.shape, *columns.shape)
+        right, each = given.right[columns], np.arange(len(free))
+        alone = gram[each, :, each]
+        first, second = np.triu_indices(len(free), 1)
+        block = np.concatenate([
+            np.concatenate([alone[first], gram[first, :, second]], axis=2),
+            np.concatenate([gram[second, :, first], alone[second]], axis=2)], axis=1)
+        wanted = np.concatenate([right[first], right[second]], axis=1)
+        ridge = 1e-6 * np.trace(block, axis1=1, axis2=2)[:, None, None] + 1e-300
+        found = linalg.solve_blocks(block + ridge * np.eye(2 * width), wanted[..., None])[..., 0]
+        gains = np.sum(found * wanted, axis=1)
+        best = int(np.argmax(gains))
+        left = max(1.0 - float(gains[best]) / given.spread, 1e-9)
+        return free[first[best]], free[second[best]], -0.5 * given.freedom * float(np.log(left))
+
+    def _likelier(self, now: BlockSet, moves: Iterable[tuple[float, tuple[int, ...]]]
+                  ) -> BlockSet | None:
+        """Return the first of the moves, likeliest first, that holds once sizes are chosen anew."""
+        for log_p, chosen in sorted(moves, reverse=True):
+            if log_p <= now.log_p:
+                return None
+            found = self.visit(chosen)
+            if found.log_p > now.log_p:
+                return found
+        return None
+
+    @staticmethod
+    def _best(at: BlockSet, gone: Bools | None = None) -> tuple[float, tuple[int, ...]]:
+        """Return the likeliest set with one block more, none of those ``gone``."""
+        if not at.scores.size:
+            return -np.inf, at.chosen
+        scores = at.scores if gone is None else np.where(gone, -np.inf, at.scores)
+        i = int(np.argmax(scores))
+        return float(scores[i]), (*at.chosen, i)

@@ -1,0 +1,208 @@
+"""What is asked: values, geometry, and the blocks that may be in the data, with their prior."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import chain
+
+import numpy as np
+from scipy.special import logsumexp
+
+from ppmcal.inference.blocks import Batch, Block, batches
+from ppmcal.inference.columns import ColumnSource
+from ppmcal.inference.correlation import RowNoise, Whitened
+from ppmcal.inference.given import Conditioned
+from ppmcal.inference.gross_rows import taking_rows
+from ppmcal.inference.priors import CORRELATED, CORRELATIONS, FURTHER
+from ppmcal.linalg import Array, Bools, Ints
+
+KEPT = 6
+"""Sets of rows with which the data are kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseView:
+    """The data as they are for one correlation of the noise."""
+
+    log_prior: float
+    start: Conditioned
+    blocks: tuple[Block, ...]
+    _with_rows: dict[frozenset[tuple[int, int]], Conditioned] = field(default_factory=dict,
+                                                                          repr=False)
+
+    @cached_property
+    def batches(self) -> tuple[Batch, ...]:
+        """The blocks of one shape each together."""
+        return tuple(batches(self.blocks, self.start.columns, self.start.count))
+
+    def taking(self, rows: Mapping[int, int]) -> Conditioned:
+        """Return the data with rows taken that do not belong, at their sizes."""
+        key = frozenset(rows.items())
+        if not key:
+            return self.start
+        if key not in self._with_rows:
+            near = max((k for k in self._with_rows if k < key), key=len, default=frozenset())
+            more = dict(key - near)
+            self._with_rows[key] = taking_rows(
+                self._with_rows.get(near, self.start), [self.blocks[i] for i in more],
+                list(more.values()))
+            while len(self._with_rows) > KEPT:
+                self._with_rows.pop(next(iter(self._with_rows)))
+        return self._with_rows[key]
+
+    @cached_property
+    def events(self) -> dict[str, Array]:
+        """Inner products of the columns of each group's events, (E k, E k)."""
+        return {}
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """Values, geometry, and the blocks that may be in the data beside it.
+
+    Attributes:
+        columns: white for noise without correlation (T).
+        values: y (n,), zero where ``observed`` (N, m) is not.
+        geometry: Jacobian times the root of its prior (n, c).
+        apart: rows from each to the next (N - 1,), 0 where another sequence begins.
+        alone: families of which none stands for several others: rows that do not belong.
+    """
+
+    columns: ColumnSource
+    values: Array
+    geometry: Array
+    blocks: tuple[Block, ...]
+    observed: Bools
+    apart: Ints
+    alone: frozenset[str] = frozenset()
+
+    @cached_property
+    def views(self) -> tuple[NoiseView, ...]:
+        """The data for every correlation."""
+        rhos = (0.0, *CORRELATIONS) if self.apart.any() else (0.0,)
+        return tuple(self._view(rho, self._log_prior(rho, len(rhos) - 1)) for rho in rhos)
+
+    @staticmethod
+    def _log_prior(rho: float, others: int) -> float:
+        if not others:
+            return 0.0
+        share = float(CORRELATED) / others if rho else 1.0 - float(CORRELATED)
+        return float(np.log(share))
+
+    def _view(self, rho: float, log_prior: float) -> NoiseView:
+        noise = RowNoise(rho, self.apart, self.observed)
+        columns = Whitened(self.columns, noise) if rho else self.columns
+        count = int(self.observed.sum())
+        values = noise.apply(self.values[:, None])[:, 0]
+        start = Conditioned.nothing(columns, values, count).taking(noise.apply(self.geometry))
+        return NoiseView(log_prior - noise.log_det, start, self.blocks)
+
+    @cached_property
+    def groups(self) -> dict[str, list[int]]:
+        """The blocks of each group."""
+        out: dict[str, list[int]] = defaultdict(list)
+        for i, block in enumerate(self.blocks):
+            if block.group:
+                out[block.group].append(i)
+        return out
+
+    @cached_property
+    def parts(self) -> dict[int, list[int]]:
+        """Of each block those of its family, in a group, that have some of its columns each."""
+        with_column: dict[tuple[str, int], set[int]] = defaultdict(set)
+        for i in chain(*self.groups.values()):
+            for c in self.blocks[i].columns:
+                with_column[self.blocks[i].family, c].add(i)
+        found = {i: set[int]().union(*(with_column.get((b.family, c), ()) for c in b.columns))
+                 for i, b in enumerate(self.blocks) if not b.group and len(b.columns) > 1}
+        return {i: sorted(j for j in some
+                          if set(self.blocks[j].columns) < set(self.blocks[i].columns))
+                for i, some in found.items() if some}
+
+    @cached_property
+    def _of_group(self) -> dict[str, float]:
+        """Log prior of each group: that one of its blocks is there."""
+        return {group: float(logsumexp([self.blocks[i].log_prior for i in own]))
+                for group, own in self.groups.items()}
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        """How many groups each family has."""
+        found: dict[str, set[str]] = defaultdict(set)
+        for block in self.blocks:
+            if block.group:
+                found[block.family].add(block.group)
+        return {family: len(groups) for family, groups in found.items()}
+
+    def _further(self, i: int, there: Iterable[int]) -> float:
+        """Return the log prior of block i beside others: of a group, one more costs less."""
+        block = self.blocks[i]
+        like = [j for j in there if self.blocks[j].group and (
+            self.blocks[j].family == block.family or self.blocks[j].group == block.group)]
+        if not block.group or not like:
+            return block.log_prior
+        count = len(self.groups[block.group])
+        same = sum(self.blocks[j].group == block.group for j in like)
+        # any m of n are as likely as any others, in whatever order they are told
+        more = (np.log(float(FURTHER) * (len(like) + 1) * count / (count - same))
+                + block.log_prior - self._of_group[block.group])
+        if not same:
+            more -= np.log(self._places[block.family])
+        return float(max(block.log_prior, more))
+
+    def log_prior(self, chosen: Iterable[int]) -> float:
+        """Return the log prior of a set, whatever its order, as if what it needs were there."""
+        total, there = 0.0, list[int]()
+        for i in sorted(chosen, key=lambda i: (
+                -self.blocks[i].log_prior, len(self.groups.get(self.blocks[i].group, ())), i)):
+            total += self._further(i, there)
+            there.append(i)
+        return total
+
+    @cached_property
+    def _each(self) -> Array:
+        """Log prior of each block by itself (B,)."""
+        return np.array([b.log_prior for b in self.blocks], dtype=float)
+
+    def more(self, chosen: Sequence[int]) -> Array:
+        """Return the log prior of a set with each block more, less that of the set (B,)."""
+        out, base = self._each.copy(), self.log_prior(chosen)
+        families = {self.blocks[i].family for i in chosen if self.blocks[i].group}
+        groups = {self.blocks[i].group for i in chosen} - {""}
+        for group, own in self.groups.items():
+            if group in groups or self.blocks[own[0]].family in families:
+                out[own] = [self.log_prior((*chosen, i)) - base for i in own]
+        return out
+
+    @cached_property
+    def _leaning(self) -> tuple[Ints, Ints]:
+        """What each block needs and gives (B,), by number; 0: nothing."""
+        names = ["", *sorted({b.needs for b in self.blocks} - {""})]
+        place = {name: n for n, name in enumerate(names)}
+        return (np.array([place[b.needs] for b in self.blocks], dtype=np.int64),
+                np.array([place.get(b.gives, 0) for b in self.blocks], dtype=np.int64))
+
+    def apart_from_rows(self, chosen: Iterable[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Return causes, and rows that do not belong, of some blocks."""
+        every = tuple(chosen)
+        rows = tuple(i for i in every if self.blocks[i].family in self.alone)
+        return tuple(i for i in every if self.blocks[i].family not in self.alone), rows
+
+    def complete(self, chosen: Sequence[int]) -> bool:
+        """Whether a set has all that its blocks need."""
+        needs, gives = self._leaning
+        own = list(chosen)
+        return not set(needs[own].tolist()) - {0, *gives[own].tolist()}
+
+    def completes(self, chosen: Sequence[int]) -> Bools:
+        """Whether a set has all that its blocks need with each block more (B,)."""
+        needs, gives = self._leaning
+        there = {0, *gives[list(chosen)].tolist()}
+        lack = set(needs[list(chosen)].tolist()) - there
+        able = np.isin(needs, list(there)) | (needs == gives)
+        if lack:
+            able &= (gives == min(lack)) & (len(lack) == 1)
+        return np.asarray(able)
