@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,11 +14,11 @@ from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.extended_model import Added, columns_added, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import build
-from ppmcal.diagnosis.question import ROW_FAMILY, Asked, question
+from ppmcal.diagnosis.question import ROW_FAMILY, Asked, Source, question
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.thinning import thinned
-from ppmcal.diagnosis.unknown_causes import UnknownCauses
+from ppmcal.diagnosis.unknown_causes import UnknownCause, UnknownCauses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.inference.block_sets import Numbers, state
 from ppmcal.inference.sets import Member, SetPosterior, posterior
@@ -72,6 +72,11 @@ class Round:
     library: Library
     asked: Asked
     answer: SetPosterior
+
+    @cached_property
+    def keys(self) -> frozenset[object]:
+        """What the best set is made of, by what is the same in the question of another round."""
+        return frozenset(_key(self.asked.sources[i]) for i in self.answer.best.chosen)
 
     @cached_property
     def places(self) -> tuple[CausePlace, ...]:
@@ -131,6 +136,13 @@ class Round:
                 else (h, value, sigma) for h, value, sigma in out]
 
 
+def _key(source: Source) -> object:
+    """Return what a block is, whatever its number."""
+    if isinstance(source, Hypothesis):
+        return (source.label, source.shared, source.follows, *sorted(source.constants.items()))
+    return source.label if isinstance(source, UnknownCause) else source
+
+
 def _likely(members: Sequence[Member]) -> Iterator[Member]:
     total = 0.0
     for member in members:
@@ -158,7 +170,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
             now = with_mechanism(fit, machine, options) if sized else fit
         except (BadInput, NoResult):
             break
-        rounds.append(_asked(fit, now, added, keep, everywhere, kinds))
+        rounds.append(_asked(fit, now, added, keep, everywhere, kinds, last.keys))
         if _same(*rounds[-2:]):
             break
     return rounds
@@ -170,10 +182,12 @@ def _same(before: Round, after: Round) -> bool:
 
 
 def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools],
-           everywhere: Sequence[Setting], kinds: Sequence[str] | None) -> Round:
+           everywhere: Sequence[Setting], kinds: Sequence[str] | None,
+           before: Container[object] = ()) -> Round:
     """Ask what is in the data of the ``whole``, its geometry as in a fit with what was ``added``.
 
-    The machine has none of what was added: residuals hold all that it does.
+    The machine has none of what was added: residuals hold all that it does. ``before``: of what
+    the best set was made in the round before; from there the search goes on.
     """
     problem = whole.problem
     g = fit.state.g[:whole.state.g.size].copy()
@@ -182,5 +196,6 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
     system = build(problem, problem.solve(replace(fit.state, g=g)) if added else fit.state, keep)
     found = library(system, kinds, misread=True)
     asked = question(system, found, UnknownCauses(system, everywhere))
+    start = [n for n, source in enumerate(asked.sources) if _key(source) in before]
     return Round(fit, added, tuple(columns_added(fit.problem, added)), kinds, found, asked,
-                 posterior(asked.question))
+                 posterior(asked.question, start))

@@ -83,9 +83,7 @@ class Search:
     def better(self, now: BlockSet) -> BlockSet | None:
         """Return a set that is likelier and one move away, None where there is none.
 
-        One more is tried first; then each in turn gone, or another in its place; then what a
-        single step does not come to: many rows at once, several in the place of one, one in the
-        place of several, two events at once.
+        One more is tried first; then each in turn gone, or another in its place.
         """
         if len(now.causes) < MOST:
             more = self._likelier(now, [self._best(now, self._full(now))])
@@ -100,9 +98,14 @@ class Search:
                 continue
             at = self.settle(rest)
             moves += [(at.log_p, rest), self._best(at, self._full(at))]
-        found = self._likelier(now, moves)
-        if found is not None:
-            return found
+        return self._likelier(now, moves)
+
+    def far(self, now: BlockSet) -> BlockSet | None:
+        """Return a set that is likelier and farther away than one move, None where there is none.
+
+        Many rows at once, parts or several in the place of one, one in the place of several, two
+        events at once.
+        """
         for far in chain(self._masked(now), self._parted(now), self._split(now),
                          self._merged(now), self._pairs(now, now.log_p)):
             if far.log_p > now.log_p + LEAST_GAIN:

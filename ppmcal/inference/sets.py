@@ -6,7 +6,7 @@ log p(H | y) = log Z(H) + log pi(H), for every correlation of the noise, and the
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -101,12 +101,19 @@ class SetPosterior:
         return sorted(members, key=lambda m: -m.probability)
 
 
-def posterior(question: Question) -> SetPosterior:
-    """Return which blocks are in the data: search from nothing, then what is near the best."""
+def posterior(question: Question, start: Sequence[int] = ()) -> SetPosterior:
+    """Return which blocks are in the data: search from a set, then what is near the best.
+
+    Args:
+        question: what may be there.
+        start: the set from which the search begins; nothing is looked at too.
+    """
     seen = Search(question)
     best = seen.whole(seen.visit(()))
+    if start:
+        best = seen.whole(max(best, seen.settle(tuple(start)), key=lambda at: at.log_p))
     for _ in range(MOVES):
-        better = seen.better(best) or seen.overlooked(best)
+        better = seen.better(best) or seen.far(best) or seen.overlooked(best)
         if better is None:
             break
         best = seen.whole(better)

@@ -106,7 +106,7 @@ def test_one_takes_the_place_of_several(without: Without) -> None:
     def from_parts() -> set[int]:
         seen = Search(question)
         now = seen.whole(seen.visit((0, 1, 2)))
-        while (better := seen.better(now)) is not None:
+        while (better := seen.better(now) or seen.far(now)) is not None:
             now = seen.whole(better)
         return set(now.chosen)
 
