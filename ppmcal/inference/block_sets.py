@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import logsumexp
@@ -12,9 +13,9 @@ from scipy.special import logsumexp
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.evidence import odds_of_all
 from ppmcal.inference.given import Conditioned
-from ppmcal.inference.gross_rows import RowSize, sized_rows
+from ppmcal.inference.gross_rows import RowSize, sized_rows, taking_rows
 from ppmcal.inference.joint import JointBlocks, joint
-from ppmcal.inference.question import NoiseView, Question
+from ppmcal.inference.question import Question
 from ppmcal.linalg import Array
 
 NEGLIGIBLE = 14.0
@@ -92,11 +93,12 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
     start = [(near or {}).get(i) for i in causes]
     blocks = [question.blocks[i] for i in causes]
     numbers = likely or range(len(question.views))
-    own = _rows(question.views[numbers[0]], {i: question.blocks[i] for i in out}, blocks, start,
-                rows or {})
+    few = {n: _Few.of(question.views[n].start, blocks, {i: question.blocks[i] for i in out})
+           for n in numbers}
+    own = few[numbers[0]].sized(start, rows or {})
     sizes = {i: row.size for i, row in own.items()}
     prior = question.log_prior(chosen) + sum(row.slack for row in own.values())
-    found = [(n, joint(question.views[n].taking(sizes), blocks, start)) for n in numbers]
+    found = [(n, joint(f.without(sizes), f.causes, start)) for n, f in few.items()]
     each = [question.views[n].log_prior + j.log_evidence for n, j in found]
     most = max(n for (n, _), log_z in zip(found, each, strict=True)
                if log_z > max(each) - NEGLIGIBLE)
@@ -106,29 +108,45 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
     return BlockSet(question, tuple(chosen), log_p, views, own)
 
 
-def _rows(view: NoiseView, rows: Mapping[int, Block], blocks: Sequence[Block],
-          start: Sequence[tuple[int, int] | None], near: Mapping[int, int]) -> dict[int, RowSize]:
-    """Return rows at sizes that are likely beside the causes of a set.
+@dataclass(frozen=True, eq=False)
+class _Few:
+    """The data, of which only the columns of a set can be asked: blocks with numbers of their own.
 
-    What is noise without the causes hides how large the errors of rows are.
+    ``causes`` in their order, ``rows`` by their numbers in the question.
     """
-    if not rows:
-        return {}
-    bare = view.start.asked_of(view.start.columns.some([c for b in rows.values()
-                                                        for c in b.columns]))
-    own = _renumbered(rows)
-    found = sized_rows(bare, own, near)
-    for _ in range(ROUNDS if blocks else 0):
-        sizes = {i: row.size for i, row in found.items()}
-        causes = joint(view.taking(sizes), blocks, start)
-        found = sized_rows(bare.taking(causes.taken), own, sizes)
-        if sizes == {i: row.size for i, row in found.items()}:
-            break
-    return found
 
+    given: Conditioned
+    causes: Sequence[Block]
+    rows: Mapping[int, Block]
 
-def _renumbered(rows: Mapping[int, Block]) -> dict[int, Block]:
-    """Return blocks of rows whose columns are numbered one after the other."""
-    ends = np.cumsum([0, *(len(b.columns) for b in rows.values())]).tolist()
-    return {i: replace(b, columns=tuple(range(first, last)))
-            for (i, b), first, last in zip(rows.items(), ends, ends[1:], strict=False)}
+    @classmethod
+    def of(cls, given: Conditioned, causes: Sequence[Block], rows: Mapping[int, Block]) -> _Few:
+        every = [*causes, *rows.values()]
+        ends = np.cumsum([0, *(len(b.columns) for b in every)]).tolist()
+        own = [replace(b, columns=tuple(range(first, last)))
+               for b, (first, last) in zip(every, pairwise(ends), strict=True)]
+        columns = given.columns.some([c for b in every for c in b.columns]) if every else (
+            np.zeros((given.values.size, 0)))
+        return cls(given.asked_of(columns), own[:len(causes)],
+                   dict(zip(rows, own[len(causes):], strict=True)))
+
+    def without(self, sizes: Mapping[int, int]) -> Conditioned:
+        """Return the data with the rows taken, at the numbers of their sizes."""
+        return taking_rows(self.given, list(self.rows.values()), [sizes[i] for i in self.rows])
+
+    def sized(self, start: Sequence[tuple[int, int] | None], near: Mapping[int, int]
+              ) -> dict[int, RowSize]:
+        """Return rows at sizes that are likely beside the causes.
+
+        What is noise without the causes hides how large the errors of rows are.
+        """
+        if not self.rows:
+            return {}
+        found = sized_rows(self.given, self.rows, near)
+        for _ in range(ROUNDS if self.causes else 0):
+            sizes = {i: row.size for i, row in found.items()}
+            causes = joint(self.without(sizes), self.causes, start)
+            found = sized_rows(self.given.taking(causes.taken), self.rows, sizes)
+            if sizes == {i: row.size for i, row in found.items()}:
+                break
+        return found

@@ -21,14 +21,14 @@ from ppmcal.inference.ranges import LEAST, SIZES, all_between, bounded
 from ppmcal.linalg import Array
 
 
-def odds_by_size(given: Conditioned, own: Array, part: Array, gone: float = 0.0) -> Array:
+def odds_by_size(given: Conditioned, own: Array, part: Array, gone: Array | float = 0.0) -> Array:
     """Return log Z at each size over log Z without the block (..., S).
 
     Args:
         given: what is taken.
         own: eigenvalues of G (..., q).
         part: squares of b along them (..., q).
-        gone: what other blocks than those taken have explained of y'My.
+        gone: what other blocks than those taken have explained of y'My; an array is (..., 1).
     """
     own, part = np.maximum(own, 0.0)[..., None, :], part[..., None, :]
     grown = SIZES[:, None] ** 2

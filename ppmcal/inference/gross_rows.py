@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import logsumexp
@@ -44,13 +45,14 @@ class RowSize:
 
 def taking_rows(given: Conditioned, blocks: Sequence[Block], sizes: Sequence[int]
                 ) -> Conditioned:
-    """Return what is given with rows taken too, at their sizes."""
+    """Return what is given with rows taken too, at the numbers of their sizes."""
     if not blocks:
         return given
     units = given.columns.some([c for b in blocks for c in b.columns])
-    return given.taking(np.hstack([
-        own @ _root(own, given, b) * SIZES[s] for own, b, s in
-        zip(_each(units, blocks), blocks, sizes, strict=True)]))
+    each = np.split(units, np.cumsum([len(b.columns) for b in blocks])[:-1], axis=1)
+    scale = [_scale(own.T @ own, given, b) * SIZES[s]
+             for own, b, s in zip(each, blocks, sizes, strict=True)]
+    return given.taking(units * np.concatenate(scale))
 
 
 def sized_rows(given: Conditioned, blocks: Mapping[int, Block], near: Mapping[int, int]
@@ -81,37 +83,37 @@ def rows_left_out(given: Conditioned, blocks: Mapping[int, Block], sizes: Mappin
         blocks: the rows, by their numbers.
         sizes: of each.
     """
-    some, at = list(blocks.values()), [c for b in blocks.values() for c in b.columns]
+    at = [c for b in blocks.values() for c in b.columns]
     if not at:
         return {}
     units = given.columns.some(at)
     seen = given.seen[at]
-    scale = np.concatenate([np.diagonal(_root(own, given, b)) for own, b in
-                            zip(_each(units, some), some, strict=True)])
-    size = np.repeat([SIZES[sizes[i]] for i in blocks], [len(b.columns) for b in some])
-    inner = (scale * size)[:, None] * (units.T @ units - seen @ seen.T) * (scale * size)
+    gram = units.T @ units
+    ends = np.cumsum([0, *(len(b.columns) for b in blocks.values())])
+    each = [np.arange(begin, end) for begin, end in pairwise(ends.tolist())]
+    scale = np.concatenate([_scale(gram[np.ix_(mine, mine)], given, b)
+                            for mine, b in zip(each, blocks.values(), strict=True)])
+    size = np.repeat([SIZES[sizes[i]] for i in blocks], np.diff(ends))
+    inner = (scale * size)[:, None] * (gram - seen @ seen.T) * (scale * size)
     right = scale * size * given.right[at]
     inverse = linalg.inv(np.eye(len(inner)) + inner)
     z = inverse @ right
-    spread = given.spread - float(right @ z)
-    out, begin = {}, 0
-    for i, block in blocks.items():
-        mine = slice(begin, begin + len(block.columns))
-        begin, s = mine.stop, size[mine.start]
-        alone = linalg.inv(inverse[mine, mine])
-        own, turn = small_eigh((alone - np.eye(len(alone))) / s**2)
-        part = turn.T @ (alone @ z[mine]) / s
-        gone = given.spread - spread - float(z[mine] @ alone @ z[mine])   # by the other rows
-        none = -0.5 * given.freedom * float(np.log1p(-gone / given.spread))
-        out[i] = odds_by_size(given, own, part**2, gone) - none
-    return out
+    explained, numbers = float(right @ z), np.array(list(blocks))
+    out: dict[int, Array] = {}
+    for width in np.unique(np.diff(ends)).tolist():
+        which = np.flatnonzero(np.diff(ends) == width)
+        mine = ends[which][:, None] + np.arange(width)                       # (R, k)
+        alone = linalg.inv(inverse[mine[:, :, None], mine[:, None, :]])      # (R, k, k)
+        own, turn = small_eigh((alone - np.eye(width)) / size[mine[:, :1], None] ** 2)
+        past = np.einsum("rkl,rl->rk", alone, z[mine])
+        part = np.einsum("rkp,rk->rp", turn, past) / size[mine[:, :1]]
+        gone = explained - np.sum(z[mine] * past, axis=1, keepdims=True)     # by the other rows
+        none = -0.5 * given.freedom * np.log1p(-gone / given.spread)
+        odds = odds_by_size(given, own, part**2, gone) - none
+        out |= dict(zip(numbers[which].tolist(), odds, strict=True))
+    return {i: out[i] for i in blocks}
 
 
-def _root(unit: Array, given: Conditioned, block: Block) -> Array:
-    return scaled_root(unit.T @ unit, given.count, (), block.least)
-
-
-def _each(columns: Array, blocks: Sequence[Block]) -> list[Array]:
-    """Return the columns (n, k) of each block."""
-    ends = np.cumsum([len(b.columns) for b in blocks])[:-1]
-    return np.split(columns, ends, axis=1)
+def _scale(gram: Array, given: Conditioned, block: Block) -> Array:
+    """Return what makes one sigma rms of each column of a row (k,)."""
+    return np.asarray(np.diagonal(scaled_root(gram, given.count, (), block.least)))
