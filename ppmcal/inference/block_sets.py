@@ -14,7 +14,7 @@ from ppmcal.inference.blocks import Block
 from ppmcal.inference.evidence import odds_of_all
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.gross_rows import RowSize, sized_rows, taking_rows
-from ppmcal.inference.joint import JointBlocks, joint
+from ppmcal.inference.joint import JointBlocks, joint, taken_blocks
 from ppmcal.inference.question import Question
 from ppmcal.linalg import Array
 
@@ -54,8 +54,9 @@ class BlockSet:
 
     def given(self, n: int, found: JointBlocks) -> Conditioned:
         """Return what the values are past the set, for the n-th correlation."""
-        sizes = {i: row.size for i, row in self.rows.items()}
-        return self.question.views[n].taking(sizes).taking(found.taken)
+        view, sizes = self.question.views[n], {i: row.size for i, row in self.rows.items()}
+        return view.taking(sizes).taking(taken_blocks(
+            view.start, [self.question.blocks[i] for i in self.causes], found))
 
     @cached_property
     def scores(self) -> Array:
@@ -110,7 +111,7 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
 
 @dataclass(frozen=True, eq=False)
 class _Few:
-    """The data, of which only the columns of a set can be asked: blocks with numbers of their own.
+    """What the data say of the columns of a set alone: blocks with numbers and roots of their own.
 
     ``causes`` in their order, ``rows`` by their numbers in the question.
     """
@@ -123,11 +124,12 @@ class _Few:
     def of(cls, given: Conditioned, causes: Sequence[Block], rows: Mapping[int, Block]) -> _Few:
         every = [*causes, *rows.values()]
         ends = np.cumsum([0, *(len(b.columns) for b in every)]).tolist()
-        own = [replace(b, columns=tuple(range(first, last)))
-               for b, (first, last) in zip(every, pairwise(ends), strict=True)]
         columns = given.columns.some([c for b in every for c in b.columns]) if every else (
             np.zeros((given.values.size, 0)))
-        return cls(given.asked_of(columns), own[:len(causes)],
+        own = [replace(b, columns=tuple(range(first, last)), roots=b.roots or (
+            b.root(columns[:, first:last], given.count),))
+            for b, (first, last) in zip(every, pairwise(ends), strict=True)]
+        return cls(given.condensed(columns), own[:len(causes)],
                    dict(zip(rows, own[len(causes):], strict=True)))
 
     def without(self, sizes: Mapping[int, int]) -> Conditioned:
@@ -146,7 +148,8 @@ class _Few:
         for _ in range(ROUNDS if self.causes else 0):
             sizes = {i: row.size for i, row in found.items()}
             causes = joint(self.without(sizes), self.causes, start)
-            found = sized_rows(self.given.taking(causes.taken), self.rows, sizes)
+            taken = taken_blocks(self.given, self.causes, causes)
+            found = sized_rows(self.given.taking(taken), self.rows, sizes)
             if sizes == {i: row.size for i, row in found.items()}:
                 break
         return found

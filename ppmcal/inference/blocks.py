@@ -51,6 +51,10 @@ class Block:
     gives: str = ""
     needs: str = ""
 
+    def root(self, columns: Array, count: int) -> Array:
+        """Return the root of its own columns (n, k), of ``count`` measured values."""
+        return scaled_root(columns.T @ columns, count, self.starts, self.least)
+
     @property
     def ends(self) -> tuple[Array, Array]:
         """Between which each coefficient is (k,) and (k,)."""

@@ -65,11 +65,19 @@ class Conditioned:
         """Logarithm of the values' density, up to what depends on their number alone."""
         return -self.log_det - 0.5 * self.freedom * float(np.log(self.spread))
 
-    def asked_of(self, columns: Array) -> Conditioned:
-        """Return the same values and blocks, with other columns (n, T) that can be asked for."""
+    def condensed(self, columns: Array) -> Conditioned:
+        """Return what the values say of other columns (n, T) alone, in no more than T + 1 rows."""
         seen = columns.T @ self.basis
+        gram = columns.T @ columns
         right = columns.T @ self.values - seen @ (self.basis.T @ self.values)
-        return replace(self, columns=MatrixColumns(columns), seen=seen, right=right)
+        scale = np.append(np.sqrt(np.diagonal(gram)), np.sqrt(self.rest))
+        scale[scale == 0.0] = 1.0
+        whole = np.block([[gram - seen @ seen.T, right[:, None]],
+                          [right[None, :], np.array([[self.rest]])]]) / np.outer(scale, scale)
+        own, turn = linalg.eigh(whole)
+        rows = (np.sqrt(np.maximum(own, 0.0)) * turn).T * scale
+        return replace(self, columns=MatrixColumns(rows[:, :-1]), values=rows[:, -1],
+                       basis=np.zeros((len(rows), 0)), seen=np.zeros((len(right), 0)), right=right)
 
     def taking(self, block: Array) -> Conditioned:
         """Return this with a block Z (n, k) more: its columns times the root of its prior.

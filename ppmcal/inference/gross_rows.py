@@ -116,4 +116,5 @@ def rows_left_out(given: Conditioned, blocks: Mapping[int, Block], sizes: Mappin
 
 def _scale(gram: Array, given: Conditioned, block: Block) -> Array:
     """Return what makes one sigma rms of each column of a row (k,)."""
-    return np.asarray(np.diagonal(scaled_root(gram, given.count, (), block.least)))
+    return np.asarray(np.diagonal(
+        block.roots[0] if block.roots else scaled_root(gram, given.count, (), block.least)))

@@ -30,7 +30,6 @@ class JointBlocks:
     Attributes:
         log_evidence: logarithm of the values' density with them, sizes and roots integrated.
         sizes: number of each block's size. grid: of its root.
-        taken: columns times roots times sizes (n, q): the block that all of them are.
         values, sigmas: each block's coefficients (k,), mean and standard deviation in units of the
             stated noise.
     """
@@ -38,7 +37,6 @@ class JointBlocks:
     log_evidence: float
     sizes: Ints
     grid: Ints
-    taken: Array
     values: tuple[Array, ...] = ()
     sigmas: tuple[Array, ...] = ()
 
@@ -51,7 +49,7 @@ def joint(given: Conditioned, blocks: Sequence[Block],
     """
     if not blocks:
         none = np.zeros(0, dtype=np.int64)
-        return JointBlocks(given.log_evidence, none, none, np.zeros((given.values.size, 0)))
+        return JointBlocks(given.log_evidence, none, none)
     system = _System(given, blocks)
     start = [own or (len(SIZES) // 2, 0) for own in near or [None] * len(blocks)]
     sizes, grid = (np.array([own[n] for own in start], dtype=np.int64) for n in (0, 1))
@@ -65,9 +63,18 @@ def joint(given: Conditioned, blocks: Sequence[Block],
             slack += float(logsumexp(found)) - float(np.log(found.size)) - best
         if np.array_equal(before[0], sizes) and np.array_equal(before[1], grid):
             break
-    taken = [system.made(k, int(grid[k])) * SIZES[sizes[k]] for k in range(len(blocks))]
-    return JointBlocks(given.log_evidence + best + slack, sizes, grid, np.hstack(taken),
+    return JointBlocks(given.log_evidence + best + slack, sizes, grid,
                        *system.coefficients(sizes, grid))
+
+
+def taken_blocks(given: Conditioned, blocks: Sequence[Block], found: JointBlocks) -> Array:
+    """Return columns times roots times sizes (n, q): the block that all of them are."""
+    out = [np.zeros((given.values.size, 0))]
+    for block, size, grid in zip(blocks, found.sizes, found.grid, strict=True):
+        columns = given.columns.some(block.columns)
+        root = block.roots[grid] if block.roots else block.root(columns, given.count)
+        out.append(columns @ root * SIZES[size])
+    return np.hstack(out)
 
 
 class _System:
@@ -87,10 +94,6 @@ class _System:
         self.ends = [b.ends for b in blocks]
         self.usual = [float(usual(np.array(r), *ends)) for r, ends in
                       zip(self.roots, self.ends, strict=True)]
-
-    def made(self, k: int, g: int) -> Array:
-        """Return a block's columns times one of its roots (n, q)."""
-        return np.asarray(self.values[:, self.at[k]] @ self.roots[k][g])
 
     def along(self, k: int, sizes: Ints, grid: Ints) -> tuple[Array, Array]:
         """Return log odds against none of them (S, G), block k at every size, the others as set.

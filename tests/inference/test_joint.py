@@ -11,7 +11,7 @@ from ppmcal.inference.blocks import Block, batches
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.evidence import odds, total
 from ppmcal.inference.given import Conditioned
-from ppmcal.inference.joint import joint
+from ppmcal.inference.joint import joint, taken_blocks
 from ppmcal.inference.ranges import SIZES
 
 
@@ -104,8 +104,9 @@ def test_what_is_taken_is_what_was_chosen() -> None:
     given = drawn(4)
     blocks = [Block("", "", (0,), 0.0), Block("", "", (1,), 0.0)]
     both = joint(given, blocks)
-    taken = given.taking(both.taken)
-    assert both.taken.shape == (80, 2)
+    block = taken_blocks(given, blocks, both)
+    taken = given.taking(block)
+    assert block.shape == (80, 2)
     # sizes are integrated, so that less is there than where they are largest
     assert taken.log_evidence - 2 * np.log(len(SIZES)) < both.log_evidence < taken.log_evidence
     assert np.abs(taken.right[:2]).max() < 0.2 * np.abs(given.right[:2]).max()
