@@ -202,8 +202,6 @@ class _Kinds(Collector):
 
     def _scale(self, on: Sequence[str], specs: Sequence[EffectParameter]) -> tuple[float, ...]:
         """Return how large tolerances make coefficients: an error of a drive is one of joints."""
-        if not any(s.of_stroke for s in specs):
-            return (np.inf,) * len(specs)
         own = self._joint_tolerances[[self.actuators.index(a) for a in on]]
         sigma = float(np.sqrt(np.mean(own**2))) if own.size else 0.0
         return tuple(sigma if s.of_stroke and sigma > 0.0 else np.inf for s in specs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,9 +13,10 @@ from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.extended_model import Added, columns_added, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
-from ppmcal.diagnosis.linear_system import build
+from ppmcal.diagnosis.linear_system import System, build
 from ppmcal.diagnosis.question import ROW_FAMILY, Asked, Source, question
 from ppmcal.diagnosis.refit import with_mechanism
+from ppmcal.diagnosis.stage import without
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.unknown_causes import UnknownCause, UnknownCauses
@@ -25,7 +26,11 @@ from ppmcal.inference.sets import Member, SetPosterior, posterior
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects import Setting
 
+Sized = tuple[Hypothesis, Array, Array]
+"""A hypothesis, its coefficients and their standard deviations."""
 ROUNDS = 4
+LINEAR = 0.1
+"""What was added is linear where its derivatives say the same within so much of the noise, rms."""
 MASS = 0.95
 """Of the probability, what the families that are told in one place have together."""
 
@@ -119,21 +124,38 @@ class Round:
             return "partial"
         return "named-set" if any(len(p.members) > 1 for p in named) else "named"
 
-    def sized(self, chosen: Numbers) -> list[tuple[Hypothesis, Array, Array]]:
+    def sized(self, chosen: Numbers) -> list[Sized]:
         """Return the hypotheses of a set that have a name, their coefficients and their sigmas."""
         best = self.answer.best
         at = best if chosen == frozenset(best.chosen) else state(
             self.asked.question, sorted(chosen), [n for n, _, _ in best.views])
         joint = at.likeliest[2]
-        out = [(source, value[:source.size], sigma[:source.size]) for i, value, sigma in
-               zip(at.causes, joint.values, joint.sigmas, strict=True)
-               if isinstance(source := self.asked.sources[i], Hypothesis)
-               and not source.anonymous and not source.misread]
+        out = list(_once([
+            (source, value[:source.size], sigma[:source.size]) for i, value, sigma in
+            zip(at.causes, joint.values, joint.sigmas, strict=True)
+            if isinstance(source := self.asked.sources[i], Hypothesis)
+            and not source.anonymous and not source.misread]))
         size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
         for h, value, _ in out:
             size[h.kind, h.on] += float(np.mean(value))
         return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans
                 else (h, value, sigma) for h, value, sigma in out]
+
+
+def _once(sized: Sequence[Sized]) -> Iterator[Sized]:
+    """Yield hypotheses, those at several constants of a grid once, the one that is surest.
+
+    Between two points of a grid both are needed; a fit finds the point. Of waves and events there
+    may be several.
+    """
+    sure = {id(h): float(np.max(np.abs(value) / np.maximum(sigma, 1e-300)))
+            for h, value, sigma in sized}
+    for h, value, sigma in sized:
+        several = h.effect is None or h.effect.period or h.effect.onset or not h.constants
+        others = [f for f, _, _ in sized
+                  if (f.family, f.on, f.shared) == (h.family, h.on, h.shared)]
+        if several or h is max(others, key=lambda f: sure[id(f)]):
+            yield h, value, sigma
 
 
 def _key(source: Source) -> object:
@@ -186,16 +208,42 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
            before: Container[object] = ()) -> Round:
     """Ask what is in the data of the ``whole``, its geometry as in a fit with what was ``added``.
 
-    The machine has none of what was added: residuals hold all that it does. ``before``: of what
-    the best set was made in the round before; from there the search goes on.
+    Residuals hold all that was added. ``before``: of what the best set was made in the round
+    before; from there the search goes on. Where what was added is not linear, that counts of two
+    ways to be linear in which this set is likelier.
+    """
+    ways = []
+    own = columns_added(fit.problem, added)
+    for system, columns in _systems(whole, fit, own, keep):
+        tried = [fit.problem.free[c] for c in columns]
+        found = library(system, kinds, tried, misread=True)
+        asked = question(system, found, UnknownCauses(system, everywhere), columns)
+        keys = [_key(source) for source in asked.sources]
+        count = Counter(keys)
+        start = [n for n, key in enumerate(keys) if key in before and count[key] == 1]
+        ways.append((asked, found, start))
+    asked, found, start = ways[0] if len(ways) == 1 else max(
+        ways, key=lambda way: state(way[0].question, way[2]).log_p)
+    return Round(fit, added, tuple(own), kinds, found, asked, posterior(asked.question, start))
+
+
+def _systems(whole: Fit, fit: Fit, own: Sequence[int], keep: Sequence[Bools]
+             ) -> Iterator[tuple[System, Sequence[int]]]:
+    """Yield the machine without what a fit has in columns ``own``, and those still to be left out.
+
+    First as it is at the fit's geometry, what was added in no slot and no load; then, where that
+    is not the same, as its derivatives at the fit say, which know of motions that are no more
+    small.
     """
     problem = whole.problem
     g = fit.state.g[:whole.state.g.size].copy()
     rest = np.setdiff1d(np.arange(g.size), problem.free)
     g[rest] = whole.state.g[rest]
-    system = build(problem, problem.solve(replace(fit.state, g=g)) if added else fit.state, keep)
-    found = library(system, kinds, misread=True)
-    asked = question(system, found, UnknownCauses(system, everywhere))
-    start = [n for n, source in enumerate(asked.sources) if _key(source) in before]
-    return Round(fit, added, tuple(columns_added(fit.problem, added)), kinds, found, asked,
-                 posterior(asked.question, start))
+    bare = build(problem, problem.solve(replace(fit.state, g=g)) if own else fit.state, keep)
+    yield bare, ()
+    if own:
+        linear = without(build(fit.problem, fit.state, keep), own)
+        apart = (linear.residual - bare.residual)[bare.observed]
+        if linear.residual.shape == bare.residual.shape and float(
+                np.sqrt(np.mean(apart**2))) > LINEAR:
+            yield linear, own

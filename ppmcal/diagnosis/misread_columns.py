@@ -52,8 +52,8 @@ def _of_other_units(to: Collector) -> Iterator[Hypothesis]:
 
 def _turned(to: Collector) -> Iterator[Hypothesis]:
     """Yield effects of directions with these turned in a stretch of rows, whole files too."""
-    effects = [h for h in to.hypotheses if h.effect and h.shared and h.size == 1
-               and h.effect.needs == ("dir",) and not h.effect.title and not h.constants]
+    effects = [h for h in to.hypotheses if h.effect and h.effect.needs == ("dir",)
+               and not h.effect.title and not h.constants]
     if not effects:
         return
     system = to.system
@@ -62,12 +62,13 @@ def _turned(to: Collector) -> Iterator[Hypothesis]:
     if not begin.size:
         return
     for h in effects:
-        column = to.columns.value(h.columns[0])
-        best = np.argsort(-past.explained(column, begin, end), kind="stable")[:LIKELY]
+        columns = [to.columns.value(c) for c in h.columns]
+        gain = sum(past.explained(column, begin, end) for column in columns)
+        best = np.argsort(-gain, kind="stable")[:LIKELY]
         for b, e in zip(begin[best].tolist(), end[best].tolist(), strict=True):
             sign = np.ones(system.dataset.size)
             sign[b:e] = -1.0
-            yield replace(h, columns=(to.columns.later(column, sign),), starts=(),
+            yield replace(h, starts=(), columns=tuple(to.columns.later(c, sign) for c in columns),
                           choices=float(np.log(begin.size)),
                           misread=f"dir_{' dir_'.join(h.on or to.actuators)} turned",
                           follows=_where(system, b, e))

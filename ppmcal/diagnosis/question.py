@@ -15,9 +15,20 @@ from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.unknown_causes import SHAPES, UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import JoinedColumns, UnitColumns
-from ppmcal.inference.priors import ALL_ALIKE, FAMILY, GROSS_ROW, MISREAD, PLAIN, UNKNOWN, WIDE
+from ppmcal.inference.priors import (
+    ALL_ALIKE,
+    FAMILY,
+    GOES_WITH,
+    GROSS_ROW,
+    MISREAD,
+    PLAIN,
+    SELDOM,
+    UNKNOWN,
+    WIDE,
+)
 from ppmcal.inference.question import Question
 from ppmcal.linalg import Array, Bools, reciprocals
+from ppmcal.model.effects.product import PRODUCT
 
 Source = Hypothesis | UnknownCause | int
 """What a block stands for; a number is a row that does not belong."""
@@ -103,13 +114,13 @@ def rows(observed: Bools, first: int) -> Iterator[tuple[Block, int]]:
 def blocks(library: Library, least: float = 0.0) -> Iterator[tuple[Block, Hypothesis]]:
     """Yield the library's hypotheses, each with its prior; ``least``: as of a block."""
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
-    sorts = Counter(h.sort for h in library.hypotheses if h.slot)
     for h in library.hypotheses:
         families[_family(h)][h.on, h.shared].append(h)
+    firsts = {family: next(iter(forms.values()))[0] for family, forms in families.items()}
+    alike = Counter(_sort(h) for h in firsts.values())
     each: dict[tuple[str, Form, bool], float] = {}
     for family, forms in families.items():
-        top = float(np.log(float(UNKNOWN) * SHAPES if family == UNKNOWN_FAMILY else float(FAMILY)))
-        top -= float(np.log(max([sorts[h.sort] for own in forms.values() for h in own] + [1])))
+        top = float(np.log(_prior(firsts[family]) / alike[_sort(firsts[family])]))
         share = _shares(list(forms))
         for form, own in forms.items():
             among = Counter(h.scanned for h in own)
@@ -123,6 +134,24 @@ def blocks(library: Library, least: float = 0.0) -> Iterator[tuple[Block, Hypoth
         right = replace(h, misread="", follows="")
         log_prior = each[right.family, (h.on, h.shared), h.scanned] + float(np.log(float(MISREAD)))
         yield _block(h, h.family, log_prior - h.choices, least), h
+
+
+def _prior(h: Hypothesis) -> float:
+    """Return the prior that one of the families of a sort acts."""
+    if h.anonymous:
+        return float(UNKNOWN) * SHAPES
+    seldom = h.effect is not None and h.effect.seldom > 0.0
+    return float(FAMILY) * (float(SELDOM) if seldom else 1.0) * (
+        float(GOES_WITH) if h.effect and h.kind == PRODUCT.name else 1.0)
+
+
+def _sort(h: Hypothesis) -> object:
+    """Return of which families it is one: slots of a sort, parts of a kind, forms of another."""
+    if h.effect is None:
+        return (h.sort, h.anonymous)
+    if h.part:
+        return h.called
+    return (h.kind, h.effect.contains) if h.kind == PRODUCT.name else _family(h)
 
 
 def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:

@@ -106,8 +106,8 @@ class Search:
         Many rows at once, parts or several in the place of one, one in the place of several, two
         events at once.
         """
-        for far in chain(self._masked(now), self._parted(now), self._split(now),
-                         self._merged(now), self._pairs(now, now.log_p)):
+        for far in chain(self._masked(now), self._parted(now), self._reshaped(now),
+                         self._split(now), self._merged(now), self._pairs(now, now.log_p)):
             if far.log_p > now.log_p + LEAST_GAIN:
                 return far
         return None
@@ -168,6 +168,22 @@ class Search:
             rest = tuple(j for j in now.chosen if j != i)
             for count in range(1, len(parts)):
                 yield self.visit((*rest, *parts[:count]))
+
+    def _reshaped(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with another form of a family in the place of one block, and one more block.
+
+        What joints have a value of their own for, all alike and something else may do.
+        """
+        blocks = self.question.blocks
+        for i in now.causes:
+            rest = self.settle(tuple(j for j in now.chosen if j != i))
+            other = np.array([b.family != blocks[i].family or len(b.columns) == len(
+                blocks[i].columns) for b in blocks])
+            log_p, chosen = self._best(rest, other)
+            if log_p > -np.inf:
+                more, both = self._best(self.visit(chosen))
+                if more > now.log_p:
+                    yield self.visit(both)
 
     def _split(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with one block gone, and others, of other families, in its place."""

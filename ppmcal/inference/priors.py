@@ -30,6 +30,8 @@ FAMILY = Prior(1 / 50, "some 30 families; of three calibrations about one shows 
 ALL_ALIKE = Prior(1 / 2, "actuators are built alike: what one has, all have, in half the machines")
 UNKNOWN = Prior(0.15, "libraries are not complete: one machine in seven does what nobody listed")
 PLAIN = Prior(1 / 2, "what an effect may have beside (late, harder under load), half of them have")
+GOES_WITH = Prior(1 / 10, "one effect in ten has a size that goes with temperature or travel")
+SELDOM = Prior(1 / 10, "a plate is stiffer than its legs: in one machine of ten it is what bends")
 MISREAD = Prior(1 / 200, "one column in two hundred is in another unit or sign than is said")
 GROSS_ROW = Prior(1 / 100, "one row in a hundred is a wrong point, a typo, or a broken beam")
 

@@ -147,7 +147,7 @@ class Question:
         count = len(self.groups[block.group])
         same = sum(self.blocks[j].group == block.group for j in like)
         # any m of n are as likely as any others, in whatever order they are told
-        more = (np.log(float(FURTHER) * (len(like) + 1) * count / (count - same))
+        more = (np.log(float(FURTHER) * (len(like) + 1) * count / max(count - same, 1))
                 + block.log_prior - self._of_group[block.group])
         if not same:
             more -= np.log(self._places[block.family])
@@ -168,13 +168,17 @@ class Question:
         return np.array([b.log_prior for b in self.blocks], dtype=float)
 
     def more(self, chosen: Sequence[int]) -> Array:
-        """Return the log prior of a set with each block more, less that of the set (B,)."""
+        """Return the log prior of a set with each block more, less that of the set (B,).
+
+        Of those that are in it already nothing is said.
+        """
         out, base = self._each.copy(), self.log_prior(chosen)
         families = {self.blocks[i].family for i in chosen if self.blocks[i].group}
         groups = {self.blocks[i].group for i in chosen} - {""}
         for group, own in self.groups.items():
             if group in groups or self.blocks[own[0]].family in families:
-                out[own] = [self.log_prior((*chosen, i)) - base for i in own]
+                new = [i for i in own if i not in chosen]
+                out[new] = [self.log_prior((*chosen, i)) - base for i in new]
         return out
 
     @cached_property

@@ -10,8 +10,8 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 from ppmcal.inference.blocks import Block
-from ppmcal.inference.ranges import SIZES
 from ppmcal.inference.priors import NOISE_FREEDOM
+from ppmcal.inference.ranges import SIZES
 
 
 def density(values: np.ndarray, covariance: np.ndarray) -> float:

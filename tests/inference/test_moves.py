@@ -34,7 +34,7 @@ def without(monkeypatch: pytest.MonkeyPatch) -> Without:
                 len(move[1]) - len(now.chosen)] not in moves])
 
         monkeypatch.setattr(Search, "_likelier", likelier)
-        for move in {"split", "merged", "pairs", "masked"} & set(moves):
+        for move in {"split", "merged", "pairs", "masked", "reshaped"} & set(moves):
             monkeypatch.setattr(Search, f"_{move}", lambda self, *of: iter(()))
         if "many" in moves:
             monkeypatch.setattr(Search, "_with_others", lambda self, now, more: more)
@@ -92,6 +92,30 @@ def test_what_was_first_goes_once_it_is_not_needed(seed: int, without: Without) 
     assert found(question) == {0, 1}
     without("split", "merged", "pairs", "exchange", "drop")
     assert found(question) > {0, 1}
+
+
+def test_all_alike_and_another_take_the_place_of_values_of_their_own(without: Without) -> None:
+    """Four joints alike, and what another cause does to each: of their own each explains both."""
+    rng = np.random.default_rng(5)
+    matrix, _ = np.linalg.qr(rng.normal(size=(COUNT, 5)))
+    matrix *= np.sqrt(COUNT)
+    alike, other = matrix[:, :4].sum(axis=1), matrix[:, :4] @ np.array([1.0, -1.0, 2.0, -2.0])
+    columns = np.column_stack([matrix[:, :4], alike, other])
+    blocks = (Block("own", "play", (0, 1, 2, 3), np.log(0.01)),
+              Block("alike", "play", (4,), np.log(0.01)),
+              Block("other", "tilt", (5,), np.log(0.02)))
+    question = asked(columns, 2.0 * alike + 0.5 * other, blocks, 5)
+
+    def from_own() -> set[int]:
+        seen = Search(question)
+        now = seen.whole(seen.visit((0,)))
+        while (better := seen.better(now) or seen.far(now)) is not None:
+            now = seen.whole(better)
+        return set(now.chosen)
+
+    assert from_own() == {1, 2}
+    without("reshaped", "merged", "split")
+    assert from_own() == {0}
 
 
 def test_one_takes_the_place_of_several(without: Without) -> None:

@@ -95,6 +95,18 @@ def test_as_many_joints_have_it_as_have_it(acting: tuple[int, ...]) -> None:
     assert names == ({"on each"} if len(acting) == joints else {f"on {j}" for j in acting})
 
 
+def test_a_group_of_which_all_are_there_has_no_further_one() -> None:
+    rng = np.random.default_rng(3)
+    matrix = rng.normal(size=(30, 3))
+    blocks = (Block("a", "a", (0,), np.log(0.02), group="of one"),
+              Block("b", "b", (1,), np.log(0.02)))
+    asked = Question(MatrixColumns(matrix), rng.normal(size=30) + 5.0 * matrix[:, 0],
+                     np.zeros((30, 1)), blocks, np.ones((30, 1), dtype=bool),
+                     np.zeros(29, dtype=np.int64))
+    assert asked.more((0,))[1] == pytest.approx(np.log(0.02))
+    assert posterior(asked).best.chosen == (0,)
+
+
 def test_the_order_of_rows_of_columns_and_of_blocks_does_not_matter() -> None:
     asked = drawn(3, {3: 1.0, 7: 0.7})
     plain = posterior(asked)
