@@ -19,7 +19,8 @@ SPENT = re.compile(r"^\d+ s( on .*)?$")
 class Study:
     """A study whose output stands in a page.
 
-    ``engine``: packages of ppmcal that decide its figures; ``command``: script of benchmarks/ with
+    ``engine``: packages of ppmcal that decide its figures; ``but``: modules of them that only an
+    option under trial runs; ``command``: script of benchmarks/ with
     its options, without the seed; ``pages``: path to names of the places in it, each between
     ``<!-- rates: NAME -->`` and ``<!-- end of rates -->``; ``option``: what takes the seed.
     """
@@ -29,21 +30,32 @@ class Study:
     pages: dict[str, tuple[str, ...]]
     command: tuple[str, ...] = ()
     option: str = "--seed"
+    but: tuple[str, ...] = ()
+
+    @property
+    def digest(self) -> str:
+        """Of the code that decides the figures."""
+        return engine_digest(self.engine, self.but)
 
     def made(self, seeds: list[int]) -> str:
         """Return the line that says of what a table is."""
         word = "seed" if len(seeds) == 1 else "seeds"
-        return (f"Version {ppmcal.__version__}, engine {engine_digest(self.engine)} "
+        return (f"Version {ppmcal.__version__}, engine {self.digest} "
                 f"({', '.join(self.engine)}), {word} {', '.join(map(str, seeds))}")
 
 
+UNDER_TRIAL = tuple(f"diagnosis/{name}.py" for name in (
+    "explanation", "from_evidence", "misread_columns", "question", "unknown_causes"))
+"""What `diagnose --evidence` alone runs, and the package `inference`."""
+
 STUDIES = (
-    Study("diagnosis", ("diagnosis", "inference"),
-          {"docs/diagnosis.md": ("rates", "rates-by-case"), "README.md": ("rates",)}),
-    Study("next", ("diagnosis", "inference"), {"docs/diagnosis.md": ("next",)},
-          ("next_study.py", "--count", "40", "--minutes", "12")),
-    Study("weak", ("diagnosis", "inference"), {"docs/campaigns.md": ("weak",)},
-          ("weak_campaigns.py", "--seeds", "2"), "--first"),
+    Study("diagnosis", ("diagnosis",),
+          {"docs/diagnosis.md": ("rates", "rates-by-case"), "README.md": ("rates",)},
+          but=UNDER_TRIAL),
+    Study("next", ("diagnosis",), {"docs/diagnosis.md": ("next",)},
+          ("next_study.py", "--count", "40", "--minutes", "12"), but=UNDER_TRIAL),
+    Study("weak", ("diagnosis",), {"docs/campaigns.md": ("weak",)},
+          ("weak_campaigns.py", "--seeds", "2"), "--first", UNDER_TRIAL),
     Study("coverage", ("calibration",), {"docs/campaigns.md": ("coverage",)},
           ("campaigns.py", "--campaigns", "50")),
     Study("compare", ("calibration",), {"docs/campaigns.md": ("compare",)},

@@ -6,11 +6,17 @@ import json
 import re
 
 import pytest
+from helpers.campaigns_in_files import run
 from helpers.paths import ROOT
-from rates.digest import code_of, engine_digest
-from rates.studies import STUDIES, filled
+from rates.digest import code_of
+from rates.studies import STUDIES, UNDER_TRIAL, filled
 from rates.tables import FOLDER, TABLES
 from study_runner import read
+
+from ppmcal.calibration.problem import Problem
+from ppmcal.diagnosis import candidates, diagnose
+from ppmcal.inference import block_sets, given
+from ppmcal.io import read_mechanism, read_scenario
 
 BY_NAME = {s.name: s for s in STUDIES}
 MADE = re.compile(r"Version \S+, engine (\w{12}) \([\w/, ]+\), seeds? ([\d, ]+)")
@@ -31,7 +37,7 @@ def test_the_engine_has_not_changed_since_the_study(study, page, name):
     """``make rates`` with seeds that nobody has looked at; then list the old ones as looked at."""
     made = MADE.search(block(page, name))
     digest = made[1] if made else ""
-    assert digest == engine_digest(BY_NAME[study].engine) or block(page, name).strip() == NOT_YET
+    assert digest == BY_NAME[study].digest or block(page, name).strip() == NOT_YET
 
 
 @pytest.mark.parametrize(("study", "page", "name"), PLACES)
@@ -63,6 +69,23 @@ def test_no_table_of_rates_of_another_version_stands_beside_them(page):
         if where == page:
             text = filled(text, name, "")
     assert not [line for line in text.splitlines() if line.startswith("|") and RATE.search(line)]
+
+
+def test_what_is_under_trial_decides_nothing_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its code is not in the digest of the rates; with the option it is run."""
+    def fails(*args: object, **options: object) -> object:
+        raise AssertionError("is run")
+
+    assert all((ROOT / "ppmcal" / path).exists() for path in UNDER_TRIAL)
+    for module, name in ((diagnose, "diagnosed"), (candidates, "misread_columns"),
+                         (block_sets, "state"), (given.Conditioned, "nothing")):
+        monkeypatch.setattr(module, name, fails)
+    stage = read_mechanism(ROOT / "configs" / "3-RPR.yaml")
+    scenario = read_scenario(ROOT / "configs" / "scenarios" / "3-RPR.yaml", stage)
+    problem = Problem(stage, (run(stage, scenario, 3).data,), stage.free)
+    assert diagnose.diagnose(problem).verdict
+    with pytest.raises(AssertionError, match="is run"):
+        diagnose.diagnose(problem, diagnose.DiagnosisOptions(evidence=True))
 
 
 def test_the_digest_sees_code_and_no_words():
