@@ -27,7 +27,7 @@ LEAST_GAIN = 1e-6
 """A set is likelier by more than round-off."""
 
 
-class Search:
+class SetSearch:
     """Sets that the search has come to."""
 
     def __init__(self, question: Question) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from ppmcal.inference.block_sets import NEGLIGIBLE, BlockSet, Numbers
-from ppmcal.inference.moves import Search
+from ppmcal.inference.moves import SetSearch
 from ppmcal.inference.question import Question
 from ppmcal.linalg import Array
 
@@ -108,7 +108,7 @@ def posterior(question: Question, start: Sequence[int] = ()) -> SetPosterior:
         question: what may be there.
         start: the set from which the search begins; nothing is looked at too.
     """
-    seen = Search(question)
+    seen = SetSearch(question)
     best = seen.whole(seen.visit(()))
     if start:
         best = seen.whole(max(best, seen.settle(tuple(start)), key=lambda at: at.log_p))

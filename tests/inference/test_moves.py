@@ -12,7 +12,7 @@ from ppmcal.inference import sets
 from ppmcal.inference.block_sets import BlockSet
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns, UnitColumns
-from ppmcal.inference.moves import Search
+from ppmcal.inference.moves import SetSearch
 from ppmcal.inference.question import Question
 from ppmcal.inference.sets import posterior
 
@@ -24,20 +24,20 @@ Without = Callable[..., None]
 @pytest.fixture
 def without(monkeypatch: pytest.MonkeyPatch) -> Without:
     """Return what takes moves out of the search, by their names."""
-    as_it_is = Search._likelier
+    as_it_is = SetSearch._likelier
 
     def take_out(*moves: str) -> None:
-        def likelier(self: Search, now: BlockSet,
+        def likelier(self: SetSearch, now: BlockSet,
                      some: Iterable[tuple[float, tuple[int, ...]]]) -> BlockSet | None:
             names = {1: "more", 0: "exchange", -1: "drop"}
             return as_it_is(self, now, [move for move in some if names[
                 len(move[1]) - len(now.chosen)] not in moves])
 
-        monkeypatch.setattr(Search, "_likelier", likelier)
+        monkeypatch.setattr(SetSearch, "_likelier", likelier)
         for move in {"split", "merged", "pairs", "masked", "reshaped"} & set(moves):
-            monkeypatch.setattr(Search, f"_{move}", lambda self, *of: iter(()))
+            monkeypatch.setattr(SetSearch, f"_{move}", lambda self, *of: iter(()))
         if "many" in moves:
-            monkeypatch.setattr(Search, "_with_others", lambda self, now, more: more)
+            monkeypatch.setattr(SetSearch, "_with_others", lambda self, now, more: more)
 
     return take_out
 
@@ -107,7 +107,7 @@ def test_all_alike_and_another_take_the_place_of_values_of_their_own(without: Wi
     question = asked(columns, 2.0 * alike + 0.5 * other, blocks, 5)
 
     def from_own() -> set[int]:
-        seen = Search(question)
+        seen = SetSearch(question)
         now = seen.whole(seen.visit((0,)))
         while (better := seen.better(now) or seen.far(now)) is not None:
             now = seen.whole(better)
@@ -128,7 +128,7 @@ def test_one_takes_the_place_of_several(without: Without) -> None:
     question = asked(matrix, 0.8 * matrix[:, 3], blocks, 3)
 
     def from_parts() -> set[int]:
-        seen = Search(question)
+        seen = SetSearch(question)
         now = seen.whole(seen.visit((0, 1, 2)))
         while (better := seen.better(now) or seen.far(now)) is not None:
             now = seen.whole(better)
