@@ -53,7 +53,7 @@ STUDIES = (
           {"docs/diagnosis.md": ("rates", "rates-by-case"), "README.md": ("rates",)},
           but=UNDER_TRIAL),
     Study("next", ("diagnosis",), {"docs/diagnosis.md": ("next",)},
-          ("next_study.py", "--count", "40", "--minutes", "12"), but=UNDER_TRIAL),
+          ("next_study.py", "--count", "20", "--minutes", "6"), but=UNDER_TRIAL),
     Study("weak", ("diagnosis",), {"docs/campaigns.md": ("weak",)},
           ("weak_campaigns.py", "--seeds", "2"), "--first", UNDER_TRIAL),
     Study("coverage", ("calibration",), {"docs/campaigns.md": ("coverage",)},
