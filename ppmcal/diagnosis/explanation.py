@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -218,10 +218,11 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
         tried = [fit.problem.free[c] for c in columns]
         found = library(system, kinds, tried, misread=True)
         asked = question(system, found, UnknownCauses(system, everywhere), columns)
-        keys = [_key(source) for source in asked.sources]
-        count = Counter(keys)
-        start = [n for n, key in enumerate(keys) if key in before and count[key] == 1]
-        ways.append((asked, found, start))
+        # shapes without a cause have one name, and what a fit has stands in a grid twice
+        first: dict[object, int] = {}
+        for n, source in enumerate(asked.sources):
+            first.setdefault(_key(source), n)
+        ways.append((asked, found, [n for key, n in first.items() if key in before]))
     asked, found, start = ways[0] if len(ways) == 1 else max(
         ways, key=lambda way: state(way[0].question, way[2]).log_p)
     return Round(fit, added, tuple(own), kinds, found, asked, posterior(asked.question, start))
@@ -243,7 +244,8 @@ def _systems(whole: Fit, fit: Fit, own: Sequence[int], keep: Sequence[Bools]
     yield bare, ()
     if own:
         linear = without(build(fit.problem, fit.state, keep), own)
-        apart = (linear.residual - bare.residual)[bare.observed]
-        if linear.residual.shape == bare.residual.shape and float(
-                np.sqrt(np.mean(apart**2))) > LINEAR:
-            yield linear, own
+        # a row that one of them loses has no partner in the other
+        if linear.residual.shape == bare.residual.shape:
+            apart = (linear.residual - bare.residual)[bare.observed]
+            if float(np.sqrt(np.mean(apart**2))) > LINEAR:
+                yield linear, own

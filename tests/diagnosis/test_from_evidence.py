@@ -96,3 +96,16 @@ def test_a_batch_and_python_have_the_option(tmp_path: Path) -> None:
     result = api.diagnose(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"], evidence=True)
     assert result.diagnosis.nothing > 0.5
     assert result.record.nothing == pytest.approx(result.diagnosis.nothing)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("case", "machine", "seed", "eta", "kinds"), [
+    ("slip-turn", "crank-hexapod", 381171, 0.5869, {"zero_shift"}),
+    ("gravity-wrong", "3-RPR", 14046, 1.104, {"compliance", "gravity_tilt"})])
+def test_what_is_not_linear_leaves_nothing_that_has_a_name(
+        tmp_path: Path, case: str, machine: str, seed: int, eta: float, kinds: set[str]) -> None:
+    """A joint off by a turn, and weight in a wrong direction: no small motions."""
+    campaign(tmp_path, case, machine, seed, eta)
+    found = diagnosed(tmp_path)
+    assert {e["kind"] for e in found["effects"]} == kinds and not found["unknown"]
+    assert all(not e["alternatives"] for e in found["effects"])
