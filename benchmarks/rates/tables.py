@@ -49,8 +49,8 @@ def reliability(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
     for low, high in pairwise(BINS):
         own = [(p, hit) for p, hit in said if low <= p < high]
         if own:
-            hits, (least, most) = sum(h for _, h in own), interval(
-                sum(h for _, h in own), len(own))
+            hits = sum(h for _, h in own)
+            least, most = interval(hits, len(own))
             out.append(f"| {low:g} to {min(high, 1.0):g} | {len(own)} | "
                        f"{np.mean([p for p, _ in own]):.3f} | {hits / len(own):.3f} "
                        f"({least:.3f} to {most:.3f}) |")

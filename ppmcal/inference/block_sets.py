@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.evidence import odds_of_all
 from ppmcal.inference.given import Conditioned
-from ppmcal.inference.gross_rows import RowSize, sized_rows, taking_rows
+from ppmcal.inference.gross_rows import RowSize, sized_rows
 from ppmcal.inference.joint import JointBlocks, joint, taken_blocks
 from ppmcal.inference.question import Question
 from ppmcal.linalg import Array
@@ -56,7 +56,7 @@ class BlockSet:
         """Return what the values are past the set, for the n-th correlation."""
         view, sizes = self.question.views[n], {i: row.size for i, row in self.rows.items()}
         return view.taking(sizes).taking(taken_blocks(
-            view.start, [self.question.blocks[i] for i in self.causes], found))
+            view.start, [self.question.blocks[i] for i in self.causes], found.sizes, found.grid))
 
     @cached_property
     def scores(self) -> Array:
@@ -126,15 +126,16 @@ class _Few:
         ends = np.cumsum([0, *(len(b.columns) for b in every)]).tolist()
         columns = given.columns.some([c for b in every for c in b.columns]) if every else (
             np.zeros((given.values.size, 0)))
-        own = [replace(b, columns=tuple(range(first, last)), roots=b.roots or (
-            b.root(columns[:, first:last], given.count),))
-            for b, (first, last) in zip(every, pairwise(ends), strict=True)]
+        own = [replace(b, columns=tuple(range(first, last)), roots=b.own_roots(
+            mine.T @ mine, given.count)) for b, (first, last) in zip(
+                every, pairwise(ends), strict=True) for mine in (columns[:, first:last],)]
         return cls(given.condensed(columns), own[:len(causes)],
                    dict(zip(rows, own[len(causes):], strict=True)))
 
     def without(self, sizes: Mapping[int, int]) -> Conditioned:
         """Return the data with the rows taken, at the numbers of their sizes."""
-        return taking_rows(self.given, list(self.rows.values()), [sizes[i] for i in self.rows])
+        return self.given.taking(taken_blocks(
+            self.given, list(self.rows.values()), [sizes[i] for i in self.rows]))
 
     def sized(self, start: Sequence[tuple[int, int] | None], near: Mapping[int, int]
               ) -> dict[int, RowSize]:
@@ -148,7 +149,7 @@ class _Few:
         for _ in range(ROUNDS if self.causes else 0):
             sizes = {i: row.size for i, row in found.items()}
             causes = joint(self.without(sizes), self.causes, start)
-            taken = taken_blocks(self.given, self.causes, causes)
+            taken = taken_blocks(self.given, self.causes, causes.sizes, causes.grid)
             found = sized_rows(self.given.taking(taken), self.rows, sizes)
             if sizes == {i: row.size for i, row in found.items()}:
                 break

@@ -11,7 +11,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.inference.columns import ColumnSource
-from ppmcal.inference.ranges import usual
+from ppmcal.inference.ranges import bounded, usual
 from ppmcal.linalg import Array, Ints
 
 
@@ -51,11 +51,14 @@ class Block:
     gives: str = ""
     needs: str = ""
 
-    def root(self, columns: Array, count: int) -> Array:
-        """Return the root of its own columns (n, k), of ``count`` measured values."""
-        return scaled_root(columns.T @ columns, count, self.starts, self.least)
+    def own_roots(self, gram: Array, count: int) -> tuple[Array, ...]:
+        """Return its roots, or that of each column alone; ``gram`` (k, k) of its own columns.
 
-    @property
+        ``count``: how many values were measured.
+        """
+        return self.roots or (scaled_root(gram, count, self.starts, self.least),)
+
+    @cached_property
     def ends(self) -> tuple[Array, Array]:
         """Between which each coefficient is (k,) and (k,)."""
         free = np.full(len(self.starts), np.inf)
@@ -87,7 +90,7 @@ class Batch:
     @property
     def bounded(self) -> bool:
         """Whether any coefficient has a sign or a range."""
-        return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
+        return bool(bounded(self.low, self.high).size)
 
 
 def scaled_root(gram: Array, count: int, starts: Sequence[int] = (),

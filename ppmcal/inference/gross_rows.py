@@ -5,15 +5,14 @@ There may be hundreds. Each tells of itself alone, so that their sizes need not 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from scipy.special import logsumexp
 
 from ppmcal import linalg
-from ppmcal.inference.blocks import Block, scaled_root
+from ppmcal.inference.blocks import Block
 from ppmcal.inference.evidence import odds_by_size, small_eigh
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.ranges import SIZES
@@ -43,18 +42,6 @@ class RowSize:
         return cls(size, whole, whole - float(log_odds[size]))
 
 
-def taking_rows(given: Conditioned, blocks: Sequence[Block], sizes: Sequence[int]
-                ) -> Conditioned:
-    """Return what is given with rows taken too, at the numbers of their sizes."""
-    if not blocks:
-        return given
-    units = given.columns.some([c for b in blocks for c in b.columns])
-    each = np.split(units, np.cumsum([len(b.columns) for b in blocks])[:-1], axis=1)
-    scale = [_scale(own.T @ own, given, b) * SIZES[s]
-             for own, b, s in zip(each, blocks, sizes, strict=True)]
-    return given.taking(units * np.concatenate(scale))
-
-
 def sized_rows(given: Conditioned, blocks: Mapping[int, Block], near: Mapping[int, int]
                ) -> dict[int, RowSize]:
     """Return rows that are not taken yet, each at a size that is likely beside the others.
@@ -80,7 +67,7 @@ def rows_left_out(given: Conditioned, blocks: Mapping[int, Block], sizes: Mappin
 
     Args:
         given: what is taken, none of the rows among it.
-        blocks: the rows, by their numbers.
+        blocks: the rows, by their numbers, each with a root, which is diagonal.
         sizes: of each.
     """
     at = [c for b in blocks.values() for c in b.columns]
@@ -88,13 +75,10 @@ def rows_left_out(given: Conditioned, blocks: Mapping[int, Block], sizes: Mappin
         return {}
     units = given.columns.some(at)
     seen = given.seen[at]
-    gram = units.T @ units
     ends = np.cumsum([0, *(len(b.columns) for b in blocks.values())])
-    each = [np.arange(begin, end) for begin, end in pairwise(ends.tolist())]
-    scale = np.concatenate([_scale(gram[np.ix_(mine, mine)], given, b)
-                            for mine, b in zip(each, blocks.values(), strict=True)])
+    scale = np.concatenate([np.diagonal(b.roots[0]) for b in blocks.values()])
     size = np.repeat([SIZES[sizes[i]] for i in blocks], np.diff(ends))
-    inner = (scale * size)[:, None] * (gram - seen @ seen.T) * (scale * size)
+    inner = (scale * size)[:, None] * (units.T @ units - seen @ seen.T) * (scale * size)
     right = scale * size * given.right[at]
     inverse = linalg.inv(np.eye(len(inner)) + inner)
     z = inverse @ right
@@ -112,9 +96,3 @@ def rows_left_out(given: Conditioned, blocks: Mapping[int, Block], sizes: Mappin
         odds = odds_by_size(given, own, part**2, gone) - none
         out |= dict(zip(numbers[which].tolist(), odds, strict=True))
     return {i: out[i] for i in blocks}
-
-
-def _scale(gram: Array, given: Conditioned, block: Block) -> Array:
-    """Return what makes one sigma rms of each column of a row (k,)."""
-    return np.asarray(np.diagonal(
-        block.roots[0] if block.roots else scaled_root(gram, given.count, (), block.least)))

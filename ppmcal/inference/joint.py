@@ -13,10 +13,10 @@ import numpy as np
 from scipy.special import logsumexp
 
 from ppmcal import linalg
-from ppmcal.inference.blocks import Block, scaled_root
+from ppmcal.inference.blocks import Block
 from ppmcal.inference.evidence import odds_by_size, small_eigh, within
 from ppmcal.inference.given import Conditioned
-from ppmcal.inference.ranges import LEAST, SIZES, usual
+from ppmcal.inference.ranges import LEAST, SIZES, bounded, usual
 from ppmcal.linalg import Array, Ints
 
 SWEEPS = 6
@@ -67,14 +67,19 @@ def joint(given: Conditioned, blocks: Sequence[Block],
                        *system.coefficients(sizes, grid))
 
 
-def taken_blocks(given: Conditioned, blocks: Sequence[Block], found: JointBlocks) -> Array:
-    """Return columns times roots times sizes (n, q): the block that all of them are."""
-    out = [np.zeros((given.values.size, 0))]
-    for block, size, grid in zip(blocks, found.sizes, found.grid, strict=True):
-        columns = given.columns.some(block.columns)
-        root = block.roots[grid] if block.roots else block.root(columns, given.count)
-        out.append(columns @ root * SIZES[size])
-    return np.hstack(out)
+def taken_blocks(given: Conditioned, blocks: Sequence[Block], sizes: Sequence[int] | Ints,
+                 grid: Sequence[int] | Ints | None = None) -> Array:
+    """Return columns times roots times sizes (n, q): the block that all of them are.
+
+    ``sizes``, ``grid``: numbers of each block's size and root; default the first root.
+    """
+    if not blocks:
+        return np.zeros((given.values.size, 0))
+    columns = given.columns.some([c for b in blocks for c in b.columns])
+    each = np.split(columns, np.cumsum([len(b.columns) for b in blocks])[:-1], axis=1)
+    return np.hstack([
+        own @ b.own_roots(own.T @ own, given.count)[g] * SIZES[s] for own, b, s, g in
+        zip(each, blocks, sizes, [0] * len(blocks) if grid is None else grid, strict=True)])
 
 
 class _System:
@@ -89,7 +94,7 @@ class _System:
         seen = given.seen[every]
         self.inner, self.right = gram - seen @ seen.T, given.right[every]
         self.values, self.at = values, [[at[c] for c in b.columns] for b in blocks]
-        self.roots = [b.roots or (scaled_root(gram[np.ix_(i, i)], given.count, b.starts, b.least),)
+        self.roots = [b.own_roots(gram[np.ix_(i, i)], given.count)
                       for b, i in zip(blocks, self.at, strict=True)]
         self.ends = [b.ends for b in blocks]
         self.usual = [float(usual(np.array(r), *ends)) for r, ends in
@@ -114,7 +119,7 @@ class _System:
         part = np.einsum("gqp,gcq,c->gp", turn, roots, along[at], optimize=True)
         out = np.asarray(base + odds_by_size(self.given, own, part**2, gone).T)
         low, high = self.ends[k]
-        if not np.isfinite([low, high]).any():
+        if not bounded(low, high).size:
             return out, out
         inside = within(self.given, roots @ turn, own, part, low[None], high[None], gone)
         return out, out + inside.T - self.usual[k]

@@ -10,6 +10,7 @@ import numpy as np
 from ppmcal import linalg
 from ppmcal.inference.block_sets import BlockSet, Numbers, state
 from ppmcal.inference.given import Conditioned
+from ppmcal.inference.priors import MOST_GROSS
 from ppmcal.inference.question import NoiseView, Question
 from ppmcal.linalg import Array, Bools
 
@@ -17,8 +18,6 @@ CLOSE = 8.0
 """Sets that are so much less likely than the best are looked at for every correlation."""
 MOST = 40
 """Causes in a set at most."""
-MOST_ROWS = 1 / 4
-"""Of all rows, those that do not belong at most: of more, others are the ones."""
 DEEP = 3
 """Blocks that take the place of one at most."""
 MOST_FORMS = 6
@@ -114,7 +113,7 @@ class SetSearch:
 
     def _room(self, now: BlockSet) -> int:
         """Return how many rows more may not belong."""
-        return max(int(MOST_ROWS * len(self.question.observed)) - len(now.rows), 0)
+        return max(int(float(MOST_GROSS) * len(self.question.observed)) - len(now.rows), 0)
 
     def _full(self, now: BlockSet) -> Bools | None:
         """Return which blocks can not be added, where as many rows are out as may be (B,)."""

@@ -15,7 +15,7 @@ from ppmcal.inference.blocks import Batch, Block, batches
 from ppmcal.inference.columns import ColumnSource
 from ppmcal.inference.correlation import RowNoise, Whitened
 from ppmcal.inference.given import Conditioned
-from ppmcal.inference.gross_rows import taking_rows
+from ppmcal.inference.joint import taken_blocks
 from ppmcal.inference.priors import CORRELATED, CORRELATIONS, FURTHER
 from ppmcal.linalg import Array, Bools, Ints
 
@@ -46,9 +46,9 @@ class NoiseView:
         if key not in self._with_rows:
             near = max((k for k in self._with_rows if k < key), key=len, default=frozenset())
             more = dict(key - near)
-            self._with_rows[key] = taking_rows(
-                self._with_rows.get(near, self.start), [self.blocks[i] for i in more],
-                list(more.values()))
+            base = self._with_rows.get(near, self.start)
+            self._with_rows[key] = base.taking(taken_blocks(
+                base, [self.blocks[i] for i in more], list(more.values())))
             while len(self._with_rows) > KEPT:
                 self._with_rows.pop(next(iter(self._with_rows)))
         return self._with_rows[key]
@@ -147,7 +147,7 @@ class Question:
         count = len(self.groups[block.group])
         same = sum(self.blocks[j].group == block.group for j in like)
         # any m of n are as likely as any others, in whatever order they are told
-        more = (np.log(float(FURTHER) * (len(like) + 1) * count / max(count - same, 1))
+        more = (np.log(float(FURTHER) * (len(like) + 1) * count / (count - same))
                 + block.log_prior - self._of_group[block.group])
         if not same:
             more -= np.log(self._places[block.family])

@@ -20,7 +20,7 @@ from ppmcal.diagnosis.question import Asked, question
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.unknown_causes import UnknownCauses
-from ppmcal.inference.priors import FAMILY, FURTHER, MISREAD, PLAIN
+from ppmcal.inference.priors import FAMILY, FURTHER, GOES_WITH, MISREAD, PLAIN, SELDOM
 from ppmcal.linalg import Array
 
 
@@ -109,3 +109,18 @@ def test_an_effect_is_as_often_plain_as_with_what_it_may_have_beside() -> None:
     assert len(plain) == 1 and len(other) > 10
     assert np.exp(plain).sum() == pytest.approx(np.exp(other).sum() * float(PLAIN)
                                                 / (1.0 - float(PLAIN)))
+
+
+def test_special_forms_and_plates_have_a_tenth_of_the_prior_of_their_like() -> None:
+    """The families of one plain kind share its 1/50; so do the parts of a plate."""
+    found = asked("delta-linear", [], poses=20)
+    of: dict[str, float] = {}
+    for block, h in zip(found.question.blocks, found.sources, strict=True):
+        if isinstance(h, Hypothesis) and h.effect and not (h.misread or h.anonymous):
+            of[block.family] = of.get(block.family, 0.0) + float(np.exp(block.log_prior))
+    special = [f for f in of if f.startswith("backlash x ")]
+    assert len(special) == 2 and of["backlash"] == pytest.approx(float(FAMILY))
+    assert sum(of[f] for f in special) == pytest.approx(float(FAMILY) * float(GOES_WITH))
+    plates = [f for f in of if f.startswith("plate_compliance")]
+    assert len(plates) == 2
+    assert sum(of[f] for f in plates) == pytest.approx(float(FAMILY) * float(SELDOM))

@@ -104,7 +104,7 @@ def test_what_is_taken_is_what_was_chosen() -> None:
     given = drawn(4)
     blocks = [Block("", "", (0,), 0.0), Block("", "", (1,), 0.0)]
     both = joint(given, blocks)
-    block = taken_blocks(given, blocks, both)
+    block = taken_blocks(given, blocks, both.sizes, both.grid)
     taken = given.taking(block)
     assert block.shape == (80, 2)
     # sizes are integrated, so that less is there than where they are largest
