@@ -20,7 +20,7 @@ class Study:
     """A study whose output stands in a page.
 
     ``engine``: packages of ppmcal that decide its figures; ``but``: modules of them that only an
-    option under trial runs; ``command``: script of benchmarks/ with
+    option under trial runs, or that run once all is decided; ``command``: script of benchmarks/ with
     its options, without the seed; ``pages``: path to names of the places in it, each between
     ``<!-- rates: NAME -->`` and ``<!-- end of rates -->``; ``option``: what takes the seed.
     """
@@ -47,15 +47,17 @@ class Study:
 UNDER_TRIAL = tuple(f"diagnosis/{name}.py" for name in (
     "explanation", "from_evidence", "misread_columns", "question", "unknown_causes"))
 """What `diagnose --evidence` alone runs, and the package `inference`."""
+AFTERWARDS = ("diagnosis/session_effects.py",)
+"""What runs once the names stand: sizes by session, of which no rate is made."""
 
 STUDIES = (
     Study("diagnosis", ("diagnosis",),
           {"docs/diagnosis.md": ("rates", "rates-by-case"), "README.md": ("rates",)},
-          but=UNDER_TRIAL),
+          but=UNDER_TRIAL + AFTERWARDS),
     Study("next", ("diagnosis",), {"docs/diagnosis.md": ("next",)},
-          ("next_study.py", "--count", "20", "--minutes", "6"), but=UNDER_TRIAL),
+          ("next_study.py", "--count", "20", "--minutes", "6"), but=UNDER_TRIAL + AFTERWARDS),
     Study("weak", ("diagnosis",), {"docs/campaigns.md": ("weak",)},
-          ("weak_campaigns.py", "--seeds", "2"), "--first", UNDER_TRIAL),
+          ("weak_campaigns.py", "--seeds", "2"), "--first", UNDER_TRIAL + AFTERWARDS),
     Study("coverage", ("calibration",), {"docs/campaigns.md": ("coverage",)},
           ("campaigns.py", "--campaigns", "50")),
     Study("compare", ("calibration",), {"docs/campaigns.md": ("compare",)},

@@ -101,7 +101,7 @@ def _cut(fit: Fit, system: System, own: Sequence[int], masks: Sequence[Bools],
     gradient = matrix.T @ system.residual.reshape(-1)
     gradient[:len(rest)] = 0.0
     left = len(rest)
-    step = -(inverse @ gradient)[left:].reshape(len(seen), len(own))
+    step = (inverse @ gradient)[left:].reshape(len(seen), len(own))
     degrees = residual_freedom(fit)
     noise = max(1.0, fit.reduced.square / degrees)
     covariance = inverse[left:, left:] * noise

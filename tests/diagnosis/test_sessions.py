@@ -61,6 +61,19 @@ def test_what_was_there_on_one_day_is_told_as_that(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_sizes_are_those_of_each_day(tmp_path: Path) -> None:
+    """The day on which it was larger is told with the larger size."""
+    widths = {"s": 0.027, "t": 0.033}
+    two_days(tmp_path, *([effect("backlash", ["leg1"], width=w)] for w in widths.values()))
+    _, found = diagnose(tmp_path, DATA, OTHER)
+    (one,) = found["effects"]
+    assert {s["session"] for s in one["sessions"]} == set(widths)
+    for s in one["sessions"]:
+        width = s["parameters"]["width"]
+        assert abs(width["value"] - widths[s["session"]]) < 4.0 * width["sigma"]
+
+
+@pytest.mark.slow
 def test_each_session_is_predicted_by_a_fit_of_the_other(tmp_path: Path) -> None:
     """Against two commands: a fit of one day, tested on the other day."""
     two_days(tmp_path, [], [])
