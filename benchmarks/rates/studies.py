@@ -20,7 +20,7 @@ class Study:
     """A study whose output stands in a page.
 
     ``engine``: packages of ppmcal that decide its figures; ``but``: modules of them that only an
-    option under trial runs, or that run once all is decided; ``command``: script of benchmarks/ with
+    option under trial runs, or that run once all is decided; ``command``: script of benchmarks with
     its options, without the seed; ``pages``: path to names of the places in it, each between
     ``<!-- rates: NAME -->`` and ``<!-- end of rates -->``; ``option``: what takes the seed.
     """
