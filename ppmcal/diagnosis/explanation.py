@@ -158,6 +158,23 @@ def _once(sized: Sequence[Sized]) -> Iterator[Sized]:
             yield h, value, sigma
 
 
+def _surest(sized: Sequence[Sized]) -> Sized | None:
+    """Return the surest of several if it was found at a point of a grid, else None.
+
+    Beside it others may only make up for what is between the points: they are asked for again
+    once a fit has found its constants.
+    """
+    if len(sized) < 2:
+        return None
+    most = max(sized, key=lambda s: float(np.sum((s[1] / np.maximum(s[2], 1e-300)) ** 2)))
+    return most if _between_points(most[0]) else None
+
+
+def _between_points(h: Hypothesis) -> bool:
+    """Return whether a fit finds constants of it that stand in no grid; an event has a row."""
+    return h.scanned and h.effect is not None and not h.effect.onset
+
+
 def _key(source: Source) -> object:
     """Return what a block is, whatever its number."""
     if isinstance(source, Hypothesis):
@@ -187,13 +204,16 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
         sized = last.sized(frozenset(last.answer.best.chosen))
         if not sized and last.fit is fit:
             break
+        alone = _surest(sized) if last.fit is fit else None
+        if alone is not None:
+            sized = [alone]
         try:
             machine, added = extended(fit.problem.mechanism, sized)
             now = with_mechanism(fit, machine, options) if sized else fit
         except (BadInput, NoResult):
             break
         rounds.append(_asked(fit, now, added, keep, everywhere, kinds, last.keys))
-        if _same(*rounds[-2:]):
+        if alone is None and _same(*rounds[-2:]):
             break
     return rounds
 
@@ -209,12 +229,13 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
     """Ask what is in the data of the ``whole``, its geometry as in a fit with what was ``added``.
 
     Residuals hold all that was added. ``before``: of what the best set was made in the round
-    before; from there the search goes on. Where what was added is not linear, that counts of two
-    ways to be linear in which this set is likelier.
+    before; from there the search goes on. Where what was added is not linear, or stands at no
+    point of a grid, that counts of two ways to ask in which this set is likelier.
     """
     ways = []
     own = columns_added(fit.problem, added)
-    for system, columns in _systems(whole, fit, own, keep):
+    moved = [a.hypothesis for a in added if _between_points(a.hypothesis)]
+    for system, columns in _systems(whole, fit, own, keep, bool(moved)):
         tried = [fit.problem.free[c] for c in columns]
         found = library(system, kinds, tried, misread=True)
         asked = question(system, found, UnknownCauses(system, everywhere), columns)
@@ -222,19 +243,36 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
         first: dict[object, int] = {}
         for n, source in enumerate(asked.sources):
             first.setdefault(_key(source), n)
-        ways.append((asked, found, [n for key, n in first.items() if key in before]))
+        start = [n for key, n in first.items() if key in before]
+        if columns:
+            start = _at_fitted(asked.sources, start, moved)
+        ways.append((asked, found, start))
     asked, found, start = ways[0] if len(ways) == 1 else max(
         ways, key=lambda way: state(way[0].question, way[2]).log_p)
     return Round(fit, added, tuple(own), kinds, found, asked, posterior(asked.question, start))
 
 
-def _systems(whole: Fit, fit: Fit, own: Sequence[int], keep: Sequence[Bools]
+def _at_fitted(sources: Sequence[Source], start: Sequence[int], moved: Sequence[Hypothesis]
+               ) -> list[int]:
+    """Return a set with what was ``moved`` by a fit at its constants, and at no other point.
+
+    Those stand first in a grid of the machine that was fitted.
+    """
+    out = list(start)
+    for h in moved:
+        own = [n for n, s in enumerate(sources) if isinstance(s, Hypothesis) and _between_points(s)
+               and (s.label, s.shared, s.misread) == (h.label, h.shared, "")]
+        out = [n for n in out if n not in own] + own[:1]
+    return out
+
+
+def _systems(whole: Fit, fit: Fit, own: Sequence[int], keep: Sequence[Bools], moved: bool
              ) -> Iterator[tuple[System, Sequence[int]]]:
     """Yield the machine without what a fit has in columns ``own``, and those still to be left out.
 
     First as it is at the fit's geometry, what was added in no slot and no load; then, where that
     is not the same, as its derivatives at the fit say, which know of motions that are no more
-    small.
+    small. ``moved``: what was added stands at constants that only the fitted machine knows.
     """
     problem = whole.problem
     g = fit.state.g[:whole.state.g.size].copy()
@@ -247,5 +285,5 @@ def _systems(whole: Fit, fit: Fit, own: Sequence[int], keep: Sequence[Bools]
         # a row that one of them loses has no partner in the other
         if linear.residual.shape == bare.residual.shape:
             apart = (linear.residual - bare.residual)[bare.observed]
-            if float(np.sqrt(np.mean(apart**2))) > LINEAR:
+            if moved or float(np.sqrt(np.mean(apart**2))) > LINEAR:
                 yield linear, own
