@@ -20,8 +20,8 @@ class Study:
     """A study whose output stands in a page.
 
     ``engine``: packages of ppmcal that decide its figures; ``but``: modules of them that only an
-    option under trial runs, or that run once all is decided; ``command``: script of benchmarks with
-    its options, without the seed; ``pages``: path to names of the places in it, each between
+    option under trial runs, or that run once all is decided; ``command``: script of benchmarks/
+    with its options, without the seed; ``pages``: path to names of the places in it, each between
     ``<!-- rates: NAME -->`` and ``<!-- end of rates -->``; ``option``: what takes the seed.
     """
 
@@ -49,15 +49,16 @@ UNDER_TRIAL = tuple(f"diagnosis/{name}.py" for name in (
 """What `diagnose --evidence` alone runs, and the package `inference`."""
 AFTERWARDS = ("diagnosis/session_effects.py",)
 """What runs once the names stand: sizes by session, of which no rate is made."""
+UNCOUNTED = UNDER_TRIAL + AFTERWARDS
 
 STUDIES = (
     Study("diagnosis", ("diagnosis",),
           {"docs/diagnosis.md": ("rates", "rates-by-case"), "README.md": ("rates",)},
-          but=UNDER_TRIAL + AFTERWARDS),
+          but=UNCOUNTED),
     Study("next", ("diagnosis",), {"docs/diagnosis.md": ("next",)},
-          ("next_study.py", "--count", "20", "--minutes", "6"), but=UNDER_TRIAL + AFTERWARDS),
+          ("next_study.py", "--count", "20", "--minutes", "6"), but=UNCOUNTED),
     Study("weak", ("diagnosis",), {"docs/campaigns.md": ("weak",)},
-          ("weak_campaigns.py", "--seeds", "2"), "--first", UNDER_TRIAL + AFTERWARDS),
+          ("weak_campaigns.py", "--seeds", "2"), "--first", UNCOUNTED),
     Study("coverage", ("calibration",), {"docs/campaigns.md": ("coverage",)},
           ("campaigns.py", "--campaigns", "50")),
     Study("compare", ("calibration",), {"docs/campaigns.md": ("compare",)},

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
 from helpers.campaigns_in_files import run
 from helpers.paths import ROOT
+from hidden import Options, hide
 from rates.digest import code_of
-from rates.studies import STUDIES, UNDER_TRIAL, filled
+from rates.studies import AFTERWARDS, STUDIES, UNDER_TRIAL, filled
 from rates.tables import FOLDER, TABLES
 from study_runner import read
 
@@ -86,6 +88,24 @@ def test_what_is_under_trial_decides_nothing_by_default(monkeypatch: pytest.Monk
     assert diagnose.diagnose(problem).verdict
     with pytest.raises(AssertionError, match="is run"):
         diagnose.diagnose(problem, diagnose.DiagnosisOptions(evidence=True))
+
+
+@pytest.mark.slow
+def test_what_runs_afterwards_changes_no_verdict_and_no_name(monkeypatch: pytest.MonkeyPatch
+                                                             ) -> None:
+    """Its code is not in the digest either: it only tells sizes of what was named."""
+    made = hide("3-RPR", 7, ["backlash"], 2.0, Options(poses=30), "all")
+    count = len(made.dataset)
+    days = tuple("am" if n < count // 2 else "pm" for n in range(count))
+    problem = Problem(made.mechanism, (replace(made.dataset, sessions=days),), made.mechanism.free)
+    whole = diagnose.diagnose(problem)
+    assert whole.effects and all(e.sessions is not None for e in whole.effects)
+    module = diagnose.with_sessions.__module__.removeprefix("ppmcal.").replace(".", "/")
+    assert (f"{module}.py",) == AFTERWARDS
+    monkeypatch.setattr(diagnose, "with_sessions", lambda fit, effects: (effects, []))
+    without = diagnose.diagnose(problem)
+    assert without.verdict == whole.verdict and without.possible == whole.possible
+    assert without.effects == tuple(replace(e, sessions=None) for e in whole.effects)
 
 
 def test_the_digest_sees_code_and_no_words():
