@@ -39,15 +39,15 @@ import yaml
 from campaigns import CONFIGS, Array, dataset, fresh, fresh_errors
 
 import ppmcal
-from ppmcal.calibration.coverage import Z95
-from ppmcal.calibration.estimates import estimates
-from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.intervals import honest
-from ppmcal.calibration.noise import noise_check, with_noise
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import rank_of
-from ppmcal.calibration.validation import register_only
+from ppmcal.calibration.fit.coverage import Z95
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior, prediction_covariance
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.noise_estimate import noise_check, with_noise
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.knowledge.intervals import honest
+from ppmcal.calibration.knowledge.parameter_estimates import estimates
+from ppmcal.calibration.validation.residual_vectors import register_only
+from ppmcal.calibration.validation.summary import rank_of
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism

@@ -20,14 +20,14 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ppmcal.calibration import intervals
-from ppmcal.calibration.estimates import Estimate, estimates
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.noise import noise_check, with_noise
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import rank_of
-from ppmcal.calibration.validation import closure_lengths, register_only
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.noise_estimate import noise_check, with_noise
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.knowledge import intervals
+from ppmcal.calibration.knowledge.parameter_estimates import Estimate, estimates
+from ppmcal.calibration.validation.residual_vectors import closure_lengths, register_only
+from ppmcal.calibration.validation.summary import rank_of
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.effect_response import with_strokes

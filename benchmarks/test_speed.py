@@ -27,9 +27,9 @@ import pytest  # noqa: E402
 import yaml  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from ppmcal.calibration.fit import Fit, FitOptions  # noqa: E402
-from ppmcal.calibration.identify import identify  # noqa: E402
-from ppmcal.calibration.problem import CHUNK, Problem  # noqa: E402
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions  # noqa: E402
+from ppmcal.calibration.fit.fitting import identify  # noqa: E402
+from ppmcal.calibration.fit.problem import CHUNK, Problem  # noqa: E402
 from ppmcal.io import read_mechanism, read_scenario  # noqa: E402
 from ppmcal.kinematics.closure import Model  # noqa: E402
 from ppmcal.kinematics.forward import forward  # noqa: E402
@@ -89,8 +89,9 @@ def _motors(turn: Array) -> Array:
 @contextmanager
 def counted() -> Iterator[list[int]]:
     """Count how often a fit reduces all its rows to a triangle."""
-    from ppmcal.calibration import gauss_newton, least_squares
-    from ppmcal.calibration import identify as loop
+    from ppmcal.calibration.fit import fitting as loop
+    from ppmcal.calibration.fit import gauss_newton
+    from ppmcal.calibration.fit import linearisation as least_squares
 
     calls = [0]
     plain = least_squares.qr_factor

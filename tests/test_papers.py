@@ -15,7 +15,7 @@ from helpers.paths import ROOT
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
-from ppmcal.calibration.check import check
+from ppmcal.calibration.interpretation.data_check import check
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state, inverse

@@ -16,16 +16,16 @@ from helpers.commands import ppmcal
 from helpers.paths import ROOT
 
 from ppmcal.api.import_ import import_config
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.flatness import flats
-from ppmcal.calibration.identifiability import predict_identifiability
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.least_squares import normal_step
-from ppmcal.calibration.noise import with_estimated_noise
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.secondary import NOTE
-from ppmcal.calibration.summary import report
-from ppmcal.calibration.validation import residuals
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.flatness import flats
+from ppmcal.calibration.fit.linearisation import normal_step
+from ppmcal.calibration.fit.noise_estimate import with_estimated_noise
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit.secondary_analyses import NOTE
+from ppmcal.calibration.knowledge.identifiability_report import predict_identifiability
+from ppmcal.calibration.validation.residual_vectors import residuals
+from ppmcal.calibration.validation.summary import report
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.io import read_campaign, read_mechanism

@@ -18,7 +18,7 @@ from ppmcal.api.compensate import CompensationResult, compensate
 from ppmcal.api.diagnose import DiagnosisResult, diagnose, save_misread
 from ppmcal.api.identification_result import IdentificationResult
 from ppmcal.api.identify import identify
-from ppmcal.calibration.misread import Misread
+from ppmcal.calibration.interpretation import Misread
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.batch_manifest import CampaignJob, options_key
 from ppmcal.io.folder import Run, content_of, running, unnoted

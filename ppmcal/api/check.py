@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.api.inputs import Machine, Measurements, Path_, data_files, prepared
-from ppmcal.calibration.check import Check
-from ppmcal.calibration.check import check as checked
+from ppmcal.calibration.interpretation import Check
+from ppmcal.calibration.interpretation import check as checked
 from ppmcal.io import unit_findings
 from ppmcal.io.results.scene import Scene
 from ppmcal.model.dataset import Dataset

@@ -13,8 +13,8 @@ import numpy as np
 from ppmcal.api.fitted_again import reason, with_equal_freedoms
 from ppmcal.api.inputs import Path_, recorded, same_machine, source_of
 from ppmcal.api.result import Result
-from ppmcal.calibration.change_detection import Comparison, between
-from ppmcal.calibration.posterior import Posterior
+from ppmcal.calibration.fit import Posterior
+from ppmcal.calibration.sessions import Comparison, between
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.comparison import ComparisonRecord, verdict_sentence
@@ -96,7 +96,7 @@ def _found(mechanism: Mechanism, known: tuple[Posterior, Posterior], only: Seque
         known: what both calibrations know.
         only: parameters that one of the two had free.
         folders: of both.
-        volume: as :func:`ppmcal.calibration.change_detection.between`.
+        volume: as :func:`ppmcal.calibration.sessions.between`.
 
     Returns:
         The comparison, notes, whether its values are of fits anew, and the files behind these.

@@ -22,11 +22,13 @@ from ppmcal.api.inputs import (
 )
 from ppmcal.api.own_data import refuse_missed
 from ppmcal.api.result import CalibratedMachine, Result
-from ppmcal.calibration.compensation import KINDS, Compensation, Knowledge
-from ppmcal.calibration.compensation import compensate as compensated
-from ppmcal.calibration.extrapolation import extrapolated, measured_ranges
-from ppmcal.calibration.model_averaging import Readings, Targets, averaged
-from ppmcal.calibration.safe_commands import (
+from ppmcal.calibration.compensation import (
+    KINDS,
+    Compensation,
+    Knowledge,
+    Readings,
+    Targets,
+    averaged,
     is_worse,
     own_steps,
     refused,
@@ -34,7 +36,9 @@ from ppmcal.calibration.safe_commands import (
     unsafe_ways,
     worse_rows,
 )
-from ppmcal.calibration.secondary import secondary
+from ppmcal.calibration.compensation import compensate as compensated
+from ppmcal.calibration.fit import secondary
+from ppmcal.calibration.knowledge import extrapolated, measured_ranges
 from ppmcal.errors import BadInput, NoResult, unknown
 from ppmcal.io import read_poses
 from ppmcal.io.poses import PoseTable

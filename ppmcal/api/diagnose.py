@@ -27,17 +27,16 @@ from ppmcal.api.inputs import (
     source_of,
 )
 from ppmcal.api.result import Progress, Result
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.freedom_choice import choice_sentence, with_chosen_freedoms
-from ppmcal.calibration.misread import Misread, misreading_sentence
-from ppmcal.calibration.model_averaging import Readings
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.pulled_apart import pulled_apart
-from ppmcal.calibration.read_rightly import refuse_before_fit
-from ppmcal.calibration.secondary import secondary
-from ppmcal.calibration.sessions import one_session, session_masks
-from ppmcal.calibration.summary import Identification
-from ppmcal.calibration.tolerated_noise import noise_beyond_tolerances
+from ppmcal.calibration.compensation import Readings
+from ppmcal.calibration.fit import FitOptions, Problem, secondary
+from ppmcal.calibration.interpretation import Misread, misreading_sentence, refuse_before_fit
+from ppmcal.calibration.knowledge import (
+    choice_sentence,
+    noise_beyond_tolerances,
+    pulled_apart,
+    with_chosen_freedoms,
+)
+from ppmcal.calibration.validation import Identification
 from ppmcal.design.missing_poses import weak_campaign
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.next_experiment import with_poses
@@ -55,6 +54,7 @@ from ppmcal.io.results.misreading import misreading_entries
 from ppmcal.io.results.record import Provenance, UnitNames
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.sessions import one_session, session_masks
 from ppmcal.wording.progress import begin, heard, note, silent
 
 

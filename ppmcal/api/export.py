@@ -10,7 +10,7 @@ from typing import ClassVar
 from ppmcal.api.inputs import Machine, Path_, files_of, load, recorded, source_of
 from ppmcal.api.own_data import refuse_missed
 from ppmcal.api.result import Result
-from ppmcal.calibration.secondary import secondary
+from ppmcal.calibration.fit import secondary
 from ppmcal.controllers.export import Exported, Exporter, exporter, record_of
 from ppmcal.controllers.model_uncertainty import KNOWLEDGE, UNKNOWN, pose_uncertainty
 from ppmcal.controllers.pose_errors import MM

@@ -10,10 +10,8 @@ from typing import Any
 
 from ppmcal.api.identify import fitted_rows
 from ppmcal.api.inputs import IN_MEMORY, prepared
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.joint_fit import fitted_together
-from ppmcal.calibration.posterior import Posterior
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit import Fit, FitOptions, Posterior, Problem
+from ppmcal.calibration.sessions import fitted_together
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io.folder_record import digest_of
 from ppmcal.io.results.recorded_runs import FoundInputs, RecordedRun, runs_of

@@ -8,13 +8,12 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from ppmcal.api.result import Result
-from ppmcal.calibration.freedom_choice import (
+from ppmcal.calibration.compensation import Readings
+from ppmcal.calibration.knowledge import (
     FreedomChoice,
+    Identifiability,
 )
-from ppmcal.calibration.identifiability import Identifiability
-from ppmcal.calibration.model_averaging import Readings
-from ppmcal.calibration.summary import Identification
-from ppmcal.calibration.validation import Residuals
+from ppmcal.calibration.validation import Identification, Residuals
 from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.linalg import Array

@@ -24,26 +24,36 @@ from ppmcal.api.inputs import (
     started,
 )
 from ppmcal.api.result import Progress
-from ppmcal.calibration.campaign import too_few
-from ppmcal.calibration.change_detection import carried_on
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.freedom_choice import (
-    choice_sentence,
-    with_chosen_freedoms,
+from ppmcal.calibration.fit import (
+    Fit,
+    FitOptions,
+    Problem,
+    hint_sentences,
+    noise_check,
+    noise_sentences,
+    registration_hints,
+    secondary,
+    too_few,
+    with_estimated_noise,
 )
-from ppmcal.calibration.identifiability import predict_identifiability, with_held
-from ppmcal.calibration.identify import identify as fitted
-from ppmcal.calibration.intervals import coverage
-from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.noise import noise_check, noise_sentences, with_estimated_noise
-from ppmcal.calibration.other_machine import refuse_other_machine
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.pulled_apart import pulled_apart
-from ppmcal.calibration.read_rightly import refuse_after_fit, refuse_before_fit
-from ppmcal.calibration.registration_freedoms import hint_sentences, registration_hints
-from ppmcal.calibration.secondary import secondary
-from ppmcal.calibration.summary import Identification, report
-from ppmcal.calibration.tolerated_noise import noise_beyond_tolerances
+from ppmcal.calibration.fit import identify as fitted
+from ppmcal.calibration.interpretation import (
+    Misread,
+    refuse_after_fit,
+    refuse_before_fit,
+    refuse_other_machine,
+)
+from ppmcal.calibration.knowledge import (
+    choice_sentence,
+    coverage,
+    noise_beyond_tolerances,
+    predict_identifiability,
+    pulled_apart,
+    with_chosen_freedoms,
+    with_held,
+)
+from ppmcal.calibration.sessions import carried_on
+from ppmcal.calibration.validation import Identification, report
 from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError

@@ -17,8 +17,8 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from ppmcal.calibration.stale_rows import without_stale
-from ppmcal.calibration.unknown_directions import with_unknown_directions
+from ppmcal.calibration.fit import with_unknown_directions
+from ppmcal.calibration.interpretation import without_stale
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import provenance, read_campaign, read_mechanism
 from ppmcal.io.campaign import joined

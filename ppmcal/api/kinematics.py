@@ -25,9 +25,8 @@ from ppmcal.api.kinematics_uncertainty import (
     model_sigma,
 )
 from ppmcal.api.result import Progress
-from ppmcal.calibration.kinematics_sigma import PoseRows
-from ppmcal.calibration.observation import stretched
-from ppmcal.calibration.secondary import secondary
+from ppmcal.calibration.compensation import PoseRows
+from ppmcal.calibration.fit import secondary, stretched
 from ppmcal.design.every_mode import every_mode
 from ppmcal.design.intersection import forward_by_intersection
 from ppmcal.errors import BadInput, unknown

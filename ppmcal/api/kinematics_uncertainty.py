@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.calibration.compensation import Knowledge
-from ppmcal.calibration.kinematics_sigma import (
+from ppmcal.calibration.compensation import (
+    Knowledge,
     PoseRows,
     forward_sigma,
     independent,

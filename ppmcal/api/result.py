@@ -13,8 +13,8 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from ppmcal.calibration.model_averaging import Readings
-from ppmcal.calibration.summary import Identification
+from ppmcal.calibration.compensation import Readings
+from ppmcal.calibration.validation import Identification
 from ppmcal.errors import unknown
 from ppmcal.io import Output
 from ppmcal.io.csv_writer import Content

@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmcal.api.inputs import Machine, Path_, files_of, load, place_of, recorded, source_of
 from ppmcal.api.result import Progress, Result
-from ppmcal.calibration.secondary import secondary
+from ppmcal.calibration.fit import secondary
 from ppmcal.design.error_jacobian import Poses, covariance, root_sum_square
 from ppmcal.design.error_sources import Source, geometry_only, natural_units, sources
 from ppmcal.design.error_sources import tolerances as stated_tolerances

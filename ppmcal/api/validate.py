@@ -23,15 +23,15 @@ from ppmcal.api.inputs import (
     source_of,
 )
 from ppmcal.api.result import CalibratedMachine, Progress, Result
-from ppmcal.calibration.day_noise import DayNoise, with_day_noise
-from ppmcal.calibration.frozen_models import (
+from ppmcal.calibration.fit import secondary
+from ppmcal.calibration.sessions import DayNoise, with_day_noise
+from ppmcal.calibration.validation import (
     OPEN,
     FrozenModel,
     Validated,
     validated,
     with_and_without,
 )
-from ppmcal.calibration.secondary import secondary
 from ppmcal.errors import unknown
 from ppmcal.io.results.known_rows import rows_behind
 from ppmcal.io.results.own_calibration import rows_seen, seen_before

@@ -15,7 +15,7 @@ from typing import Any
 from ppmcal.api.diagnose import save_misread
 from ppmcal.api.inputs import IN_MEMORY, UNRECORDED, Path_
 from ppmcal.api.result import Progress, Result
-from ppmcal.calibration.misread import Misread
+from ppmcal.calibration.interpretation import Misread
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.folder import running
 from ppmcal.io.folder_record import RECORD, digest_of, read_record

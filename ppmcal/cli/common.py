@@ -266,7 +266,7 @@ class Console:
 
         Of files that were read wrongly also how they are to be read.
         """
-        from ppmcal.calibration.misread import Misread
+        from ppmcal.calibration.interpretation import Misread
         from ppmcal.errors import PpmcalError
         from ppmcal.io.results.misreading import FORMAT, misreading_entries
 

@@ -26,7 +26,7 @@ from ppmcal.cli.common import (
 from ppmcal.wording import number, rate, some, where
 
 if TYPE_CHECKING:
-    from ppmcal.calibration.misread import Misread
+    from ppmcal.calibration.interpretation import Misread
     from ppmcal.diagnosis.result import Diagnosis
     from ppmcal.io.results.diagnosis import DiagnosisRecord
     from ppmcal.io.results.diagnosis_parts import EffectValue, UntestableKind
@@ -66,7 +66,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     as smooth functions, if poses left out of the fits confirm them: terms.svg.
     """
     from ppmcal.api.diagnose import diagnose
-    from ppmcal.calibration.misread import Misread
+    from ppmcal.calibration.interpretation import Misread
 
     refuse_two_holdouts(leave_out)
     try:

@@ -26,7 +26,7 @@ from ppmcal.cli.common import (
 from ppmcal.wording import counted, number, some
 
 if TYPE_CHECKING:
-    from ppmcal.calibration.summary import Identification
+    from ppmcal.calibration.validation import Identification
     from ppmcal.io.results.identification import IdentificationRecord
     from ppmcal.io.results.identification_parts import NoiseCheck
 

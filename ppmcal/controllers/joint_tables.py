@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.extrapolation import OUTSIDE
+from ppmcal.calibration.knowledge import OUTSIDE
 from ppmcal.controllers.joint_tables_file import DIGITS, MOST, Triplets, correction
 from ppmcal.controllers.pose_grid import at_rest, refuse_open
 from ppmcal.errors import NoResult

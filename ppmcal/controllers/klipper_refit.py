@@ -13,9 +13,7 @@ from dataclasses import replace
 import numpy as np
 import yaml
 
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
 from ppmcal.controllers.klipper import MM
 from ppmcal.controllers.klipper_config import ANGLES, TOWERS, DeltaGeometry
 from ppmcal.controllers.klipper_export import keys

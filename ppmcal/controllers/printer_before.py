@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import yaml
 
-from ppmcal.calibration.before import DEFINITION, before
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit import Problem
+from ppmcal.calibration.validation import DEFINITION, before
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
 from ppmcal.io.dataset_reader import dataset_of

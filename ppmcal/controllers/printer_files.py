@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ppmcal.calibration.coverage import Z95
+from ppmcal.calibration.fit import Z95
 from ppmcal.controllers.klipper_config import TOWERS, DeltaGeometry
 from ppmcal.controllers.printer import Nominal, Printer, offsets
 from ppmcal.io import csv_text

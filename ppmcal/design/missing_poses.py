@@ -15,19 +15,22 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.campaign import (
+from ppmcal.calibration.fit import (
     HALF,
+    Fit,
     MissingPoses,
+    Problem,
+    State,
     WeakCampaign,
+    column_scale,
     geometry,
     grouped,
     poses_in_use,
+    prior_weights,
+    qr_factor,
     room,
     weak_shapes,
 )
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
-from ppmcal.calibration.problem import Problem, State
 from ppmcal.design.plan.candidate_poses import Candidates, draw, listed, region_of
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import PpmcalError

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.observation import coordinates_of, turn_between
+from ppmcal.calibration.fit import coordinates_of, turn_between
 from ppmcal.design.error_jacobian import Poses, displacement
 from ppmcal.design.recalibration import Calibrated, MeasurementSetup, calibrate
 from ppmcal.kinematics.closure import Model

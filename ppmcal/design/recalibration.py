@@ -18,12 +18,18 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.calibration.compensation import Knowledge, prediction_jacobian
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.least_squares import column_scale, prior_weights
-from ppmcal.calibration.nuisance_columns import NuisanceColumns
-from ppmcal.calibration.observation import SCALARS, coordinates_of, turn_between
-from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.fit import (
+    Fit,
+    FitOptions,
+    NuisanceColumns,
+    Problem,
+    State,
+    column_scale,
+    coordinates_of,
+    identify,
+    prior_weights,
+    turn_between,
+)
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
@@ -32,6 +38,7 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset, unknown_environment
+from ppmcal.model.instruments import SCALARS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 

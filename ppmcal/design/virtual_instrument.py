@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.calibration.observation import SCALARS
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import TRUE_SCALE, Dataset, Unknown
+from ppmcal.model.instruments import SCALARS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaincc, ndtri
 
-from ppmcal.calibration.noise import ENOUGH_REPEATS, noise_source
+from ppmcal.calibration.fit import ENOUGH_REPEATS, noise_source
 from ppmcal.diagnosis.added_variable_test import squares
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.stage import Stage, explained

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.calibration.summary import Identification
+from ppmcal.calibration.validation import Identification
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting
 from ppmcal.model.dataset import unknown_environment

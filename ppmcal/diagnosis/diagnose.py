@@ -8,19 +8,12 @@ from functools import partial
 
 import numpy as np
 
-from ppmcal.calibration.estimates import far_from_nominal
-from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.compensation import Reading
+from ppmcal.calibration.fit import NOTE, Fit, Problem, bounded, identify, secondary
 from ppmcal.calibration.fit import FitOptions as FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.left_out_rows import LeftOut, left_out
-from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.model_averaging import Reading
-from ppmcal.calibration.other_machine import refuse_other_machine
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.read_rightly import refuse_after_fit
-from ppmcal.calibration.secondary import NOTE, secondary
-from ppmcal.calibration.summary import report
-from ppmcal.calibration.work import bounded
+from ppmcal.calibration.interpretation import Misread, refuse_after_fit, refuse_other_machine
+from ppmcal.calibration.knowledge import far_from_nominal
+from ppmcal.calibration.validation import LeftOut, left_out, report
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.adequacy import LEVEL, remainder
@@ -92,7 +85,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
         options: seed and the like.
 
     Raises:
-        BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
+        BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
     """
     with bounded(MOST_STEPS) as work:
         options = options or DiagnosisOptions()

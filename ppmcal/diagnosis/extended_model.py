@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit import Problem
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.linalg import Array

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit import Fit, Problem
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting
 from ppmcal.linalg import Array, Bools

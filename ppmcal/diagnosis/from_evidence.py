@@ -8,19 +8,17 @@ from functools import partial
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.left_out_rows import left_out
-from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.mistakes import Mistake
-from ppmcal.calibration.model_averaging import Reading
-from ppmcal.calibration.other_machine import refuse_other_machine
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.read_rightly import refuse_after_fit
-from ppmcal.calibration.reading_trial import NOISE, Misreading
-from ppmcal.calibration.secondary import NOTE, secondary
-from ppmcal.calibration.summary import report
-from ppmcal.calibration.work import bounded
+from ppmcal.calibration.compensation import Reading
+from ppmcal.calibration.fit import NOTE, Fit, FitOptions, Problem, bounded, identify, secondary
+from ppmcal.calibration.interpretation import (
+    NOISE,
+    Misread,
+    Misreading,
+    Mistake,
+    refuse_after_fit,
+    refuse_other_machine,
+)
+from ppmcal.calibration.validation import left_out, report
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.adequacy import Remainder, against_noise
 from ppmcal.diagnosis.candidates import library
@@ -163,7 +161,7 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     """Find what is missing in the machine's model, and how probable that is.
 
     Raises:
-        BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
+        BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
     """
     begin("fitting geometry")
     whole = identify(with_whole_rows(problem), options.fit)

@@ -17,14 +17,11 @@ import numpy as np
 from scipy.special import chdtri
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.gross_rows import rows_with_outliers, single_gross_rows
-from ppmcal.calibration.left_out_rows import thirds
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.response import Rows
-from ppmcal.calibration.sessions import session_masks
+from ppmcal.calibration.fit import Fit, Problem, Rows, rows_with_outliers, single_gross_rows
+from ppmcal.calibration.validation import thirds
 from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, errors_of, gap_of
 from ppmcal.linalg import Array, Bools, range_basis
+from ppmcal.model.sessions import session_masks
 
 LEVELS = 3
 """A load of fewer levels cannot be left out: the others would not tell what it does."""

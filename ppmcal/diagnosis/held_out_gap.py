@@ -15,13 +15,11 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.special import chdtri
 
-from ppmcal.calibration.fit import Fit, prediction_covariance
-from ppmcal.calibration.problem import Problem, State
-from ppmcal.calibration.response import Rows
-from ppmcal.calibration.sessions import pose_labels
+from ppmcal.calibration.fit import Fit, Problem, Rows, State, prediction_covariance
 from ppmcal.calibration.validation import fresh_state
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.sessions import pose_labels
 
 DRAWS = 2000
 TOGETHER = 2**19

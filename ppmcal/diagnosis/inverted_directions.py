@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.mistakes import Mistake, with_line
-from ppmcal.calibration.reading_trial import Misreading
+from ppmcal.calibration.interpretation import Misreading, Mistake, with_line
 from ppmcal.diagnosis.added_variable_test import VISIBLE
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.plausibility import MUCH_BETTER, nearest, of_column

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.response import Response
-from ppmcal.calibration.tolerance_moves import as_pose, by_tolerances
+from ppmcal.calibration.fit import Response
+from ppmcal.calibration.knowledge import as_pose, by_tolerances
 from ppmcal.diagnosis.linear_system import System, SystemPart
 from ppmcal.linalg import Array
 from ppmcal.model.effects import Shift

@@ -12,9 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.gross_rows import rows_with_outliers
-from ppmcal.calibration.sessions import pose_labels
+from ppmcal.calibration.fit import Fit, FitOptions, rows_with_outliers
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.equations import equations, sized_again
 from ppmcal.diagnosis.held_out_blocks import BlockGap, compared_rows, schemes
@@ -36,6 +34,7 @@ from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects.learned import learned_kind
 from ppmcal.model.mechanism import Mechanism, with_effect
+from ppmcal.model.sessions import pose_labels
 
 ROUNDS = 2
 """Rows that looked like outliers may be what the terms explain: learned again with them."""

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.observation import SCALARS
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.linear_system import INVISIBLE, System, build, range_basis
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
+from ppmcal.model.instruments import SCALARS
 from ppmcal.wording import counted
 
 FEW = 3

@@ -14,12 +14,10 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.least_squares import column_scale
-from ppmcal.calibration.problem import Problem, State
-from ppmcal.calibration.response import Response
-from ppmcal.calibration.sessions import pose_labels
+from ppmcal.calibration.fit import Problem, Response, State, column_scale
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.effects import Setting, Shift
+from ppmcal.model.sessions import pose_labels
 
 MOST_ROWS = 1500
 """Effects are searched in at most so many rows, evenly spread; fits use them all."""

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit import Problem
 from ppmcal.diagnosis.stage import Stage, explained
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools

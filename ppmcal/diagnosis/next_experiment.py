@@ -13,9 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.campaign import WeakCampaign
-from ppmcal.calibration.observation import SCALARS
-from ppmcal.calibration.problem import State
+from ppmcal.calibration.fit import State, WeakCampaign
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
@@ -26,6 +24,7 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import SCALARS
 from ppmcal.wording import counted, shorter
 
 POSES = 150

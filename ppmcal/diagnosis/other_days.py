@@ -11,22 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.frozen_models import (
+from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify, rows_with_outliers
+from ppmcal.calibration.validation import (
     FEWEST,
     FrozenModel,
     Validated,
+    other_sessions,
     validated,
     with_and_without,
 )
-from ppmcal.calibration.gross_rows import rows_with_outliers
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.session_validation import other_sessions
-from ppmcal.calibration.sessions import session_masks
 from ppmcal.errors import PpmcalError
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.sessions import session_masks
 from ppmcal.wording.progress import begin
 
 

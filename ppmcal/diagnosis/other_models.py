@@ -11,10 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.estimates import registered
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.model_averaging import Reading
-from ppmcal.calibration.work import bounded
+from ppmcal.calibration.compensation import Reading
+from ppmcal.calibration.fit import Fit, FitOptions, bounded
+from ppmcal.calibration.knowledge import registered
 from ppmcal.diagnosis.effect_sets import effect_sets
 from ppmcal.diagnosis.extended_model import with_named
 from ppmcal.diagnosis.refit import MOST_STEPS, with_mechanism

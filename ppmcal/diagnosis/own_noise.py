@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ppmcal.calibration.noise import typical_noise, with_own_noise
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit import Problem, typical_noise, with_own_noise
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis

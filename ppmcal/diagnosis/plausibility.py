@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ppmcal.calibration.mistakes import Mistake, with_line
-from ppmcal.calibration.reading_trial import NOISE, Misreading
+from ppmcal.calibration.interpretation import NOISE, Misreading, Mistake, with_line
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.search import Search, columns_of

@@ -11,10 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.gauss_newton import least_squares
-from ppmcal.calibration.least_squares import prior_weights
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit import Fit, Problem, least_squares, prior_weights
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.residual_profiles import ProfileErrors, gather

@@ -13,9 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.negative_struts import rows_with_negative_struts
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.unknown_directions import with_unknown_directions
+from ppmcal.calibration.fit import Problem, with_unknown_directions
+from ppmcal.calibration.interpretation import rows_with_negative_struts
 from ppmcal.kinematics.effect_response import environment_of
 from ppmcal.linalg import Bools, finite_rows
 from ppmcal.model.dataset import WRENCH, Dataset, Environment

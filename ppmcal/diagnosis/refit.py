@@ -9,10 +9,16 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import Fit, FitOptions, posterior, residual_freedom
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem, State
-from ppmcal.calibration.work import bounded
+from ppmcal.calibration.fit import (
+    Fit,
+    FitOptions,
+    Problem,
+    State,
+    bounded,
+    identify,
+    posterior,
+    residual_freedom,
+)
 from ppmcal.diagnosis.added_variable_test import log_p
 from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.hypotheses import Hypothesis
@@ -46,7 +52,7 @@ def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
         options: of the fit.
 
     Raises:
-        BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
+        BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
     """
     problem = replace(fit.problem, mechanism=mechanism, free=mechanism.free)
     old = fit.problem.mechanism

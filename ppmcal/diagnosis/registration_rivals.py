@@ -10,13 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, values_taken
-from ppmcal.calibration.problem import Problem, white_squares
-from ppmcal.calibration.registration_freedoms import (
+from ppmcal.calibration.fit import (
+    Fit,
+    Problem,
     RegistrationHint,
     hint_sentences,
     hint_words,
     registration_hints,
+    values_taken,
+    white_squares,
 )
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.result import Diagnosis

@@ -14,10 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.coverage import Z95, coverage_by
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.observation import coordinates
-from ppmcal.calibration.response import Rows
+from ppmcal.calibration.fit import Z95, Fit, Rows, coordinates, coverage_by
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE, ZERO_CELSIUS

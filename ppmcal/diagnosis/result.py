@@ -6,12 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.calibration.coverage import Z95
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.frozen_models import Validated
-from ppmcal.calibration.model_averaging import Reading
-from ppmcal.calibration.noise import ENOUGH_REPEATS
-from ppmcal.calibration.summary import Identification
+from ppmcal.calibration.compensation import Reading
+from ppmcal.calibration.fit import ENOUGH_REPEATS, Z95, Fit
+from ppmcal.calibration.validation import Identification, Validated
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.adequacy import Remainder
 from ppmcal.diagnosis.equation_forms import Equation

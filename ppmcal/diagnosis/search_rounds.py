@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.fit import Fit, coordinates, single_gross_rows
 from ppmcal.calibration.fit import FitOptions as FitOptions
-from ppmcal.calibration.gross_rows import single_gross_rows
-from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.validation import split
 from ppmcal.diagnosis.extended_model import Added, columns_added, with_named
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap

@@ -13,13 +13,11 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal import linalg
-from ppmcal.calibration.coverage import coverage_of, variances
-from ppmcal.calibration.fit import Fit, residual_freedom
-from ppmcal.calibration.least_squares import column_scale
-from ppmcal.calibration.sessions import session_masks
+from ppmcal.calibration.fit import Fit, column_scale, coverage_of, residual_freedom, variances
 from ppmcal.diagnosis.linear_system import MOST_ROWS, System, build
 from ppmcal.diagnosis.result import NamedEffect, SessionEffect
 from ppmcal.linalg import Array, Bools, subsample
+from ppmcal.model.sessions import session_masks
 from ppmcal.wording import where
 
 SEEN = 1e-10

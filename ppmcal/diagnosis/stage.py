@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.least_squares import column_scale
-from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.fit import Problem, State, column_scale
 from ppmcal.diagnosis.added_variable_test import AddedVariableTest, prepared, seen_noise
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library

@@ -19,7 +19,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.left_out_rows import thirds
+from ppmcal.calibration.validation import thirds
 from ppmcal.diagnosis.added_variable_test import log_p
 from ppmcal.diagnosis.adequacy import Remainder, inputs
 from ppmcal.diagnosis.candidates import look_alikes

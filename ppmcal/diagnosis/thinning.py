@@ -12,11 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.calibration.observation import coordinates
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.sessions import session_masks
+from ppmcal.calibration.fit import Problem, coordinates
 from ppmcal.diagnosis.linear_system import MOST_ROWS
 from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.model.sessions import session_masks
 
 MOST_VALUES = 6000
 """Values that all rows together have at most: 1000 poses, or 1500 heights."""

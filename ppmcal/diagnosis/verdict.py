@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ppmcal.calibration.campaign import few_poses
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.left_out_rows import LeftOut
-from ppmcal.calibration.noise import OVERSTATED
+from ppmcal.calibration.fit import OVERSTATED, Fit, few_poses
+from ppmcal.calibration.validation import LeftOut
 from ppmcal.diagnosis.adequacy import TOO_MUCH, Remainder
 from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap

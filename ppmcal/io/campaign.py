@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ppmcal.calibration.sessions import as_campaigns
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.copies import without_shared
 from ppmcal.io.dataset_reader import read_dataset
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.sessions import as_campaigns
 
 
 def read_campaign(paths: Sequence[str | os.PathLike[str]], mechanism: Mechanism

@@ -14,15 +14,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.observation import SCALARS
-from ppmcal.calibration.same_rows import KEPT, KnownRows, partners, step_of, tolerances
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.measurement_columns import row_list
 from ppmcal.io.pose_fields import COORDINATES
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import SCALARS
 from ppmcal.model.repeats import NO_INFLUENCE, identical_rows
+from ppmcal.model.same_rows import KEPT, KnownRows, partners, step_of, tolerances
 from ppmcal.wording import counted
 
 BY_CHANCE = 1e-4

@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.readings import shifted_rows
-from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput
 from ppmcal.io import measurement_columns as cols
 from ppmcal.io.clock import clock_of_words
@@ -39,8 +37,10 @@ from ppmcal.io.sidecar import (
 from ppmcal.io.tables import SUFFIXES, read_table
 from ppmcal.io.yaml import number_text
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.kinematics.pose_readings import shifted_rows
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.instruments import refuse_flat
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.repeats import commanded_poses
 from ppmcal.units import Units

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.calibration.observation import NUMBERS
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.measurement_columns import rotations, row_list, stacked
@@ -15,6 +14,7 @@ from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.io.sidecar import SidecarFile, sigma_needs
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import unknown
+from ppmcal.model.instruments import NUMBERS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 

@@ -37,7 +37,7 @@ def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> lis
     Raises:
         BadInput: the home pose cannot be reached.
     """
-    from ppmcal.calibration.plain_mistakes import recorded_units  # needs scipy; reading does not
+    from ppmcal.calibration.interpretation import recorded_units  # needs scipy; reading does not
 
     outside = _home_outside(mechanism)
     out = [*_machine(mechanism), *outside.values()]

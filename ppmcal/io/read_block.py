@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from ppmcal.calibration.readings import AXES, QUATERNIONS
 from ppmcal.errors import unknown
 from ppmcal.io.clock import ORDERS as ORDERS_OF_DATES
 from ppmcal.io.schema import Label, Strict, choice, refuse, show
+from ppmcal.kinematics.pose_readings import AXES, QUATERNIONS
 from ppmcal.kinematics.rotations import ORDERS
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import PAYLOADS, POUND, STANDARD_GRAVITY, ZERO_CELSIUS

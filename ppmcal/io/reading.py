@@ -14,7 +14,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from ppmcal.calibration.readings import (
+from ppmcal.errors import BadInput, unknown
+from ppmcal.io.csv import Table
+from ppmcal.io.measurement_columns import known_columns
+from ppmcal.io.pose_fields import QUATERNION
+from ppmcal.io.read_block import ANGULAR, FURTHER, HOMOGENEOUS, MATRIX, TEMPERATURES, ReadFile
+from ppmcal.io.schema import hint
+from ppmcal.kinematics.pose_readings import (
     AXES,
     QUATERNIONS,
     TURNS,
@@ -22,12 +28,6 @@ from ppmcal.calibration.readings import (
     mirrored,
     understood,
 )
-from ppmcal.errors import BadInput, unknown
-from ppmcal.io.csv import Table
-from ppmcal.io.measurement_columns import known_columns
-from ppmcal.io.pose_fields import QUATERNION
-from ppmcal.io.read_block import ANGULAR, FURTHER, HOMOGENEOUS, MATRIX, TEMPERATURES, ReadFile
-from ppmcal.io.schema import hint
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import LENGTHS, TURN, Units

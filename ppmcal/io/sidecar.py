@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import BeforeValidator
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.registration import refuse_flat
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.noise_limits import refuse_sigma
@@ -33,6 +32,7 @@ from ppmcal.io.yaml import read_yaml
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import KINDS, Unknown
+from ppmcal.model.instruments import refuse_flat
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 

@@ -9,9 +9,9 @@ from urllib.parse import quote
 
 import numpy as np
 
-from ppmcal.calibration.before import DEFINITION
-from ppmcal.calibration.far_from_nominal import farthest
-from ppmcal.calibration.secondary import secondary
+from ppmcal.calibration.fit import secondary
+from ppmcal.calibration.knowledge import farthest
+from ppmcal.calibration.validation import DEFINITION
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord, needing_a_look
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from ppmcal.calibration.coverage import half_or
+from ppmcal.calibration.fit import half_or
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
 from ppmcal.report.format import listed, sig, to_sigma, typeset
 from ppmcal.report.html import paragraph, table, words

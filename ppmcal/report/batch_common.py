@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.calibration.common_errors import (
+from ppmcal.calibration.sessions import (
     CERTAIN,
     FEWEST,
     CommonError,

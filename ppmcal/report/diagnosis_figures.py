@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from ppmcal.calibration.secondary import pictures_beside
+from ppmcal.calibration.fit import pictures_beside
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_plots import PlottedStep
 from ppmcal.io.results.diagnosis_wording import (

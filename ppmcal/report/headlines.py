@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ppmcal.calibration.estimates import FAR
+from ppmcal.calibration.knowledge import FAR
 from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.diagnosis_wording import unconfirmed
 from ppmcal.io.results.diagnosis_wording import verdict as diagnosis_verdict

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmcal.calibration.estimates import FAR
+from ppmcal.calibration.knowledge import FAR
 from ppmcal.io.results.identifiability import unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmcal.calibration.coverage import Z95
+from ppmcal.calibration.fit import Z95
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import learned_name
 from ppmcal.io.results.learned_parts import LearnedEntry

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from markupsafe import Markup
 
 from ppmcal import __version__
-from ppmcal.calibration.secondary import secondary
+from ppmcal.calibration.fit import secondary
 from ppmcal.report.html import bullets, part, plot_scripts, template_text, whole_page
 from ppmcal.report.machine_scene import machine_css, page_scripts
 

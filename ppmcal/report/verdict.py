@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ppmcal.calibration.noise import LARGER
+from ppmcal.calibration.fit import LARGER
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import gap_closed, next_step
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline

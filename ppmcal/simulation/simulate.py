@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.observation import SCALARS, stretched
-from ppmcal.calibration.registration import refuse_flat
+from ppmcal.calibration.fit import stretched
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import with_strokes
@@ -24,6 +23,7 @@ from ppmcal.kinematics.needed_columns import ORDER, missing_columns, remembers
 from ppmcal.kinematics.registration import displaced, predict
 from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Environment, environment
+from ppmcal.model.instruments import SCALARS, refuse_flat
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.simulation.pose_patterns import commands

@@ -11,8 +11,9 @@ from ppmcal.api import compensate as compensate_command
 from ppmcal.api import export as export_command
 from ppmcal.api import kinematics as kinematics_command
 from ppmcal.api import tolerances as tolerances_command
-from ppmcal.calibration import change_detection, day_noise, frozen_models
-from ppmcal.calibration.secondary import NOTE
+from ppmcal.calibration.fit.secondary_analyses import NOTE
+from ppmcal.calibration.sessions import change_detection, day_noise
+from ppmcal.calibration.validation import frozen_models
 from ppmcal.design.plan import plan as planning
 from ppmcal.errors import LinearAlgebraError
 from ppmcal.io.results import plan as plan_record

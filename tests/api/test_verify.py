@@ -394,7 +394,7 @@ def test_equal_legs_are_ranked_alike_whatever_their_last_digits(
 
 
 def test_what_a_session_knows_has_one_sign(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from ppmcal.calibration import session_knowledge
+    from ppmcal.calibration.sessions import session_posteriors as session_knowledge
 
     def known() -> dict[str, object]:
         record = face.identify(desk / "mine.yaml", [desk / "run1.csv"]).record.entries()

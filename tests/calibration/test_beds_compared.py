@@ -18,12 +18,12 @@ from helpers.commands import ppmcal as command
 from helpers.printers import leaning
 
 import ppmcal
-from ppmcal.calibration.change_detection import Comparison, between, posterior_of
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.joint_fit import fitted_together
-from ppmcal.calibration.posterior import Posterior
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.prior_information import Posterior
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.sessions.change_detection import Comparison, between, posterior_of
+from ppmcal.calibration.sessions.joint_fit import fitted_together
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.model.mechanism import Mechanism
 

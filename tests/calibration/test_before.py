@@ -14,7 +14,7 @@ from helpers.commands import columns, ppmcal
 from helpers.paths import ROOT
 
 import ppmcal as face
-from ppmcal.calibration.before import DEFINITION, before
+from ppmcal.calibration.validation.nominal_machine import DEFINITION, before
 from ppmcal.io.results.batch import fit_quantities
 
 CONFIGS = ROOT / "configs"

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from ppmcal.api.check import check
 from ppmcal.api.diagnose import diagnose
-from ppmcal.calibration.homing_shift import homing_shifts
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.intervals import by_sessions
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.sessions import campaign, one_session, pose_labels, session_masks
-from ppmcal.calibration.validation import split
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.homing_shift import homing_shifts
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.knowledge.intervals import by_sessions
+from ppmcal.calibration.validation.residual_vectors import split
 from ppmcal.diagnosis.held_out_blocks import SESSION, schemes
 from ppmcal.errors import BadInput
 from ppmcal.io.campaign import joined
@@ -30,6 +29,7 @@ from ppmcal.kinematics.registration import measured_pose
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.model.sessions import campaign, one_session, pose_labels, session_masks
 
 TARGETS = {"A": (0.02, -0.01, 0.0), "B": (-0.05, 0.03, 0.0), "C": (0.04, 0.06, 0.0)}
 FRAME = np.array([0.1, -0.05, 0.0, 0.0, 0.0, 0.3])

@@ -13,15 +13,15 @@ from helpers.commands import ppmcal, rows
 from helpers.sessions import BOX, CONFIGS, POSITION, Array, drawn, machine, session
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.change_detection import Comparison, between, posterior_of
-from ppmcal.calibration.common_misfit import noise_between
-from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.joint_fit import fitted_together
-from ppmcal.calibration.noise import noise_check, with_noise
-from ppmcal.calibration.posterior import Posterior
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import rank_of
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior, prediction_covariance
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.noise_estimate import noise_check, with_noise
+from ppmcal.calibration.fit.prior_information import Posterior
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.sessions.change_detection import Comparison, between, posterior_of
+from ppmcal.calibration.sessions.common_misfit import noise_between
+from ppmcal.calibration.sessions.joint_fit import fitted_together
+from ppmcal.calibration.validation.summary import rank_of
 from ppmcal.errors import BadInput
 from ppmcal.io.results.comparison import ComparisonRecord, noise_sentence
 from ppmcal.kinematics.closure import Model

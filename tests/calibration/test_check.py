@@ -8,7 +8,7 @@ from helpers.commands import ppmcal
 from helpers.machines import CASES, mechanism_text, plain, plain_text, read_text
 from helpers.paths import ROOT
 
-from ppmcal.calibration.check import DEAD_POINT, check, transmissions
+from ppmcal.calibration.interpretation.data_check import DEAD_POINT, check, transmissions
 from ppmcal.io import read_mechanism
 
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))

@@ -11,11 +11,11 @@ from helpers.commands import ppmcal
 from helpers.instruments import data_of, joints
 from helpers.paths import ROOT
 
-from ppmcal.calibration.compensation import Knowledge, prediction_jacobian
-from ppmcal.calibration.considered import considered, held
-from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.compensation.commands import Knowledge, prediction_jacobian
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions, prediction_covariance
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.knowledge.consider_parameters import considered, held
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.kinematics.closure import Model

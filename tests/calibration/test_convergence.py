@@ -9,13 +9,13 @@ import pytest
 from helpers.campaigns_in_files import run
 from helpers.paths import ROOT
 
-from ppmcal.calibration.fit import Fit, FitOptions, posterior
-from ppmcal.calibration.frozen_models import _gain
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.least_squares import normal_step, parameter_scale
-from ppmcal.calibration.problem import Problem, squares_by_noise_of, white_squares
-from ppmcal.calibration.registration_freedoms import opened
-from ppmcal.calibration.registration_starts import loss
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.linearisation import normal_step, parameter_scale
+from ppmcal.calibration.fit.problem import Problem, squares_by_noise_of, white_squares
+from ppmcal.calibration.fit.registration_freedoms import opened
+from ppmcal.calibration.fit.registration_starts import loss
+from ppmcal.calibration.validation.frozen_models import _gain
 from ppmcal.io import read_mechanism, read_scenario
 
 

@@ -11,8 +11,14 @@ import yaml
 from helpers.commands import ppmcal as command
 
 import ppmcal
-from ppmcal.calibration.day_noise import REPEATS, RESIDUALS, STATED, day_noise, with_day_noise
-from ppmcal.calibration.frozen_models import FrozenModel, validated
+from ppmcal.calibration.sessions.day_noise import (
+    REPEATS,
+    RESIDUALS,
+    STATED,
+    day_noise,
+    with_day_noise,
+)
+from ppmcal.calibration.validation.frozen_models import FrozenModel, validated
 from ppmcal.io import write_mechanism
 
 SIGMA = 5e-6

@@ -8,15 +8,15 @@ import interval_study as study
 import numpy as np
 import pytest
 
-from ppmcal.calibration import disagreement as module
-from ppmcal.calibration.coverage import Z95
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.intervals import by_blocks
-from ppmcal.calibration.noise import noise_check, with_noise
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.session_clusters import Clusters, Components
-from ppmcal.calibration.summary import Identification, report
+from ppmcal.calibration.fit.coverage import Z95
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.noise_estimate import noise_check, with_noise
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.knowledge import disagreement as module
+from ppmcal.calibration.knowledge.intervals import by_blocks
+from ppmcal.calibration.knowledge.session_clusters import Clusters, Components
+from ppmcal.calibration.validation.summary import Identification, report
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.linalg import Array
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from ppmcal.calibration import error_intervals
-from ppmcal.calibration.error_intervals import RmsDraws, quantile_interval, rms_interval
+from ppmcal.calibration.validation import error_intervals
+from ppmcal.calibration.validation.error_intervals import RmsDraws, quantile_interval, rms_interval
 
 POSES = (6, 12, 40)
 

@@ -14,14 +14,14 @@ from helpers.printers import printer, touches
 from helpers.sessions import BOX, POSITION, ROTATION, Array, drawn, machine
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.change_detection import Comparison, between, posterior_of
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.noise import noise_check, with_noise
-from ppmcal.calibration.posterior import Posterior
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.session_knowledge import session_knowledge
-from ppmcal.calibration.validation import residuals
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.noise_estimate import noise_check, with_noise
+from ppmcal.calibration.fit.prior_information import Posterior
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.sessions.change_detection import Comparison, between, posterior_of
+from ppmcal.calibration.sessions.session_posteriors import session_knowledge
+from ppmcal.calibration.validation.residual_vectors import residuals
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse

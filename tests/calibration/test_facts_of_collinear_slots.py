@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppmcal.calibration import identifiability
-from ppmcal.calibration.identifiability import (
+from ppmcal.calibration.fit.linearisation import QRFactor
+from ppmcal.calibration.knowledge import identifiability_report as identifiability
+from ppmcal.calibration.knowledge.identifiability_report import (
     CALIPER,
     LOOSE,
     LOST,
@@ -21,7 +22,6 @@ from ppmcal.calibration.identifiability import (
     Scale,
     _collinear,
 )
-from ppmcal.calibration.least_squares import QRFactor
 
 Array = NDArray[np.float64]
 LIMBS = ("leg1", "leg2", "leg3")

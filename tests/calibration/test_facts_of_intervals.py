@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppmcal.calibration import intervals
-from ppmcal.calibration.disagreement import Disagreement
-from ppmcal.calibration.intervals import (
+from ppmcal.calibration.knowledge import intervals
+from ppmcal.calibration.knowledge.disagreement import Disagreement
+from ppmcal.calibration.knowledge.intervals import (
     BLOCKS,
     LEAST_ROWS,
     by_blocks,

@@ -11,20 +11,20 @@ import pytest
 from numpy.typing import NDArray
 
 import ppmcal
-from ppmcal.calibration.compensation import Knowledge, compensate, model_sigma
-from ppmcal.calibration.extrapolation import FAR_OUTSIDE, STILL
-from ppmcal.calibration.identifiability import CALIPER, Scale
-from ppmcal.calibration.intervals import BLOCKS, LEAST_ROWS, _in_order, _near, by_blocks
-from ppmcal.calibration.least_squares import (
+from ppmcal.calibration.compensation.commands import Knowledge, compensate, model_sigma
+from ppmcal.calibration.fit.linearisation import (
     NormalStep,
     SummedStep,
     column_scale,
     parameter_scale,
     prior_weights,
 )
-from ppmcal.calibration.left_out_rows import DoubtfulStretch
-from ppmcal.calibration.posterior import Earlier, Posterior, of_data
-from ppmcal.calibration.rank import analyse, observability, pivoted
+from ppmcal.calibration.fit.prior_information import Earlier, Posterior, of_data
+from ppmcal.calibration.fit.rank import analyse, observability, pivoted
+from ppmcal.calibration.knowledge.extrapolation import FAR_OUTSIDE, STILL
+from ppmcal.calibration.knowledge.identifiability_report import CALIPER, Scale
+from ppmcal.calibration.knowledge.intervals import BLOCKS, LEAST_ROWS, _in_order, _near, by_blocks
+from ppmcal.calibration.validation.left_out_rows import DoubtfulStretch
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.tables import pose_motor, pose_vector

@@ -8,9 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ppmcal.calibration.extrapolation import CONDITIONS, _shown, _still
-from ppmcal.calibration.identifiability import LOOSE, LOST, MATTERS, SHARE, Scale, _farthest
-from ppmcal.calibration.rank import analyse
+from ppmcal.calibration.fit.rank import analyse
+from ppmcal.calibration.knowledge.extrapolation import CONDITIONS, _shown, _still
+from ppmcal.calibration.knowledge.identifiability_report import (
+    LOOSE,
+    LOST,
+    MATTERS,
+    SHARE,
+    Scale,
+    _farthest,
+)
 from ppmcal.model.dataset import WRENCH
 
 

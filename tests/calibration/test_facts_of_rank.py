@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppmcal.calibration.rank import (
+from ppmcal.calibration.fit.rank import (
     TAKES_PART,
     Unidentifiable,
     analyse,

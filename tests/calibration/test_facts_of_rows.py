@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppmcal.calibration import least_squares
-from ppmcal.calibration.extrapolation import extrapolated, measured_ranges, refuse_far
-from ppmcal.calibration.least_squares import qr_factor
-from ppmcal.calibration.observation import pivot
-from ppmcal.calibration.response import Response
+from ppmcal.calibration.fit import linearisation as least_squares
+from ppmcal.calibration.fit.linearisation import qr_factor
+from ppmcal.calibration.fit.observation import pivot
+from ppmcal.calibration.fit.response import Response
+from ppmcal.calibration.knowledge.extrapolation import extrapolated, measured_ranges, refuse_far
 from ppmcal.model.effects import Shift
 from ppmcal.model.measured import MeasurementBasis
 

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 import ppmcal
-from ppmcal.calibration import compensation
-from ppmcal.calibration.compensation import Compensation
-from ppmcal.calibration.safe_commands import (
+from ppmcal.calibration.compensation import commands as compensation
+from ppmcal.calibration.compensation.commands import Compensation
+from ppmcal.calibration.compensation.safe_commands import (
     JUMP,
     NOTHING,
     _followed,

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.observation import view
+from ppmcal.calibration.fit.observation import view
 from ppmcal.kinematics.forward import moved
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.registration import Registration

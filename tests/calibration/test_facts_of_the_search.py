@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppmcal.calibration import gauss_newton
-from ppmcal.calibration.gauss_newton import Minimum, least_squares
-from ppmcal.calibration.least_squares import NormalStep, SummedStep
+from ppmcal.calibration.fit import gauss_newton
+from ppmcal.calibration.fit.gauss_newton import Minimum, least_squares
+from ppmcal.calibration.fit.linearisation import NormalStep, SummedStep
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ import pytest
 from scipy.special import bdtrc
 
 import ppmcal
-from ppmcal.calibration.estimates import FAR, IMPLAUSIBLE
-from ppmcal.calibration.far_from_nominal import expected_errors, farthest
-from ppmcal.calibration.noise import FAILED_NOISE
+from ppmcal.calibration.fit.noise_estimate import FAILED_NOISE
+from ppmcal.calibration.knowledge.distance_from_nominal import expected_errors, farthest
+from ppmcal.calibration.knowledge.parameter_estimates import FAR, IMPLAUSIBLE
 from ppmcal.model.mechanism import Mechanism
 
 OFFSET = "leg2.offset"

@@ -12,9 +12,9 @@ from helpers.commands import ppmcal
 from helpers.instruments import SIGMA, data_of, joints, truth
 from helpers.paths import ROOT
 
-from ppmcal.calibration.fit import FitOptions, prediction_covariance
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fit_result import FitOptions, prediction_covariance
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 from ppmcal.io.sidecar import scale_of

@@ -11,7 +11,7 @@ from helpers.instruments import truth
 from helpers.printers import fitted, printer, touches
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.flatness import Flat, flats
+from ppmcal.calibration.fit.flatness import Flat, flats
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.model.dataset import Unknown

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 import ppmcal
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.freedom_choice import (
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.knowledge.freedom_choice import (
     choice_sentence,
     freedom_choice,
     with_chosen_freedoms,
 )
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.intervals import spatial_blocks
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.validation import fresh_state, residuals
+from ppmcal.calibration.knowledge.intervals import spatial_blocks
+from ppmcal.calibration.validation.residual_vectors import fresh_state, residuals
 from ppmcal.errors import BadInput
 from ppmcal.io import write_mechanism
 

@@ -13,17 +13,17 @@ from helpers.commands import ppmcal as command
 from scipy.special import bdtrc
 
 import ppmcal
-from ppmcal.calibration.day_noise import day_noise
-from ppmcal.calibration.frozen_models import (
+from ppmcal.calibration.fit.noise_estimate import FAILED_NOISE
+from ppmcal.calibration.fit.outliers import REJECT
+from ppmcal.calibration.fit.problem import Problem, squares_by_noise_of, white_squares
+from ppmcal.calibration.fit.registration_freedoms import opened
+from ppmcal.calibration.sessions.day_noise import day_noise
+from ppmcal.calibration.validation.frozen_models import (
     FrozenModel,
     _registered,
     validated,
     with_and_without,
 )
-from ppmcal.calibration.noise import FAILED_NOISE
-from ppmcal.calibration.outliers import REJECT
-from ppmcal.calibration.problem import Problem, squares_by_noise_of, white_squares
-from ppmcal.calibration.registration_freedoms import opened
 from ppmcal.errors import BadInput
 from ppmcal.io.mechanism_writer import write_mechanism
 from ppmcal.io.results.validation import (

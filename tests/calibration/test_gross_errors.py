@@ -12,12 +12,12 @@ from helpers.campaigns_in_files import run
 from helpers.commands import ppmcal
 from helpers.mistakes import MACHINE, MISTAKES, SAMPLE, Row, session
 
-from ppmcal.calibration import fit as fitting
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.misreading import misfit
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import report
+from ppmcal.calibration.fit import fit_result as fitting
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.interpretation.misreading import misfit
+from ppmcal.calibration.validation.summary import report
 from ppmcal.diagnosis.refit import of_rows
 from ppmcal.io import read_campaign, read_mechanism, read_scenario
 

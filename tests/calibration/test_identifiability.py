@@ -14,9 +14,13 @@ from helpers.paths import ROOT
 from helpers.printers import ROBUST, fitted, joints_at, printer, touches
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.identifiability import CALIPER, identifiability, predict_identifiability
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.knowledge.identifiability_report import (
+    CALIPER,
+    identifiability,
+    predict_identifiability,
+)
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.identifiability import IdentifiabilitySummary
 from ppmcal.kinematics.closure import Model

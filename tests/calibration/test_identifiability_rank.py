@@ -15,11 +15,11 @@ import yaml
 from helpers.paths import ROOT
 from numpy.typing import NDArray
 
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.least_squares import column_scale, qr_factor
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.rank import analyse
-from ppmcal.calibration.summary import rank_of
+from ppmcal.calibration.fit.fit_result import Fit
+from ppmcal.calibration.fit.linearisation import column_scale, qr_factor
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit.rank import analyse
+from ppmcal.calibration.validation.summary import rank_of
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism

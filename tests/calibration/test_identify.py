@@ -18,14 +18,14 @@ from helpers.machines import KINDS, delta, full, read_text, spread
 from helpers.paths import ROOT
 from numpy.typing import NDArray
 
-from ppmcal.calibration.compensation import Knowledge, compensate
-from ppmcal.calibration.estimates import estimates
-from ppmcal.calibration.fit import Fit, FitOptions, posterior
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.observation import coordinates
-from ppmcal.calibration.problem import Problem, State
-from ppmcal.calibration.summary import rank_of, report
-from ppmcal.calibration.validation import fresh_state
+from ppmcal.calibration.compensation.commands import Knowledge, compensate
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.observation import coordinates
+from ppmcal.calibration.fit.problem import Problem, State
+from ppmcal.calibration.knowledge.parameter_estimates import estimates
+from ppmcal.calibration.validation.residual_vectors import fresh_state
+from ppmcal.calibration.validation.summary import rank_of, report
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -709,8 +709,8 @@ def test_many_rows_start_from_few_and_end_with_all(monkeypatch: pytest.MonkeyPat
     mechanism, scenario = machine("3-RPR")
     made = run(mechanism, replace(box(scenario, 900), outliers=0.02), 4)
     plain = identify(made.problem)
-    monkeypatch.setattr("ppmcal.calibration.identify.MANY_ROWS", 500)
-    monkeypatch.setattr("ppmcal.calibration.identify.FEW_ROWS", 200)
+    monkeypatch.setattr("ppmcal.calibration.fit.fitting.MANY_ROWS", 500)
+    monkeypatch.setattr("ppmcal.calibration.fit.fitting.FEW_ROWS", 200)
     thinned = identify(made.problem)
     assert thinned.converged
     assert [set(r) for r in thinned.reasons] == [set(r) for r in plain.reasons]

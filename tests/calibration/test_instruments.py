@@ -13,10 +13,10 @@ from helpers.commands import ppmcal, rows
 from helpers.instruments import BOX, SIGMA, Array, data_of, joints, truth
 from helpers.paths import ROOT
 
-from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.noise import noise_ratios, with_estimated_noise
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions, prediction_covariance
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.noise_estimate import noise_ratios, with_estimated_noise
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.io import read_mechanism
 from ppmcal.model.mechanism import Mechanism
 

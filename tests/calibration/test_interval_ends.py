@@ -12,12 +12,12 @@ import pytest
 from helpers.sessions import two_sessions
 
 import ppmcal
-from ppmcal.calibration.coverage import Z95, coverage_of, variances
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.intervals import coverage, in_words
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import report
+from ppmcal.calibration.fit.coverage import Z95, coverage_of, variances
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.knowledge.intervals import coverage, in_words
+from ppmcal.calibration.validation.summary import report
 from ppmcal.io.results.identifiability import ScaleUncertainty
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.model.dataset import Dataset

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ppmcal as face
-from ppmcal.calibration.rank import analyse, by_name, slot_of, unidentifiable
+from ppmcal.calibration.fit.rank import analyse, by_name, slot_of, unidentifiable
 
 PLANAR = ("x", "y", "rz")
 

@@ -29,29 +29,33 @@ from wild import catalogue
 from ppmcal.api.identify import identify as api_identify
 from ppmcal.api.inputs import load, prepared, read_data, shipped
 from ppmcal.api.simulate import simulate
-from ppmcal.calibration.check import check
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.misreading import misfit, refuse_misread, refuse_small_misreading
-from ppmcal.calibration.mistakes import mistakes
-from ppmcal.calibration.other_machine import other_machine, refuse_other_machine
-from ppmcal.calibration.plain_mistakes import plain_mistakes
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.readings import (
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.interpretation.data_check import check
+from ppmcal.calibration.interpretation.misread import Misread
+from ppmcal.calibration.interpretation.misreading import (
+    misfit,
+    refuse_misread,
+    refuse_small_misreading,
+)
+from ppmcal.calibration.interpretation.mistakes import mistakes
+from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
+from ppmcal.calibration.interpretation.other_machine import other_machine, refuse_other_machine
+from ppmcal.calibration.interpretation.stale_rows import stale
+from ppmcal.calibration.interpretation.wrong_rows import refuse_wrong_rows, wrong_parts
+from ppmcal.calibration.validation.residual_vectors import held_out, residuals
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
+from ppmcal.errors import BadInput
+from ppmcal.io.results.misreading import misreading_entries
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.pose_readings import (
     FileReading,
     JointReading,
     PoseReading,
     understood,
     written,
 )
-from ppmcal.calibration.stale_rows import stale
-from ppmcal.calibration.validation import held_out, residuals
-from ppmcal.calibration.wrong_rows import refuse_wrong_rows, wrong_parts
-from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
-from ppmcal.errors import BadInput
-from ppmcal.io.results.misreading import misreading_entries
-from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.rotations import ORDERS
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array

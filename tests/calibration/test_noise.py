@@ -10,12 +10,12 @@ import hidden
 import numpy as np
 import pytest
 
-from ppmcal.calibration.change_detection import posterior_of
-from ppmcal.calibration.fit import FitOptions, posterior
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.noise import _scaled
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import Identification, report
+from ppmcal.calibration.fit.fit_result import FitOptions, posterior
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.noise_estimate import _scaled
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.sessions.change_detection import posterior_of
+from ppmcal.calibration.validation.summary import Identification, report
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import read_knowledge, read_posterior
 

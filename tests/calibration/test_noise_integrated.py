@@ -10,13 +10,13 @@ from interval_study import few_rows
 from scipy.special import bdtr, ndtr, stdtrit
 
 import ppmcal
-from ppmcal.calibration.coverage import LEAST, Z95, coverage_by
-from ppmcal.calibration.fit import Fit, FitOptions, posterior
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.intervals import by_noise, coverage
-from ppmcal.calibration.noise import noise_check, noise_parts, with_noise
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import report
+from ppmcal.calibration.fit.coverage import LEAST, Z95, coverage_by
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.noise_estimate import noise_check, noise_parts, with_noise
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.knowledge.intervals import by_noise, coverage
+from ppmcal.calibration.validation.summary import report
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 

@@ -12,9 +12,9 @@ import yaml
 from helpers.commands import ppmcal as run
 
 import ppmcal
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.noise import (
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.noise_estimate import (
     AGREES,
     ESTIMATED,
     LARGER,
@@ -24,8 +24,8 @@ from ppmcal.calibration.noise import (
     noise_source,
     noise_state,
 )
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import report
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.validation.summary import report
 from ppmcal.io.results.identification_parts import NoiseCheck
 from ppmcal.io.results.identification_wording import noise_verdict, short_intervals
 from ppmcal.model.dataset import Dataset

@@ -13,21 +13,21 @@ from helpers.instruments import joints
 
 import ppmcal
 from ppmcal import algebra as cga
-from ppmcal.calibration import gauss_newton, normal_equations
-from ppmcal.calibration import problem as calibration_problem
-from ppmcal.calibration.fit import Fit, FitOptions, posterior
-from ppmcal.calibration.gauss_newton import cost
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.least_squares import (
+from ppmcal.calibration.fit import gauss_newton, normal_equations
+from ppmcal.calibration.fit import problem as calibration_problem
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.gauss_newton import cost
+from ppmcal.calibration.fit.linearisation import (
     column_scale,
     normal_step,
     prior_weights,
     qr_factor,
     summed_step,
 )
-from ppmcal.calibration.normal_equations import normal_sums, row_squares, white_blocks
-from ppmcal.calibration.outliers import _freed, distances
-from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.fit.normal_equations import normal_sums, row_squares, white_blocks
+from ppmcal.calibration.fit.outliers import _freed, distances
+from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.kinematics import compiled_limbs
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward

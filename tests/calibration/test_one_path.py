@@ -15,8 +15,8 @@ import ppmcal
 from ppmcal.api.check import check
 from ppmcal.api.identify import identify
 from ppmcal.api.inputs import load, shipped
-from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.readings import written
+from ppmcal.calibration.interpretation.misread import Misread
+from ppmcal.kinematics.pose_readings import written
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 

@@ -17,13 +17,13 @@ from helpers.sessions import two_sessions
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from ppmcal.calibration.coverage import LEAST, Z95
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.homing_shift import HomingShift, homing_shifts
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.outliers import find_gross_errors
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import report
+from ppmcal.calibration.fit.coverage import LEAST, Z95
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.homing_shift import HomingShift, homing_shifts
+from ppmcal.calibration.fit.outliers import find_gross_errors
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.validation.summary import report
 from ppmcal.io.results.gross_errors import GrossErrorSummary, HomingShiftEntry, row_sentences
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism

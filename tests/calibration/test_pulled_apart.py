@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmcal.calibration.coverage import LEAST
-from ppmcal.calibration.pulled_apart import InstrumentRows, split
+from ppmcal.calibration.fit.coverage import LEAST
+from ppmcal.calibration.knowledge.tension import InstrumentRows, split
 
 COLUMNS = 6
 SIZES = {"heights": 9, "distances": 12}

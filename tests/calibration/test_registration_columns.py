@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import ppmcal
-from ppmcal.calibration.nuisance_columns import lay_out
+from ppmcal.calibration.fit.nuisance_columns import lay_out
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.model.dataset import Dataset, Unknown

@@ -13,10 +13,10 @@ import yaml
 import ppmcal
 from ppmcal import algebra as cga
 from ppmcal.api.inputs import load, shipped
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.registration_freedoms import (
+from ppmcal.calibration.fit.fit_result import Fit
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit.registration_freedoms import (
     fall,
     hint_sentences,
     registration_hints,

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import ppmcal
-from ppmcal.calibration import homing_shift
-from ppmcal.calibration.fit import FitOptions, residual_freedom, values_fitted
-from ppmcal.calibration.gauss_newton import linearised
-from ppmcal.calibration.homing_shift import _sessions, _shift
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.registration_freedoms import _expected
+from ppmcal.calibration.fit import homing_shift
+from ppmcal.calibration.fit.fit_result import FitOptions, residual_freedom, values_fitted
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.gauss_newton import linearised
+from ppmcal.calibration.fit.homing_shift import _sessions, _shift
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit.registration_freedoms import _expected
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 

@@ -11,13 +11,13 @@ from calibration.test_file_scale import OPEN, session
 from helpers.instruments import SIGMA
 from helpers.paths import ROOT
 
-from ppmcal.calibration.change_detection import posterior_of
-from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
-from ppmcal.calibration.gauss_newton import cost, prior_square
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.noise import with_noise
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import rank_of
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior, prediction_covariance
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.gauss_newton import cost, prior_square
+from ppmcal.calibration.fit.noise_estimate import with_noise
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.sessions.change_detection import posterior_of
+from ppmcal.calibration.validation.summary import rank_of
 from ppmcal.design.virtual_instrument import default_instrument
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism

@@ -14,11 +14,11 @@ from helpers.paths import ROOT
 import ppmcal
 from ppmcal.api import diagnose as diagnose_command
 from ppmcal.api import identify as identify_command
-from ppmcal.calibration import summary
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.secondary import NOTE, secondary
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit.secondary_analyses import NOTE, secondary
+from ppmcal.calibration.validation import summary
 from ppmcal.diagnosis import diagnose as diagnosis
 from ppmcal.errors import BadInput, LinearAlgebraError
 from ppmcal.io import read_mechanism, read_scenario

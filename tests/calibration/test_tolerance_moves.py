@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import ppmcal
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.tolerance_moves import by_tolerances, uncertain
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.knowledge.tolerance_moves import by_tolerances, uncertain
 
 
 @pytest.mark.parametrize("kind", ["3-RPR", "delta-linear", "6-UPS"])

@@ -8,10 +8,10 @@ import numpy as np
 from helpers.paths import ROOT
 
 import ppmcal
-from ppmcal.calibration.compensation import Compensation, Knowledge, compensate
-from ppmcal.calibration.left_out_rows import DoubtfulStretch
-from ppmcal.calibration.model_averaging import Reading, Readings, Targets, averaged
-from ppmcal.calibration.safe_commands import sent
+from ppmcal.calibration.compensation.commands import Compensation, Knowledge, compensate
+from ppmcal.calibration.compensation.model_averaging import Reading, Readings, Targets, averaged
+from ppmcal.calibration.compensation.safe_commands import sent
+from ppmcal.calibration.validation.left_out_rows import DoubtfulStretch
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration

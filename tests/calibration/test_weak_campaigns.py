@@ -14,8 +14,8 @@ import yaml
 import ppmcal
 from ppmcal.api.identification_result import IdentificationResult
 from ppmcal.api.inputs import load, read_data, shipped
-from ppmcal.calibration.campaign import HALF, grouped
-from ppmcal.calibration.fit import posterior
+from ppmcal.calibration.fit.campaign import HALF, grouped
+from ppmcal.calibration.fit.fit_result import posterior
 from ppmcal.model.dataset import Dataset
 
 

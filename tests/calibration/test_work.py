@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import ppmcal
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.work import another_step, bounded
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit.work import another_step, bounded
 from ppmcal.diagnosis import diagnose as diagnosis
 from ppmcal.diagnosis import refit
 from ppmcal.diagnosis.diagnose import DiagnosisOptions

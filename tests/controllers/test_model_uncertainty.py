@@ -15,7 +15,7 @@ from helpers.commands import ppmcal
 from helpers.paths import ROOT
 from helpers.report_files import html_of
 
-from ppmcal.calibration.compensation import compensate
+from ppmcal.calibration.compensation.commands import compensate
 from ppmcal.controllers.export import exporter
 from ppmcal.controllers.model_uncertainty import pose_uncertainty
 from ppmcal.io import read_mechanism

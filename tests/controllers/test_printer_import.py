@@ -16,10 +16,10 @@ from helpers.commands import ppmcal, rows
 from helpers.paths import ROOT
 
 from ppmcal.api.import_ import import_config
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.noise import with_estimated_noise
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.noise_estimate import with_estimated_noise
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.controllers.klipper_config import DeltaGeometry
 from ppmcal.controllers.klipper_lines import BLOCK
 from ppmcal.controllers.printer_files import SHRUNK

@@ -12,11 +12,11 @@ from helpers.paths import ROOT
 from scipy.optimize import minimize
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.least_squares import column_scale
-from ppmcal.calibration.observation import coordinates_of
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.linearisation import column_scale
+from ppmcal.calibration.fit.observation import coordinates_of
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.design.error_jacobian import Poses
 from ppmcal.design.error_sources import geometry_only, sources, tolerances
 from ppmcal.design.monte_carlo import BATCH, Fleet, MachineErrors, batches, run, together

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import ppmcal
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.model.effects import effect_kinds
 
 

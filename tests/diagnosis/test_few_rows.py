@@ -7,7 +7,7 @@ from dataclasses import replace
 import hidden
 import pytest
 
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.adequacy import TOO_MUCH
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.result import Diagnosis

@@ -11,10 +11,10 @@ from controllers.test_printer_import import MEANT, REAL, config, down, written
 from helpers.commands import ppmcal
 
 from ppmcal.api.import_ import import_config
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.unknown_directions import with_unknown_directions
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit.unknown_directions import with_unknown_directions
 from ppmcal.controllers.printer_files import files
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.linear_system import build

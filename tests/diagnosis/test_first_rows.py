@@ -14,9 +14,9 @@ from helpers.paths import ROOT
 
 import ppmcal
 from ppmcal.api.inputs import prepared
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.explanation import explained
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.io import read_mechanism

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from helpers.diagnoses import DATA, effect, simulate
 
-from ppmcal.calibration.fit import OUTLIER, Fit, FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.validation import fresh_state
+from ppmcal.calibration.fit.fit_result import OUTLIER, Fit, FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.validation.residual_vectors import fresh_state
 from ppmcal.diagnosis import other_models
 from ppmcal.diagnosis.held_out_blocks import block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, gap_of, measure_gap

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ppmcal.calibration.fit import FitOptions as FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.fit.fit_result import FitOptions as FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.kinematics.closure import Model
 
 MACHINES = tuple(hidden.machines())

@@ -11,8 +11,8 @@ from helpers.instruments import data_of, truth
 from helpers.printers import joints_at, printer, touches
 from numpy.typing import NDArray
 
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import diagnose
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.stage import run_stage

@@ -10,10 +10,10 @@ from helpers.diagnoses import CONFIGS
 from helpers.instruments import joints
 from numpy.typing import NDArray
 
-from ppmcal.calibration.compensation import compensate, tolerance_sigma
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.compensation.commands import compensate, tolerance_sigma
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.learned_terms import learned_terms, visible
 from ppmcal.diagnosis.learning import learn, shapes_of

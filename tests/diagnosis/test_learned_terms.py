@@ -16,9 +16,9 @@ from helpers.learned import ROBUST, WEATHER, campaign, dip, fitted, hidden, squa
 from scipy.stats import binom
 
 import ppmcal as face
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.held_out_gap import measure_gap
 from ppmcal.diagnosis.learned_terms import learned_terms, visible

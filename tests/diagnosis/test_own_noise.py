@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 import ppmcal
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.search_rounds import DiagnosisOptions
 from ppmcal.wording.progress import Watch, watching

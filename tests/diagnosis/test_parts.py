@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import betaln
 from scipy.stats import f as fisher
 
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.added_variable_test import (
     AddedVariableTest,
     build_test,

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.added_variable_test import AddedVariableTest, build_test
 from ppmcal.diagnosis.adequacy import _along, _kernel, low_rank
 from ppmcal.diagnosis.candidates import library

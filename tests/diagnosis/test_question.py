@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hidden import Options, hide
 
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.question import ROW_FAMILY, UNKNOWN_FAMILY, LibrarySource, question

@@ -10,7 +10,7 @@ import pytest
 from helpers.paths import ROOT
 
 import ppmcal
-from ppmcal.calibration.secondary import NOTE
+from ppmcal.calibration.fit.secondary_analyses import NOTE
 
 FLAT = Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data")) / "hard/flat-reprap"
 

@@ -12,10 +12,10 @@ import pytest
 from helpers.commands import ppmcal, rows, write_csv
 from helpers.diagnoses import DATA, diagnose, effect, named, simulate
 
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.validation import on_other_rows
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.validation.residual_vectors import on_other_rows
 from ppmcal.diagnosis import session_effects
 from ppmcal.diagnosis.held_out_blocks import _left_out, schemes
 from ppmcal.diagnosis.result import NamedEffect, SessionEffect

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from ppmcal.api.compensate import Readings
-from ppmcal.calibration.model_averaging import Reading, probabilities
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.compensation.model_averaging import Reading, probabilities
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.adequacy import Remainder
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.effect_sets import effect_sets

@@ -12,7 +12,7 @@ from functools import cache
 import hidden
 import pytest
 
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.result import Diagnosis
 

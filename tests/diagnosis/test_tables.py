@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from helpers.report_files import html_of
 
-from ppmcal.calibration.left_out_rows import LeftOut
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.validation.left_out_rows import LeftOut
 from ppmcal.cli.common import Console
 from ppmcal.cli.diagnose import _effects, describe
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose

@@ -25,10 +25,10 @@ from helpers.diagnoses import (
 )
 from scipy.stats import binom
 
-from ppmcal.calibration.fit import OUTLIER, Fit
-from ppmcal.calibration.fit import FitOptions as FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fit_result import OUTLIER, Fit
+from ppmcal.calibration.fit.fit_result import FitOptions as FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis import diagnose as diagnosing
 from ppmcal.diagnosis.refit import of_rows
 from ppmcal.io import read_campaign, read_mechanism
@@ -233,7 +233,7 @@ def without(fit: Fit, gone: np.ndarray) -> Fit:
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [4, 12, 30])
 def test_chance_gives_a_pattern_as_rarely_as_told(plain: Fit, count: int) -> None:
-    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
+    module = pytest.importorskip("ppmcal.calibration.validation.left_out_rows")
     rng, rows_ = np.random.default_rng(count), len(plain.keep[0])
     found, p_values = 0, []
     for _ in range(300):
@@ -250,7 +250,7 @@ def test_chance_gives_a_pattern_as_rarely_as_told(plain: Fit, count: int) -> Non
 @pytest.mark.parametrize("what", ["first", "leg2 moving +", "last third", "highest part by load"])
 def test_a_pattern_is_told_as_what_it_is(plain: Fit, what: str) -> None:
     """Fifteen rows that have one thing in common, picked at random among those that have it."""
-    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
+    module = pytest.importorskip("ppmcal.calibration.validation.left_out_rows")
     data, n = plain.problem.datasets[0], len(plain.keep[0])
     has = {"first": np.r_[True, np.diff(data.groups) != 0],
            "leg2 moving +": data.columns["dir_leg2"] == 1.0,
@@ -267,7 +267,7 @@ def test_a_pattern_is_told_as_what_it_is(plain: Fit, what: str) -> None:
 @pytest.mark.parametrize("where", ["corner", "side", "joint"])
 def test_a_place_is_told_as_what_it_is(plain: Fit, where: str) -> None:
     """Every row in one corner of the workspace: a reflection, an edge of the instrument's view."""
-    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
+    module = pytest.importorskip("ppmcal.calibration.validation.left_out_rows")
     (data,), pose = plain.problem.datasets, pose_vector(plain.state.poses[0])
     x, y = pose.T[:2]
     has = {"corner": (x > np.median(x)) & (y <= np.median(y)), "side": y > np.quantile(y, 2 / 3),
@@ -323,7 +323,7 @@ def test_diagnose_tells_the_corner_where_rows_are_wrong(reflected: tuple[Path, s
 @pytest.mark.parametrize("count", [2, 3])
 def test_a_stretch_of_travel_is_of_several_poses(plain: Fit, count: int) -> None:
     """Two poses typed wrong, of several rows each, are near in a joint's travel by chance."""
-    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
+    module = pytest.importorskip("ppmcal.calibration.validation.left_out_rows")
     data = plain.problem.datasets[0]
     labels = list(dict.fromkeys(data.groups[np.argsort(data.q[:, 1], kind="stable")].tolist()))
     out = module.left_out(without(plain, np.isin(data.groups, labels[:count])))
@@ -334,7 +334,7 @@ def test_a_stretch_of_travel_is_of_several_poses(plain: Fit, count: int) -> None
 
 def test_repeats_of_a_pose_are_one_in_a_stretch_of_travel(plain: Fit) -> None:
     """Rows with the same joints and conditions are wrong together."""
-    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
+    module = pytest.importorskip("ppmcal.calibration.validation.left_out_rows")
     data = plain.problem.datasets[0]
     alike = {name: np.zeros(len(data)) for name in data.columns}
     same = replace(plain, problem=replace(plain.problem, datasets=(
@@ -347,7 +347,7 @@ def test_repeats_of_a_pose_are_one_in_a_stretch_of_travel(plain: Fit) -> None:
 
 def test_rows_of_one_pose_are_one_at_a_place(plain: Fit) -> None:
     """A pose typed wrong takes all its rows with it: two such poses are near by chance."""
-    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
+    module = pytest.importorskip("ppmcal.calibration.validation.left_out_rows")
     data, pose = plain.problem.datasets[0], pose_vector(plain.state.poses[0])
     labels = data.groups[np.argsort(pose[:, 0], kind="stable")]
     out = module.left_out(without(plain, np.isin(data.groups, list(dict.fromkeys(labels))[-3:])))
@@ -356,7 +356,7 @@ def test_rows_of_one_pose_are_one_at_a_place(plain: Fit) -> None:
 
 
 def test_more_rows_than_gross_errors_explain(plain: Fit) -> None:
-    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
+    module = pytest.importorskip("ppmcal.calibration.validation.left_out_rows")
     n = len(plain.keep[0])
     gone = np.zeros(n, dtype=bool)
     gone[np.random.default_rng(2).permutation(n)[:n // 4]] = True

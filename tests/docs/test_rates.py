@@ -15,7 +15,7 @@ from rates.studies import AFTERWARDS, STUDIES, UNDER_TRIAL, filled
 from rates.tables import FOLDER, TABLES
 from study_runner import read
 
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis import candidates, diagnose
 from ppmcal.inference import block_sets, given
 from ppmcal.io import read_mechanism, read_scenario

@@ -6,7 +6,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.io import read_campaign
 from ppmcal.io.results.simulation import files
 from ppmcal.model.dataset import Dataset

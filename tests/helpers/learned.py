@@ -10,9 +10,9 @@ import yaml
 
 import ppmcal as face
 from helpers.diagnoses import BOXES, CONFIGS, STATION
-from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset

@@ -378,7 +378,7 @@ def test_singular_euler_angles_are_one_rotation(tmp_path):
     """In gimbal lock two triples are one rotation, and are read as one."""
     import numpy as np
 
-    from ppmcal.calibration.readings import understood
+    from ppmcal.kinematics.pose_readings import understood
 
     one, two = (understood(np.radians([[a, 90.0, b]]), "euler-ZYX") for a, b in ((30, 10), (20, 0)))
     np.testing.assert_allclose(one, two, atol=1e-7)

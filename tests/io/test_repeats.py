@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import ppmcal
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.noise import noise_check
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.noise_estimate import noise_check
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.whitening import pure_error
 from ppmcal.linalg import Array

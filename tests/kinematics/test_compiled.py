@@ -248,7 +248,7 @@ def test_few_rows_and_help_do_not_import_the_compiler() -> None:
             "from ppmcal.kinematics.closure import Model\n"
             "from ppmcal.kinematics.forward import forward\n"
             "from ppmcal.kinematics.inverse import home_state\n"
-            "import ppmcal.calibration.identify\n"
+            "import ppmcal.calibration.fit.fitting\n"
             "machine = ppmcal.load(ppmcal.shipped('6-UPS'))\n"
             "forward(Model(machine), np.tile(home_state(machine).q, (20, 1)))\n"
             "assert 'numba' not in sys.modules\n")

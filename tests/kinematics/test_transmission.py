@@ -7,7 +7,7 @@ import pytest
 from helpers.machines import KINDS, plain, read_text
 from helpers.paths import ROOT
 
-from ppmcal.calibration.check import transmissions
+from ppmcal.calibration.interpretation.data_check import transmissions
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_attempt, home_state

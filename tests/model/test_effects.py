@@ -16,8 +16,8 @@ from helpers.machines import FURTHER, KINDS, Array, delta, difference, full, mix
 from helpers.paths import ROOT
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.observation import stretched
-from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.fit.observation import stretched
+from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.io import read_mechanism
 from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.closure import Model

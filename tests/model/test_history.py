@@ -17,7 +17,7 @@ from helpers.paths import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ppmcal.calibration.compensation import compensate
+from ppmcal.calibration.compensation.commands import compensate
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 from ppmcal.io.effects import effects_tree, with_effects

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.report_files import own, specs
 
-from ppmcal.calibration.common_errors import common_errors, share_interval
+from ppmcal.calibration.sessions.common_parameters import common_errors, share_interval
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
 from ppmcal.report.batch import batch_page, left, ranking
 from ppmcal.report.batch_changes import differences

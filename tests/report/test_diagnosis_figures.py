@@ -25,12 +25,12 @@ from scipy.stats import t as student
 
 from ppmcal.api.diagnose import DiagnosisResult
 from ppmcal.api.inputs import source_of
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.fit import FitOptions as FitOptions
-from ppmcal.calibration.identify import identify
-from ppmcal.calibration.intervals import coverage
-from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.validation import fresh_state
+from ppmcal.calibration.fit.fit_result import Fit
+from ppmcal.calibration.fit.fit_result import FitOptions as FitOptions
+from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.knowledge.intervals import coverage
+from ppmcal.calibration.validation.residual_vectors import fresh_state
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.extended_model import with_named
 from ppmcal.diagnosis.result import Diagnosis

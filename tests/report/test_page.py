@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from helpers.report_files import cells, identification, own, read, specs, write_csv, write_fit
 
-from ppmcal.calibration.estimates import FAR
+from ppmcal.calibration.knowledge.parameter_estimates import FAR
 from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import Combination, NoiseCheck, ParameterEstimate

@@ -13,7 +13,7 @@ from wild.catalogue import write
 from ppmcal.api.compensate import compensate
 from ppmcal.api.diagnose import DiagnosisResult, diagnose
 from ppmcal.api.identify import identify
-from ppmcal.calibration.misread import Misread
+from ppmcal.calibration.interpretation.misread import Misread
 
 
 def diagnosed(folder: Path, case: str, machine: str, seed: int) -> DiagnosisResult:

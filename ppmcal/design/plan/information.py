@@ -9,9 +9,15 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.compensation import Knowledge, prediction_jacobian
-from ppmcal.calibration.least_squares import column_scale, prior_weights
-from ppmcal.calibration.problem import Problem, State
-from ppmcal.calibration.rank import RANK_TOLERANCE, analyse, pivoted
+from ppmcal.calibration.fit import (
+    RANK_TOLERANCE,
+    Problem,
+    State,
+    analyse,
+    column_scale,
+    pivoted,
+    prior_weights,
+)
 from ppmcal.design.plan.candidate_poses import Candidates
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import NoResult

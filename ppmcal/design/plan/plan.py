@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.rank import analyse, observability
-from ppmcal.calibration.secondary import secondary
+from ppmcal.calibration.fit import analyse, observability, secondary
 from ppmcal.design.plan import information as accuracy
 from ppmcal.design.plan.candidate_poses import Candidates, Region, draw, evenly, listed, region_of
 from ppmcal.design.plan.d_optimal import Design, Rules, exchange, greedy, log_det, pruned

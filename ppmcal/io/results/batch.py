@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from ppmcal.calibration.summary import Identification
+from ppmcal.calibration.validation import Identification
 from ppmcal.io.parquet import parquet_bytes
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord

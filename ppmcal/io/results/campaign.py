@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ppmcal.calibration.campaign import WeakCampaign
+from ppmcal.calibration.fit import WeakCampaign
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.units import Units
 from ppmcal.wording import counted

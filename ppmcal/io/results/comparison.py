@@ -8,10 +8,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ppmcal.calibration.change_detection import Change, ChangePart, Comparison
-from ppmcal.calibration.common_misfit import DifferenceNoise
-from ppmcal.calibration.coverage import half_or
-from ppmcal.calibration.pose_difference import PoseDifference
+from ppmcal.calibration.fit import half_or
+from ppmcal.calibration.sessions import (
+    Change,
+    ChangePart,
+    Comparison,
+    DifferenceNoise,
+    PoseDifference,
+)
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Text, Whole
 from ppmcal.io.results.units import column_factor, column_unit, parameter_unit

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from ppmcal.calibration.before import DEFINITION
-from ppmcal.calibration.validation import residuals
+from ppmcal.calibration.validation import DEFINITION, residuals
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.io.results.identification_parts import Summaries, before_words, summaries
 from ppmcal.io.results.record import Part, Text

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ppmcal.calibration.intervals import coverage
-from ppmcal.calibration.plain_mistakes import plain_mistakes
+from ppmcal.calibration.interpretation import plain_mistakes
+from ppmcal.calibration.knowledge import coverage
 from ppmcal.diagnosis import other_days
 from ppmcal.diagnosis.plot_data import plot_data
 from ppmcal.diagnosis.result import Diagnosis

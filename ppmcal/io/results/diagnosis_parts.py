@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from ppmcal.calibration.coverage import half_interval
-from ppmcal.calibration.intervals import coverage
+from ppmcal.calibration.fit import half_interval
+from ppmcal.calibration.knowledge import coverage
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.derived_errors import derived
 from ppmcal.diagnosis.held_out_blocks import BlockGap

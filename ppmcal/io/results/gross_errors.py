@@ -9,9 +9,7 @@ from collections.abc import Mapping
 
 from pydantic import Field
 
-from ppmcal.calibration.coverage import half_or
-from ppmcal.calibration.homing_shift import HomingShift
-from ppmcal.calibration.outliers import GrossError, GrossErrors
+from ppmcal.calibration.fit import GrossError, GrossErrors, HomingShift, half_or
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.io.results.units import column_factor, parameter_unit
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism

@@ -7,10 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ppmcal.calibration.coverage import Z95
-from ppmcal.calibration.flatness import Flat
-from ppmcal.calibration.identifiability import CALIPER, CollinearParameters, Identifiability, Scale
-from ppmcal.calibration.rank import Unidentifiable
+from ppmcal.calibration.fit import Z95, Flat, Unidentifiable
+from ppmcal.calibration.knowledge import CALIPER, CollinearParameters, Identifiability, Scale
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units

@@ -8,9 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from ppmcal.calibration.before import DEFINITION
-from ppmcal.calibration.freedom_choice import FreedomChoice
-from ppmcal.calibration.summary import Identification
+from ppmcal.calibration.knowledge import FreedomChoice
+from ppmcal.calibration.validation import DEFINITION, Identification
 from ppmcal.io import write_mechanism
 from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.campaign import CampaignSummary

@@ -7,16 +7,19 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
-from ppmcal.calibration.considered import Considered
-from ppmcal.calibration.coverage import half_interval, half_or
-from ppmcal.calibration.estimates import Estimate
-from ppmcal.calibration.fit import data_rows
-from ppmcal.calibration.freedom_choice import FreedomChoice
-from ppmcal.calibration.left_out_rows import DoubtfulStretch
-from ppmcal.calibration.noise import FAILED_NOISE, STATED, Noise, noise_state
-from ppmcal.calibration.posterior import of_data
-from ppmcal.calibration.session_knowledge import session_knowledge
-from ppmcal.calibration.summary import Dependence, Identification
+from ppmcal.calibration.fit import (
+    FAILED_NOISE,
+    STATED,
+    Noise,
+    data_rows,
+    half_interval,
+    half_or,
+    noise_state,
+    of_data,
+)
+from ppmcal.calibration.knowledge import Considered, Estimate, FreedomChoice
+from ppmcal.calibration.sessions import session_knowledge
+from ppmcal.calibration.validation import Dependence, DoubtfulStretch, Identification
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.io.results.session_parts import SessionInformation
 from ppmcal.io.results.units import Numbers, column_factor, numbers

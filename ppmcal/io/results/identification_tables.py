@@ -6,10 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ppmcal.calibration.campaign import MissingPoses
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.observation import labels
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.fit import Fit, MissingPoses, Problem, labels
 from ppmcal.calibration.validation import Residuals
 from ppmcal.io.csv_writer import LongText, csv_text
 from ppmcal.io.results.record import Column, table_lines, table_text

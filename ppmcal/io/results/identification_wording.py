@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ppmcal.calibration.noise import LARGER, SMALLER
+from ppmcal.calibration.fit import LARGER, SMALLER
 from ppmcal.io.results.identification_parts import Combination, NoiseCheck
 from ppmcal.wording import chance, counted
 

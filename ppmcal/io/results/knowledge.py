@@ -10,11 +10,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ppmcal.calibration.compensation import Knowledge
-from ppmcal.calibration.considered import Considered
-from ppmcal.calibration.left_out_rows import DoubtfulStretch
-from ppmcal.calibration.posterior import Posterior, SessionKnowledge, Sight
-from ppmcal.calibration.same_rows import KnownRows
-from ppmcal.calibration.session_knowledge import SESSION
+from ppmcal.calibration.fit import Posterior, SessionKnowledge, Sight
+from ppmcal.calibration.knowledge import Considered
+from ppmcal.calibration.sessions import SESSION
+from ppmcal.calibration.validation import DoubtfulStretch
 from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
@@ -31,6 +30,7 @@ from ppmcal.linalg import Array, eigh
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.model.same_rows import KnownRows
 from ppmcal.units import Units
 
 AGAIN = "Run identify again"

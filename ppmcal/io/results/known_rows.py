@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.calibration.same_rows import CARRIED, KnownRows
-from ppmcal.calibration.summary import Identification
+from ppmcal.calibration.validation import Identification
 from ppmcal.io.copies import known_rows
 from ppmcal.io.json import LARGEST
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.same_rows import CARRIED, KnownRows
 
 ANGLES = ("rx", "ry", "rz")
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from ppmcal.calibration.reading_trial import Misreading
+from ppmcal.calibration.interpretation import Misreading
 from ppmcal.io.results.record import Part, Shown, Text, Whole
 from ppmcal.units import Units
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
-from ppmcal.calibration.model_averaging import Reading, Readings, probabilities
+from ppmcal.calibration.compensation import Reading, Readings, probabilities
 from ppmcal.diagnosis.effect_sets import labels
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput

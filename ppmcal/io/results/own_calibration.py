@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.calibration.same_rows import KnownRows
 from ppmcal.errors import PpmcalError
 from ppmcal.io.copies import count_among
 from ppmcal.io.results.identification import IdentificationRecord
@@ -15,6 +14,7 @@ from ppmcal.io.results.knowledge import known_in, read_identification, tables_of
 from ppmcal.io.results.units import column_factor
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.same_rows import KnownRows
 from ppmcal.wording import number
 
 ALL = "these measurements"

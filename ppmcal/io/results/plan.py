@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
-from ppmcal.calibration.secondary import pictures_beside
+from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.plan.result import Plan
 from ppmcal.io import csv_text
 from ppmcal.io.results.design import ShownTable

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.observation import NUMBERS
 from ppmcal.design.plan.information import PAYS, reaching
 from ppmcal.design.plan.result import Plan
 from ppmcal.model.dataset import Unknown
+from ppmcal.model.instruments import NUMBERS
 from ppmcal.wording import counted
 
 FEWEST = 2

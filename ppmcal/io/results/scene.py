@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.check import home_gaps
+from ppmcal.calibration.interpretation import home_gaps
 from ppmcal.io.results.record import Finite, Flag, Part, Text, UnitNames
 from ppmcal.io.results.scene_machine import MachineStand, machine_frames, unit_of
 from ppmcal.io.results.scene_parts import (

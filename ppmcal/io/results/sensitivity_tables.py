@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.calibration.secondary import pictures_beside
+from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.error_jacobian import Poses, determinants, error_jacobian
 from ppmcal.design.error_sources import Source
 from ppmcal.design.sensitivity import Sensitivity

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 from pydantic import ConfigDict, Field
 
-from ppmcal.calibration.secondary import pictures_beside
+from ppmcal.calibration.fit import pictures_beside
 from ppmcal.io.results.design import ShownTable, geometry_note
 from ppmcal.io.results.record import Part, Provenance, Record, Shown, Text, Whole, table_text
 from ppmcal.io.results.tables import unit_map

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ppmcal.calibration.day_noise import REPEATS, STATED, DayNoise
-from ppmcal.calibration.frozen_models import ModelError, Validated
+from ppmcal.calibration.sessions import REPEATS, STATED, DayNoise
+from ppmcal.calibration.validation import ModelError, Validated
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, UnitNames, Whole
 from ppmcal.model.measured import MISSED

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.calibration.secondary import pictures_beside
+from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.assembly_modes import Modes
 from ppmcal.design.workspace import Workspace
 from ppmcal.io import csv_text

@@ -1,0 +1,428 @@
+"""Corrected commands: what to send so that the real machine goes where it is wanted.
+
+The identified machine's inverse kinematics is the correction. Besides the commands it
+tells what error the uncorrected ones would give, what is left after correction, and how
+well the data know it; rows that would be unsafe are refused, each with its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.calibration.fit import Problem, State, refuse_other_branch
+from ppmcal.calibration.knowledge import IMPLAUSIBLE, by_tolerances, measured_ranges, refuse_far
+from ppmcal.calibration.validation import DoubtfulStretch, Identification
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import final_shift
+from ppmcal.kinematics.equilibrium import reached_poses
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.needed_columns import remembers
+from ppmcal.kinematics.partial_pose import (
+    PoseConvention,
+    named_only,
+    pose_motor,
+    pose_vector,
+    wanted_poses,
+)
+from ppmcal.kinematics.registration import after_events, measured_pose, predict
+from ppmcal.kinematics.tables import inverse_table
+from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.model.dataset import Dataset, Environment, environment, unknown_environment
+from ppmcal.model.effects.learned import LEARNED
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
+from ppmcal.wording.progress import stage
+
+NOTHING = 1e-9
+"""Errors and steps below this part of the reach, or of a radian, are arithmetic."""
+KINDS = {"position": "length", "rotation": "angle"}
+"""Errors that are told, each by itself, and their quantity."""
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What an identification knows beyond the model file.
+
+    ``names`` (C,) columns and ``covariance`` (C, C) as in
+    :class:`ppmcal.calibration.validation.Identification`, and behind them the parameters that
+    it held though they may be off, which the others err with; ``volume``: coordinate -> (low,
+    high) of the poses that were measured, base frame, SI. ``pivots``: the points about which the
+    fitted frames are turned, by data set (3,). ``before``: where the instrument stands if the
+    nominal geometry is believed, by data set: the frame of the uncorrected commands.
+    ``unexplained``: rms of what neither model nor noise explained, m and rad; ``doubtful``:
+    stretches of a joint's travel that the model misses.
+    """
+
+    names: tuple[str, ...]
+    covariance: Array
+    volume: Mapping[str, tuple[float, float]]
+    pivots: Mapping[str, Array]
+    before: Mapping[str, Registration]
+    unexplained: tuple[float, float] = (0.0, 0.0)
+    doubtful: tuple[DoubtfulStretch, ...] = ()
+
+    @classmethod
+    def of(cls, found: Identification) -> Knowledge:
+        """Return what an identification knows, as its identification.json would tell it."""
+        problem = found.fit.problem
+        left = found.unexplained
+        kept = found.considered
+        names, covariance = tuple(found.columns), found.covariance
+        if kept is not None:
+            names, covariance = (*names, *kept.names), kept.beside(covariance)
+        return cls(names, covariance, found.measured_volume,
+                   {d.name: o.about for d, o in zip(problem.datasets, problem.opens, strict=True)},
+                   found.before_registrations,
+                   (float(left.get("position", 0.0)), float(left.get("rotation", 0.0))),
+                   found.doubtful)
+
+    def missed(self, q: Array, actuators: Sequence[str]) -> Array:
+        """Return what the identification missed near joint values (N, k), m and rad (N, 2)."""
+        out = np.tile(np.square(self.unexplained), (len(q), 1))
+        for d in self.doubtful:
+            inside = d.holds(q[:, actuators.index(d.actuator)])
+            out += np.where(inside[:, None], np.square([d.position, d.rotation]), 0.0)
+        return np.asarray(np.sqrt(out))
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """Commands for N wanted poses, SI; nan where refused.
+
+    ``command`` is the pose to ask of a controller that uses the nominal geometry; ``seen``
+    (N, 6) the wanted pose as measured, open coordinates solved for; ``pose`` (N, 6) that of the
+    platform in the base frame. ``position_before`` ... ``rotation_after``: errors of the nominal
+    and of the corrected commands if the model is exact (N,), m and rad; ``sigma_position``,
+    ``sigma_rotation``: the model's own standard deviation at the corrected commands,
+    ``sigma_position_before``, ``sigma_rotation_before`` at the nominal ones (N,), nan: unknown.
+    """
+
+    q: Array
+    q_nominal: Array
+    command: Array
+    seen: Array
+    pose: Array
+    position_before: Array
+    position_after: Array
+    rotation_before: Array
+    rotation_after: Array
+    sigma_position: Array
+    sigma_rotation: Array
+    sigma_position_before: Array
+    sigma_rotation_before: Array
+    status: tuple[str, ...]
+    reason: tuple[str, ...]
+
+    def expected(self, kind: str) -> tuple[Array, Array]:
+        """Return the rms errors (N,) to expect of nominal and of corrected commands, m or rad.
+
+        What is not known of the model is not known of either: both have it. Where it is unknown
+        how much that is, what is left of corrected commands is nan, and the nominal ones' error is
+        that of an exact model.
+
+        Args:
+            kind: ``position`` or ``rotation``.
+        """
+        unknown = np.nan_to_num(getattr(self, f"sigma_{kind}_before"))
+        return (np.hypot(getattr(self, f"{kind}_before"), unknown),
+                np.hypot(getattr(self, f"{kind}_after"), getattr(self, f"sigma_{kind}")))
+
+    def rms(self, kind: str) -> tuple[float | None, float | None, float | None]:
+        """Return rms over the commands, m or rad: expected before and after, the model's sigma.
+
+        None: unknown, or no command. Argument as that of :meth:`expected`.
+        """
+        before, after = self.expected(kind)
+        rows = finite_rows(self.q) & np.isfinite(before + getattr(self, f"{kind}_after"))
+        return _rms(before[rows]), _rms(after[rows]), _rms(getattr(self, f"sigma_{kind}")[rows])
+
+
+def _rms(values: Array) -> float | None:
+    known = values.size > 0 and bool(np.isfinite(values).all())
+    return float(np.sqrt(np.mean(values**2))) if known else None
+
+
+@stage("finding commands")
+def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
+               knowledge: Knowledge | None = None, dataset: str = "",
+               columns: Mapping[str, Array] | None = None, sequence: bool = False
+               ) -> Compensation:
+    """Return corrected commands.
+
+    Args:
+        mechanism: the identified machine (its nominals are the controller's model).
+        wanted: poses (N, 6) as the instrument would measure them, nan where open.
+        registration: frame and target; ``Registration()`` for platform poses in the base frame.
+        knowledge: covariance and measured volume, None where not available.
+        dataset: name of the data set that ``registration`` belongs to.
+        columns: what effects depend on, as in :func:`ppmcal.model.dataset.environment`.
+        sequence: targets are visited in order, which gives the directions of approach.
+
+    An instrument's own error (its scale, say) is not commanded into the machine: targets are
+    true positions in its frame. What moved in mid-run is taken as it was at the end.
+    """
+    k = len(mechanism.actuators)
+    model, nominal = Model(mechanism), Model(mechanism.nominal())
+    before_events = registration
+    if dataset:
+        registration = after_events(registration, final_shift(mechanism))
+    full, failed = wanted_poses(model, registration, wanted)
+    columns = dict(columns or {})
+    ordered = sequence or "time" in columns
+    rough = inverse_table(nominal, full).q if ordered else np.full((len(full), k), np.nan)
+    rows = environment(columns, mechanism.actuators, mechanism.gravity, rough, sequence)
+    # effects move the surface of a machine with fewer actuators than coordinates: what was left
+    # open stays open, or the pose would be off it
+    open_ = (np.isnan(wanted) & np.isin(np.arange(6), mechanism.dof)).any(axis=1)
+    asked, seen_by = full, PoseConvention()
+    if mechanism.effects and open_.any():
+        asked, seen_by = wanted, PoseConvention(seen=registration)
+    table = inverse_table(model, asked, rows, seen_by)
+    if rows.history is not None and remembers(mechanism):
+        # what remembers the way follows the joints that are sent, not the nominal ones
+        sent = np.where(finite_rows(table.q)[:, None], table.q, rough)
+        rows = environment(columns, mechanism.actuators, mechanism.gravity, sent, sequence)
+        table = inverse_table(model, asked, rows, seen_by)
+    if asked is wanted:
+        full = np.where((open_ & finite_rows(table.pose))[:, None], table.pose, full)
+        failed = [""] * len(full)   # that was of the machine without its effects
+    status = ["refused" if f or s != "ok" else "ok"
+              for f, s in zip(failed, table.status, strict=True)]
+    reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
+    volume = None if knowledge is None else knowledge.volume
+    ranges = measured_ranges(mechanism, volume)
+    refuse_far(mechanism, full, ranges, status, reason)
+    refuse_other_branch(model, pose_motor(full), table.q, ranges, status, reason)
+    believed = registration
+    if knowledge is not None and dataset in knowledge.before:
+        believed = knowledge.before[dataset]
+    before, reached, q_nominal = _uncorrected(model, nominal, registration, believed, full, wanted,
+                                              rows)
+    _refuse_unexplained(model, nominal, registration, full, q_nominal, rows, before, status, reason)
+    good = np.array([s == "ok" for s in status])
+    sigma = pose_sigma(model, before_events, full, table.q, good, knowledge, dataset, rows)
+    if knowledge is not None:
+        good = _refuse_unknown(good, sigma, status, reason)
+    sigma_before = pose_sigma(model, before_events, reached, q_nominal,
+                              good & finite_rows(reached), knowledge, dataset, rows)
+    result = _after(model, nominal, registration, table.q, full, good, rows)
+    q = np.where(good[:, None], table.q, np.nan)
+    seen = measured_pose(registration, pose_motor(full))
+    return Compensation(q, q_nominal, result[0], seen, full, before[0], result[1], before[1],
+                        result[2], *sigma, *sigma_before, tuple(status), tuple(reason))
+
+
+@stage("predicting errors without correction")
+def _uncorrected(model: Model, nominal: Model, registration: Registration,
+                 believed: Registration, full: Array, wanted: Array, rows: Environment
+                 ) -> tuple[tuple[Array, Array], Array, Array]:
+    """Errors (N,) of the nominal commands, poses reached by them (N, 6), and they (N, k).
+
+    Errors of position and rotation, if the model is exact; poses in the base frame.
+
+    The nominal machine is asked for the wanted pose in the frame in which it fits the
+    measurements best, ``believed``; what its closure does not allow is left to it.
+    """
+    asked, _ = wanted_poses(nominal, believed, wanted)
+    if nominal.mechanism.equations > len(nominal.mechanism.actuators):
+        asked = named_only(nominal.mechanism, asked)
+    table = inverse_table(nominal, asked)
+    real = reached_poses(model, table.q, rows)
+    return _errors(registration, real.pose, pose_motor(full)), pose_vector(real.pose), table.q
+
+
+def _refuse_unexplained(model: Model, nominal: Model, registration: Registration, full: Array,
+                        q_nominal: Array, rows: Environment, before: tuple[Array, Array],
+                        status: list[str], reason: list[str]) -> None:
+    """Refuse rows whose commands go farther from the uncorrected ones than tolerances explain.
+
+    Whatever the fit promises: a machine is not that far from its drawing, numbers are wrong then.
+    What named effects do is explained by them; what was learned claims no cause. ``before``:
+    errors (N,) of the nominal commands ``q_nominal``.
+    """
+    mechanism = model.mechanism
+    bare = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.kind.name == LEARNED))
+    if len(bare.effects) < len(mechanism.effects):
+        real = reached_poses(Model(bare), q_nominal, rows)
+        before = _errors(registration, real.pose, pose_motor(full))
+    at = finite_rows(q_nominal) & np.array([s == "ok" for s in status])
+    if not at.any():
+        return
+    sigma = tolerance_sigma(nominal, registration, full[at], q_nominal[at])
+    units, least = mechanism.units, NOTHING * np.array([mechanism.reach, 1.0])
+    for n, *sizes in zip(np.flatnonzero(at).tolist(), *sigma, strict=True):
+        for i, quantity in enumerate(("length", "angle")):
+            if before[i][n] > IMPLAUSIBLE * sizes[i] + least[i]:
+                factor, unit = units.factor(quantity), units.name(quantity)
+                status[n] = "refused"
+                reason[n] = (
+                    f"goes {before[i][n] / factor:.4g} {unit} from the uncorrected command, where "
+                    f"the tolerances make {sizes[i] / factor:.2g} {unit} (1 sigma): no machine "
+                    f"within {IMPLAUSIBLE:.0f} tolerances is that far from its drawing; "
+                    "if this one is, give its file larger tolerances (--regardless does not lift "
+                    "this)")
+
+
+def _refuse_unknown(good: Bools, sigma: tuple[Array, Array], status: list[str],
+                    reason: list[str]) -> Bools:
+    """Refuse rows of which it cannot be had how well they are known; return those that are left."""
+    known = np.isfinite(sigma[0]) & np.isfinite(sigma[1])
+    for n in np.flatnonzero(good & ~known).tolist():
+        status[n] = "refused"
+        reason[n] = "how well the measurements know the machine there cannot be predicted"
+    return np.asarray(good & known)
+
+
+def tolerance_sigma(nominal: Model, registration: Registration, full: Array, q: Array
+                    ) -> tuple[Array, Array]:
+    """Return how far tolerances take the nominal machine from where it is sent (N,), m and rad.
+
+    One standard deviation, infinite where a tolerance is. Arguments as those of
+    :func:`prediction_jacobian`; nan where the machine does not take a pose.
+    """
+    mechanism, rows = nominal.mechanism, unknown_environment(*q.shape)
+    problem, state = as_measured(nominal, registration, full, q, "", rows, (), np.zeros(3))
+    places = sum(1 for c in mechanism.dof if c < 3)
+    out = np.full((2, len(q)), np.nan)
+    for r in problem.rows(state):
+        assert r.response is not None
+        variance = np.sum(by_tolerances(r.response, mechanism) ** 2, axis=2)
+        out[:, r.index] = variance[:, :places].sum(axis=1), variance[:, places:].sum(axis=1)
+    return np.sqrt(out[0]), np.sqrt(out[1])
+
+
+@stage("predicting errors with correction")
+def _after(model: Model, nominal: Model, registration: Registration, q: Array, full: Array,
+           good: Bools, rows: Environment) -> tuple[Array, Array, Array]:
+    """Corrected pose command of the nominal model (N, 6), and errors left (N,) each."""
+    command = np.full_like(full, np.nan)
+    position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
+    if good.any():
+        asked = forward(nominal, q[good])
+        command[good] = pose_vector(asked.pose)
+        real = reached_poses(model, q[good], rows.take(good))
+        position[good], rotation[good] = _errors(registration, real.pose, pose_motor(full[good]))
+    return command, position, rotation
+
+
+def _errors(registration: Registration, real: Array, ideal: Array) -> tuple[Array, Array]:
+    """Return position and rotation differences (N,) as the instrument would see them."""
+    (a, ra), (b, rb) = predict(registration, real), predict(registration, ideal)
+    turn = cga.rotation_vector(cga.motor_from_matrix(ra @ np.swapaxes(rb, -1, -2), np.zeros(3)))
+    return np.linalg.norm(a - b, axis=-1), np.linalg.norm(turn, axis=-1)
+
+
+@stage("how sure they are")
+def pose_sigma(model: Model, registration: Registration, full: Array, q: Array, good: Bools,
+               knowledge: Knowledge | None, dataset: str, rows: Environment
+               ) -> tuple[Array, Array]:
+    """Return standard deviations (N,) of position, m, and rotation, rad, at given joint values.
+
+    What the identification left unexplained is there at these poses too. nan where not ``good``;
+    arguments as those of :func:`prediction_jacobian`.
+    """
+    position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
+    if knowledge is None or not good.any():
+        return position, rotation
+    jacobian = prediction_jacobian(model, registration, full[good], q[good], knowledge, dataset,
+                                   rows.take(good))
+    variance = np.einsum("nmc,nmc->nm", jacobian @ knowledge.covariance, jacobian)
+    variance += own_variance(model, registration, full[good], q[good], dataset, rows.take(good))
+    places = sum(1 for c in model.mechanism.dof if c < 3)
+    left = knowledge.missed(q[good], model.mechanism.actuators) ** 2
+    position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0) + left[:, 0])
+    rotation[good] = np.sqrt(np.maximum(variance[:, places:].sum(axis=1), 0.0) + left[:, 1])
+    return position, rotation
+
+
+def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration,
+                knowledge: Knowledge, dataset: str, columns: Mapping[str, Array]
+                ) -> tuple[Array, Array]:
+    """Return standard deviations (N,) of position, m, and rotation, rad, of an identified machine.
+
+    Args:
+        mechanism: the identified machine.
+        poses: of the platform in the base frame (N, 6), nan where open.
+        registration: frame and target in which the pose is measured.
+        knowledge: what the identification knows.
+        dataset: name of the data set that ``registration`` belongs to.
+        columns: what effects depend on, as in :func:`ppmcal.model.dataset.environment`.
+
+    Poses that the machine does not take are nan.
+    """
+    k = len(mechanism.actuators)
+    model = Model(mechanism)
+    full, _ = wanted_poses(model, Registration(), poses)
+    rows = environment(columns, mechanism.actuators, mechanism.gravity,
+                       np.full((len(full), k), np.nan))
+    table = inverse_table(model, full, rows)
+    good = np.array([s == "ok" for s in table.status])
+    return pose_sigma(model, registration, full, table.q, good, knowledge, dataset, rows)
+
+
+def prediction_jacobian(model: Model, registration: Registration, full: Array, q: Array,
+                        knowledge: Knowledge, dataset: str, rows: Environment) -> Array:
+    """Return d(measured pose)/d(columns), columns as the identification names them.
+
+    Args:
+        model: the machine at its parameters.
+        registration: frame and target in which poses are measured.
+        full: platform poses (N, 6) in the base frame, x, y, z, rotation vector.
+        q: joint values there (N, k).
+        knowledge: names the C columns, and the points about which frames are turned.
+        dataset: name of the data set that ``registration`` belongs to.
+        rows: the environment that effects depend on.
+
+    Returns:
+        (N, m, C), m and rad in the measuring frame per unit of a column, SI; 0 in columns of
+        other data sets' frames and of unknown names, nan in rows that the machine does not take.
+    """
+    names = knowledge.names
+    place = {n: i for i, n in enumerate(model.mechanism.names)}
+    free = tuple(place[n] for n in names if n in place)
+    about = knowledge.pivots.get(dataset, np.zeros(3))
+    problem, state = as_measured(model, registration, full, q, dataset, rows, free, about)
+    own = {name: c for c, name in enumerate(problem.columns)}
+    there = [c for c, name in enumerate(names) if name in own]
+    out = np.full((len(full), len(model.mechanism.dof), len(names)), np.nan)
+    for r in problem.rows(state):
+        block = np.zeros((r.index.size, *out.shape[1:]))
+        block[..., there] = r.jacobian[..., [own[names[c]] for c in there]]
+        out[r.index] = block
+    return out
+
+
+def as_measured(model: Model, registration: Registration, full: Array, q: Array, dataset: str,
+                 rows: Environment, free: tuple[int, ...], about: Array) -> tuple[Problem, State]:
+    """Return poses as rows of a problem, with sigmas of 1 m and 1 rad; as the function above."""
+    mechanism = model.mechanism
+    # planar machines measure x, y, rz only
+    flat = np.array([False, False, True, True, True, False]) & (mechanism.motion == "planar")
+    data = Dataset.of_poses(dataset, q, np.where(flat, np.nan, full), (1.0, 1.0), fitted=True)
+    closed = reached_poses(model, q, rows, pose_motor(full), q).closed
+    return (Problem(mechanism, (data,), free, (about,), (rows,)),
+            State(mechanism.values, (registration,), (closed,)))
+
+
+def own_variance(model: Model, registration: Registration, full: Array, q: Array, dataset: str,
+                 rows: Environment) -> Array:
+    """Return the variance (N, m) of poses by what effects are uncertain by of themselves."""
+    mechanism = model.mechanism
+    uncertain = [e for e in mechanism.effects if e.kind.spread is not None]
+    out = np.zeros((len(full), len(mechanism.dof)))
+    if not uncertain:
+        return out
+    problem, state = as_measured(model, registration, full, q, dataset, rows, (), np.zeros(3))
+    for r in problem.rows(state):
+        assert r.response is not None
+        at = r.response.setting()
+        for effect in uncertain:
+            assert effect.kind.spread is not None
+            values = {n: float(mechanism.values[p]) for n, p in effect.parameters.items()}
+            for shift in effect.kind.spread(at, np.array(effect.on), values):
+                out[r.index] += r.response.column(shift) ** 2
+    return out

@@ -1,0 +1,168 @@
+"""How sure kinematics are: the model's own standard deviations, of poses, joint values and rates.
+
+At fixed joints the pose changes by J dg, at fixed parameters by P dq with P = -A^-1 Jq; a wanted
+pose stays where dq = -P^-1 J dg. So covariances of parameters become those of poses and of joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal.calibration.compensation.commands import (
+    Knowledge,
+    own_variance,
+    pose_sigma,
+    prediction_jacobian,
+)
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.linalg import Array, Bools, Ints, finite_rows, pinv, solve_blocks
+from ppmcal.model.dataset import Environment
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
+from ppmcal.wording.progress import stage
+
+PIECE = 2000
+"""Rows taken at a time."""
+STEP = 0.1
+"""Standard deviations by which a parameter is moved where there is no derivative at hand."""
+
+
+def independent(mechanism: Mechanism, sigma: dict[str, float]) -> Knowledge:
+    """Return knowledge of parameters as if independent, of standard deviations SI."""
+    values = np.array(list(sigma.values()))
+    return Knowledge(tuple(sigma), np.diag(values**2), {}, {}, {})
+
+
+@dataclass(frozen=True, eq=False)
+class PoseRows:
+    """N poses with their joint values and conditions.
+
+    ``pose`` (N, 6) of the platform in the base frame, ``q`` (N, k), SI, nan where there is none.
+    """
+
+    pose: Array
+    q: Array
+    rows: Environment
+
+    @property
+    def known(self) -> Bools:
+        """Which rows have both (N,)."""
+        return finite_rows(self.pose) & finite_rows(self.q)
+
+    def take(self, index: Ints) -> PoseRows:
+        """Return some of the rows."""
+        return PoseRows(self.pose[index], self.q[index], self.rows.take(index))
+
+    def pieces(self) -> Iterator[Ints]:
+        """Yield the indices of rows that have both, some at a time."""
+        index = np.flatnonzero(self.known)
+        for begin in range(0, index.size, PIECE):
+            yield index[begin:begin + PIECE]
+
+
+@stage("how sure they are")
+def forward_sigma(model: Model, registration: Registration, at: PoseRows, knowledge: Knowledge,
+                  dataset: str = "") -> tuple[Array, Array]:
+    """Return standard deviations (N,) of measured position, m, and rotation, rad, at fixed joints.
+
+    Args:
+        model: the machine at its parameters.
+        registration: frame and target (a tool point, say) that see the platform.
+        at: joint values and the platform's poses there.
+        knowledge: covariance of parameters, and of frames if ``dataset`` is named.
+        dataset: whose registration it is, empty for none of the calibration's.
+    """
+    position, rotation = np.full(len(at.q), np.nan), np.full(len(at.q), np.nan)
+    for n in at.pieces():
+        some = at.take(n)
+        position[n], rotation[n] = pose_sigma(model, registration, some.pose, some.q, some.known,
+                                              knowledge, dataset, some.rows)
+    return position, rotation
+
+
+@stage("how sure they are")
+def joint_sigma(model: Model, at: PoseRows, knowledge: Knowledge) -> Array:
+    """Return standard deviations of joint values (N, k) at fixed poses, unit of q.
+
+    Of a machine with fewer actuators than coordinates they are those of the nearest pose.
+    """
+    out = np.full_like(at.q, np.nan)
+    for n in at.pieces():
+        some = at.take(n)
+        turn = _joints_of_poses(model, some.pose, some.q)
+        jacobian = turn @ prediction_jacobian(model, Registration(), some.pose, some.q, knowledge,
+                                              "", some.rows)
+        variance = np.einsum("nkc,cd,nkd->nk", jacobian, knowledge.covariance, jacobian)
+        out[n] = np.sqrt(np.maximum(variance, 0.0) + _beyond_parameters(
+            model, some, turn, knowledge))
+    return out
+
+
+def left_joint_sigma(model: Model, at: PoseRows, knowledge: Knowledge) -> Array:
+    """Return the part of :func:`joint_sigma` that no parameter makes (N, k), unit of q."""
+    out = np.full_like(at.q, np.nan)
+    for n in at.pieces():
+        some = at.take(n)
+        turn = _joints_of_poses(model, some.pose, some.q)
+        out[n] = np.sqrt(_beyond_parameters(model, some, turn, knowledge))
+    return out
+
+
+def _joints_of_poses(model: Model, pose: Array, q: Array) -> Array:
+    """Return d(joint values)/d(pose) (N, k, m) on the closure, nan where singular.
+
+    Of a machine with fewer actuators than coordinates to the nearest pose that it takes, turns
+    counted as arcs at the platform's joints.
+    """
+    closure, motor = model.closure(q), pose_motor(pose)
+    a, jq = closure.pose_matrix(motor), closure.joint_matrix(motor)
+    if jq.shape[1] == jq.shape[2]:
+        return -solve_blocks(jq, a)
+    poses = -solve_blocks(a, jq)
+    out = np.full((len(q), jq.shape[2], a.shape[2]), np.nan)
+    good = np.isfinite(poses).all(axis=(1, 2))
+    size = np.array([1.0 if c < 3 else model.mechanism.length_scale for c in model.mechanism.dof])
+    out[good] = pinv(poses[good] * size[:, None]) * size
+    return out
+
+
+def _beyond_parameters(model: Model, at: PoseRows, turn: Array, knowledge: Knowledge) -> Array:
+    """Return the variance (N, k) of what a fit left unexplained, and of effects' own spread."""
+    dof = model.mechanism.dof
+    places = np.array([c < 3 for c in dof])
+    left = knowledge.missed(at.q, model.mechanism.actuators) ** 2
+    each = np.where(places, left[:, :1] / max(int(places.sum()), 1),
+                    left[:, 1:] / max(int((~places).sum()), 1))
+    each = each + own_variance(model, Registration(), at.pose, at.q, "", at.rows)
+    return np.asarray(np.einsum("nkm,nm->nk", turn**2, each))
+
+
+@stage("how sure they are")
+def sigma_by_differences(solve: Callable[[Model], Array], mechanism: Mechanism,
+                         knowledge: Knowledge) -> Array:
+    """Return standard deviations (N, k) of whatever follows from a model, by central differences.
+
+    Args:
+        solve: the values (N, k) of a model; nan where it has none.
+        mechanism: the machine, whose values are the middle.
+        knowledge: covariance of its parameters; nothing but these counts.
+    """
+    names = [n for n in knowledge.names if n in mechanism.names]
+    own = [knowledge.names.index(n) for n in names]
+    covariance = knowledge.covariance[np.ix_(own, own)]
+    columns = []
+    for name, sigma in zip(names, np.sqrt(np.diagonal(covariance)), strict=True):
+        ends = []
+        for sign in (1.0, -1.0):
+            g = mechanism.values.copy()
+            g[mechanism.names.index(name)] += sign * STEP * sigma
+            ends.append(solve(Model(mechanism, g)))
+        columns.append((ends[0] - ends[1]) / (2.0 * STEP * sigma) if sigma > 0.0
+                       else np.zeros_like(ends[0]))
+    jacobian = np.stack(columns, axis=-1)
+    return np.asarray(np.sqrt(np.maximum(
+        np.einsum("nkc,cd,nkd->nk", jacobian, covariance, jacobian), 0.0)))

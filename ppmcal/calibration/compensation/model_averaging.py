@@ -1,0 +1,182 @@
+"""Commands that hold for every reading of the measurements which the data cannot tell apart.
+
+Each reading is a machine; its weight is its odds. What they disagree about at a target is an
+uncertainty of the command there (Hoeting et al. 1999, Bayesian model averaging). Where the
+commands without any of them are nearer to all of them, those are sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.calibration.compensation.commands import Compensation, Knowledge, compensate
+from ppmcal.calibration.compensation.safe_commands import refused, sent
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.equilibrium import reached_poses
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.registration import predict
+from ppmcal.linalg import Array
+from ppmcal.model.dataset import environment
+from ppmcal.model.mechanism import Mechanism
+
+UNREACHED = ("where it leads is not known: a machine that the measurements do not tell from this "
+             "one does not take these joint values")
+OWN = ("q", "command", "seen", "pose", "position_after", "rotation_after", "status", "reason")
+"""What commands of another machine replace; nominal commands and uncertainties stay."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A machine that explains the measurements too: with ``effect`` ``instead`` of another.
+
+    Without ``instead`` it has one more effect than the model, without ``effect`` one less.
+    ``odds`` for the model against it; ``effects``: all that it has.
+    """
+
+    effect: str
+    instead: str
+    odds: float
+    mechanism: Mechanism
+    effects: tuple[str, ...] = ()
+
+    @property
+    def bare(self) -> bool:
+        """Whether it is the machine without effects, which is no reading of its own."""
+        return not self.effect and not self.instead
+
+
+def probabilities(readings: Sequence[Reading]) -> list[float]:
+    """Return the probability of the model and of each reading, over what was tried."""
+    weight = np.array([1.0, *(1.0 / r.odds for r in readings)])
+    return [float(w) for w in weight / weight.sum()]
+
+
+@dataclass(frozen=True)
+class Readings:
+    """All readings besides the model, and the machine fitted without effects, if known."""
+
+    others: tuple[Reading, ...]
+    without: Mechanism | None
+
+
+@dataclass(frozen=True)
+class Targets:
+    """What is wanted: poses (N, 6) in the frame of a data set ("" for the base), environment.
+
+    As for :func:`ppmcal.calibration.compensation.compensate`.
+    """
+
+    wanted: Array
+    dataset: str
+    columns: Mapping[str, Array]
+    sequence: bool = False
+
+
+def averaged(model: Mechanism, result: Compensation, readings: Readings,
+             knowledge: Knowledge | None, targets: Targets) -> tuple[Compensation, tuple[str, ...]]:
+    """Return the commands with what the readings disagree about in their uncertainty, and notes.
+
+    Args:
+        model: the machine that the commands were made with.
+        result: those commands.
+        readings: of the same measurements.
+        knowledge: covariance and measured volume.
+        targets: what is wanted.
+    """
+    if not readings.others:
+        return result, ()
+    machines = [model, *(r.mechanism for r in readings.others)]
+    weight = np.array(probabilities(readings.others))
+    own = _expected(machines, weight, result.q, result, targets)
+    note = "the measurements do not tell " + "; nor ".join(_untold(readings.others))
+    bare = _without(readings.without, result, knowledge, targets)
+    if bare is not None:
+        plain = _expected(machines, weight, bare.q, result, targets)
+        both = np.isfinite(own[0]) & np.isfinite(plain[0])
+        if both.any() and np.mean(plain[0][both] ** 2) < np.mean(own[0][both] ** 2):
+            length = model.units.factor("length")
+            note += (": left out of these commands, which would be off by "
+                     f"{_rms(own[0]) / length:.3g} {model.units.length} with it and are by "
+                     f"{_rms(plain[0]) / length:.3g} without, over these readings")
+            result, own = replace(result, **{name: getattr(bare, name) for name in OWN}), plain
+        else:
+            note += "; what that changes at the targets is in the uncertainty"
+    result = refused(result, dict.fromkeys(
+        np.flatnonzero(sent(result) & ~np.isfinite(own[0] + own[1])).tolist(), UNREACHED))
+    before = _expected(machines, weight, result.q_nominal, result, targets)
+    return replace(result, position_before=before[0], rotation_before=before[1],
+                   sigma_position=np.hypot(result.sigma_position, own[0]),
+                   sigma_rotation=np.hypot(result.sigma_rotation, own[1])), (note,)
+
+
+def _untold(others: Sequence[Reading]) -> list[str]:
+    """Return what the readings leave open, in words."""
+    swaps = [r for r in others if r.effect and r.instead]
+    out = []
+    if swaps:
+        named, labels = (", ".join(dict.fromkeys(words)) for words in (
+            [r.instead for r in swaps], [r.effect for r in swaps]))
+        out.append(f"{named} from {labels}")
+    there = dict.fromkeys(r.effect or r.instead for r in others if not (r.effect and r.instead))
+    return out + [f"whether there is {name}" for name in there]
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.nanmean(values**2)))
+
+
+def _without(mechanism: Mechanism | None, result: Compensation, knowledge: Knowledge | None,
+             targets: Targets) -> Compensation | None:
+    """Return the commands of the machine without effects; None where it is not known."""
+    if mechanism is None or (targets.dataset and targets.dataset not in mechanism.registrations):
+        return None
+    found = compensate(mechanism, targets.wanted, mechanism.registration(targets.dataset),
+                       None, targets.dataset, targets.columns, targets.sequence)
+    # what was refused stays refused
+    good = np.array([a == b == "ok" for a, b in zip(found.status, result.status, strict=True)])
+    return replace(found, q=np.where(good[:, None], found.q, np.nan),
+                   status=tuple(b if a == "ok" else a
+                                for a, b in zip(result.status, found.status, strict=True)),
+                   reason=tuple(a or b for a, b in zip(result.reason, found.reason, strict=True)))
+
+
+def _expected(machines: Sequence[Mechanism], weight: Array, q: Array, result: Compensation,
+              targets: Targets) -> tuple[Array, Array]:
+    """Return the expected errors (N,) of commands, rms over the machines, m and rad.
+
+    ``weight``: their probabilities.
+    """
+    errors = np.array([_errors(m, q, result, targets) for m in machines])
+    mean = np.sqrt(np.einsum("j,jkn->kn", weight, errors**2))
+    return mean[0], mean[1]
+
+
+def _errors(mechanism: Mechanism, q: Array, result: Compensation, targets: Targets
+            ) -> tuple[Array, Array]:
+    """Return position and rotation errors (N,) of commands, if the machine is this one.
+
+    An instrument that shows (1 + s) times the truth sends the machine astray either way: off what
+    it shows, or, about the middle of the targets, off the truth. The larger of both counts.
+    """
+    registration = mechanism.registration(targets.dataset)
+    rows = environment(targets.columns, mechanism.actuators, mechanism.gravity, result.q_nominal,
+                       targets.sequence)
+    reached = reached_poses(Model(mechanism), q, rows)
+    point, turn = predict(registration, reached.pose)
+    wanted = result.seen[:, :3]
+    miss = point - wanted
+    position = np.linalg.norm(miss, axis=1)
+    if reached.model.shift is not None and reached.model.shift.stretch is not None:
+        stretch = reached.model.shift.stretch
+        shown = miss + (stretch @ point[..., None])[..., 0]
+        about = wanted - np.nanmean(wanted, axis=0)
+        position = np.fmax(np.linalg.norm(shown, axis=1), np.linalg.norm(
+            shown - (stretch @ about[..., None])[..., 0], axis=1))
+    goal = cga.rotation_matrix(pose_motor(result.seen))
+    away = cga.rotation_vector(cga.motor_from_matrix(turn @ np.swapaxes(goal, -1, -2),
+                                                     np.zeros(3)))
+    return position, np.linalg.norm(away, axis=1)

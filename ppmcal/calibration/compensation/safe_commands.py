@@ -1,0 +1,213 @@
+"""Commands that are safe to send: each better than none, and each come to on a safe way.
+
+A row is refused where its corrected command is predicted to be worse than the uncorrected one, in
+position or in rotation and with what is not known in both errors, and where the way to it from the
+last row that is not refused leaves limits, meets a singularity, or is a jump that the targets do
+not make.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal.calibration.compensation.commands import KINDS, NOTHING, Compensation
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.ways import Ways
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import stage
+
+WORSE = 1.01
+"""Errors that differ by less are equal: the model's uncertainty is predicted linearly."""
+JUMP = 0.25
+"""A correction may change from row to row by this part of the targets' own step in the joints."""
+MOST_AHEAD = 12
+"""So often the rows that are tried after a refused one are doubled."""
+PATIENCE = 1000
+"""Rounds in which refusals are taken back; where ways fail so often, more are refused than need."""
+Judge = Callable[[Ints, Ints], dict[int, str]]
+
+
+def refused(found: Compensation, rows: Mapping[int, str]) -> Compensation:
+    """Return the commands without those of ``rows``: index -> reason; predictions stay."""
+    if not rows:
+        return found
+    gone = np.zeros(len(found.status), dtype=np.bool_)
+    gone[list(rows)] = True
+    status, reason = list(found.status), list(found.reason)
+    for n, why in rows.items():
+        status[n], reason[n] = "refused", why
+    return replace(found, q=np.where(gone[:, None], np.nan, found.q),
+                   command=np.where(gone[:, None], np.nan, found.command),
+                   status=tuple(status), reason=tuple(reason))
+
+
+def sent(found: Compensation) -> Bools:
+    """Return which rows have a command (N,)."""
+    return np.array([s == "ok" for s in found.status], dtype=np.bool_) & finite_rows(found.q)
+
+
+def worse_rows(mechanism: Mechanism, found: Compensation) -> dict[int, str]:
+    """Return the rows whose correction is predicted to be worse than none: index -> reason.
+
+    By :data:`WORSE`, in position or in rotation; what is not known of the model is in the errors
+    with and without correction. A row of which it cannot be predicted what is left is among them.
+    """
+    unknown = np.flatnonzero(sent(found) & np.isnan(found.position_after))
+    out = dict.fromkeys(unknown.tolist(), "what the correction leaves cannot be predicted: led "
+                        "evenly from home, the joints meet a singularity or leave their reach")
+    for kind, quantity in reversed(KINDS.items()):
+        before, after = found.expected(kind)
+        after = np.where(np.isnan(after), getattr(found, f"{kind}_after"), after)
+        factor, unit = mechanism.units.factor(quantity), mechanism.units.name(quantity)
+        for n in np.flatnonzero(sent(found) & is_worse(mechanism, kind, before, after)).tolist():
+            out[n] = ("the correction is predicted to be worse than none: "
+                      f"{after[n] / factor:.3g} {unit} of {kind} with it, {before[n] / factor:.3g} "
+                      f"{unit} without, the model's uncertainty in both")
+    return out
+
+
+def is_worse(mechanism: Mechanism, kind: str, before: Array, after: Array) -> Bools:
+    """Return where errors ``after`` correction are more than those ``before``, m or rad.
+
+    Of ``position`` or ``rotation``; below :data:`NOTHING`, or of nan, they are not.
+    """
+    least = NOTHING * (mechanism.reach if kind == "position" else 1.0)
+    with np.errstate(invalid="ignore"):
+        return np.asarray((after > WORSE * before) & (after > least))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """How far the commands step beyond what the targets do, of rows one after the other.
+
+    ``rows``: indices of the later row (M,); ``beyond``: m or rad by which the correction of the
+    worst joint changes (M,), 0 where that is less than :data:`JUMP` of the targets' own step;
+    ``joint``: its index (M,).
+    """
+
+    rows: Ints
+    beyond: Array
+    joint: Ints
+
+
+def _added_steps(mechanism: Mechanism, added: Array, nominal: Array, before: Ints, after: Ints
+                 ) -> Steps:
+    """Return how far corrections ``added`` (N, k) step beyond the nominal joints' own steps."""
+    ratio = _ratios(mechanism)
+    own = np.abs(nominal[after] - nominal[before]) * ratio
+    step = np.abs(added[after] - added[before]) * ratio
+    beyond = np.zeros_like(step)
+    for quantity in set(mechanism.actuator_quantity):
+        mine = [q == quantity for q in mechanism.actuator_quantity]
+        least = NOTHING * (mechanism.reach if quantity == "length" else 1.0)
+        beyond[:, mine] = step[:, mine] - JUMP * own[:, mine].max(axis=1, keepdims=True) - least
+    beyond = np.where(np.isfinite(beyond), np.maximum(beyond, 0.0), 0.0)
+    joint = beyond.argmax(axis=1)
+    return Steps(after, np.where(beyond.max(axis=1) > 0.0, step[np.arange(len(step)), joint], 0.0),
+                 joint)
+
+
+def _ratios(mechanism: Mechanism) -> Array:
+    """Return |du/dq| of each joint (k,)."""
+    out = np.ones(len(mechanism.actuators))
+    for limb in mechanism.limbs:
+        out[limb.actuator] = abs(limb.slots.values(mechanism.values).get("ratio", 1.0))
+    return out
+
+
+@stage("checking the ways between targets")
+def unsafe_ways(mechanism: Mechanism, found: Compensation) -> dict[int, str]:
+    """Return the rows that cannot be come to from the last row before them: index -> reason.
+
+    The last row before that is not refused itself; the first one may be come to from anywhere.
+    """
+    rows = np.flatnonzero(sent(found) & finite_rows(found.pose))
+    if len(rows) < 2:
+        return {}
+    motor = np.full((len(found.q), 8), np.nan)
+    motor[rows] = pose_motor(found.pose[rows])
+    ways = Ways(mechanism, motor, found.q)
+
+    def judge(before: Ints, after: Ints) -> dict[int, str]:
+        # of the geometry: a reversal, a warmer or a heavier row may step, that is its effect
+        return {**_jumps(mechanism, ways.q, found.q_nominal, before, after),
+                **ways.judged(before, after)}
+
+    return _followed(rows, judge)
+
+
+def _jumps(mechanism: Mechanism, q: Array, nominal: Array, before: Ints, after: Ints
+           ) -> dict[int, str]:
+    """Return which of the steps from row to row (M,) are jumps, and why."""
+    out = {}
+    steps = _added_steps(mechanism, q - nominal, nominal, before, after)
+    units = mechanism.joint_units
+    for n in np.flatnonzero(steps.beyond > 0.0):
+        j = int(steps.joint[n])
+        size = abs(q[after[n], j] - q[before[n], j]) / units[j][0]
+        out[int(n)] = (f"{mechanism.actuators[j]} would jump by {size:.6g} {units[j][1]}".rstrip()
+                       + f" from row {before[n] + 1}, beyond the targets' own step")
+    angle = [a == "angle" for a in mechanism.actuator_quantity]
+    turn = np.where(angle, np.abs(q[after] - q[before]) * _ratios(mechanism), 0.0)
+    for n in np.flatnonzero((turn > np.pi).any(axis=1)):
+        j = int(turn[n].argmax())
+        out[int(n)] = (f"{mechanism.actuators[j]} would turn by {np.degrees(turn[n, j]):.4g} deg "
+                       f"from row {before[n] + 1}, the long way round")
+    return out
+
+
+def _followed(rows: Ints, judge: Judge) -> dict[int, str]:
+    """Return which of the rows cannot be come to, by one pass in their order: row -> reason.
+
+    Every row is judged from the last one before it that is not refused, all of them together:
+    after a row that is refused, twice as many are tried each time. What was refused from a row
+    that is then refused itself is judged again, and so is what was refused across it.
+    """
+    alive = np.ones(len(rows), dtype=np.bool_)
+    come_from, refused_from = np.full(len(rows), -1), np.full(len(rows), -1)
+    reason: dict[int, str] = {}
+    patience = PATIENCE
+    tries = np.ones(len(rows), dtype=np.int64)
+    wrong = judge(rows[:-1], rows[1:])
+    sound = np.setdiff1d(np.arange(len(rows) - 1), list(wrong))
+    come_from[sound + 1] = sound
+    while True:
+        index = np.flatnonzero(alive)
+        open_ = np.flatnonzero(come_from[index[1:]] != index[:-1])
+        if not open_.size:
+            return {int(rows[n]): reason[n] for n in np.flatnonzero(~alive).tolist()}
+        ahead = 2 ** np.minimum(tries[index[open_]], MOST_AHEAD)
+        # of rows whose tries overlap the first goes first
+        apart = np.concatenate([[True], open_[1:] > np.maximum.accumulate(open_ + ahead)[:-1]])
+        open_, ahead = open_[apart], np.minimum(ahead[apart], len(index) - 1 - open_[apart])
+        start = np.cumsum(ahead) - ahead
+        step = np.arange(int(ahead.sum())) - np.repeat(start, ahead)
+        before = index[np.repeat(open_, ahead)]
+        after = index[np.repeat(open_, ahead) + 1 + step]
+        wrong = judge(rows[before], rows[after])
+        good = np.ones(len(after), dtype=np.bool_)
+        good[list(wrong)] = False
+        first = np.minimum.reduceat(np.where(good, step, len(rows)), start)
+        lost = np.flatnonzero(step < np.repeat(first, ahead))
+        reason.update((int(after[n]), wrong[n]) for n in lost.tolist())
+        alive[after[lost]], refused_from[after[lost]] = False, before[lost]
+        again = ~alive & np.isin(refused_from, after[lost])
+        patience -= 1
+        while patience > 0 and again.any():
+            alive[again], come_from[again] = True, -1
+            # a row that is back stands between others and what they were refused from
+            back = np.cumsum(again)
+            again = ~alive & (back > back[np.maximum(refused_from, 0)])
+        reached = first < len(rows)
+        come_from[index[open_[reached] + 1 + first[reached]]] = index[open_[reached]]
+        tries[index[open_]] += 1
+
+
+def own_steps(mechanism: Mechanism, found: Compensation) -> Steps:
+    """Return by how much commands step beyond their targets: what conditions of the rows do."""
+    rows = np.flatnonzero(sent(found))
+    return _added_steps(mechanism, found.q - found.q_nominal, found.q_nominal, rows[:-1], rows[1:])

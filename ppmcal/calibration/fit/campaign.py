@@ -1,0 +1,198 @@
+"""Campaigns that cannot tell what they are fitted for: flat, short, of few poses.
+
+What the poses span is judged against what the machine can do: singular values of the positions
+and of the rotations, each coordinate over what home can reach along it, such that poses spread
+evenly over all of it have 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.calibration.fit.fit_result import Fit
+from ppmcal.calibration.fit.observation import coordinates
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.kinematics.region import extent, named
+from ppmcal.linalg import Array, finite_rows
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import counted
+
+FLAT = 0.04
+"""Poses do not leave a plane, line or point along what they span less than this of."""
+SHORT = 0.2
+"""A stroke is short where no joint uses more than this part of its range."""
+FEW = 1.5
+"""Poses are few where there are fewer measured numbers than this for each unknown."""
+HALF = 0.5
+"""A parameter is unknown where poses leave open more than this part of its tolerance, beyond what
+no pose of the instrument tells: an unknown frame, say, may always be the base's."""
+COMPONENTS = ("x", "y", "z", "rx", "ry", "rz", "radius", "angle")
+SPANS = {2: ("one point", "a line"), 3: ("one point", "a line", "a plane")}
+
+
+@dataclass(frozen=True, eq=False)
+class MissingPoses:
+    """Measurements that would tell what a campaign leaves unknown, SI.
+
+    ``q`` (R, k) joints, ``pose`` (R, 6) platform poses in the base frame; ``where``: coordinates
+    in which they go beyond the campaign: name, lowest, highest.
+    """
+
+    q: Array
+    pose: Array
+    where: tuple[tuple[str, float, float], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class WeakCampaign:
+    """A weak campaign.
+
+    Attributes:
+        shapes: what is weak about it, in words.
+        unknown: parameters of which it leaves more than :data:`HALF` of their tolerance open.
+        groups: the same in a few words.
+        touches: whether it is touches that are measured.
+        missing: the measurements that would tell.
+    """
+
+    shapes: tuple[str, ...]
+    unknown: tuple[str, ...]
+    groups: tuple[str, ...]
+    touches: bool
+    missing: MissingPoses
+
+
+def weak_shapes(fit: Fit) -> tuple[str, ...]:
+    """Return in words what is weak about the poses of a fit; empty where nothing is."""
+    return (*_spanned(fit), *_stroke(fit), *few_poses(fit)) if fit.problem.free else ()
+
+
+def geometry(fit: Fit) -> tuple[int, ...]:
+    """Return the free parameters of a fit that are no effect's."""
+    effects = {p for e in fit.problem.mechanism.effects for p in e.parameters.values()}
+    return tuple(p for p in fit.problem.free if p not in effects)
+
+
+def poses_in_use(fit: Fit) -> Array:
+    """Return the platform poses (N, 6) of the rows in use, base frame; of distances both ends."""
+    return pose_vector(np.concatenate([p[k & finite_rows(p)].reshape(-1, 8) for p, k in zip(
+        fit.state.poses, fit.keep, strict=True)]))
+
+
+def room(mechanism: Mechanism) -> tuple[tuple[int, ...], Array]:
+    """Return the coordinates that a pose names, and how far home can go along each (c,), SI.
+
+    A thousandth of the reach, or of a radian, where it can go nowhere.
+    """
+    nominal = replace(mechanism.nominal(), effects=())
+    chosen = named(nominal)
+    low, high = extent(Model(nominal), chosen)
+    least = [1e-3 * (mechanism.reach if c < 3 else 1.0) for c in chosen]
+    return chosen, np.maximum(low + high, least)
+
+
+def _spanned(fit: Fit) -> Iterable[str]:
+    """Yield in which point, line or plane the poses lie, and how the platform does not turn."""
+    chosen, size = room(fit.problem.mechanism)
+    pose = poses_in_use(fit)[:, list(chosen)]
+    away = (pose - pose.mean(axis=0)) / size * np.sqrt(12.0 / max(len(pose), 1))
+    for turns in (False, True):
+        own = [j for j, c in enumerate(chosen) if (c >= 3) == turns]
+        if not own:
+            continue
+        rank = int((linalg.singular_values(away[:, own]) > FLAT).sum())
+        if rank == len(own):
+            continue
+        if turns:
+            yield ("the platform never turns" if not rank
+                   else f"the platform turns about {'one axis' if rank == 1 else 'two axes'} only")
+        elif len(own) in SPANS:
+            yield f"these poses lie in {SPANS[len(own)][rank]}".replace("in a line", "on a line")
+        else:
+            yield "these poses lie at one height" if chosen[own[0]] == 2 else (
+                "these poses lie in one place")
+
+
+def _stroke(fit: Fit) -> Iterable[str]:
+    """Yield that no joint moves far, against its limits."""
+    limits = fit.problem.mechanism.limits
+    q = np.concatenate([x for i in range(len(fit.problem.datasets)) if fit.keep[i].any()
+                        for x, _ in fit.problem.ends(i, fit.state, np.flatnonzero(fit.keep[i]))])
+    part = np.ptp(q, axis=0) / (limits[:, 1] - limits[:, 0])
+    if np.isfinite(limits).all() and part.max() < SHORT:
+        yield f"no joint uses more than {part.max():.0%} of its range"
+
+
+def few_poses(fit: Fit) -> Iterable[str]:
+    """Yield that there are few numbers for so many unknowns, frames included."""
+    columns, count, poses = _numbers(fit)
+    if count < FEW * columns:
+        yield (f"{counted(poses, 'pose')} give {counted(count, 'number')} for "
+               f"{counted(columns, 'unknown')}")
+
+
+def too_few(fit: Fit) -> Iterable[str]:
+    """Yield that the measured numbers are fewer than the unknowns, so that no fit can tell them."""
+    columns, count, poses = _numbers(fit)
+    if count < columns:
+        yield (f"{counted(poses, 'pose')} give {counted(count, 'number')} for "
+               f"{counted(columns, 'unknown')}: the tolerances decide what these data cannot, and "
+               "a fit to the noise shows nothing; measure more poses")
+
+
+def _numbers(fit: Fit) -> tuple[int, int, int]:
+    """Return how many unknowns there are, frames included, measured numbers for them, and poses."""
+    columns, count, poses = len(fit.problem.columns), 0, 0
+    for data, keep in zip(fit.problem.datasets, fit.keep, strict=True):
+        # a pose measured again tells noise, or effects, and nothing new of the geometry
+        own = np.unique(data.groups[keep]).size
+        poses += own
+        count += own * len(coordinates(data, fit.problem.mechanism.motion))
+    return columns, count, poses
+
+
+def grouped(mechanism: Mechanism, some: Sequence[str], among: Sequence[str]) -> tuple[str, ...]:
+    """Return parameter names in few words: ``z, rx, ry of every joint``.
+
+    Args:
+        mechanism: whose limbs the names begin with.
+        some: the names to tell.
+        among: all that might have been; of these ``every`` speaks.
+    """
+    limbs = [limb.name for limb in mechanism.limbs]
+
+    def parts(names: Sequence[str]) -> dict[tuple[str, str], list[str]]:
+        out: dict[tuple[str, str], list[str]] = {}
+        for name in names:
+            limb, _, rest = name.partition(".")
+            slot, _, component = rest.rpartition(".")
+            if limb not in limbs:
+                key, limb = (name, ""), ""
+            else:
+                key = (slot, component) if component in COMPONENTS else (rest, "")
+            out.setdefault(key, []).append(limb)
+        return out
+
+    whole, by_slot = parts(among), dict[tuple[str, tuple[str, ...]], list[str]]()
+    for (slot, component), limb_names in parts(some).items():
+        all_of_them = limb_names == whole.get((slot, component)) and limb_names != [""]
+        every = ("every",) if all_of_them else tuple(limb_names)
+        by_slot.setdefault((slot, every), []).append(component)
+    alike: dict[tuple[tuple[str, ...], tuple[str, ...]], list[str]] = {}
+    for (slot, own), components in by_slot.items():
+        alike.setdefault((tuple(components), own), []).append(slot)
+    return tuple(_told(c, own, slots) for (c, own), slots in alike.items())
+
+
+def _told(components: Sequence[str], own: Sequence[str], slots: Sequence[str]) -> str:
+    joints = len(slots) > 1 and all(s.startswith("joint") for s in slots)
+    what = "joint" if joints else " and ".join(slots)
+    head = f"{', '.join(components)} of " if components[0] else ""
+    if own[0] == "every":
+        return f"{head}every {what}"
+    return f"{head}{what}" + (f" ({', '.join(own)})" if own[0] else "")

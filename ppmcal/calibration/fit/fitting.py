@@ -1,0 +1,272 @@
+"""The identification loop: whitened Gauss-Newton with the tolerances as prior.
+
+Minimised is  sum |W (measured - predicted)|^2 + sum ((g - g0)/tau)^2  over the free
+parameters and every open frame and target. Each iteration reduces all rows to one
+triangle R by accumulated QR; everything else happens on that small matrix. Rows that do
+not belong are down-weighted on the way and, at the end, left out and reported.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions
+from ppmcal.calibration.fit.fit_rows import fit_rows
+from ppmcal.calibration.fit.gauss_newton import least_squares
+from ppmcal.calibration.fit.gross_rows import gross_errors
+from ppmcal.calibration.fit.linearisation import (
+    column_scale,
+    parameter_scale,
+    prior_weights,
+)
+from ppmcal.calibration.fit.normal_equations import normal_sums
+from ppmcal.calibration.fit.observation import coordinates, shown
+from ppmcal.calibration.fit.outlier_rejection import left_out_by_files, without_outliers
+from ppmcal.calibration.fit.outliers import huber_weights
+from ppmcal.calibration.fit.problem import Problem, State
+from ppmcal.calibration.fit.registration_starts import loss, opened_in_turn
+from ppmcal.calibration.fit.regularization import damped, gcv_scale
+from ppmcal.calibration.fit.unsolved_rows import NO_POSE, with_unsolved
+from ppmcal.errors import BadInput, NoResult
+from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.model.registration import Registration
+from ppmcal.wording.progress import stage
+
+MANY_ROWS, FEW_ROWS = 8000, 3000
+"""Beyond so many rows a fit to so few of them comes first."""
+log = logging.getLogger(__package__)
+STIFFEST = 1e3
+"""While approaching, the prior is no weaker than the best known direction over this."""
+STAGE, STAGE_ITERATIONS = 30.0, 4
+"""Each stage of the approach weakens the prior by this much, in so many iterations."""
+
+
+def identify(problem: Problem, options: FitOptions | None = None, start: State | None = None,
+             near: bool = False, at_minimum: bool = False) -> Fit:
+    """Fit the free parameters and open frames to the data.
+
+    Where no start is given and the fit does not come to its minimum, or fits no geometry, another
+    start of the frames is tried, and the better fit returned.
+
+    Args:
+        problem: machine, data and free parameters.
+        options: method and its settings.
+        start: where to start, default the machine's present values.
+        near: whether the start is near the minimum already.
+        at_minimum: whether it is the minimum of many of the same rows.
+
+    Raises:
+        BadInput: too few rows. NoResult: no pose could be solved, or the damped scheme of
+        [PPM] did not converge.
+    """
+    options = options or FitOptions()
+    if start is not None or options.method == "damped":
+        return _fitted(problem, options, start or problem.start(), near, at_minimum)
+    state = problem.start()
+    fit = _fitted(problem, options, state, near, at_minimum)
+    if problem.free and fit.converged:
+        return fit
+    registrations = _stepwise(problem, state, options.robust)
+    if registrations is None:
+        return fit
+    state = problem.solve(replace(state, registrations=registrations))
+    other = _fitted(problem, options, state, near, at_minimum)
+    return min((fit, other), key=lambda f: loss(f, options.robust))
+
+
+def _stepwise(problem: Problem, state: State, robust: bool) -> tuple[Registration, ...] | None:
+    """Return another start for frames and targets, found with one thing open after another."""
+    keep = _usable(problem, state)[0]
+    if sum(int(k.sum()) for k in keep) > MANY_ROWS:
+        problem, state = _thinned(problem, state, keep)
+        keep = _usable(problem, state)[0]
+    return opened_in_turn(problem, state, keep, robust)
+
+
+def _fitted(problem: Problem, options: FitOptions, state: State, near: bool, at_minimum: bool
+            ) -> Fit:
+    """Fit from one start; arguments and errors as :func:`identify`."""
+    prior = prior_weights(problem, options.method)
+    keep, reasons = _usable(problem, state)
+    _enough(problem, keep)
+    suspects = [np.zeros_like(k) for k in keep]
+    if options.robust and options.method != "damped":
+        with stage("looking for gross errors"):
+            suspects = gross_errors(problem, state, keep)
+        log.info("%d of %d rows set aside as gross errors before the fit",
+                 sum(int(s.sum()) for s in suspects), sum(int(k.sum()) for k in keep))
+        keep = [k & ~s for k, s in zip(keep, suspects, strict=True)]
+    unused = state.poses
+    state = _only(state, keep)
+    if options.method == "damped":
+        state = start_off_zero(problem, state, keep)
+        return damped(problem, state, keep, reasons, options)
+    many = sum(int(k.sum()) for k in keep) > MANY_ROWS
+    if many and not at_minimum:
+        thinned, few = _thinned(problem, state, keep)
+        log.info("more than %d rows: the minimum is sought with %d of them first", MANY_ROWS,
+                 sum(len(d) for d in thinned.datasets))
+        with stage("fitting some of the rows"):
+            first = identify(thinned, options, few)
+        state = problem.solve(State(first.state.g, first.state.registrations, state.poses))
+        keep, later = _usable(problem, state)
+        keep = [k & ~s for k, s in zip(keep, suspects, strict=True)]
+        reasons = [{**new, **old} for new, old in zip(later, reasons, strict=True)]
+    elif not many:
+        with stage("coming near"):
+            state = _near(problem, state, keep, prior, options, near)
+    with stage("fitting all rows"):
+        fit = fit_rows(problem, state, keep, reasons, prior, options)
+    if options.robust:
+        with stage("judging each row"):
+            fit = left_out_by_files(fit, suspects, unused, options)
+        log.info("%d rows left out as gross errors, the noise of the others %.3g times the stated "
+                 "one", sum(int(o.sum()) for o in fit.outliers), fit.noise_factor)
+    if options.method == "gcv":
+        # gross errors would pass for a machine that is farther off than it is
+        fit = _cross_validated(fit, options)
+        if options.robust:
+            fit = without_outliers(fit, fit.outliers, fit.state.poses, options)
+    return with_unsolved(fit, lambda at, rows, why: fit_rows(
+        problem, at.state, rows, why, at.prior, options, at.prior_scale))
+
+
+def _only(state: State, keep: Sequence[Bools]) -> State:
+    """Return the state without poses of the rows that are not in use, which cost time."""
+    if all(k.all() for k in keep):
+        return state
+    return replace(state, poses=tuple(np.where(k[:, None], p, np.nan) for p, k in
+                                      zip(state.poses, keep, strict=True)))
+
+
+def _thinned(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[Problem, State]:
+    """Return the problem with some :data:`FEW_ROWS` of its rows, evenly spread, and its state.
+
+    Finding the minimum takes many passes and few rows; only the last passes need them all.
+    """
+    share = FEW_ROWS / sum(int(k.sum()) for k in keep)
+    rows = []
+    for k in keep:
+        usable = np.flatnonzero(k)
+        count = min(usable.size, max(100, round(share * usable.size)))
+        rows.append(usable[np.linspace(0, usable.size - 1, count).astype(int)]
+                    if usable.size else usable)
+    datasets = tuple(d.take(r) for d, r in zip(problem.datasets, rows, strict=True))
+    about = tuple(o.about for o in problem.opens)
+    poses = tuple(p[r] for p, r in zip(state.poses, rows, strict=True))
+    return replace(problem, datasets=datasets, pivots=about), replace(state, poses=poses)
+
+
+def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, options: FitOptions,
+          near: bool) -> State:
+    """Return a state near the minimum, outliers weighted down."""
+    if not near:
+        state = start_off_zero(problem, state, keep)
+    if not options.robust:
+        return state if near else _approach(problem, state, keep, prior, None)
+
+    log.info("far rows are weighted down (Huber) on the way to the minimum")
+
+    def weigh(at: State) -> Sequence[Array]:
+        return huber_weights(problem, at, keep)
+
+    if not near:
+        state = _approach(problem, state, keep, prior, weigh)
+    return least_squares(problem, state, keep, prior, options.most, weigh).state
+
+
+def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
+              weigh: Callable[[State], Sequence[Array]] | None) -> State:
+    """Come near the minimum with a prior that is too strong at first, then less and less.
+
+    Exact data make the valley in which frame and geometry trade places so narrow and curved
+    that straight steps leave it. With the prior never weaker than a thousandth of what the
+    data know best, the valley is wide, and each stage starts next to its minimum.
+    """
+    scale = column_scale(problem)
+    seen = normal_sums(problem, state, keep).matrix * (scale[:, None] * scale)
+    known_best = float(np.sqrt(linalg.largest_singular(seen)))
+    weakest = float((prior[prior > 0.0] * column_scale(problem)[prior > 0.0]).min(initial=np.inf))
+    excess = known_best / (STIFFEST * weakest)
+    while excess > 1.0:
+        state = least_squares(problem, state, keep, prior * excess, STAGE_ITERATIONS, weigh,
+                              rough=True).state
+        excess /= STAGE
+    return state
+
+
+def _usable(problem: Problem, state: State) -> tuple[list[Bools], list[dict[int, str]]]:
+    """Return which rows can be used, and why the others cannot."""
+    keep, reasons = [], []
+    motion = problem.mechanism.motion
+    for data, pose in zip(problem.datasets, state.poses, strict=True):
+        joints = finite_rows(data.q)
+        solved = finite_rows(pose)
+        parts = list(coordinates(data, motion))
+        measured = shown(data)[:, parts]
+        seen = np.isfinite(measured).any(axis=1)
+        own: dict[int, str] = {n: r for n, r in enumerate(data.unusable or ()) if r}
+        keep.append(solved & seen)
+        keep[-1][list(own)] = False
+        for rows, reason in ((~joints, "joint values missing"),
+                             (joints & ~solved, NO_POSE),
+                             (solved & ~seen, "nothing measured")):
+            own.update({int(n): reason for n in np.flatnonzero(rows) if int(n) not in own})
+        reasons.append(own)
+    return keep, reasons
+
+
+def _enough(problem: Problem, keep: Sequence[Bools]) -> None:
+    rows = sum(int(k.sum()) for k in keep)
+    where = ", ".join(d.source for d in problem.datasets)
+    if rows == 0:
+        raise NoResult("no row has a pose: the joint values do not fit this machine", where,
+                       "Check the q columns, their units and the home pose.")
+    if rows < 3:
+        raise BadInput(f"{rows} usable row{'s' if rows > 1 else ''} cannot calibrate a machine",
+                       where, "Measure more poses, some dozens if possible.")
+
+
+def start_off_zero(problem: Problem, state: State, keep: Sequence[Bools]) -> State:
+    """Move parameters off a nominal at which they have no first-order effect.
+
+    A lateral offset that enters as u^2 + lateral^2 has zero slope at 0: Gauss-Newton would
+    stay there. Such parameters start half a tolerance away; those whose effect vanishes
+    there too (a passive angle) stay at their nominal.
+    """
+    scale = parameter_scale(problem)
+    flat = _flat_columns(problem, state, keep, scale)
+    if not flat.any():
+        return state
+    step = np.zeros(len(problem.columns))
+    step[:scale.size] = np.where(flat, 0.5 * scale, 0.0)
+    aside = problem.moved(state, step)
+    # only a noticeable slope half a tolerance away makes a parameter worth moving
+    still = _flat_columns(problem, aside, keep, scale)
+    step[:scale.size] = np.where(flat & ~still, 0.5 * scale, 0.0)
+    return problem.moved(state, step)
+
+
+def _flat_columns(problem: Problem, state: State, keep: Sequence[Bools], scale: Array) -> Bools:
+    squares = np.diagonal(normal_sums(problem, state, keep).matrix)[:scale.size]
+    norms = np.sqrt(squares) * scale
+    return np.asarray(norms < 1e-9 * max(float(norms.max(initial=0.0)), 1e-300), dtype=bool)
+
+
+def _cross_validated(fit: Fit, options: FitOptions) -> Fit:
+    """Refit with the prior scale that generalised cross-validation chooses."""
+    base, scale = fit.prior, 1.0
+    for _ in range(5):
+        new = gcv_scale(fit, base)
+        done = abs(np.log(new / scale)) < 0.05
+        scale = new
+        fit = fit_rows(fit.problem, fit.state, fit.keep, fit.reasons,
+                       prior_weights(fit.problem, options.method, scale), options, scale)
+        if done:
+            break
+    return fit

@@ -1,0 +1,248 @@
+"""The rows of a fit as normal equations: J^T J, J^T r and r^T r, without J where rows are many.
+
+Squaring costs half of the digits: what is summed here finds the way, not the end. A fit takes its
+steps from these sums while their condition allows (:mod:`least_squares`), and its last one, its
+ranks and its intervals from the triangle that QR makes of the rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.calibration.fit.instrument_tables import SCALE, TARGET, TURN, InstrumentTables
+from ppmcal.calibration.fit.observation import coordinates
+from ppmcal.calibration.fit.problem import PIECE, Problem, State
+from ppmcal.kinematics import compiled_limbs
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
+from ppmcal.model.limbs.chain import left_jacobian
+
+AT_ONCE = 256
+"""Rows that are made together where they are reduced at once: as many as a cache holds."""
+
+
+@dataclass(frozen=True)
+class NormalSums:
+    """All rows: ``matrix`` J^T J (C, C), ``gradient`` J^T r (C,), r^T r, and how many values."""
+
+    matrix: Array
+    gradient: Array
+    square: float
+    count: int
+
+
+def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
+                weights: Sequence[Array] | None = None) -> NormalSums:
+    """Return the normal equations of all rows; arguments as :func:`least_squares.qr_factor`."""
+    size = len(problem.columns) + 1
+    total, count = np.zeros((size, size)), 0
+    for i in range(len(problem.datasets)):
+        own = _compiled_sums(problem, state, i, keep[i], None if weights is None else weights[i])
+        if own is not None:
+            total += own[0]
+            count += own[1]
+            continue
+        for part in white_blocks(problem, state, i, keep[i],
+                                 None if weights is None else weights[i]):
+            flat = part.rows.reshape(-1, size)
+            total += flat.T @ flat
+            count += int(part.values.sum())
+    if problem.earlier is not None:
+        residual, jacobian = problem.earlier.rows(problem.mechanism, problem.free, state.g)
+        block = np.zeros((residual.size, size))
+        block[:, :len(problem.free)], block[:, -1] = jacobian, residual
+        total += block.T @ block
+        count += residual.size
+    return NormalSums(total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), count)
+
+
+def row_squares(problem: Problem, state: State, index: int, rows: Bools) -> Array | None:
+    """Return the white squares (n,) of some rows (N,) of a data set, which all have poses.
+
+    None where the noise of joints, effects or distances take more than the residual itself.
+    """
+    at = np.flatnonzero(rows)
+    if not _has_sight(problem, state, index):
+        return None
+    if at.size < compiled_limbs.MANY:
+        return _few_squares(problem, state, index, at)
+    from ppmcal.calibration.fit.compiled_rows import row_squares as squares
+
+    sight = _sight(problem, state, index)
+    return np.concatenate([
+        squares(sight, _taken(rows, state.poses[index]), *problem.measured(index, rows)[:2])
+        for rows in _pieces(at)])
+
+
+def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Array | None:
+    """Return the same for few rows, by NumPy; None in the plane."""
+    data, registration = problem.datasets[index], state.registrations[index]
+    if problem.mechanism.motion == "planar":
+        return None
+    pose, (seen, white, _) = state.poses[index][rows], problem.measured(index, rows)
+    placed = cga.compose(registration.frame, pose)
+    scale = 1.0 if data.kind == "plane" else registration.scale
+    left = seen - np.pad(scale * cga.move_point(placed, registration.target), ((0, 0), (0, 3)))
+    parts = list(coordinates(data, problem.mechanism.motion))
+    if parts[-1] > 2:
+        still = np.zeros(3)
+        body = cga.motor_from_rotation_vector(registration.target_rotation, still)
+        shown = cga.motor_from_rotation_vector(seen[:, 3:], still)
+        left[:, 3:] = cga.rotation_vector(cga.compose(
+            shown, cga.reverse(cga.compose(placed, body))))
+    return np.asarray(np.sum((white * left[:, parts]) ** 2, axis=1))
+
+
+@dataclass(frozen=True)
+class _CompiledRows:
+    """Rows ``index`` (N,) of a data set, compiled; ``values`` (N,): how many each holds."""
+
+    index: Ints
+    limbs: LimbTables
+    entries: EntryTables
+    sight: InstrumentTables
+    columns: Ints
+    arrays: tuple[Array, Array, Array, Array, Array]
+    values: Ints
+
+
+def _compiled_rows(problem: Problem, state: State, index: int, keep: Bools,
+                   weights: Array | None) -> Iterator[_CompiledRows]:
+    """Yield some rows (N,) of a data set by pieces, nothing where they have no compiled form."""
+    at = np.flatnonzero(keep & finite_rows(state.poses[index]))
+    if at.size < compiled_limbs.MANY or not _has_sight(problem, state, index):
+        return
+    data, model = problem.datasets[index], Model(problem.mechanism, state.g)
+    opened = problem.opens[index]
+    homing = opened.homing.start if opened.homing.stop > opened.homing.start else None
+    place = {p: c for c, p in enumerate(problem.free)}
+    columns = np.array([*_open_columns(problem, index)[1], len(problem.columns)], dtype=np.int64)
+    sight = _sight(problem, state, index)
+    for rows in _pieces(at):
+        q = _taken(rows, data.q) + state.registrations[index].homing
+        tables = compiled_limbs.compiled_limbs(model.closure(q, problem.free), at.size)
+        entries = None if tables is None else tables.entries(place, homing)
+        if tables is None or entries is None:
+            return
+        seen, white, number = problem.measured(index, rows)
+        if weights is not None:
+            white = white * weights[rows][:, None]
+        u = np.ascontiguousarray(np.broadcast_to(tables.u, (rows.size, tables.u.shape[1])))
+        yield _CompiledRows(rows, tables.limbs, entries, sight, columns,
+                            (u, np.ascontiguousarray(q), _taken(rows, state.poses[index]), seen,
+                             white), number)
+
+
+def _pieces(rows: Ints) -> Iterator[Ints]:
+    """Yield rows (n,) in pieces, so that little that is made of them is held at once."""
+    for begin in range(0, rows.size, PIECE):
+        yield rows[begin:begin + PIECE]
+
+
+def _compiled_sums(problem: Problem, state: State, index: int, keep: Bools,
+                   weights: Array | None) -> tuple[Array, int] | None:
+    """Return the sums (C + 1, C + 1) of a data set, None where it has no compiled form."""
+    upper, count, rows = None, 0, None
+    for rows in _compiled_rows(problem, state, index, keep, weights):
+        from ppmcal.calibration.fit.compiled_rows import white_rows
+
+        own = white_rows(rows.limbs, rows.entries, rows.sight, rows.columns, *rows.arrays,
+                         np.zeros((0, 0, 0)))
+        upper = own if upper is None else upper + own
+        count += int(rows.values.sum())
+    if upper is None or rows is None:
+        return None
+    whole = np.triu(upper) + np.triu(upper, 1).T
+    place = np.concatenate([rows.entries.column, rows.columns])
+    # entries of one column add up; those of different columns are where they belong
+    by_row = np.zeros((len(problem.columns) + 1, whole.shape[1]))
+    np.add.at(by_row, place, whole)
+    total = np.zeros((len(by_row), len(by_row)))
+    np.add.at(total.T, place, by_row.T)
+    return np.triu(total) + np.triu(total, 1).T, count
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteBlock:
+    """Some white rows of a data set, with the residual behind their C columns.
+
+    ``index`` (n,): which; ``rows`` (n, m, C + 1), 0 where nothing was measured; ``values`` (n,):
+    how many of the m each holds.
+    """
+
+    index: Ints
+    rows: Array
+    values: Ints
+
+
+def white_blocks(problem: Problem, state: State, index: int, keep: Bools,
+                 weights: Array | None = None) -> Iterator[WhiteBlock]:
+    """Yield the rows of one data set that have a pose; arguments as :func:`normal_sums`."""
+    size, rows = len(problem.columns) + 1, None
+    for rows in _compiled_rows(problem, state, index, keep, weights):
+        from ppmcal.calibration.fit.compiled_rows import white_rows
+
+        for begin in range(0, len(rows.values), AT_ONCE):
+            some = slice(begin, begin + AT_ONCE)
+            u, q, pose, seen, white = (a[some] for a in rows.arrays)
+            out = np.zeros((*white.shape, size))
+            white_rows(rows.limbs, rows.entries, rows.sight, rows.columns, u, q, pose, seen, white,
+                       out)
+            yield WhiteBlock(rows.index[some], out, rows.values[some])
+    if rows is not None:
+        return
+    for part in problem.rows_of(index, state, True, keep):
+        block = np.concatenate([part.jacobian, part.residual[..., None]], axis=-1)
+        if weights is not None:
+            block *= weights[part.index][:, None, None]
+        yield WhiteBlock(part.index, block, part.observed.sum(axis=1))
+
+
+def _taken(rows: Ints, array: Array) -> Array:
+    """Return some rows of an array, itself where that is all of them."""
+    return np.ascontiguousarray(array) if rows.size == len(array) else array[rows]
+
+
+def _has_sight(problem: Problem, state: State, index: int) -> bool:
+    """Whether what a data set shows is its poses' own: no effects, no distances, sound joints."""
+    data = problem.datasets[index]
+    own_scale = data.scale.fitted or state.registrations[index].scale != 1.0
+    return (not problem.mechanism.effects
+            and data.kind != "distance" and not (data.kind == "plane" and own_scale)
+            and not np.any(data.sigma_actuator > 0.0))
+
+
+def _open_columns(problem: Problem, index: int) -> tuple[list[int], list[int]]:
+    """Return the open parts of a registration, numbered, and their columns."""
+    columns = problem.opens[index]
+    parts: list[int] = []
+    where: list[int] = []
+    for own, names, first in ((columns.frame, columns.frame_parts, 0),
+                              (columns.target, columns.target_parts, TARGET),
+                              (columns.target_rotation, columns.turn_parts, TURN),
+                              (columns.scale, (0,), SCALE)):
+        if own.stop > own.start:
+            parts += [first + part for part in names]
+            where += range(own.start, own.stop)
+    return parts, where
+
+
+def _sight(problem: Problem, state: State, index: int) -> InstrumentTables:
+    """Return what a data set's instrument sees from where it stands."""
+    data, registration = problem.datasets[index], state.registrations[index]
+    motion = problem.mechanism.motion
+    about = problem.opens[index].about
+    body = cga.motor_from_rotation_vector(registration.target_rotation, np.zeros(3))
+    frame = registration.frame
+    return InstrumentTables(
+        np.concatenate([cga.rotation_matrix(frame).ravel(), cga.translation(frame)]),
+        np.array(frame[:4]), np.array(body[:4]), np.asarray(registration.target, dtype=float),
+        left_jacobian(registration.target_rotation).ravel(), np.asarray(about, dtype=float),
+        1.0 if data.kind == "plane" else float(registration.scale), motion == "planar",
+        np.array(coordinates(data, motion)), np.array(_open_columns(problem, index)[0],
+                                                      dtype=np.int64))

@@ -1,0 +1,137 @@
+"""Which columns of a problem are whose: geometry first, then what each data set leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.calibration.fit.observation import ResidualJacobian, pivot
+from ppmcal.linalg import Array
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
+
+PARTS = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class NuisanceColumns:
+    """Columns of one data set's open quantities, and the components that they are of.
+
+    ``about`` (3,): the point about which the frame is turned.
+    """
+
+    frame: slice
+    target: slice
+    target_rotation: slice
+    homing: slice
+    scale: slice
+    frame_parts: tuple[int, ...]
+    target_parts: tuple[int, ...]
+    turn_parts: tuple[int, ...]
+    about: Array
+
+    def moved(self, registration: Registration, step: Array) -> Registration:
+        """Return the registration moved by a step (..., C) of all columns."""
+        frame, target, turn = (np.zeros((*step.shape[:-1], size)) for size in (6, 3, 3))
+        for whole, columns, parts in ((frame, self.frame, self.frame_parts),
+                                      (target, self.target, self.target_parts),
+                                      (turn, self.target_rotation, self.turn_parts)):
+            if columns.stop > columns.start:
+                whole[..., list(parts)] = step[..., columns]
+        moved = replace(registration, target=registration.target + target,
+                        target_rotation=registration.target_rotation + turn)
+        if self.frame.stop > self.frame.start:
+            moved = replace(moved, frame=turned_about(moved.frame, frame, self.about))
+        if self.homing.stop > self.homing.start:
+            moved = replace(moved, homing=moved.homing + step[..., self.homing])
+        if self.scale.stop > self.scale.start:
+            moved = replace(moved, scale=moved.scale + float(step[self.scale.start]))
+        return moved
+
+    def fill(self, out: Array, seen: ResidualJacobian) -> None:
+        """Fill the columns of frame, target, target rotation and scale in ``out`` (n, m, C)."""
+        for columns, parts, source in (
+                (self.frame, self.frame_parts, seen.by_frame),
+                (self.target, self.target_parts, seen.by_target),
+                (self.target_rotation, self.turn_parts, seen.by_target_rotation)):
+            if columns.stop > columns.start:
+                out[..., columns] = source[..., list(parts)]
+        if self.scale.stop > self.scale.start:
+            out[..., self.scale] = seen.by_scale[..., None]
+
+
+def frame_parts(data: Dataset, motion: str) -> tuple[int, ...]:
+    """Return the components of an unknown frame that the instrument can tell.
+
+    Touches of a flat tell its height and tilt, distances the point they are measured from,
+    distances between two platform positions nothing.
+    """
+    if data.kind == "plane":
+        return (2, 3, 4)
+    if data.kind == "distance":
+        return () if data.to_q is not None else (0, 1) if motion == "planar" else (0, 1, 2)
+    return (0, 1, 5) if motion == "planar" else (0, 1, 2, 3, 4, 5)
+
+
+def target_parts(data: Dataset, motion: str) -> tuple[int, ...]:
+    """Return the components of an unknown target point that the instrument can tell."""
+    if motion == "translational" and data.kind in ("plane", "distance"):
+        # a platform that never turns carries the target as a constant, as the frame does
+        if data.frame.fitted or data.to_q is not None:
+            return ()
+        return (2,) if data.kind == "plane" else (0, 1, 2)
+    return (0, 1) if motion == "planar" else (0, 1, 2)
+
+
+def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
+            pivots: Sequence[Array] | None) -> tuple[tuple[NuisanceColumns, ...], tuple[str, ...]]:
+    """Return each data set's open columns, and the names of all columns (C,).
+
+    Args:
+        mechanism: names the parameters.
+        datasets: what they leave open follows the parameters, in their order.
+        free: indices of the parameters to fit.
+        pivots: points about which frames are turned (3,), one for each data set, m in the
+            measuring frame  [default: each one's middle].
+    """
+    names = [mechanism.names[p] for p in free]
+    motion = mechanism.motion
+    opens: dict[int, NuisanceColumns] = {}
+    by_name: dict[str, NuisanceColumns] = {}
+    turn_parts = (2,) if motion == "planar" else (0, 1, 2)
+    # a frame that another data set owns must have its columns before it is referred to
+    for i, data in sorted(enumerate(datasets), key=lambda d: bool(d[1].frame.same_as)):
+        def take(wanted: bool, labels: Sequence[str], data: Dataset = data) -> slice:
+            begin = len(names)
+            if wanted:
+                names.extend(f"{label} of {data.name}" for label in labels)
+            return slice(begin, len(names))
+
+        parts, points = frame_parts(data, motion), target_parts(data, motion)
+        frame = take(data.frame.fitted and not data.frame.same_as,
+                     [f"frame.{PARTS[p]}" for p in parts])
+        about = pivots[i] if pivots else pivot(data)
+        owner = by_name.get(data.frame.same_as or "")
+        if owner is not None:
+            frame, about, parts = owner.frame, owner.about, owner.frame_parts
+        target = take(data.target.fitted, [f"target.{PARTS[p]}" for p in points])
+        turns = data.target_rotation.fitted and data.kind == "pose" and motion != "translational"
+        turn = take(turns, [f"target_rotation.{PARTS[3 + p]}" for p in turn_parts])
+        homing = take((i > 0 and data.homing == "per-file") or data.homing == "alone",
+                      [f"homing.{a}" for a in mechanism.actuators])
+        scale = take(data.scale.fitted, ["scale"])
+        opens[i] = NuisanceColumns(frame, target, turn, homing, scale, parts, points, turn_parts,
+                        np.where(np.isfinite(about), about, 0.0))
+        by_name[data.name] = opens[i]
+    return tuple(opens[i] for i in range(len(opens))), tuple(names)
+
+
+def turned_about(frame: Array, step: Array, about: Array) -> Array:
+    """Return frame motors (..., 8) displaced by step[..., :3], turned by the rest about a point."""
+    turn = cga.motor_from_rotation_vector(step[..., 3:], np.zeros(3))
+    shift = about + step[..., :3] - cga.move_point(turn, about)
+    return cga.compose(cga.motor_from_rotation_vector(step[..., 3:], shift), frame)

@@ -1,0 +1,280 @@
+"""What an instrument sees of a pose: measured = frame o pose o target.
+
+Shapes: N rows, m measured coordinates per row. Positions come first, rotations after:
+(x, y, rz) in the plane, (x, y, z) or (x, y, z, rx, ry, rz) in space. Rotation residuals
+are rotation vectors in the measuring frame's axes, so that no representation enters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal import linalg
+from ppmcal.kinematics.registration import predict
+from ppmcal.linalg import Array, Bools, Ints, finite_rows, row_by_row
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import NUMBERS, SCALARS
+from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
+from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.model.registration import Registration
+
+
+@dataclass(frozen=True)
+class ResidualJacobian:
+    """Residuals of n rows and how the prediction moves.
+
+    Attributes:
+        residual: measured - predicted (n, m), 0 where not measured; m and rad.
+        observed: (n, m).
+        by_poses: d prediction / d(platform origin displacement, rotation), (n, m, 6), of
+            each of the poses.
+        by_frame: d prediction / d(frame displacement, turn about the pivot), (n, m, 6).
+        by_target: d prediction / d target (n, m, 3).
+        by_target_rotation: d prediction / d target rotation vector (n, m, 3).
+        by_points: d prediction / d(point before the file's scale) (n, m, 3), of each pose.
+        by_scale: d prediction / d(scale of the file) (n, m).
+        points: where the measured point truly is, measuring frame (n, 3), of each pose.
+    """
+
+    residual: Array
+    observed: Bools
+    by_poses: tuple[Array, ...]
+    by_frame: Array
+    by_target: Array
+    by_target_rotation: Array
+    by_points: tuple[Array, ...]
+    points: tuple[Array, ...]
+    by_scale: Array
+
+
+def coordinates(data: Dataset, motion: str) -> tuple[int, ...]:
+    """Return which of (x, y, z, rx, ry, rz) the data set's instrument measures."""
+    return coordinates_of(data.kind, motion)
+
+
+def coordinates_of(kind: str, motion: str) -> tuple[int, ...]:
+    """Return which of (x, y, z, rx, ry, rz) a kind of instrument measures.
+
+    A height is a z; a distance stands in the place of x.
+    """
+    if kind in SCALARS:
+        return (SCALARS[kind],)
+    if motion == "planar":
+        return (0, 1, 5) if kind == "pose" else (0, 1)
+    return (0, 1, 2, 3, 4, 5) if kind == "pose" and motion == "spatial" else (0, 1, 2)
+
+
+def shown(data: Dataset, rows: Ints | slice = slice(None)) -> Array:
+    """Return what was measured in the places of x, y, z, rx, ry, rz (n, 6), nan elsewhere."""
+    out = np.concatenate([data.position[rows], data.rotation[rows]], axis=1)
+    if data.kind in SCALARS:
+        out[:, SCALARS[data.kind]] = data.value[rows]
+    return out
+
+
+def labels(data: Dataset, motion: str) -> tuple[str, ...]:
+    """Return the names of what the instrument measures: ``x``, ..., ``height``, ``distance``."""
+    if data.kind in SCALARS:
+        return (NUMBERS[data.kind],)
+    return tuple(POSE_COORDINATES[c] for c in coordinates(data, motion))
+
+
+def pivot(data: Dataset) -> Array:
+    """Return the point about which the frame is turned in fits (3,): the data's middle."""
+    seen = np.isfinite(data.position)
+    count = np.maximum(seen.sum(axis=0), 1)
+    return np.asarray(np.where(seen, data.position, 0.0).sum(axis=0) / count, dtype=float)
+
+
+def view(data: Dataset, registration: Registration, poses: Sequence[Array], motion: str,
+         about: Array, stretch: Array | None = None) -> ResidualJacobian:
+    """Compare the data set's rows with poses: measured = frame o pose o target.
+
+    Args:
+        data: n rows.
+        registration: where the instrument stands.
+        poses: platform motors (n, 8) in the base frame; two of them for distances between two
+            platform positions, else one.
+        motion: the machine's motion.
+        about: the frame's pivot (3,), m in the measuring frame.
+        stretch: the instrument shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
+    """
+    if data.kind == "plane":
+        stretch = None    # a touch is no reading: the flat's height is as it is given
+    stretch = in_scale(stretch, registration.scale)
+    sights = [_six_coordinates(data, registration, pose, motion, about, stretch) for pose in poses]
+    if data.kind == "distance":
+        return _distance(data, sights, registration.scale)
+    pick = list(coordinates(data, motion))
+    s = sights[0]
+    point = s.point
+    if data.kind == "plane":
+        # heights times a scale would hold the very noise that it is to explain
+        point = np.zeros_like(point)
+    residual = s.residual[:, pick]
+    observed = np.isfinite(residual)
+    return ResidualJacobian(np.where(observed, residual, 0.0), observed, (s.by_pose[:, pick],),
+                s.by_frame[:, pick], s.by_target[:, pick], s.by_rotation[:, pick],
+                (np.tile(registration.scale * np.eye(6, 3)[pick], (len(data), 1, 1)),), (point,),
+                (np.pad(s.seen, ((0, 0), (0, 3))) / registration.scale)[:, pick])
+
+
+@dataclass(frozen=True)
+class _SixCoordinates:
+    """n rows of one pose before the instrument picks what it measures of them.
+
+    Residual of all six coordinates (n, 6), nan where not measured, and derivatives of those;
+    ``point`` as in :class:`ResidualJacobian`; ``seen`` (n, 3): where the instrument shows it.
+    """
+
+    residual: Array
+    by_pose: Array
+    by_frame: Array
+    by_target: Array
+    by_rotation: Array
+    point: Array
+    seen: Array
+
+
+def _six_coordinates(data: Dataset, registration: Registration, pose: Array, motion: str,
+                     about: Array, stretch: Array | None) -> _SixCoordinates:
+    point, rotation = predict(registration, pose)
+    seen = stretched(point, stretch)
+    turned = rotation_residual(data, rotation, motion)
+    residual = np.concatenate([shown(data)[:, :3] - seen, turned], axis=1)
+    frame = cga.rotation_matrix(registration.frame)
+    arm = cga.rotation_matrix(pose) @ registration.target
+    n = len(data)
+    by_pose, by_frame = np.zeros((n, 6, 6)), np.zeros((n, 6, 6))
+    by_target, by_rotation = np.zeros((n, 6, 3)), np.zeros((n, 6, 3))
+    half = np.eye(3) + 0.5 * cross_matrix(np.where(np.isfinite(turned), turned, 0.0))
+    by_pose[:, :3, :3] = frame
+    by_pose[:, :3, 3:] = -frame @ cross_matrix(arm)
+    by_pose[:, 3:, 3:] = half @ frame
+    by_frame[:, :3, :3] = np.eye(3)
+    by_frame[:, :3, 3:] = -cross_matrix(point - about)
+    by_frame[:, 3:, 3:] = half
+    body = frame @ cga.rotation_matrix(pose)
+    by_target[:, :3] = body
+    by_rotation[:, 3:] = half @ body @ left_jacobian(registration.target_rotation)
+    if stretch is not None:
+        for block in (by_pose, by_frame, by_target):
+            block[:, :3] += stretch @ block[:, :3]
+    return _SixCoordinates(residual, by_pose, by_frame, by_target, by_rotation, point, seen)
+
+
+def _distance(data: Dataset, sights: Sequence[_SixCoordinates], scale: float) -> ResidualJacobian:
+    """Distances from the frame's origin, or between two positions: their rows along the line."""
+    first = sights[0]
+    apart = first.seen if len(sights) == 1 else first.seen - sights[1].seen
+    length = np.linalg.norm(apart, axis=1)
+    along = (apart / np.where(length > 0.0, length, 1.0)[:, None])[:, None, :]
+
+    def rows(block: Array) -> Array:
+        return np.asarray(along @ block[:, :3])
+
+    residual = (data.value - length)[:, None]
+    observed = np.isfinite(residual)
+    signs = (1.0, -1.0)[:len(sights)]
+    by_poses = tuple(sign * rows(s.by_pose) for sign, s in zip(signs, sights, strict=True))
+    by_target = np.sum([sign * rows(s.by_target) for sign, s in zip(signs, sights, strict=True)],
+                       axis=0)
+    nothing = np.zeros((len(data), 1, 3))
+    by_frame = rows(first.by_frame) if len(sights) == 1 else np.zeros((len(data), 1, 6))
+    return ResidualJacobian(
+        np.where(observed, residual, 0.0),
+        observed,
+        by_poses,
+        by_frame,
+        by_target,
+        nothing,
+        tuple(sign * scale * along for sign in signs),
+        tuple(s.point for s in sights),
+        (length / scale)[:, None],
+    )
+
+
+def in_scale(stretch: Array | None, scale: float) -> Array | None:
+    """Return the stretch of an instrument whose file has a scale of its own as well."""
+    if scale == 1.0:
+        return stretch
+    own = np.zeros((1, 3, 3)) if stretch is None else stretch
+    return np.asarray((scale - 1.0) * np.eye(3) + scale * own)
+
+
+def stretched(point: Array, stretch: Array | None) -> Array:
+    """Return points (n, 3) as an instrument with a scale error shows them."""
+    return point if stretch is None else point + (stretch @ point[..., None])[..., 0]
+
+
+def rotation_residual(data: Dataset, predicted: Array, motion: str) -> Array:
+    """Return measured against predicted rotation (n, 3), nan where incomplete."""
+    measured = data.rotation
+    if motion == "planar":
+        angle = np.arctan2(predicted[:, 1, 0], predicted[:, 0, 0])
+        out = np.full_like(measured, np.nan)
+        difference = measured[:, 2] - angle
+        out[:, 2] = difference - 2.0 * np.pi * np.round(difference / (2.0 * np.pi))
+        return out
+    whole = finite_rows(measured)
+    filled = np.where(whole[:, None], measured, 0.0)
+    turn = cga.rotation_matrix(cga.motor_from_rotation_vector(filled, np.zeros(3)))
+    return np.where(whole[:, None], turn_between(turn, predicted), np.nan)
+
+
+def turn_between(shown: Array, predicted: Array) -> Array:
+    """Return the rotation vector (n, 3) that takes predicted to shown rotations (n, 3, 3)."""
+    return cga.rotation_vector(cga.motor_from_matrix(
+        shown @ np.swapaxes(predicted, -1, -2), np.zeros(3)))
+
+
+def noise(data: Dataset, motion: str) -> Array:
+    """Return the stated standard deviations of the measured coordinates (n, m)."""
+    if data.kind in SCALARS:
+        return data.sigma_value[:, None]
+    chosen = list(coordinates(data, motion))
+    return row_by_row(lambda *both: np.concatenate(both, axis=1)[:, chosen],
+                      data.sigma_position, data.sigma_rotation)
+
+
+def white_measurements(data: Dataset, motion: str, rows: Ints | slice = slice(None)
+                       ) -> tuple[Array, Array, Ints]:
+    """Return what was measured in some rows: x ... rz (n, 6), 1/sigma (n, m), how many (n,).
+
+    The first two are 0 where nothing was measured.
+    """
+    own = shown(data, rows)
+    if motion != "planar":
+        own[~finite_rows(own[:, 3:]), 3:] = np.nan
+    seen = np.isfinite(own[:, list(coordinates(data, motion))])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        white = np.where(seen, 1.0 / noise(data, motion)[rows], 0.0)
+    return np.where(np.isfinite(own), own, 0.0), white, seen.sum(axis=1)
+
+
+def whitener(
+    view_: ResidualJacobian, sigma: Array, by_joint: Array | None, sigma_joint: Array
+) -> Array:
+    """Return W (n, m, m) with W W^T the inverse covariance's root: W r is white.
+
+    Args:
+        view_: the rows; unmeasured coordinates get a unit row of their own.
+        sigma: standard deviations (n, m).
+        by_joint: d prediction / dq (n, m, k), or None without joint noise.
+        sigma_joint: noise of the joints (k,), unit of q.
+    """
+    m = sigma.shape[1]
+    safe = np.where(view_.observed, sigma, 1.0)
+    if by_joint is None or not np.any(sigma_joint > 0.0):
+        return np.eye(m) / safe[..., None]
+    joint_noise = by_joint * sigma_joint
+    joint_noise = np.where(view_.observed[..., None], joint_noise, 0.0)
+    covariance = joint_noise @ np.swapaxes(joint_noise, -1, -2) + np.eye(m) * (safe**2)[..., None]
+    # scale to unit diagonal first: metres and radians differ by orders of magnitude
+    d = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    root = linalg.cholesky(covariance / (d[..., :, None] * d[..., None, :]))
+    return np.asarray(linalg.inv(root) / d[..., None, :], dtype=float)

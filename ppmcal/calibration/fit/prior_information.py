@@ -1,0 +1,177 @@
+"""What earlier measurements knew: a calibration carried on with new data.
+
+At the end of a fit its rows are one triangle; with frames and targets eliminated, and without the
+tolerances, |R s - r|^2 is what the data alone say of steps s of the parameters from there. As rows
+of a new fit these count like measurements, so that the tolerances count once, and what no data ever
+saw stays redundant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.linalg import Array, range_basis, svd, unit_columns, without_range
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.same_rows import KnownRows
+
+ROUND_OFF = 1e-9
+"""Frames and targets that others imitate are so little of their own length apart."""
+BENT = 0.5
+"""Where two data sets' blind directions differ by the bend between them, a tolerance makes fewer
+standard deviations than this: neither tells anything there."""
+SEEN = 1e-2
+"""A direction counts as seen where one tolerance in it makes so many standard deviations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """Rows |matrix s - right|^2 of steps s from ``value``, per parameter.
+
+    ``places`` (F,): indices of the machine's parameters; ``matrix`` (k, F), ``right`` (k,)
+    white; ``value`` (F,) where the earlier fit ended, SI.
+    """
+
+    places: tuple[int, ...]
+    matrix: Array
+    right: Array
+    value: Array
+
+    def rows(self, mechanism: Mechanism, free: Sequence[int], g: Array) -> tuple[Array, Array]:
+        """Return residual (k,) and Jacobian (k, F) at g (P,); what is not free counts as it is."""
+        away = g[list(self.places)] - self.value
+        slope = np.ones(len(self.places))
+        for c, p in enumerate(self.places):
+            if mechanism.parameters[p].reciprocal:
+                slope[c] = (self.value[c] / g[p]) ** 2
+                away[c] = self.value[c] - self.value[c] ** 2 / g[p]
+        jacobian = np.zeros((self.right.size, len(free)))
+        column = {p: c for c, p in enumerate(free)}
+        for c, p in enumerate(self.places):
+            if p in column:
+                jacobian[:, column[p]] = self.matrix[:, c] * slope[c]
+        return self.right - self.matrix @ away, jacobian
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What no column explains of a data set's rows, SI.
+
+    ``q`` (n, k) joint values, unit of q; ``rest`` (n, m) by measured coordinate, in base axes, 0
+    where not measured; ``rotations``: how many of the m, the last ones, are rotations.
+    """
+
+    name: str
+    kind: str
+    q: Array
+    rest: Array
+    rotations: int
+
+
+@dataclass(frozen=True, eq=False)
+class SessionKnowledge:
+    """Rows |matrix [s, c] - right|^2 of steps s of the parameters and c of what was held known.
+
+    Attributes:
+        names: of the c (K,): ``frame.x of NAME``, ``homing.a of session``, ``scale of NAME`` ...
+        matrix, right: (k, F + K), (k,), white by the stated noise.
+        scale: natural units of the c (K,), SI.
+        noise: what no column explains, over the stated noise.
+        spread: the same as estimates scatter by it, pose by pose.
+        degrees: its degrees of freedom.
+        sights: the same row by row, by data set.
+        single: the rows are the measured ones, in their order.
+    """
+
+    names: tuple[str, ...]
+    matrix: Array
+    right: Array
+    scale: Array
+    noise: float
+    spread: float
+    degrees: float
+    sights: tuple[Sight, ...]
+    single: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What an identification ended with, SI.
+
+    Attributes:
+        places: parameters that were free (F,).
+        value: the estimate (F,), or where the rows are from and ``step`` leads to it from.
+        matrix, right: rows |matrix s - right|^2 of its data about the value (k, F), (k,),
+            white by the stated noise.
+        tolerance: the prior's standard deviation (F,), inf where there was none.
+        scale: natural unit of each parameter (F,).
+        inflation: factor on the stated noise that the noise check had asked for; the tolerances
+            stand as they are.
+        inputs: content hash -> name of the measurement tables behind it.
+        source: the file.
+        session: what the data say beyond its parameters; None where a file does not hold it.
+        known: rows by which copies of those tables are told.
+        step: from the value to the estimate (F,), SI; None: the value is the estimate.
+    """
+
+    places: tuple[int, ...]
+    value: Array
+    matrix: Array
+    right: Array
+    tolerance: Array
+    scale: Array
+    inflation: float
+    inputs: Mapping[str, str]
+    source: str
+    session: SessionKnowledge | None = None
+    known: tuple[KnownRows, ...] = ()
+    step: Array | None = None
+
+    def estimate(self, mechanism: Mechanism) -> Array:
+        """Return where data and tolerances together have their minimum (F,), SI."""
+        if self.step is None:
+            return self.value
+        return np.array([mechanism.parameters[p].stepped(v, s) for p, v, s in zip(
+            self.places, self.value.tolist(), self.step.tolist(), strict=True)])
+
+    def pull(self) -> Array:
+        """Return the gradient of the data's half chi-squared at the estimate (F,), SI."""
+        left = self.right if self.step is None else self.right - self.matrix @ self.step
+        return -np.asarray(self.matrix.T @ left) / self.inflation**2
+
+    def data(self) -> Earlier:
+        """Return the data's part, without the prior."""
+        return Earlier(self.places, self.matrix / self.inflation, self.right / self.inflation,
+                       self.value)
+
+    def covariance(self) -> tuple[Array, Array]:
+        """Return the covariance (F, F), and directions (F, d) that neither data nor prior see."""
+        rows = np.concatenate([self.matrix * self.scale / self.inflation,
+                               np.diag(self.scale / self.tolerance)])
+        _, s, vt = linalg.svd(rows, full=True)
+        strength = np.zeros(len(vt))
+        strength[:s.size] = s
+        seen = strength > SEEN
+        half = vt[seen].T / strength[seen]
+        return (half @ half.T) * np.outer(self.scale, self.scale), vt[~seen].T * self.scale[:, None]
+
+
+def of_data(triangle: Array, right: Array, count: int, scale: Array) -> tuple[Array, Array]:
+    """Return the rows (k, F), (k,) of the first ``count`` columns, the others eliminated.
+
+    Args:
+        triangle: all rows of a fit as |triangle s - right|^2 (C, C), (C,).
+        right: see there.
+        count: number of parameters F; the rest are frames and targets.
+        scale: natural unit of every parameter (F,).
+    """
+    nuisance = triangle[:, count:]
+    block = np.concatenate([triangle[:, :count] * scale, right[:, None]], axis=1)
+    if nuisance.shape[1]:
+        block = without_range(block, range_basis(unit_columns(nuisance), ROUND_OFF))
+    u, s, vt = svd(block[:, :-1])
+    seen = s > SEEN
+    return (s[seen, None] * vt[seen]) / scale, u[:, seen].T @ block[:, -1]

@@ -1,0 +1,324 @@
+"""Whitened residuals and their Jacobian for a machine, its registrations and the data.
+
+Columns: first the free geometry parameters, then what each data set leaves open (frame,
+target, target rotation, homing). Rows are produced in chunks of poses, so that memory
+stays small however many there are:
+
+    d prediction = by_pose . dpose,    dpose = -A^-1 (Bg dg + Jq dh),
+
+one small inverse per pose and one outer product per leg ([LIN] section 2.5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns, lay_out
+from ppmcal.calibration.fit.observation import noise, view, white_measurements, whitener
+from ppmcal.calibration.fit.prior_information import Earlier
+from ppmcal.calibration.fit.registration import no_pose, start_registration, unscaled
+from ppmcal.calibration.fit.response import Response, Rows
+from ppmcal.calibration.fit.unknown_directions import direction_sigma
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import environment_of, shifted
+from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
+from ppmcal.kinematics.registration import by_displacement, displaced
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
+from ppmcal.model.dataset import Dataset, Environment, unknown_environment
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
+
+CHUNK, LONG_CHUNK = 2048, 16384
+"""Rows that are made at once, and without effects, where compiled loops hold next to nothing."""
+PIECE = 65536
+"""Of more rows not all that a compiled loop takes is made at once."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the fit stands: parameters (P,), one registration per data set, poses (N, 8) each.
+
+    Distances between two platform positions have both poses in a row (N, 16).
+    """
+
+    g: Array
+    registrations: tuple[Registration, ...]
+    poses: tuple[Array, ...]
+
+
+def white_squares(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[float, int]:
+    """Return the sum of white squares over rows (N,) of each data set, and how many values."""
+    each = [rows.squares() for rows in problem.rows(state, False, keep)]
+    return sum(square for square, _ in each), sum(count for _, count in each)
+
+
+def squares_by_noise_of(one: tuple[Problem, State], other: tuple[Problem, State],
+                        keep: Sequence[Bools]) -> float:
+    """Return the sum of white squares of ``one`` state, its rows weighted as at the ``other``.
+
+    The noise of joints is carried to the measured point by geometry and registration, and moves
+    with them: what two fits leave is compared by one noise or not at all.
+
+    Args:
+        one: whose residuals count; its data sets are the other's, whatever these leave open.
+        other: at which state they are whitened.
+        keep: rows (N,) by data set that have a pose in both.
+    """
+    (problem, state), (by, at) = one, other
+    pairs = zip(problem.rows(state, False, keep), by.rows(at, False, keep), strict=True)
+    return sum(float(np.sum((noise.whitener @ np.where(r.observed, r.raw, 0.0)[..., None])**2))
+               for r, noise in pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A machine and its measurements.
+
+    ``free`` are parameter indices (F,); ``pivots`` the points about which frames are turned,
+    one (3,) per data set, default each one's middle; ``given`` their environments, default as
+    their columns say; ``earlier``: what earlier measurements knew.
+    """
+
+    mechanism: Mechanism
+    datasets: tuple[Dataset, ...]
+    free: tuple[int, ...]
+    pivots: tuple[Array, ...] | None = None
+    given: tuple[Environment, ...] | None = None
+    earlier: Earlier | None = None
+
+    def alone(self, data: Dataset) -> Problem:
+        """Return the problem of one data set by itself, with a frame of its own."""
+        return replace(self, datasets=(data.alone(),), pivots=None, given=None, earlier=None)
+
+    @cached_property
+    def _layout(self) -> tuple[tuple[NuisanceColumns, ...], tuple[str, ...]]:
+        return lay_out(self.mechanism, self.datasets, self.free, self.pivots)
+
+    @property
+    def opens(self) -> tuple[NuisanceColumns, ...]:
+        """Column layout of each data set's open quantities."""
+        return self._layout[0]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all columns: parameters, then ``frame.x of NAME`` and the like (C,)."""
+        return self._layout[1]
+
+    @cached_property
+    def environments(self) -> tuple[Environment, ...]:
+        """What effects depend on, by data set."""
+        return self.given or tuple(environment_of(self.mechanism, d) for d in self.datasets)
+
+    @cached_property
+    def sigma_joints(self) -> tuple[Array, ...]:
+        """Noise of the joints by data set (k,), unit of q; sides that are not known are noise."""
+        if not any("dir" in e.kind.needs for e in self.mechanism.effects):
+            return tuple(d.sigma_actuator for d in self.datasets)
+        return tuple(np.hypot(d.sigma_actuator, direction_sigma(self.mechanism, e))
+                     for d, e in zip(self.datasets, self.environments, strict=True))
+
+    def open_scale(self) -> Array:
+        """Return one natural unit per open column (C - F,): 1e-3 of the reach, 1e-3 rad.
+
+        Homing is counted in 1e-3 of the largest range of a joint, a scale in 1e-3.
+        """
+        joint = self._joint_range
+
+        def unit(column: str) -> float:
+            what, _, part = column.split(" of ")[0].partition(".")
+            if what == "scale":
+                return 1.0
+            if what == "homing":
+                return joint
+            return 1.0 if part.startswith("r") else self.mechanism.reach
+
+        return 1e-3 * np.array([unit(name) for name in self.columns[len(self.free):]])
+
+    @cached_property
+    def _joint_range(self) -> float:
+        """The largest range of a joint, unit of q; 1 where none moves."""
+        ends = [d.q[finite_rows(d.q)] for d in self.datasets if finite_rows(d.q).any()]
+        return max((float(np.ptp(q, axis=0).max()) for q in ends), default=1.0) or 1.0
+
+    def start(self) -> State:
+        """Return the starting state: present values, poses from home, aligned frames.
+
+        Raises:
+            BadInput: a data set of which no row fits the machine, or too few for its frame.
+        """
+        model = Model(self.mechanism)
+        poses = tuple(self.reached(i, model) for i in range(len(self.datasets)))
+        for d, pose in zip(self.datasets, poses, strict=True):
+            if not finite_rows(pose).any():
+                raise no_pose(self.mechanism, d)
+        registrations = [replace(start_registration(unscaled(d), pose, self.mechanism.motion,
+                                                    self.mechanism.reach),
+                                 scale=float(d.scale.value[0]))
+                         for d, pose in zip(self.datasets, poses, strict=True)]
+        for i, d in enumerate(self.datasets):
+            if d.frame.same_as:
+                shared = registrations[self.shared(d)].frame
+                registrations[i] = replace(registrations[i], frame=shared)
+        return State(self.mechanism.values, tuple(registrations), poses)
+
+    def reached(self, index: int, model: Model, homing: Array | float = 0.0) -> Array:
+        """Return a data set's poses (N, 8), of distances between two (N, 16), from home."""
+        data = self.datasets[index]
+        ends = (data.q,) if data.to_q is None else (data.q, data.to_q)
+        return np.concatenate([
+            np.concatenate([reached_poses(model, q[rows] + homing, environment).closed
+                            for rows, environment in self.chunks(index)])
+            for q in ends], axis=1)
+
+    def shared(self, data: Dataset) -> int:
+        """Return the index of the data set whose frame ``data`` uses."""
+        return next(i for i, d in enumerate(self.datasets) if d.name == data.frame.same_as)
+
+    def solve(self, state: State) -> State:
+        """Return the state with its poses solved anew at its parameters."""
+        model = Model(self.mechanism, state.g)
+        poses = tuple(np.concatenate([
+            np.concatenate([settle(model, q, environment, pose)[0]
+                            for q, pose in self.ends(i, state, rows)], axis=1)
+            for rows, environment in self.chunks(i)]) for i in range(len(self.datasets)))
+        return replace(state, poses=poses)
+
+    def chunks(self, index: int) -> Iterator[tuple[slice, Environment]]:
+        """Yield a data set's rows in chunks, with the environment of each: little is held at once.
+
+        At least one, though it may be empty.
+        """
+        size = len(self.datasets[index])
+        chunk = CHUNK if self.mechanism.effects else LONG_CHUNK
+        for begin in range(0, max(size, 1), chunk):
+            rows = slice(begin, min(begin + chunk, size))
+            yield rows, self._at(index, rows)
+
+    def _at(self, index: int, rows: Ints | slice) -> Environment:
+        """Return what effects depend on in some rows; where there are none nothing is found out."""
+        if self.mechanism.effects:
+            return self.environments[index].take(rows)
+        count = rows.stop - rows.start if isinstance(rows, slice) else len(rows)
+        return unknown_environment(count, len(self.mechanism.actuators))
+
+    def ends(self, index: int, state: State, rows: Ints | slice = slice(None)
+             ) -> list[tuple[Array, Array]]:
+        """Return joint values (n, k) and poses (n, 8) of some rows, one or two of each.
+
+        Distances between two platform positions have two.
+        """
+        data, pose = self.datasets[index], state.poses[index]
+        homing = state.registrations[index].homing
+        ends = [(data.q[rows] + homing, pose[rows, :8])]
+        if data.to_q is not None:
+            ends.append((data.to_q[rows] + homing, pose[rows, 8:]))
+        return ends
+
+    def joints(self, index: int, state: State) -> Array:
+        """Return the joint values of a data set with its homing shifts applied (N, k)."""
+        return self.datasets[index].q + state.registrations[index].homing
+
+    def moved(self, state: State, step: Array) -> State:
+        """Return the state moved by a step (C,), poses solved anew."""
+        g = state.g.copy()
+        for p, s in zip(self.free, step[:len(self.free)].tolist(), strict=True):
+            g[p] = self.mechanism.parameters[p].stepped(float(g[p]), s)
+        registrations = tuple(o.moved(s, step)
+                              for s, o in zip(state.registrations, self.opens, strict=True))
+        there = State(g, registrations, state.poses)
+        homed = any(o.homing.stop > o.homing.start for o in self.opens)
+        return self.solve(there) if self.free or homed else there
+
+    def rows(self, state: State, jacobian: bool = True,
+             keep: Sequence[NDArray[np.bool_]] | None = None) -> Iterator[Rows]:
+        """Yield whitened rows of all data sets, chunk by chunk.
+
+        Rows whose pose is unknown (nan), and those not in ``keep``, are left out.
+        """
+        for i in range(len(self.datasets)):
+            yield from self.rows_of(i, state, jacobian, None if keep is None else keep[i])
+
+    def rows_of(self, i: int, state: State, jacobian: bool = True, keep: Bools | None = None
+                ) -> Iterator[Rows]:
+        """Yield whitened rows of one data set, chunk by chunk; see :meth:`rows`."""
+        usable = finite_rows(state.poses[i])
+        if keep is not None:
+            usable &= keep
+        index = np.flatnonzero(usable)
+        for begin in range(0, index.size, CHUNK):
+            yield self._chunk(i, self.datasets[i], index[begin:begin + CHUNK], state, jacobian)
+
+    def measured(self, index: int, rows: Ints) -> tuple[Array, Array, Ints]:
+        """Return what a data set measured in some rows: x ... rz (n, 6), 1/sigma (n, m), how many.
+
+        The first is 0 where nothing was measured, and so is the second; the third (n,) counts.
+        """
+        data = self.datasets[index]
+        if len(data) > PIECE:
+            return white_measurements(data, self.mechanism.motion, rows)
+        if index not in self._kept:
+            self._kept[index] = white_measurements(data, self.mechanism.motion)
+        seen, white, number = self._kept[index]
+        if rows.size == len(data):
+            return seen, white, number
+        return seen[rows], white[rows], number[rows]
+
+    @cached_property
+    def _kept(self) -> dict[int, tuple[Array, Array, Ints]]:
+        return {}
+
+    def _chunk(self, i: int, data: Dataset, index: Ints, state: State, jacobian: bool) -> Rows:
+        part, registration, motion = data.take(index), state.registrations[i], self.mechanism.motion
+        with_noise = bool(np.any(self.sigma_joints[i] > 0.0))
+        asked = jacobian or with_noise
+        rows = self._at(i, index)
+
+        def surroundings() -> Environment:
+            # whoever asks how rows respond may ask about effects that the machine has not
+            return rows if self.mechanism.effects else self.environments[i].take(index)
+
+        ends = self.ends(i, state, index)
+        models = [shifted(Model(self.mechanism, state.g), rows, q, pose) for q, pose in ends]
+        shift = models[0].shift
+        platforms = [platform_pose(pose, model.shift)
+                     for (_, pose), model in zip(ends, models, strict=True)]
+        seen = view(part, registration, [displaced(p, shift) for p in platforms], motion,
+                    self.opens[i].about, shift.stretch if shift else None)
+        moved = [by_displacement(p, shift) for p in platforms]
+        seen = replace(seen, by_poses=tuple(
+            by if d is None else by @ d for by, d in zip(seen.by_poses, moved, strict=True)))
+        n, m = seen.residual.shape
+        full = np.zeros((n, m, len(self.columns) if jacobian else 0))
+        by_joint: list[Array] = []
+        responses: list[Response] = []
+        if asked:
+            for end, ((q, pose), model) in enumerate(zip(ends, models, strict=True)):
+                closure = model.closure(q, self.free if jacobian else ())
+                response = Response(closure, pose, seen, surroundings, end)
+                responses.append(response)
+                if with_noise:
+                    by_joint.append(response.by_joint)
+                if jacobian:
+                    own = np.zeros_like(full) if end else full
+                    response.geometry_columns(own, self.free, self.opens[i].homing)
+                    response.effect_columns(own, self.free)
+                    if end:
+                        full += own
+            if jacobian:
+                self.opens[i].fill(full, seen)
+        sigma = np.tile(self.sigma_joints[i], len(ends))
+        white = whitener(seen, noise(part, motion),
+                         np.concatenate(by_joint, axis=-1) if by_joint else None, sigma)
+        full = np.where(seen.observed[..., None], full, 0.0)
+        if with_noise:
+            residual, full = (white @ seen.residual[..., None])[..., 0], white @ full
+        else:
+            diagonal = np.diagonal(white, axis1=-2, axis2=-1)
+            residual, full = diagonal * seen.residual, diagonal[..., None] * full
+        return Rows(i, index, residual, full, seen.observed, seen.residual, white,
+                    *responses)

@@ -1,0 +1,257 @@
+"""Closed-form start for an unknown frame and target: measured = frame o pose o target.
+
+Rotations first (they do not depend on any origin), then frame origin and target point as
+one linear problem. Position-only data start from the rigid alignment of the platform
+origins, which a small target offset only perturbs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal import linalg
+from ppmcal.calibration.fit.frame_rotation import frame_turn, mean_rotation
+from ppmcal.calibration.fit.observation import rotation_residual
+from ppmcal.errors import BadInput
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.registration import predict
+from ppmcal.kinematics.tables import refuse_singular_home
+from ppmcal.linalg import Array, finite_rows
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import SCALARS
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
+
+
+def start_scalar(data: Dataset, pose: Array, registration: Registration, motion: str
+                 ) -> Registration:
+    """Return the registration from which a fit of heights or distances starts.
+
+    Args:
+        data: heights, or distances.
+        pose: platform motors at the rows' joint values (N, 8 or 16).
+        registration: with what is known, zeros elsewhere.
+        motion: the machine's motion.
+
+    Raises:
+        BadInput: fewer rows than a flat or a point needs.
+    """
+    if not data.frame.fitted or data.to_q is not None:
+        return registration
+    rows = np.flatnonzero(finite_rows(pose) & np.isfinite(data.value))
+    if rows.size < 3:
+        raise BadInput(f"only {rows.size} usable rows: an unknown frame needs at least 3",
+                       data.source, "Measure more poses")
+    point, _ = predict(registration, pose[rows])
+    step = (_flat(point, data.value[rows]) if data.kind == "plane"
+            else _origin(point, data.value[rows], motion))
+    return replace(registration, frame=cga.compose(pose_motor(step), registration.frame))
+
+
+def _flat(point: Array, height: Array) -> Array:
+    """Return height and tilt (6,) that best turn points' z into the heights."""
+    x, y, z = point.T
+    columns = np.stack([np.ones_like(z), y, -x], axis=1)
+    up, rx, ry = linalg.lstsq(columns, height - z, rcond=None)[0]
+    return np.array([0.0, 0.0, up, rx, ry, 0.0])
+
+
+def _origin(point: Array, distance: Array, motion: str) -> Array:
+    """Return the shift (6,) that brings the point which distances are from to the origin.
+
+    |p - c|^2 = d^2 is linear in c once its value at the mean is taken off. Of two mirrored
+    answers, as to points in a plane, the nearer to that plane is where the fit starts.
+    """
+    free = 2 if motion == "planar" else 3
+    middle = point.mean(axis=0)
+    p = (point - middle)[:, :free]
+    square = np.sum(p**2, axis=1) - distance**2
+    columns = np.concatenate([2.0 * p, np.ones((len(p), 1))], axis=1)
+    solution = linalg.lstsq(columns, square, rcond=1e-9)[0]
+    out = np.zeros(6)
+    out[:free] = -(solution[:free] + middle[:free])
+    return out
+
+
+def unscaled(data: Dataset) -> Dataset:
+    """Return measurements with the file's known scale, or the one to start from, taken out."""
+    scale = float(data.scale.value[0])
+    return data if scale == 1.0 else replace(data, position=data.position / scale,
+                                             value=data.value / scale)
+
+
+SUSPECT, BLUNDER = 5.0, 10.0
+"""A row that misses by so many medians makes the start a robust one; one that then misses by so
+many does not decide where a fit starts."""
+SUBSET, TRIALS, CONCENTRATED, DECIDING, ENOUGH = 6, 60, 5, 2000, 20_000
+"""Rows per trial alignment, number of trials, rounds in which the nearer half decides, rows that
+judge a trial (Rousseeuw and Van Driessen 1999, least trimmed squares), and rows that are aligned at
+most: it is where a fit starts."""
+
+
+def start_registration(data: Dataset, pose: Array, motion: str, size: float) -> Registration:
+    """Return frame and target to start from.
+
+    Args:
+        data: the measurements; known parts of frame and target are kept.
+        pose: platform motors at the rows' joint values (N, 8), nan rows are ignored.
+        motion: the machine's motion.
+        size: the machine's, m: an unknown target may be so far away.
+
+    Raises:
+        BadInput: fewer rows than an unknown frame or target needs.
+    """
+    registration = Registration.of_pose(data.frame.value, data.target.value,
+                                        data.target_rotation.value)
+    if not data.frame.fitted and not data.target.fitted and not data.target_rotation.fitted:
+        return registration
+    if data.kind in SCALARS:
+        return start_scalar(data, pose, registration, motion)
+    planar = motion == "planar"
+    position = np.where([False, False, planar], 0.0, data.position)
+    rows = np.flatnonzero(finite_rows(position) & finite_rows(pose))
+    if rows.size < 3:
+        raise BadInput(f"only {rows.size} usable rows: an unknown frame or target needs at least 3",
+                       data.source, "Measure more poses")
+    rows = rows[np.linspace(0, rows.size - 1, min(rows.size, ENOUGH)).astype(int)]
+    plain = _aligned(data, pose, position, rows, registration, planar, size)
+    if rows.size < 2 * SUBSET:
+        return plain
+    some = rows[np.linspace(0, rows.size - 1, min(rows.size, DECIDING)).astype(int)]
+
+    def misses(of: NDArray[np.int64], at: Registration) -> Array:
+        return _misses(data, pose, position, of, at, motion)
+
+    away = misses(some, plain)
+    if np.max(away) <= SUSPECT * np.median(away):
+        return plain
+    rng = np.random.default_rng(0)
+    trials = [_aligned(data, pose, position, rng.choice(some, SUBSET, replace=False), registration,
+                       planar, size) for _ in range(TRIALS)]
+    best = min([plain, *trials], key=lambda t: float(np.median(misses(some, t))))
+    for _ in range(CONCENTRATED):
+        # least trimmed squares: the nearer half decides, again and again
+        away = misses(some, best)
+        best = _aligned(data, pose, position, some[away <= np.median(away)], registration, planar,
+                        size)
+    away = misses(rows, best)
+    near = rows[away <= BLUNDER * np.median(away)]
+    return _aligned(data, pose, position, near, registration, planar, size)
+
+
+def _aligned(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64],
+             registration: Registration, planar: bool, size: float) -> Registration:
+    """Return the closed-form registration of the given rows."""
+    rotation, origin = cga.rotation_matrix(pose[rows]), cga.translation(pose[rows])
+    turn, body = _rotations(data, rows, rotation, origin, position[rows], registration, planar)
+    shift, target = _origins(data, turn, rotation, origin, position[rows], registration, planar,
+                             size)
+    return Registration(cga.motor_from_matrix(turn, shift), target,
+                        cga.rotation_vector(cga.motor_from_matrix(body, np.zeros(3))))
+
+
+def _misses(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64],
+            registration: Registration, motion: str) -> Array:
+    """Return by how much rows miss a registration (R,), m; rotations count over the extent."""
+    point, turn = predict(registration, pose[rows])
+    away = np.linalg.norm(position[rows] - point, axis=1)
+    extent = float(np.median(np.linalg.norm(
+        position[rows] - np.median(position[rows], axis=0), axis=1)))
+    angle = np.linalg.norm(rotation_residual(data.take(rows), turn, motion), axis=1) if (
+        motion == "spatial" and data.kind == "pose") else np.zeros(rows.size)
+    return np.asarray(away + extent * np.nan_to_num(angle) + 1e-300, dtype=float)
+
+
+def no_pose(mechanism: Mechanism, data: Dataset) -> BadInput:
+    """Return the refusal of a data set of which no row fits the machine.
+
+    Raises:
+        NoResult: home is singular, so that no way leads from it.
+    """
+    refuse_singular_home(mechanism)
+    at_home = home_state(mechanism).q
+    rows = data.q[finite_rows(data.q)]
+    if not rows.size:
+        return BadInput("no row has all joint values", data.source,
+                        "Check the q columns, or the commanded poses and the home pose")
+    seen = np.median(rows, axis=0)
+    worst = int(np.argmax(np.abs(seen - at_home)))
+    factor, unit = mechanism.joint_units[worst]
+    unit = f" {unit}" if unit else ""
+    name = mechanism.actuators[worst]
+    return BadInput(
+        f"none of the {len(data)} rows has a pose at its joint values: q_{name} is about "
+        f"{seen[worst] / factor:.4g}{unit}, and {at_home[worst] / factor:.4g}{unit} at home",
+        f"{data.source}: column q_{name}", "Check units in its sidecar, that no columns are "
+        "swapped, and the home pose and offsets of the mechanism file")
+
+
+def _rotations(data: Dataset, rows: NDArray[np.int64], rotation: Array, origin: Array,
+               position: Array, registration: Registration, planar: bool) -> tuple[Array, Array]:
+    """Return the rotations of frame and target (3, 3)."""
+    body = cga.rotation_matrix(cga.motor_from_rotation_vector(registration.target_rotation,
+                                                              np.zeros(3)))
+    turn = cga.rotation_matrix(registration.frame)
+    measured = data.rotation[rows]
+    if planar:
+        measured = measured * np.array([np.nan, np.nan, 1.0])
+        measured = np.where(np.isfinite(measured[:, 2:]), np.nan_to_num(measured), np.nan)
+    whole = finite_rows(measured)
+    translational = bool(np.ptp(rotation, axis=0).max() < 1e-12)
+    if whole.sum() < 3 or (translational and data.target_rotation.fitted) or data.kind != "pose":
+        if data.frame.fitted:
+            turn = frame_turn(data, rotation, origin, position, registration, planar)
+        return turn, body
+    seen = cga.rotation_matrix(cga.motor_from_rotation_vector(measured[whole], np.zeros(3)))
+    own = rotation[whole]
+    if data.frame.fitted and data.target_rotation.fitted:
+        turn = frame_turn(data, rotation, origin, position, registration, planar)
+        for _ in range(50):
+            body = mean_rotation(np.swapaxes(turn @ own, -1, -2) @ seen, planar)
+            turn = mean_rotation(seen @ np.swapaxes(own @ body, -1, -2), planar)
+    elif data.frame.fitted:
+        turn = mean_rotation(seen @ np.swapaxes(own @ body, -1, -2), planar)
+    elif data.target_rotation.fitted:
+        body = mean_rotation(np.swapaxes(turn @ own, -1, -2) @ seen, planar)
+    return turn, body
+
+
+def _origins(data: Dataset, turn: Array, rotation: Array, origin: Array, position: Array,
+             registration: Registration, planar: bool, size: float) -> tuple[Array, Array]:
+    """Return frame origin and target (3,) each: linear least squares, the target held.
+
+    A platform that hardly turns hardly tells its target from the frame's origin, and what its
+    nominal geometry misses would put both metres away. So the target is held near what the file
+    says, as loosely as by ``size``, m, against what the rows miss by, which is the machine's
+    and not noise: many rows are worth no more than a few.
+    """
+    shift, target = cga.translation(registration.frame), registration.target
+    seen = turn @ rotation
+    rest = position - origin @ turn.T - seen @ target
+    blocks, columns = [], []
+    if data.frame.fitted:
+        blocks.append(np.broadcast_to(np.eye(3), seen.shape))
+        columns.append("shift")
+    else:
+        rest = rest - shift
+    if data.target.fitted:
+        blocks.append(seen)
+        columns.append("target")
+    if not blocks:
+        return shift, target
+    matrix = np.concatenate(blocks, axis=-1).reshape(-1, 3 * len(blocks))
+    solution = linalg.lstsq(matrix, rest.reshape(-1), rcond=1e-9)[0]
+    if data.target.fitted:
+        missed = float(np.linalg.norm(rest.reshape(-1) - matrix @ solution))
+        held = np.concatenate([np.zeros((3, matrix.shape[1] - 3)), np.eye(3)], axis=1)
+        solution = linalg.lstsq(np.concatenate([matrix, held * missed / size]),
+                                np.concatenate([rest.reshape(-1), np.zeros(3)]), rcond=1e-9)[0]
+    found = dict(zip(columns, solution.reshape(-1, 3), strict=True))
+    flat = np.array([1.0, 1.0, 0.0]) if planar else np.ones(3)
+    return (found.get("shift", shift) * flat,
+            (target + found.get("target", np.zeros(3))) * flat)

@@ -1,0 +1,166 @@
+"""White rows, and how their predictions move along shifts of any kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.calibration.fit.observation import ResidualJacobian
+from ppmcal.kinematics.closure import Closure
+from ppmcal.kinematics.compiled_limbs import compiled_limbs
+from ppmcal.kinematics.effect_response import effect_terms, setting
+from ppmcal.kinematics.equilibrium import platform_pose
+from ppmcal.kinematics.registration import displacement_twists
+from ppmcal.linalg import Array, Bools, Ints, solve_blocks
+from ppmcal.model.dataset import Environment
+from ppmcal.model.effects import Setting, Shift
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """How the predictions of n rows move along shifts of any kind.
+
+    Closed poses ``pose`` (n, 8) are number ``end`` of those seen.
+    """
+
+    closure: Closure
+    pose: Array
+    seen: ResidualJacobian
+    surroundings: Callable[[], Environment]
+    end: int = 0
+
+    @cached_property
+    def rows(self) -> Environment:
+        """What effects depend on."""
+        return self.surroundings()
+
+    @cached_property
+    def lines(self) -> Array:
+        """The legs' lines (n, d, 6) in base axes."""
+        return self.closure.lines(self.pose)
+
+    @cached_property
+    def by_pose(self) -> Array:
+        """How predictions move with the closed pose's displacement and rotation (n, m, 6)."""
+        by_pose, shift = self.seen.by_poses[self.end], self.closure.model.shift
+        if shift is None or shift.pose is None:
+            return by_pose
+        # a turn of the closed pose comes out turned by the effects' own rotation
+        turn = cga.motor_from_rotation_vector(shift.pose[:, 3:], np.zeros(3))
+        return np.concatenate([by_pose[..., :3], by_pose[..., 3:] @ cga.rotation_matrix(turn)],
+                              axis=-1)
+
+    @cached_property
+    def by_equation(self) -> Array:
+        """How predictions move with the closure equations (n, m, d): -by_pose A^-1."""
+        matrix = self.closure.pose_matrix(self.pose, self.lines)
+        by_pose = self.by_pose[..., self.closure.model.mechanism.dof]
+        return -np.swapaxes(solve_blocks(np.swapaxes(matrix, -1, -2),
+                                         np.swapaxes(by_pose, -1, -2)), -1, -2)
+
+    @cached_property
+    def by_joint(self) -> Array:
+        """How predictions move with joint values (n, m, k)."""
+        return np.asarray(self.by_equation @ self.closure.joint_matrix(self.pose, self.lines))
+
+    def geometry_columns(self, out: Array, free: Sequence[int], homing: slice) -> None:
+        """Set the columns of geometry and of homing offsets in ``out`` (n, m, C), zero before."""
+        place = {p: c for c, p in enumerate(free)}
+        shifted = homing.stop > homing.start
+        tables = compiled_limbs(self.closure, len(self.pose))
+        if tables is not None and tables.error_columns(
+                self.pose, self.by_pose, place, out, homing.start if shifted else None):
+            return
+        for rows, parameters, block in self.closure.error_groups(self.pose, self.lines):
+            # (n, L, m, k) times (n, L, k, P), a limb at a time where limbs share a parameter
+            parts = np.moveaxis(self.by_equation[..., rows], 1, 2) @ block
+            columns = [[place[p] for p in own] for own in parameters]
+            flat = [c for own in columns for c in own]
+            if len(set(flat)) == len(flat):
+                out[..., flat] += np.moveaxis(parts, 1, 2).reshape(*out.shape[:2], -1)
+                continue
+            for limb, own in enumerate(columns):
+                out[..., own] += parts[:, limb]
+        if shifted:
+            out[..., homing] += self.by_joint
+
+    @cached_property
+    def _by_slot(self) -> dict[tuple[int, str], Array]:
+        return {}
+
+    def by_slot(self, limb: int, slot: str) -> Array:
+        """Return d prediction/d slot (n, m)."""
+        if (limb, slot) not in self._by_slot:
+            block = self.closure.slot_matrix(self.pose, limb, (slot,), self.lines)
+            self._by_slot[limb, slot] = (self.by_equation @ block)[..., 0]
+        return self._by_slot[limb, slot]
+
+    def column(self, shift: Shift) -> Array:
+        """Return how predictions (n, m) move along a shift."""
+        out = np.zeros(self.seen.residual.shape)
+        for (limb, slot), change in shift.slots.items():
+            out += self.by_slot(limb, slot) * np.broadcast_to(change, (len(out),))[:, None]
+        if shift.pose is not None:
+            out += (self.seen.by_poses[self.end] @ shift.pose[..., None])[..., 0]
+        for twist in displacement_twists(self.platform, shift, self.closure.model.shift):
+            out += (self.seen.by_poses[self.end] @ twist[..., None])[..., 0]
+        if shift.stretch is not None:
+            moved = shift.stretch @ self.seen.points[self.end][..., None]
+            out += (self.seen.by_points[self.end] @ moved)[..., 0]
+        return out
+
+    @cached_property
+    def platform(self) -> Array:
+        """Where the platform is (n, 8), effects that move it included."""
+        return platform_pose(self.pose, self.closure.model.shift)
+
+    def setting(self) -> Setting:
+        """Return what effects may know of these rows."""
+        model = self.closure.model
+        return setting(replace(model, shift=None), self.rows, self.closure.q, self.pose, model)
+
+    def effect_columns(self, out: Array, free: Sequence[int]) -> None:
+        """Fill the columns of free effect parameters (n, m, C), in place.
+
+        The change of an actuator's load with the pose is left out: it is smaller by deflection
+        over reach, and only the step, not the minimum, depends on it.
+        """
+        model = self.closure.model
+        if not model.mechanism.effects:
+            return
+        place = {p: c for c, p in enumerate(free)}
+        for effect, terms in effect_terms(model.mechanism, model.parameters, self.setting()):
+            for name, p in effect.parameters.items():
+                if p in place:
+                    out[..., place[p]] += self.column(terms.by[name])
+
+
+@dataclass(frozen=True)
+class Rows:
+    """One chunk of whitened rows.
+
+    ``residual`` (n, m) white; ``jacobian`` (n, m, C) of the white prediction;
+    ``observed`` (n, m); ``raw`` (n, m) in m and rad; ``whitener`` (n, m, m);
+    ``index`` (n,) rows of the data set; ``response`` how predictions move along shifts,
+    None where no Jacobian was asked for; ``second``: along those of the other end of a distance
+    between two platform positions.
+    """
+
+    dataset: int
+    index: Ints
+    residual: Array
+    jacobian: Array
+    observed: Bools
+    raw: Array
+    whitener: Array
+    response: Response | None = None
+    second: Response | None = None
+
+    def squares(self) -> tuple[float, int]:
+        """Return the sum of white squares of what was measured, and how many values that is."""
+        return (float(np.sum(np.where(self.observed, self.residual, 0.0) ** 2)),
+                int(self.observed.sum()))

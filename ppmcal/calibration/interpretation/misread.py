@@ -1,0 +1,92 @@
+"""The refusal of files that were read wrongly: what is wrong, and the lines that mend it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ppmcal.calibration.interpretation.mistakes import block_text
+from ppmcal.calibration.interpretation.reading_trial import NOISE, Misreading
+from ppmcal.errors import NoResult
+from ppmcal.units import SI, Units
+
+MENDS = {
+    "other-machine": "Give the mechanism file of the machine that was measured. If it really is "
+                     "that far from nominal, give larger tolerances, or --prior flat",
+    "shuffled": "No entry of the sidecar mends that: put the measurements in the order of the "
+                "joint values again, where they were recorded, or leave those rows out",
+    "frame": "Write into the sidecar: `frame: unknown`",
+    "target": "Write into the sidecar: `target: unknown`",
+    "target-rotation": "Write into the sidecar: `target_rotation: unknown`",
+}
+"""What only the user can mend, by kind of mistake."""
+PLAIN = ("stale", "outside-limits")
+"""Kinds that name their rows and are no other reading of them."""
+
+
+class Misread(NoResult):
+    """Measurements that are not of this machine as the files are read (exit code 3).
+
+    ``found``: how they are to be read, by data set; empty where nothing explains them.
+    ``units``: of the machine's file.
+    """
+
+    found: tuple[Misreading, ...] = ()
+    units: Units = SI
+
+    @classmethod
+    def of(cls, found: Sequence[Misreading], units: Units) -> Misread:
+        """Return the refusal that names the mistakes and the lines that mend them."""
+        several = len({m.source for m in found}) > 1
+        what = "; ".join(f"{m.source}: " * several + misreading_sentence(m, units) for m in found)
+        error = cls(what, ", ".join(dict.fromkeys(m.source for m in found)), mend_of(found))
+        error.found, error.units = tuple(found), units
+        return error
+
+
+def misreading_sentence(found: Misreading, units: Units) -> str:
+    """Return what is wrong in a file, and the evidence."""
+    factor, unit = units.factor(found.quantity), units.name(found.quantity)
+    what = " and ".join(m.text for m in found.mistakes)
+    if np.isnan(found.after):
+        return what
+    if found.quantity == NOISE:
+        return f"{what}: residuals fall from {found.before:.3g} to {found.after:.3g} {NOISE}"
+    before = (f"the median miss falls from {found.before / factor:.3g} to"
+              if np.isfinite(found.before) else "hardly a row had a pose; the median miss now is")
+    return (f"{what}: {before} {found.after / factor:.3g} {unit}, and a short fit comes to "
+            f"{found.noise_after:.2g} times the noise")
+
+
+def mend_of(found: Sequence[Misreading]) -> str:
+    """Return the lines to write into the sidecars, or what else to do."""
+    blocks: dict[tuple[str, str], list[str]] = {}
+    for m in found:
+        if m.block is not None:
+            # digits without an exponent: every reader of YAML takes them for a number
+            sigma = ", ".join(f"{k}: {np.format_float_positional(v, trim='-')}"
+                              for k, v in m.sigma.items())
+            blocks.setdefault((block_text(m.block), sigma), []).append(m.source)
+    own = [MENDS[x.kind] for m in found for x in m.mistakes if x.kind in MENDS]
+    if own:
+        return ". ".join(dict.fromkeys(own))
+    if not blocks and any(x.rows and x.kind not in PLAIN for m in found for x in m.mistakes):
+        return ("Put those rows into a file of their own whose sidecar says so, or leave them "
+                "out")
+    if not blocks:
+        beyond = [c for m in found for x in m.mistakes if x.kind == "outside-limits"
+                  for c in x.columns]
+        return ("Correct the mechanism file" if not beyond else
+                f"Correct the zero of {', '.join(beyond)}: its offset in the mechanism file, or "
+                "the column; or the limits, if they are wrong")
+    mirrored = any(x.kind == "mirrored" for m in found for x in m.mistakes)
+    named = len({m.source for m in found}) > 1    # which file is meant must be said then
+    place = {b: f"sidecar{'s' * (len(own) > 1)} of {' and '.join(own)}" if named else "sidecar"
+             for b, own in blocks.items()}
+    return "Write into the " + "; into the ".join(
+        f"{place[b]}: `read: {b[0]}`" + (
+            " and, as sigma is in the unit of the columns too, "
+            f"`instrument: {{sigma: {{{b[1]}}}}}`" * bool(b[1]))
+        for b in blocks) + (
+        ". Or correct the mechanism file, if it has the mirror image" if mirrored else "")

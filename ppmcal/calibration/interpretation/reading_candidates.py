@@ -1,0 +1,216 @@
+"""Which other readings of a file are worth a look.
+
+Joint columns. About the middle of the measured motion the positions follow the columns as
+dp = B dq. If joint i stands in another column, with another sign or unit, the columns of B are
+those of the machine's own Jacobian J in another order, with that sign and factor; a turn of the
+measuring frame, a mirrored axis or exchanged axes change B^T B not at all. So the order and the
+signs that bring the correlations B^T B nearest to J^T J are the ones to try: all of them are
+compared at once (at most 720 orders of 32 signs), before anything is registered or solved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import permutations, product
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.errors import LinearAlgebraError
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.pose_readings import (
+    AXES,
+    IDENTITY,
+    PLUS,
+    JointReading,
+    PoseReading,
+)
+from ppmcal.kinematics.rotations import ORDERS
+from ppmcal.linalg import Array, finite_rows
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import ANGLES, LENGTHS, TURN
+
+MOST_JOINTS = 6
+"""Of more joints than these not all orders are compared, only single changes."""
+KEPT = 40
+"""Orders and signs that go on, best first."""
+FEW = 12
+NEAR = 1.6
+"""A column that moves the point by a factor within this of a unit's factor may be in that unit."""
+SIGNS = ((-1, 1, 1), (1, -1, 1), (1, 1, -1), (-1, -1, -1))
+
+
+def joint_readings(mechanism: Mechanism, data: Dataset, single: bool = True) -> list[JointReading]:
+    """Return the readings of the joint columns that are worth a look, as declared first.
+
+    What the positions' slopes by the columns say; with ``single`` also each single change (two
+    columns exchanged, a sign, a unit), else only the likeliest few.
+    """
+    k = len(mechanism.actuators)
+    plain = JointReading.plain(k)
+    found = [plain]
+    if data.commanded is None:
+        found += [*(_single(mechanism, data, plain) if single else ())]
+        if k <= MOST_JOINTS:
+            found += [*_by_slopes(mechanism, data)][:None if single else FEW]
+    return list(dict.fromkeys(found))
+
+
+def other_units(mechanism: Mechanism, data: Dataset) -> list[dict[str, float]]:
+    """Return, by joint, the units that its column may be in and their factors on its values."""
+    declared = mechanism.joint_factors(data.units)
+    out: list[dict[str, float]] = []
+    for quantity, bare, factor in zip(mechanism.actuator_quantity, mechanism.actuator_has_ratio,
+                                      declared.tolist(), strict=True):
+        known = LENGTHS if quantity == "length" else {**ANGLES, "turn": TURN}
+        out.append({} if bare else {u: v / factor for u, v in known.items()
+                                    if not np.isclose(v, factor)})
+    return out
+
+
+def _single(mechanism: Mechanism, data: Dataset, plain: JointReading) -> Iterator[JointReading]:
+    k = len(plain.order)
+    for i in range(k):
+        for j in range(i + 1, k):
+            order = list(plain.order)
+            order[i], order[j] = j, i
+            yield replace(plain, order=tuple(order))
+        yield replace(plain, signs=tuple(-1 if n == i else 1 for n in range(k)))
+    yield replace(plain, signs=(-1,) * k)
+    units = other_units(mechanism, data)
+    for unit in dict.fromkeys(u for one in units for u in one):
+        yield replace(plain, units=tuple(unit if unit in one else "" for one in units))
+        for i in range(k):
+            if unit in units[i]:
+                yield replace(plain, units=tuple(unit if n == i else "" for n in range(k)))
+
+
+def _by_slopes(mechanism: Mechanism, data: Dataset) -> Iterator[JointReading]:
+    """Yield readings by how positions follow the columns, likeliest first."""
+    measured = _slopes(data)
+    if measured is None:
+        return
+    model = Model(mechanism)
+    home = home_state(mechanism).q[None]
+    closure, pose = model.closure(home), mechanism.home[None]
+    try:
+        speeds = -linalg.solve(closure.pose_matrix(pose)[0], closure.joint_matrix(pose)[0])
+    except LinearAlgebraError:
+        return
+    own = speeds[[n for n, c in enumerate(mechanism.dof) if c < 3]]
+    (shape, size), (nominal, length) = _correlations(measured), _correlations(own)
+    if min(size.min(), length.min()) <= 0.0:
+        return
+    k = len(size)
+    orders = np.array(list(permutations(range(k))))
+    turned = shape[orders[:, :, None], orders[:, None, :]]
+    signs = np.array([(1, *s) for s in product((1, -1), repeat=k - 1)])
+    both = signs[:, :, None] * signs[:, None, :]
+    # |S o C - N|^2 = |C|^2 + |N|^2 - 2 <S, C o N>: one product for all signs and orders
+    match = (turned * nominal).reshape(len(orders), -1) @ both.reshape(len(signs), -1).T
+    apart = (turned**2).sum(axis=(1, 2))[:, None] - 2.0 * match
+    units = other_units(mechanism, data)
+    for flat in np.argsort(apart, axis=None, kind="stable")[:KEPT]:
+        o, s = np.unravel_index(flat, apart.shape)
+        order = orders[o]
+        factors = size[order] / length
+        named = tuple(_nearest_unit(f, u) for f, u in zip(factors.tolist(), units, strict=True))
+        for way in (1, -1):
+            yield JointReading(tuple(order.tolist()), tuple((way * signs[s]).tolist()), named)
+
+
+def _nearest_unit(slope: float, units: dict[str, float]) -> str:
+    """Return the unit whose numbers are as many times too large as the slope is too small."""
+    def off(factor: float) -> float:
+        return abs(float(np.log(max(slope, 1e-300) / factor)))
+
+    best = min(units, key=lambda u: off(units[u]), default="")
+    return best if best and off(units[best]) < min(np.log(NEAR), off(1.0)) else ""
+
+
+def _slopes(data: Dataset) -> Array | None:
+    """Return d position / d column (3, k) over all rows, None where they do not say."""
+    position = np.where(np.isfinite(data.position).any(axis=0), data.position, 0.0)
+    rows = np.flatnonzero(finite_rows(position) & finite_rows(data.q))
+    q, p = data.q[rows], position[rows]
+    if len(rows) < 2 * q.shape[1] + 2:
+        return None
+    q, p = q - np.median(q, axis=0), p - np.median(p, axis=0)
+    spread = np.median(np.abs(q), axis=0)
+    if not np.all(spread > 0.0):
+        return None
+    # values typed wrong pull hardest where they are far out: a few rounds without them
+    keep = (np.abs(q / spread) < 20.0).all(axis=1)
+    for _ in range(4):
+        if keep.sum() < 2 * q.shape[1] + 2:
+            return None
+        columns = np.column_stack([q[keep] / spread, np.ones(int(keep.sum()))])
+        slopes, rank = linalg.lstsq(columns, p[keep], rcond=1e-8)
+        if rank < columns.shape[1]:
+            return None
+        away = np.linalg.norm(p - np.column_stack([q / spread, np.ones(len(q))]) @ slopes, axis=1)
+        keep = away <= 4.0 * np.median(away) + 1e-300
+    return np.asarray((slopes[:-1] / spread[:, None]).T)
+
+
+def _correlations(columns: Array) -> tuple[Array, Array]:
+    """Return the cosines between columns (k, k) and their lengths (k,)."""
+    size = np.linalg.norm(columns, axis=0)
+    unit = columns / np.where(size > 0.0, size, 1.0)
+    return unit.T @ unit, size
+
+
+def position_readings(data: Dataset, planar: bool) -> list[PoseReading]:
+    """Return readings of the measured positions, as declared first."""
+    plain, declared = PoseReading(), LENGTHS[data.units.length]
+    orders = [o for o in permutations(range(3)) if not planar or o[2] == 2]
+    signs = [s for s in SIGNS if not planar or s[2] == 1] + ([(-1, -1, 1)] if planar else [])
+    axes = [AXES[1], AXES[0]] if planar else [AXES[2], *AXES[:2]]
+    units = [u for u, v in LENGTHS.items() if not np.isclose(v, declared)]
+    out = [plain, *(replace(plain, mirror=a) for a in axes),
+           *(replace(plain, order=o) for o in orders if o != IDENTITY),
+           *(replace(plain, signs=s) for s in signs if s != PLUS)]
+    ones = [tuple(u if i == axis else "" for i in range(3)) for u in units
+            for axis in range(2 if planar else 3)]
+    return [*out, *(replace(p, units=(u, u, u)) for u in units for p in out),
+            *(replace(plain, units=one) for one in ones)]
+
+
+def rotation_readings(data: Dataset, planar: bool) -> list[PoseReading]:
+    """Return readings of the rotation columns, as declared first; none where none are."""
+    if not np.isfinite(data.rotation).any():
+        return [PoseReading()]
+    plain, declared = PoseReading(), ANGLES[data.units.angle]
+    units = ["", *(u for u, v in {**ANGLES, "turn": TURN}.items() if not np.isclose(v, declared))]
+    if planar:
+        return [replace(plain, turn_unit=u, turn_signs=(1, 1, s)) for u in units for s in (1, -1)]
+    if data.convention.startswith("quat"):
+        other = "quat-wxyz" if data.convention == "quat-xyzw" else "quat-xyzw"
+        return [replace(plain, rotation=r, turn_signs=s) for r in ("", other)
+                for s in (PLUS, (-1, -1, -1))]
+    conventions = ["", *(c for c in ("rotvec", *(f"euler-{o}" for o in ORDERS))
+                         if c != data.convention)]
+    whole = [replace(plain, rotation=c, turn_unit=u, turn_signs=s) for u in units
+             for s in (PLUS, (-1, -1, -1)) for c in conventions]
+    return [*whole, *(replace(plain, turn_signs=s) for s in SIGNS[:3]),
+            *(replace(plain, turn_order=o) for o in permutations(range(3)) if o != IDENTITY),
+            *(replace(plain, turn_order=o, rotation=c) for o in ((2, 1, 0),)
+              for c in conventions if c)]
+
+
+def whole_pose_readings(data: Dataset, planar: bool) -> list[PoseReading]:
+    """Return readings in which positions depend on the rotations: inverse poses."""
+    if not np.isfinite(data.rotation).any() or data.kind != "pose":
+        return []
+    return [replace(r, inverse=True, units=(u, u, u)) for r in rotation_readings(data, planar)
+            for u in ("", *(n for n, v in LENGTHS.items()
+                            if r.parts == 0 and not np.isclose(v, LENGTHS[data.units.length])))]
+
+
+def combined(position: PoseReading, rotation: PoseReading) -> PoseReading:
+    """Return both readings as one."""
+    return replace(position, turn_order=rotation.turn_order, turn_signs=rotation.turn_signs,
+                   turn_unit=rotation.turn_unit, rotation=rotation.rotation)

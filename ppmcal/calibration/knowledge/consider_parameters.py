@@ -1,0 +1,80 @@
+"""Parameters that a fit held though they may be off: considered, not estimated.
+
+Held at its nominal value, a parameter errs by its tolerance at every pose, and the fitted ones with
+it: of the rows that its error moved they took over what they could imitate. With H the rows of
+data and prior and J those of the held parameters, an error d of these makes the estimates err by
+H^+ J d (Schmidt 1966; Bierman 1977, chapter VIII). Where rows were measured the two cancel as far
+as they are alike; away from there they need not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit, column_scale, directions, qr_factor
+from ppmcal.calibration.knowledge.tolerance_moves import uncertain
+from ppmcal.linalg import Array
+from ppmcal.model.mechanism import Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class Considered:
+    """Held parameters, SI.
+
+    ``names`` (H,); ``sigma`` (H,) how far each may be off, one standard deviation; ``gain`` (C, H)
+    by how much each fitted column errs with the error of each.
+    """
+
+    names: tuple[str, ...]
+    sigma: Array
+    gain: Array
+
+    def more(self, names: Collection[str] | None = None) -> Array:
+        """Return what they, or those of ``names``, add to the fitted columns' covariance (C, C)."""
+        there = [i for i, n in enumerate(self.names) if names is None or n in names]
+        own = self.gain[:, there] * self.sigma[there]
+        return np.asarray(own @ own.T)
+
+    def beside(self, covariance: Array) -> Array:
+        """Return the covariance of the errors of fitted and held columns (C + H, C + H).
+
+        Args:
+            covariance: of the fitted ones by data and prior, were the held ones exact (C, C).
+        """
+        across = -self.gain * self.sigma**2
+        return np.block([[covariance + self.more(), across], [across.T, np.diag(self.sigma**2)]])
+
+
+def held(mechanism: Mechanism, free: Sequence[int]) -> tuple[int, ...]:
+    """Return the parameters that may be off, by a finite tolerance, and are not fitted."""
+    return tuple(i for i, tolerance in zip(*uncertain(mechanism), strict=True)
+                 if i not in free and np.isfinite(tolerance) and tolerance > 0.0)
+
+
+def considered(fit: Fit) -> Considered:
+    """Return what a fit held, and how its columns err with that.
+
+    Args:
+        fit: with its noise.
+    """
+    problem, mechanism = fit.problem, fit.problem.mechanism
+    own = held(mechanism, problem.free)
+    if not own:
+        return Considered((), np.zeros(0), np.zeros((len(problem.columns), 0)))
+    wide = replace(problem, free=(*problem.free, *own),
+                   pivots=tuple(o.about for o in problem.opens))
+    rows = qr_factor(wide, fit.state, fit.keep).triangle / fit.noise
+    extra = np.arange(len(problem.free), len(wide.free))
+    s, vt, seen = directions(fit)
+    half = vt[seen].T / s[seen]
+    # (H^T H)^-1 H^T J: the prior's rows of H meet nothing of the held ones
+    fitted = np.delete(rows, extra, axis=1) * fit.scale
+    moved = rows[:, extra] * column_scale(wide)[extra]
+    gain = half @ (half.T @ (fitted.T @ moved))
+    sigma = np.array([mechanism.parameters[p].sigma or mechanism.parameters[p].prior_sigma
+                      for p in own], dtype=float)
+    return Considered(tuple(mechanism.names[p] for p in own), sigma,
+                      gain * fit.scale[:, None] / column_scale(wide)[extra])

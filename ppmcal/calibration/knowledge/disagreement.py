@@ -1,0 +1,290 @@
+"""How far sessions of one machine disagree, and what that makes of the intervals.
+
+Each session has a machine of its own, theta_s = theta + delta_s: drives are homed anew, parts are
+warmer, somebody leant on the frame. delta_s has one variance per class of parameters, in units of
+their tolerances, and one per class for a growth that all of its parameters share. Given the
+variances D, the estimate of the fit to everything, which weighs rows by their noise alone, has
+
+    H^-1 (psi^2 sum A_s + sum A_s D A_s + P) H^-1,    H = sum A_s + P,
+
+with A_s the information of session s and P that of the prior. D and the noise within sessions are
+drawn from their posterior given the rows, theta and all frames integrated out (restricted
+likelihood), with the uniform shrinkage prior of Daniels (Canad. J. Statist. 27, 1999); intervals
+are quantiles of the mixture, so that few sessions give the wide tails of few degrees of freedom.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import chdtrc
+
+from ppmcal import linalg
+from ppmcal.calibration.fit import (
+    Z95,
+    Fit,
+    coverage_of,
+    half_of_mixture,
+    posterior,
+    prediction_covariance,
+)
+from ppmcal.calibration.knowledge.session_clusters import Clusters, Components, components
+from ppmcal.errors import LinearAlgebraError
+from ppmcal.linalg import Array, Bools, reciprocals, svd
+
+SWEEPS, WARM_UP, LEAST_SWEEPS = 600, 0.2, 80
+"""Draws of all variances times clusters, the part of them thrown away, and at least so many."""
+STEP = 1.3
+"""Of the logarithm of a variance's root."""
+RIDGE = 1e-6
+"""Information, in units of tolerance, where there is none: what nothing sees stays finite."""
+NOTHING, THIN = 1e-6, 3
+"""Tolerances that clusters differ by where they do not; every third draw is looked at again."""
+SIZES = (-3.0, -1.5, 0.0)
+"""Logarithms of sizes, in noise of one cluster, at which differences are looked for."""
+WIDEST = 30.0
+"""Sessions differ by no more than so many tolerances, or units of comparable effect."""
+EVIDENCE = 5.0
+"""Clusters differ where that makes the rows likelier by more than so much, as a logarithm."""
+SURE = 0.01
+"""Sessions disagree about a parameter below this p-value times the number of parameters."""
+
+
+@dataclass(frozen=True, eq=False)
+class Disagreement:
+    """What clusters of rows make of the uncertainty, SI.
+
+    Attributes:
+        labels: of the clusters (S,).
+        covariance: of all columns (C, C), disagreement included; the frame and target of one
+            cluster are those in which the common machine is seen then.
+        half: half of the 95 % interval of every column (C,), inf where unbounded.
+        evidence: log of how much likelier the rows are where clusters may differ.
+        own, own_sigma: each cluster's own estimate of the parameters, all else fitted with it,
+            as a step from the common one, and its uncertainty by noise (S, F).
+        p_value: of all clusters having one value, by parameter (F,).
+        spread: class of parameters -> how far clusters differ, in tolerances (rms).
+        sessions: whether clusters are sessions, not stretches of rows.
+        coverage: half of a 95 % interval over ``own_sigma``, the size of the noise integrated out.
+    """
+
+    labels: tuple[str, ...]
+    covariance: Array
+    half: Array
+    evidence: float
+    own: Array
+    own_sigma: Array
+    p_value: Array
+    spread: dict[str, float]
+    sessions: bool = True
+    coverage: float = Z95
+
+    @property
+    def differ(self) -> bool:
+        """Whether clusters differ by more than noise, in whatever."""
+        return self.evidence > EVIDENCE
+
+    @property
+    def disagree(self) -> Bools:
+        """Parameters (F,) of which the clusters differ by more than noise, counted for all."""
+        return np.asarray(self.p_value * max(self.p_value.size, 1) < SURE, dtype=bool)
+
+
+DIFFERENCES = "how far sessions, or stretches of rows, differ"
+
+
+class _Posterior:
+    """The posterior of the variances: theta and all frames are integrated out."""
+
+    def __init__(self, data: Clusters, parts: Components, most: float, widest: float = WIDEST
+                 ) -> None:
+        self.data, self.parts, self.most, self.widest = data, parts, most, widest
+        g = parts.directions
+        self.cross = np.einsum("cm,scd->smd", g, data.matrix)
+        self.inner = self.cross @ g
+        self.seen = data.right @ g
+        self.prior = np.diag(data.prior**2 + RIDGE)
+        self.offset = data.prior**2 * data.away
+        self.covariance = linalg.inv(data.matrix.sum(axis=0) + self.prior, DIFFERENCES)
+        if not np.all(np.diagonal(self.covariance) > 0.0):
+            raise LinearAlgebraError(f"{DIFFERENCES} could not be had: what the tolerances say "
+                                     "drowns in the round-off of what the data say",
+                                     mend="Look for a sigma that is far too small")
+
+    @cached_property
+    def shrinkage(self) -> Array:
+        """Variances (K,) that one session's noise has, in units of the tolerances."""
+        g = self.parts.directions
+        one = self.data.count.size * np.einsum("cm,cd,dm->m", g, self.covariance, g)
+        one /= np.sum(g**2, axis=0) ** 2
+        return np.array([np.median(one[self.parts.member == k])
+                         for k in range(len(self.parts.names))])
+
+    def log(self, sizes: Array) -> float:
+        """Return the log posterior of log sizes (K,) and, last, of the noise's factor."""
+        variance = np.exp(2.0 * sizes[:-1])
+        if np.any(variance > self.widest**2) or not 0.0 <= sizes[-1] <= self.most:
+            return -np.inf
+        prior = variance * self.shrinkage / (self.shrinkage + variance) ** 2
+        return self.likelihood(sizes) + float(np.sum(np.log(prior)))
+
+    def likelihood(self, sizes: Array) -> float:
+        """Return the restricted log likelihood of log sizes (K,) and the noise's factor."""
+        spread, noise = np.exp(sizes[:-1]), float(np.exp(2.0 * sizes[-1]))
+        each = spread[self.parts.member]
+        inner = each[:, None] * self.inner * each / noise
+        inner += np.eye(each.size)
+        factor = linalg.cholesky(inner, DIFFERENCES)
+        half = linalg.solve(factor, np.concatenate(
+            [each[:, None] * self.cross, (each * self.seen)[..., None]], axis=-1)) / noise
+        known = self.data.matrix.sum(axis=0) / noise - np.einsum("smc,smd->cd", half[..., :-1],
+                                                                 half[..., :-1])
+        total = linalg.cholesky(known + self.prior, DIFFERENCES)
+        right = self.data.right.sum(axis=0) / noise - np.einsum(
+            "smc,sm->c", half[..., :-1], half[..., -1]) + self.offset
+        square = self.data.square.sum() / noise - float(np.sum(half[..., -1] ** 2))
+        solved = linalg.solve(total, right)
+        twice = (square - float(solved @ solved) + self.data.count.sum() * np.log(noise)
+                 + 2.0 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum()
+                 + 2.0 * np.log(np.diagonal(total)).sum())
+        return -0.5 * float(twice)
+
+    @cached_property
+    def alone(self) -> float:
+        """The largest log likelihood where clusters do not differ, whatever the noise."""
+        none = np.full(len(self.parts.names), np.log(NOTHING))
+        steps = np.linspace(0.0, self.most, 12 if self.most else 1)
+        return max(self.likelihood(np.append(none, f)) for f in steps)
+
+    def evidence(self, sizes: Array) -> float:
+        """Return by how much the best of log sizes (n, K + 1) is likelier than no difference."""
+        return max(self.likelihood(d) for d in sizes) - self.alone
+
+    def screened(self) -> float:
+        """Return the evidence of a few sizes of each difference alone, and of all together."""
+        k = len(self.parts.names)
+        usual = 0.5 * np.log(self.shrinkage)
+        each = [np.where(np.arange(k) == i, usual + size, np.log(NOTHING))
+                for i in range(k) for size in SIZES]
+        sizes = [*each, *(usual + size for size in SIZES)]
+        return self.evidence(np.array([np.append(s, f) for s in sizes
+                                       for f in {0.0, 0.5 * self.most, self.most}]))
+
+    def draws(self, seed: int) -> Array:
+        """Return draws of variances (n, K) and, last, of the noise's factor squared."""
+        rng = np.random.default_rng(seed)
+        at = np.append(0.5 * np.log(self.shrinkage) - 1.0, 0.5 * self.most)
+        at[:-1] = np.minimum(at[:-1], np.log(self.widest) - 0.1)
+        free = range(at.size - (self.most == 0.0))
+        width = np.append(np.full(at.size - 1, STEP), 0.1)
+        log, out = self.log(at), []
+        sweeps = max(LEAST_SWEEPS, SWEEPS // len(self.data.labels))
+        for sweep in range(sweeps):
+            for k in free:
+                trial = at.copy()
+                trial[k] += width[k] * rng.normal()
+                new = self.log(trial)
+                if np.log(rng.uniform()) < new - log:
+                    at, log = trial, new
+            if sweep >= WARM_UP * sweeps:
+                out.append(at)
+        return np.exp(2.0 * np.array(out))
+
+
+def differs(fit: Fit, data: Clusters, inflation: float = 1.0) -> bool:
+    """Return whether clusters differ by more than noise; as :func:`disagreement`, but quick."""
+    return _chances(data, components(fit), inflation).screened() > EVIDENCE
+
+
+def _chances(data: Clusters, parts: Components, inflation: float, widest: float = WIDEST
+             ) -> _Posterior:
+    """Return the posterior in units of the stated noise, the estimate staying what it is."""
+    stated = Clusters(data.labels, data.matrix * inflation**2, data.right * inflation**2,
+                      data.square * inflation**2, data.count, data.prior, data.away)
+    return _Posterior(stated, parts, float(np.log(inflation)), widest)
+
+
+def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float = WIDEST,
+                 seed: int = 0) -> Disagreement:
+    """Return what clusters of rows make of the uncertainty of a fit.
+
+    No interval is longer than what holds all that the tolerance allows.
+
+    Args:
+        fit: with rows ``inflation`` times as noisy as stated.
+        data: its rows by cluster.
+        inflation: see there; the noise within clusters is between the stated one and that.
+        widest: tolerances that clusters may differ by.
+        seed: of the draws.
+    """
+    parts = components(fit)
+    chances = _chances(data, parts, inflation, widest)
+    drawn = chances.draws(seed)
+    unit = np.outer(fit.scale, fit.scale)
+    known = prediction_covariance(fit) / unit
+    leaks = np.concatenate([known @ a @ parts.directions for a in data.matrix], axis=1)
+    leaks -= _registered(data, parts, len(fit.problem.free))
+    member = np.tile(parts.member, len(data.labels))
+    added = [leaks[:, member == k] @ leaks[:, member == k].T for k in range(len(parts.names))]
+    # where clusters differ, that was counted as noise, and the noise is less
+    added.append(known @ data.matrix.sum(axis=0) @ known)
+    parts_of = drawn / np.append(np.ones(len(parts.names)), inflation**2)
+    parts_of[:, -1] -= 1.0
+    variance = np.diagonal(known) + parts_of @ np.array([np.diagonal(b) for b in added])
+    half = half_of_mixture(variance) * fit.scale
+    allowed = np.abs(data.away) + Z95 * reciprocals(data.prior, np.inf)
+    half = np.minimum(half, allowed * fit.scale)
+    half[np.isinf(np.diagonal(posterior(fit)))] = np.inf
+    # the mean of few sessions' draws is that of their widest: half of them are wider than this
+    middle = np.median(parts_of, axis=0)
+    covariance = known + sum(m * b for m, b in zip(middle, added, strict=True))
+    own, sigma, p_value = _each(data, chances.prior, len(fit.problem.free),
+                                float(np.median(drawn[:, -1])) / inflation**2)
+    scale = fit.scale[:own.shape[1]]
+    spread = {n: float(np.sqrt(np.median(v))) for n, v in
+              zip(parts.names, drawn[:, :-1].T, strict=True)}
+    return Disagreement(data.labels, covariance * unit, half,
+                        chances.evidence(0.5 * np.log(drawn[::THIN])), own * scale,
+                        sigma * scale, p_value, spread,
+                        coverage=coverage_of(drawn[:, -1] / np.median(drawn[:, -1])))
+
+
+def _registered(data: Clusters, parts: Components, count: int) -> Array:
+    """Return what frames and targets of one cluster alone take of its difference (C, S m).
+
+    Such a frame is where the common machine is seen from on that day: what is rigid in the
+    difference is in the frame and no error of a command in it.
+    """
+    size = data.matrix.shape[1]
+    seen = np.abs(np.diagonal(data.matrix, axis1=1, axis2=2)) > 0.0
+    own = seen & (seen.sum(axis=0) == 1) & (np.arange(size) >= count)
+    out = []
+    for a, mine in zip(data.matrix, own, strict=True):
+        taken = np.zeros((size, parts.directions.shape[1]))
+        where = np.flatnonzero(mine)
+        block = a[np.ix_(where, where)] + RIDGE * np.eye(where.size)
+        taken[where] = linalg.solve(block, a[where] @ parts.directions)
+        out.append(taken)
+    return np.concatenate(out, axis=1)
+
+
+def _each(data: Clusters, prior: Array, count: int, noise: float) -> tuple[Array, Array, Array]:
+    """Return each cluster's own steps and their sigma (S, F), and p-values (F,) of no difference.
+
+    All clusters share the prior, so that it cancels in their differences as far as it is the
+    same part of each estimate.
+    """
+    inverse = linalg.inv(data.matrix + prior)
+    own = np.einsum("scd,sd->sc", inverse, data.right + np.diagonal(prior) * data.away)[:, :count]
+    by_noise = noise * np.einsum("scd,sde,sec->sc", inverse, data.matrix, inverse)[:, :count]
+    pull = np.einsum("scd,de,tec->cst", inverse, prior, inverse)[:count]
+    total = pull + np.eye(len(own)) * by_noise.T[:, :, None]
+    size = len(own)
+    contrast = svd(np.eye(size) - 1.0 / size)[0][:, :size - 1]
+    differs = own.T @ contrast
+    among = contrast.T @ total @ contrast
+    among += np.eye(size - 1) * 1e-12 * np.trace(among, axis1=-2, axis2=-1)[:, None, None]
+    chi2 = np.einsum("fa,fa->f", differs, linalg.solve(among, differs[..., None])[..., 0])
+    return own, np.sqrt(np.maximum(by_noise, 0.0)), np.asarray(chdtrc(size - 1, chi2))

@@ -1,0 +1,210 @@
+"""Which freedoms predict rows that were left out: nested sets, cross-validated over space.
+
+Freedoms beyond the usual ones cost rows, and what they fit need not be there on another day. Every
+set is fitted without each block of neighbouring rows in turn and predicts that. What the file frees
+is kept, its tolerances say what is not known, unless another set predicts better, by a twentieth
+and by more than a standard error; then the smallest within one standard error of the best is kept
+(Breiman et al., Classification and Regression Trees, 1984). The sets differ from the smallest by
+little, so that one step from its fit stands for each fit: linear algebra on its rows.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.calibration.fit import (
+    LEAST,
+    WORTH,
+    Fit,
+    FitOptions,
+    Problem,
+    column_scale,
+    prior_weights,
+    to_prior,
+    values_taken,
+    with_estimated_noise,
+)
+from ppmcal.calibration.knowledge.intervals import spatial_blocks
+from ppmcal.linalg import Array
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import counted
+
+log = logging.getLogger(__package__)
+
+RIDGE = 1e-9
+"""Of the strongest column, so that what a fold does not see stays where it is."""
+FEWEST = 3
+"""Blocks that make a standard error."""
+
+
+@dataclass(frozen=True)
+class FreedomSet:
+    """One set of freedoms.
+
+    Attributes:
+        adds: parameters that it has beyond the set before, of the first: all.
+        missed: rms of left-out rows over their noise, as a fit of the others predicts them.
+        behind: by how much its mean square is larger than that of the best, and ``error``, the
+            standard error of that; 0 of the best.
+    """
+
+    adds: tuple[str, ...]
+    missed: float
+    behind: float
+    error: float
+
+
+@dataclass(frozen=True)
+class FreedomChoice:
+    """What cross-validation kept: the sets, smallest first; what the file frees; what was kept.
+
+    ``blocks``: how many were left out in turn.
+    """
+
+    sets: tuple[FreedomSet, ...]
+    usual: int
+    kept: int
+    blocks: int
+
+
+def with_chosen_freedoms(problem: Problem, options: FitOptions, which: Sequence[bool]
+                         ) -> tuple[Problem, FreedomChoice | None]:
+    """Return the problem with the freedoms of its machine that predict left-out rows best.
+
+    Args:
+        problem: machine, data and what the file frees.
+        options: of the fits; without the tolerances as prior nothing is chosen.
+        which: data sets whose noise is estimated.
+
+    Raises:
+        BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
+    """
+    machine = problem.mechanism
+    if not machine.optional:
+        log.info("the file leaves no freedoms to choose from")
+    if not machine.optional or options.method != "prior" or problem.earlier is not None:
+        return problem, None
+    levels, usual = _levels(machine)
+    small = replace(problem, mechanism=replace(machine, free=levels[0]), free=levels[0])
+    fit, _ = with_estimated_noise(small, options, which)
+    choice = freedom_choice(fit, levels, usual)
+    free = tuple(sorted(p for level in levels[:1 + (usual if choice is None else choice.kept)]
+                        for p in level))
+    parameters = tuple(replace(p, fixed=False) if i in free else p
+                       for i, p in enumerate(machine.parameters))
+    chosen = replace(machine, parameters=parameters, free=free, optional=())
+    return replace(problem, mechanism=chosen, free=free), choice
+
+
+def _levels(machine: Mechanism) -> tuple[list[tuple[int, ...]], int]:
+    """Return what each nested set adds, the smallest first, and the last that the file frees."""
+    taken: set[int] = set()
+    levels: list[tuple[int, ...]] = []
+    usual = 0
+    for n, patterns in enumerate(machine.optional, 1):
+        own = tuple(i for i, p in enumerate(machine.parameters) if i not in taken
+                    and p.prior_sigma is not None and any(p.matches(x) for x in patterns))
+        taken.update(own)
+        levels.append(own)
+        usual = n if set(own) & set(machine.free) else usual
+    return [tuple(p for p in machine.free if p not in taken), *levels], usual
+
+
+def choice_sentence(choice: FreedomChoice) -> str:
+    """Return which freedoms were kept, and how left-out rows are predicted with each set."""
+    out = []
+    for n, one in enumerate(choice.sets):
+        adds = f"with {_shortened(one.adds)} too" if n else counted(len(one.adds), "parameter")
+        out.append(f"{adds} {one.missed:.3g}")
+    kept = "of the smallest set" if not choice.kept else (
+        f"up to {_shortened(choice.sets[choice.kept].adds)}")
+    why = "as the file has them" if choice.kept == choice.usual else (
+        "which predict better by more than a standard error")
+    return (f"Rows left out ({choice.blocks} blocks over space) are missed by so many times the "
+            f"noise: {', '.join(out)}. Freedoms {kept} are kept, {why}.")
+
+
+def _shortened(names: Sequence[str]) -> str:
+    return ", ".join(names[:2]) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
+
+
+def freedom_choice(fit: Fit, levels: Sequence[Sequence[int]], usual: int
+                   ) -> FreedomChoice | None:
+    """Return which of nested sets predicts left-out rows, None where rows are too few to tell.
+
+    Args:
+        fit: of the smallest set, with the noise that counts.
+        levels: parameters that each set has beyond the one before; the first is the fit's own.
+        usual: the set that is kept unless another is better.
+    """
+    if fit.reduced.count - values_taken(fit) < LEAST:
+        return None
+    machine = fit.problem.mechanism
+    order = [p for level in levels for p in level]
+    wide = replace(fit.problem, free=tuple(order),
+                   pivots=tuple(o.about for o in fit.problem.opens))
+    rows, values = _by_block(fit, wide)
+    if len(rows) < FEWEST:
+        return None
+    unit, count, size = column_scale(wide), len(order), len(wide.columns)
+    away = to_prior(wide, fit.state) / unit
+    ends = np.cumsum([len(level) for level in levels])
+    square = np.stack([_left_out(rows, prior_weights(wide, "prior") * unit, away,
+                                 np.r_[:end, count:size], count) for end in ends])
+    total = square.sum(axis=1)
+    best = int(np.argmin(total))
+    apart = square - square[best]
+    error = np.sqrt(len(rows) * np.var(apart, axis=1, ddof=1))
+    kept = usual
+    worth = total[best] < (1.0 - WORTH) ** 2 * total[usual]
+    if worth and apart[usual].sum() > error[usual]:
+        kept = int(np.flatnonzero(apart.sum(axis=1) <= error)[0])
+    sets = tuple(FreedomSet(tuple(machine.names[p] for p in level), float(np.sqrt(t / values)),
+                            float(a / values), float(e / values))
+                 for level, t, a, e in zip(levels, total, apart.sum(axis=1), error, strict=True))
+    return FreedomChoice(sets, usual, kept, len(rows))
+
+
+def _by_block(fit: Fit, wide: Problem) -> tuple[list[Array], float]:
+    """Return the white rows (n, C + 1) of each block, residual last, and how many values."""
+    block, unit = spatial_blocks(fit), column_scale(wide)
+    out: dict[int, list[Array]] = {}
+    values = 0.0
+    for part in wide.rows(fit.state, True, fit.keep):
+        own = np.concatenate([part.jacobian * unit, part.residual[..., None]], axis=-1)
+        mine = block[part.dataset][part.index]
+        values += float(part.observed.sum())
+        for b in np.unique(mine).tolist():
+            out.setdefault(b, []).append(own[mine == b].reshape(-1, unit.size + 1))
+    return [np.concatenate(parts) for _, parts in sorted(out.items())], values
+
+
+def _left_out(rows: Sequence[Array], prior: Array, away: Array, columns: Array, count: int
+              ) -> Array:
+    """Return the sum of squares of each block as a fit of the others predicts it (B,).
+
+    Args:
+        rows: by block, white rows with the residual last, columns in natural units.
+        prior: weight of each column.
+        away: how far each column's nominal is.
+        columns: that the set has; the others of the first ``count`` are at their nominals.
+        count: geometry's columns.
+    """
+    closed = np.setdiff1d(np.arange(count), columns)
+    own = [(r[:, columns], r[:, -1] - r[:, closed] @ away[closed]) for r in rows]
+    normal = [a.T @ a for a, _ in own]
+    right = [a.T @ b for a, b in own]
+    weight = prior[columns] ** 2
+    ridge = RIDGE * max(float(np.max(np.diagonal(sum(normal)))), 1.0)
+    whole, all_right = sum(normal), sum(right)
+    out = []
+    for (a, b), n, r in zip(own, normal, right, strict=True):
+        step = linalg.solve(whole - n + np.diag(weight + ridge),
+                               all_right - r + weight * away[columns])
+        out.append(float(np.sum((b - a @ step) ** 2)))
+    return np.array(out)

@@ -1,0 +1,238 @@
+"""What the data tell of a machine: its scale, kinds of parameter that go together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal import linalg
+from ppmcal.calibration.fit import (
+    Z95,
+    Fit,
+    Problem,
+    column_scale,
+    directions,
+    posterior,
+    prior_weights,
+    qr_factor,
+)
+from ppmcal.calibration.knowledge.intervals import coverage
+from ppmcal.kinematics.closure import Model
+from ppmcal.linalg import Array, finite_rows
+from ppmcal.model.limbs.chain import cross_matrix
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.parameters import is_joint_component
+from ppmcal.wording.progress import stage
+
+SHARE = 0.7
+"""The prior dominates a distance where it leaves less than this part of what the data do."""
+MATTERS = 1e-5
+"""And where it is known no better than this part of it."""
+LOOSE, LOST = 1e-3, 0.02
+"""Without tolerances scale is open where a distance is known no better than this part of it, and
+unobservable, so that a fit would run off, where no better than that."""
+ONE = 0.95
+"""Two kinds of parameter are collinear from this correlation on, tolerances aside."""
+OPEN = 0.3
+"""And where each of the two keeps more than this part of its tolerance."""
+WEAK = 0.01
+"""Tolerances count so little when it is asked what the data tell apart."""
+CALIPER = 5e-5
+"""What a caliper measures a distance to, m, one standard deviation."""
+POSITIONS = 300
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How well a distance between two measured positions is known, m.
+
+    ``length``: their distance; ``sigma``: its standard deviation with the tolerances,
+    ``sigma_data`` by the data alone (inf where they leave it open); ``times``: half of a 95 %
+    interval over each.
+    """
+
+    length: float
+    sigma: float
+    sigma_data: float
+    times: float = Z95
+
+    @property
+    def needed(self) -> float:
+        """Length of a distance that, measured to :data:`CALIPER`, halves the uncertainty, m."""
+        return float(np.sqrt(3.0) * CALIPER * self.length / self.sigma) if self.sigma else 0.0
+
+    @property
+    def prior_dominated(self) -> bool:
+        """Whether tolerances, more than the data, constrain the machine's size."""
+        return self.sigma < SHARE * self.sigma_data
+
+    @property
+    def unobservable(self) -> bool:
+        """Whether neither data nor prior constrain the machine's size."""
+        return not self.prior_dominated and self.sigma > LOST * self.length
+
+    @property
+    def open(self) -> bool:
+        """Whether these data leave scale to the prior, or to nothing, by an amount that matters."""
+        least = MATTERS if self.prior_dominated else LOOSE
+        return self.sigma > least * self.length
+
+
+@dataclass(frozen=True)
+class CollinearParameters:
+    """Two kinds of slot exactly correlated; ``each``: limb by limb, not only all together."""
+
+    one: str
+    other: str
+    correlation: float
+    each: bool
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What the data cannot identify; ``scale`` None where it could not be judged."""
+
+    scale: Scale | None
+    collinear: tuple[CollinearParameters, ...]
+
+
+def predict_identifiability(problem: Problem, method: str) -> Identifiability:
+    """Return what a fit of a problem would leave open, judged at the machine as it stands."""
+    state = problem.start()
+    keep = tuple(finite_rows(pose) for pose in state.poses)
+    return identifiability(Fit(problem, state, qr_factor(problem, state, keep),
+                      prior_weights(problem, method), column_scale(problem), keep, 0, False))
+
+
+@stage("what the data leave open")
+def identifiability(fit: Fit, times: float = Z95) -> Identifiability:
+    """Return what the rows and priors of a fit, or of a machine before it, leave open.
+
+    Args:
+        fit: with its noise.
+        times: half of a 95 % interval over the sigma that the noise makes; before a fit it is
+            taken as known.
+    """
+    if not fit.problem.free:
+        return Identifiability(None, ())
+    return Identifiability(
+        _scale(fit, times), tuple(sorted(_collinear(fit), key=lambda t: -abs(t.correlation)))
+    )
+
+
+def with_held(fit: Fit, held: Iterable[int]) -> Identifiability:
+    """Return what is left open with parameters that a fit held though the file frees them.
+
+    Held for the sake of what they predict, they are known no better than their tolerances say.
+
+    Args:
+        fit: of the others.
+        held: indices of these parameters.
+    """
+    pivots = tuple(o.about for o in fit.problem.opens)
+    wide = replace(fit.problem, free=tuple(sorted({*fit.problem.free, *held})), pivots=pivots)
+    return identifiability(Fit(wide, fit.state, qr_factor(wide, fit.state, fit.keep),
+                               prior_weights(wide, "prior"), column_scale(wide), fit.keep, 0,
+                               fit.converged), coverage(fit))
+
+
+def _scale(fit: Fit, times: float) -> Scale | None:
+    """Judge the distance of the two measured points that lie farthest apart, in one data set."""
+    found = [s for i in range(len(fit.problem.datasets)) if (s := _farthest(fit, i)) is not None]
+    if not found:
+        return None
+    length, slope = max(found, key=lambda s: s[0])
+    return Scale(
+        length,
+        _prediction_sigma(fit, slope, fit.prior),
+        _prediction_sigma(fit, slope, fit.stated),
+        times,
+    )
+
+
+def _farthest(fit: Fit, i: int) -> tuple[float, Array] | None:
+    """Return the longest distance between measured points of a data set, and its slope (C,)."""
+    problem, state = fit.problem, fit.state
+    rows = np.flatnonzero(fit.keep[i])
+    count = rows.size * (1 if problem.datasets[i].to_q is None else 2)
+    if count < 2:
+        return None
+    some = np.linspace(0, count - 1, min(POSITIONS, count)).astype(int)
+    ends = problem.ends(i, state, rows[some % rows.size])
+    first = (some < rows.size)[:, None]
+    q, pose = (np.where(first, ends[0][part], ends[-1][part]) for part in (0, 1))
+    target, turn = state.registrations[i].target, cga.rotation_matrix(pose)
+    at = cga.translation(pose) + turn @ target
+    away = np.linalg.norm(at[:, None] - at[None], axis=-1)
+    two = [int(n) for n in np.unravel_index(int(np.argmax(away)), away.shape)]
+    length = float(away[two[0], two[1]])
+    if length < 1e-3 * problem.mechanism.length_scale:
+        return None
+    closure = Model(problem.mechanism, state.g).closure(q[two], problem.free)
+    twist = np.zeros((2, 6, len(problem.free)))
+    twist[:, list(problem.mechanism.dof)] = -linalg.pinv(
+        closure.pose_matrix(pose[two])) @ closure.error_matrix(pose[two], problem.free)
+    # the point moves with the platform's origin, and turns about it
+    moves = twist[:, :3] - cross_matrix(turn[two] @ target) @ twist[:, 3:]
+    along = (at[two[0]] - at[two[1]]) / length
+    slope = np.zeros(len(problem.columns))
+    slope[:len(problem.free)] = along @ (moves[0] - moves[1])
+    open_ = problem.opens[i]
+    slope[open_.target] = (along @ (turn[two[0]] - turn[two[1]]))[list(open_.target_parts)][
+        :open_.target.stop - open_.target.start]
+    return length, slope
+
+
+def _prediction_sigma(fit: Fit, slope: Array, prior: Array) -> float:
+    """Return the standard deviation of slope (C,) . columns with a prior (C,), inf where open."""
+    s, vt, seen = directions(fit, prior)
+    row = slope * fit.scale
+    if np.linalg.norm(vt[~seen] @ row) > 1e-6 * np.linalg.norm(row):
+        return float("inf")
+    return float(np.linalg.norm((vt[seen] @ row) / s[seen]))
+
+
+def _collinear(fit: Fit) -> Iterator[CollinearParameters]:
+    """Yield kinds of slot whose common value the data see only together."""
+    count, scale = len(fit.problem.free), fit.scale[:len(fit.problem.free)]
+    after = posterior(fit)[:count, :count] / np.outer(scale, scale)
+    if not np.isfinite(after).all():
+        return
+    s, vt, seen = directions(fit, fit.stated + WEAK * (fit.prior - fit.stated))
+    half = vt[seen][:, :count].T / s[seen]
+    weight = np.where(fit.prior[:count] > 0.0, fit.prior[:count] * scale, 1.0)
+    kinds = kinds_of(fit.problem.mechanism, fit.problem.free)
+
+    def correlated(one: Sequence[int], other: Sequence[int]) -> float:
+        """Correlation of two sums of columns; 0 where either is known well."""
+        a, b = (np.isin(np.arange(count), c).astype(float) for c in (one, other))
+        if min(float(e @ after @ e) / float(np.sum((e / weight) ** 2)) for e in (a, b)) < OPEN**2:
+            return 0.0
+        va, vb = a @ half, b @ half
+        return float(va @ vb) / float(np.linalg.norm(va) * np.linalg.norm(vb))
+
+    for one, other in combinations(kinds, 2):
+        r = correlated(list(kinds[one].values()), list(kinds[other].values()))
+        both = [limb for limb in kinds[one] if kinds[other].get(limb, kinds[one][limb])
+                != kinds[one][limb]]
+        each = [correlated([kinds[one][limb]], [kinds[other][limb]]) for limb in both]
+        alike = len(each) > 1 and all(abs(e) > ONE for e in each)
+        if abs(r) > ONE or alike:
+            yield CollinearParameters(one, other, r if abs(r) > ONE else each[0], alike)
+
+
+def kinds_of(mechanism: Mechanism, free: tuple[int, ...]) -> dict[str, dict[str, int]]:
+    """Return slot -> limb -> column among ``free``, frame error components left out."""
+    column = {p: c for c, p in enumerate(free)}
+    out: dict[str, dict[str, int]] = {}
+    for limb in mechanism.limbs:
+        polar = [(f"{x.rpartition('.')[0]}.{name}", p) for x, _, radius, angle in limb.slots.polar
+                 for name, p in (("radius", radius), ("angle", angle))]
+        for slot, p in (*limb.slots.direct, *polar):
+            if p in column and not is_joint_component(mechanism.names[p]):
+                out.setdefault(slot, {})[limb.name] = column[p]
+    return out

@@ -1,0 +1,219 @@
+"""Intervals that hold on another day: by sessions, or by stretches of the only one.
+
+Noise averages out over rows; what differs from session to session does not, nor what is smooth over
+the workspace or over time. With several sessions their disagreement is in the intervals. Blocks of
+rows near each other in joint space, and blocks of rows in their order, are looked at like sessions
+(a block bootstrap in closed form: the fit's own linear problem, block by block), and count where
+they differ by more than noise. What differs between sessions, one cannot show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.calibration.fit import (
+    Fit,
+    FitOptions,
+    coverage_of,
+    half_of_mixture,
+    noise_parts,
+    posterior,
+    prediction_covariance,
+    variances,
+)
+from ppmcal.calibration.knowledge.disagreement import Disagreement, differs, disagreement
+from ppmcal.calibration.knowledge.session_clusters import clusters
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
+from ppmcal.model.sessions import session_masks
+from ppmcal.wording.progress import stage
+
+BLOCKS, LEAST_ROWS = 8, 3
+"""Blocks of a session, and rows in each at least."""
+STRETCHES = 1.0
+"""Blocks, of one machine, differ by no more than so many tolerances."""
+
+
+BETWEEN = 9
+"""Sizes of the noise, of all that an interval is a mixture of, that are worked out."""
+
+
+def by_noise(fit: Fit, options: FitOptions, more: Array | float = 0.0) -> Array:
+    """Return half of the 95 % interval of every column (C,), the size of the noise integrated out.
+
+    The variance of the rows is a scaled inverse chi-squared about the stated one, which counts as
+    :data:`ppmcal.calibration.fit.LEAST` values, and what the rows show of it that no error
+    of the machine can explain. Without a prior on the parameters this is Student's t; a parameter
+    that its tolerance holds is no less certain for noisy rows. inf where the column is unbounded.
+
+    Args:
+        fit: with the noise that its intervals are made with, so far.
+        options: that it was made with; a prior that was chosen by the residuals goes with the
+            noise.
+        more: variance of each column (C,) that no noise of the rows makes.
+    """
+    variance = variances(*noise_parts(fit))
+    if options.method == "gcv" or not fit.prior.any():
+        each = np.outer(variance, np.diagonal(prediction_covariance(fit)))
+    else:
+        some = np.geomspace(variance.min(), variance.max(), BETWEEN)
+        known = [np.diagonal(prediction_covariance(replace(
+            fit, reduced=replace(fit.reduced, triangle=fit.reduced.triangle / np.sqrt(v)))))
+            for v in some.tolist()]
+        logs = np.log(np.maximum(known, 1e-300)).T
+        each = np.exp([np.interp(np.log(variance), np.log(some), own) for own in logs]).T
+    half = half_of_mixture(each + more)
+    return np.where(np.isinf(np.diagonal(posterior(fit))), np.inf, half)
+
+
+def coverage(fit: Fit) -> float:
+    """Return half of a 95 % interval over the sigma that the fit's noise makes.
+
+    As :func:`by_noise` has it, of what no tolerance holds: an effect's size, a learned curve.
+    """
+    return coverage_of(variances(*noise_parts(fit)))
+
+
+@stage("widening intervals where rows disagree")
+def honest(fit: Fit, inflation: float) -> tuple[Disagreement | None, Disagreement | None]:
+    """Return what sessions and what blocks of rows make of a fit's uncertainty.
+
+    Either None where there is nothing to tell; intervals of sessions hold those of blocks.
+
+    Args:
+        fit: with rows ``inflation`` times as noisy as stated.
+        inflation: see there.
+    """
+    sessions, blocks = by_sessions(fit, inflation), by_blocks(fit, inflation)
+    if sessions is not None and blocks is not None:
+        sessions = replace(sessions, half=np.maximum(sessions.half, blocks.half))
+    return sessions, blocks
+
+
+def by_sessions(fit: Fit, inflation: float) -> Disagreement | None:
+    """Return what sessions that differ make of a fit's uncertainty, None where there is one.
+
+    Args:
+        fit: with rows ``inflation`` times as noisy as stated.
+        inflation: see there.
+    """
+    found = [(label, [m & k for m, k in zip(mask, fit.keep, strict=True)])
+             for label, mask in session_masks(fit.problem.datasets)]
+    seen = [(label, mask) for label, mask in found if any(m.any() for m in mask)]
+    if len(seen) < 2 or not fit.problem.free or fit.problem.earlier is not None:
+        return None
+    data = clusters(fit, [label for label, _ in seen], [mask for _, mask in seen])
+    return disagreement(fit, data, inflation)
+
+
+def by_blocks(fit: Fit, inflation: float) -> Disagreement | None:
+    """Return the same of blocks of rows, over joint space or in their order.
+
+    None where neither differ by more than noise, or rows are too few to tell; of both the one
+    that makes the intervals longer.
+    """
+    rows = [int(k.sum()) for k in fit.keep]
+    if sum(rows) < BLOCKS * LEAST_ROWS or not fit.problem.free or fit.problem.earlier is not None:
+        return None
+    found = []
+    for name, label in (("joint space", _near), ("order", _in_order)):
+        masks = _blocks(fit, label)
+        data = clusters(fit, [f"{name} {b + 1}" for b in range(len(masks))], masks)
+        if differs(fit, data, inflation):
+            found.append(replace(disagreement(fit, data, inflation, STRETCHES), sessions=False))
+    count = len(fit.problem.free)
+    return max(found, default=None, key=lambda f: float(np.median(
+        f.half[:count] / fit.scale[:count])))
+
+
+def _blocks(fit: Fit, label: Callable[[Array], Ints]) -> list[list[Bools]]:
+    """Return the rows (N,) of every data set, block by block."""
+    labels = _labels(fit, label)
+    return [[own == b for own in labels] for b in range(BLOCKS)]
+
+
+def spatial_blocks(fit: Fit) -> list[Ints]:
+    """Return which block of neighbours in joint space each row (N,) in use is in, -1 of others."""
+    return _labels(fit, _near)
+
+
+def _labels(fit: Fit, label: Callable[[Array], Ints]) -> list[Ints]:
+    """Return block numbers (N,) of the rows in use of every data set, -1 of others."""
+    labels = []
+    for data, keep in zip(fit.problem.datasets, fit.keep, strict=True):
+        own = np.full(len(data), -1)
+        use = keep & finite_rows(data.q)
+        own[use] = label(data.q[use])
+        labels.append(own)
+    return labels
+
+
+def _in_order(q: Array) -> Ints:
+    """Return block numbers (n,) of rows in their order."""
+    return np.arange(len(q)) * BLOCKS // max(len(q), 1)
+
+
+def _near(q: Array) -> Ints:
+    """Return block numbers (n,) of rows near each other: halves, three times, where q is wide."""
+    block = np.zeros(len(q), dtype=int)
+    level = 1
+    while level < BLOCKS:
+        new = block.copy()
+        for b in range(level):
+            mine = np.flatnonzero(block == b)
+            if mine.size:
+                widest = int(np.argmax(np.std(q[mine], axis=0)))
+                order = mine[np.argsort(q[mine, widest], kind="stable")]
+                new[order[mine.size // 2:]] += level
+        block, level = new, 2 * level
+    return block
+
+
+SHOWN, VISIBLE = 3, 1.05
+
+
+def in_words(fit: Fit, found: Disagreement | None, alone: Array) -> list[str]:
+    """Return what the user must look at: parameters that sessions disagree about, file units.
+
+    Args:
+        fit: of all rows.
+        found: what sessions or stretches of rows disagree about.
+        alone: half of the 95 % interval of each parameter by noise alone (F,), nan without one.
+    """
+    if found is None or not (found.differ or found.disagree.any()):
+        return []
+    known = np.isfinite(alone) & (alone > 0.0)
+    wide = float(np.median(found.half[:alone.size][known] / alone[known])) if known.any() else 1.0
+    if not found.sessions:
+        return [f"what the model leaves is smooth over {found.labels[0].rsplit(' ', 1)[0]}: "
+                f"rows there are not independent, and intervals count it{_longer(wide)}"]
+    if not found.disagree.any():
+        return [f"{len(found.labels)} sessions differ by more than their noise: intervals count it"
+                f"{_longer(wide)}"]
+    worst = np.argsort(found.p_value, kind="stable")[:int(found.disagree.sum())]
+    each = "; ".join(_values(fit, found, c) for c in worst[:SHOWN].tolist())
+    more = f"; and {len(worst) - SHOWN} more" if len(worst) > SHOWN else ""
+    return [f"sessions disagree about {len(worst)} of {found.p_value.size} parameters, each fitted "
+            f"alone: {each}{more}; intervals count it"]
+
+
+def _longer(times: float) -> str:
+    """Return by how much intervals are longer, empty where the median of them hardly is."""
+    return (f" and are {times:.2g} times as long as noise alone makes them (median)"
+            if times >= VISIBLE else "")
+
+
+def _values(fit: Fit, found: Disagreement, column: int) -> str:
+    """Return a parameter's value and 95 % interval in each session, by noise, file units."""
+    place = fit.problem.free[column]
+    parameter, units = fit.problem.mechanism.parameters[place], fit.problem.mechanism.units
+    factor = units.factor(parameter.quantity)
+    value = float(fit.state.g[place])
+    each = ", ".join(
+        f"{(value + own) / factor:.6g} +- {found.coverage * sigma / factor:.2g} in {label}"
+        for label, own, sigma in zip(found.labels, found.own[:, column].tolist(),
+                                     found.own_sigma[:, column].tolist(), strict=True))
+    return (f"{parameter.name} {each} {units.name(parameter.quantity)}"
+            + "/unit" * parameter.per_unit)

@@ -1,0 +1,212 @@
+"""Estimates of a machine's parameters, with their uncertainties."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ppmcal.calibration.fit import (
+    Z95,
+    Fit,
+    Problem,
+    Rank,
+    State,
+    half_or,
+    posterior,
+    seen_directions,
+)
+from ppmcal.calibration.knowledge.disagreement import Disagreement
+from ppmcal.calibration.knowledge.distance_from_nominal import expected_errors, farthest
+from ppmcal.linalg import Array, svd
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
+from ppmcal.units import Units
+
+IMPLAUSIBLE = 8.0
+"""No machine is so many tolerances from its nominal values."""
+FAR = "farther from nominal than tolerances allow"
+"""What is said of such parameters."""
+SHOWN = 3
+"""So many are told, the farthest first."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter after the fit, SI. ``status``: identified, fixed or redundant.
+
+    ``nominal`` is nan where there is none: what a fitted effect's stiffness, period or time
+    constant began at is only a start.
+
+    ``sigma``: by the noise of rows, prior and held parameters included; ``by_noise``: half of the
+    95 % interval by noise of which the size is not known exactly, None: 1.96 sigma; ``half``: the
+    same with what sessions differ by, None where only noise is known of; ``by_session``: label,
+    value, sigma and half of the 95 % interval of each session's own fit; ``p_value`` of these
+    being one value, and whether they ``disagree``. ``expected``: the error (one sigma) that such
+    data find in machines within their tolerances, None without a tolerance; ``far``: whether it is
+    farther from nominal than that allows.
+    """
+
+    name: str
+    quantity: str
+    per_unit: bool
+    nominal: float
+    value: float
+    sigma: float | None
+    sigma_data: float | None
+    tolerance: float | None
+    status: str
+    by_noise: float | None = None
+    half: float | None = None
+    by_session: tuple[tuple[str, float, float, float], ...] = ()
+    p_value: float | None = None
+    disagree: bool = False
+    expected: float | None = None
+    far: bool = False
+
+    @property
+    def error(self) -> float:
+        """The identified error: value - nominal."""
+        return self.value - self.nominal
+
+    @property
+    def half_by_noise(self) -> float | None:
+        """Half of the 95 % interval by noise alone, None without one."""
+        return half_or(self.by_noise, self.sigma)
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The 95 % interval of the value, prior and disagreement of sessions included."""
+        half = self.half_by_noise if self.half is None else self.half
+        return None if half is None else (self.value - half, self.value + half)
+
+    @property
+    def carried(self) -> float | None:
+        """The standard deviation that the model file states: half the interval over 1.96."""
+        return self.sigma if self.half is None else self.half / Z95
+
+
+def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
+              by_noise: Array | None = None, held: Array | None = None
+              ) -> tuple[Estimate, ...]:
+    """Return all parameters of the machine with their uncertainties.
+
+    Args:
+        fit: a finished one.
+        rank: of its columns.
+        wider: what sessions or stretches of rows disagree about.
+        by_noise: half of the 95 % interval of each column by noise and ``held`` (C,), if not 1.96
+            sigma.
+        held: what parameters that were held, though they may be off, add to the columns'
+            variances (C,).
+    """
+    variance = np.diagonal(posterior(fit)) + (0.0 if held is None else held)
+    data_sigma = from_data_alone(fit, rank)
+    column = {p: c for c, p in enumerate(fit.problem.free)}
+    out = []
+    for p, parameter in enumerate(fit.problem.mechanism.parameters):
+        c = column.get(p)
+        sigma, from_data, status = parameter.sigma, None, "fixed"
+        if c is not None:
+            sigma = float(np.sqrt(variance[c])) if np.isfinite(variance[c]) else None
+            status = "identified" if c in data_sigma else "redundant"
+            from_data = data_sigma.get(c)
+        out.append(Estimate(parameter.name, parameter.quantity, parameter.per_unit,
+                            np.nan if c is not None and (parameter.reciprocal
+                                                         or parameter.nonlinear)
+                            else parameter.nominal, float(fit.state.g[p]), sigma, from_data,
+                            parameter.tolerance, status))
+        if c is not None and by_noise is not None and sigma is not None:
+            out[-1] = replace(out[-1], by_noise=float(by_noise[c]))
+        if c is not None and wider is not None and sigma is not None:
+            out[-1] = replace(out[-1], **_by_session(out[-1], wider, c))
+    return _judged(out, dict(zip(fit.problem.free, expected_errors(fit).tolist(), strict=True)))
+
+
+def _judged(found: Sequence[Estimate], expected: Mapping[int, float]) -> tuple[Estimate, ...]:
+    """Return the estimates with whether they are far from nominal; ``expected``: by parameter.
+
+    How far sessions differ adds to what noise makes.
+    """
+    out = list(found)
+    for p, sigma in expected.items():
+        e = out[p]
+        if e.sigma is not None and e.tolerance and np.isfinite([e.tolerance, e.error]).all():
+            more = max((e.carried or 0.0) ** 2 - e.sigma**2, 0.0)
+            out[p] = replace(e, expected=float(np.sqrt(sigma**2 + more)))
+    limit = farthest(sum(e.expected is not None for e in out))
+    return tuple(e if e.expected is None else replace(e, far=abs(e.error) > limit * e.expected)
+                 for e in out)
+
+
+def _by_session(estimate: Estimate, wider: Disagreement, column: int) -> dict[str, Any]:
+    """Return the entries of an estimate that sessions give."""
+    parts: dict[str, Any] = {"half": max(float(wider.half[column]), estimate.by_noise or 0.0)}
+    if wider.sessions:
+        values = (estimate.value + wider.own[:, column]).tolist()
+        sigma = wider.own_sigma[:, column]
+        parts |= {"by_session": tuple(zip(wider.labels, values, sigma.tolist(),
+                                          (wider.coverage * sigma).tolist(), strict=True)),
+                  "p_value": float(wider.p_value[column]),
+                  "disagree": bool(wider.disagree[column])}
+    return parts
+
+
+def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
+    """Return the standard deviation of each identified column without its tolerance, SI.
+
+    Redundant parameters must be held somehow: by their tolerance, or, where they have none,
+    at their value.
+    """
+    held = [c for c in rank.dropped if fit.prior[c] == 0.0]
+    used = [c for c in range(fit.scale.size) if c not in held]
+    prior = fit.stated
+    prior[list(rank.dropped)] = fit.prior[list(rank.dropped)]
+    matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(prior * fit.scale)])
+    _, s, vt = svd(matrix[:, used])
+    use = seen_directions(s)
+    sigma = np.linalg.norm(vt[use].T / s[use], axis=1) * fit.scale[used]
+    found = dict(zip(used, sigma.tolist(), strict=True))
+    return {c: found[c] for c in rank.kept}
+
+
+def with_estimates(fit: Fit, found: Sequence[Estimate]) -> Mechanism:
+    """Return the machine with the fitted values, sigmas and registrations."""
+    mechanism = fit.problem.mechanism
+    parameters = tuple(replace(p, value=e.value, sigma=e.carried)
+                       for p, e in zip(mechanism.parameters, found, strict=True))
+    return replace(mechanism, parameters=parameters,
+                   home_q=np.full_like(mechanism.home_q, np.nan),
+                   registrations={**mechanism.registrations,
+                                  **registered(fit.problem, fit.state)})
+
+
+def registered(problem: Problem, state: State) -> dict[str, Registration]:
+    """Return frame and target of every data set, SI."""
+    out = {}
+    for data, s in zip(problem.datasets, state.registrations, strict=True):
+        out[data.name] = Registration(s.frame, s.target, s.target_rotation, scale=s.scale)
+    return out
+
+
+def far_from_nominal(found: Sequence[Estimate], units: Units) -> str:
+    """Return in words the parameters that end farther from nominal than tolerances allow."""
+    far = sorted((e for e in found if e.far), key=lambda e: -abs(e.error) / (e.tolerance or 1.0))
+    if not far:
+        return ""
+    words = ", ".join(_times(e, units) for e in far[:SHOWN])
+    more = f" and {len(far) - SHOWN} more (parameters.csv)" * (len(far) > SHOWN)
+    return (f"{FAR}: {words}{more}; the nominal values, the "
+            "tolerances, the units or the data are wrong there")
+
+
+def _times(e: Estimate, units: Units) -> str:
+    """Return ``leg1.offset by 4.8 times its tolerance of 0.2 mm``, and what data would show."""
+    factor, tolerance = units.factor(e.quantity), e.tolerance or np.nan
+    unit = units.name(e.quantity) + "/unit" * e.per_unit
+    times = abs(e.error) / tolerance
+    weak = "" if e.expected is None or times > farthest(1) else (
+        f", of which these data would show {e.expected / factor:.2g}")
+    return f"{e.name} by {times:.2g} times its tolerance of {tolerance / factor:.4g} {unit}{weak}"

@@ -1,0 +1,99 @@
+"""The rows of a fit in groups that may differ: sessions, or stretches of rows.
+
+Their normal equations, and the directions in which their machines may differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit, to_prior, white_blocks
+from ppmcal.linalg import Array, Bools
+
+FEW, OTHERS = 3, "others"
+"""Classes of fewer parameters have one variance together: two numbers do not tell their own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clusters:
+    """Rows of a fit in S groups, columns in natural units (C): normal equations of each.
+
+    ``matrix`` (S, C, C), ``right`` (S, C), ``square`` and ``count`` (S,); ``prior`` (C,) weights
+    and ``away`` (C,) how far nominal is from the estimate, both in natural units too.
+    """
+
+    labels: tuple[str, ...]
+    matrix: Array
+    right: Array
+    square: Array
+    count: Array
+    prior: Array
+    away: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Components:
+    """Directions (C, m) in which clusters may differ, and which variance (m,) each has."""
+
+    directions: Array
+    member: Array
+    names: tuple[str, ...]
+
+
+def clusters(fit: Fit, labels: Sequence[str], masks: Sequence[Sequence[Bools]]) -> Clusters:
+    """Return the rows of a fit by cluster.
+
+    Args:
+        fit: a finished one.
+        labels: of the S clusters.
+        masks: by cluster the rows (N,) of every data set.
+    """
+    size = fit.scale.size
+    sums, count = np.zeros((len(labels), size + 1, size + 1)), np.zeros(len(labels))
+    # the problem's rows are white by the stated noise
+    unit = np.append(fit.scale, 1.0) / fit.noise
+    for i, keep in enumerate(fit.keep):
+        for block in white_blocks(fit.problem, fit.state, i, keep):
+            for s, mask in enumerate(masks):
+                mine = mask[i][block.index]
+                if mine.any():
+                    own = block.rows[mine].reshape(-1, size + 1) * unit
+                    sums[s] += own.T @ own
+                    count[s] += float(block.values[mine].sum())
+    away = to_prior(fit.problem, fit.state)
+    return Clusters(tuple(labels), sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1], count,
+                    fit.prior * fit.scale, away / fit.scale)
+
+
+def components(fit: Fit) -> Components:
+    """Return one variance per class of parameters, and one for what a class shares."""
+    parameters = [fit.problem.mechanism.parameters[p] for p in fit.problem.free]
+    value = np.array([fit.state.g[p] for p in fit.problem.free])
+    classes = [p.tolerance_class or p.name.split(".")[0] for p in parameters]
+    few = {k for k in classes if classes.count(k) < FEW}
+    classes = [OTHERS if k in few else k for k in classes]
+    size = fit.scale.size
+    columns: list[Array] = []
+    member: list[int] = []
+    names: list[str] = []
+    for name in dict.fromkeys(classes):
+        own = [c for c, k in enumerate(classes) if k == name]
+        columns += [np.eye(size)[c] for c in own]
+        member += [len(names)] * len(own)
+        names.append(name)
+        # all parts grow by the same part of their size, drives that start at 0 by the same length
+        lengths = [c for c in own if parameters[c].quantity == "length"]
+        if name == OTHERS or len(lengths) <= FEW:
+            continue
+        growth = np.zeros(size)
+        growth[lengths] = value[lengths] / fit.scale[lengths]
+        if np.abs(growth).max() < 10.0:
+            growth[lengths] = 1.0
+        columns.append(growth / np.sqrt(np.mean(growth[lengths] ** 2)))
+        member.append(len(names))
+        names.append(f"{name}, common")
+    return Components(np.array(columns).reshape(-1, size).T, np.array(member, dtype=int),
+                      tuple(names))

@@ -1,0 +1,283 @@
+"""Two calibrations of one machine: what has changed, and what only looks so.
+
+The data of both as rows of one linear problem: parameters, their tolerances, and what both took
+for known (:mod:`session_knowledge`) are common columns, so that what is off alike in both is no
+change. What is left of the new rows, in the directions that the old ones and the tolerances
+predict, has covariance 1 if nothing changed: one chi-squared for everything together, whatever
+parameters trade among each other. The likeliest explanations of it are named
+(:mod:`explanations`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtrc, fdtrc, ndtr
+
+from ppmcal.calibration.fit import (
+    Fit,
+    FitOptions,
+    Posterior,
+    coverage_by,
+    data_rows,
+    identify,
+    noise_check,
+    of_data,
+    secondary,
+    with_noise,
+)
+from ppmcal.calibration.sessions.common_misfit import DifferenceNoise, noise_between
+from ppmcal.calibration.sessions.explanations import (
+    CHANGED,
+    VISIBLE,
+    Explanation,
+    TakenExplanation,
+    best_of,
+    explanations,
+)
+from ppmcal.calibration.sessions.joint_rows import joint_rows
+from ppmcal.calibration.sessions.pose_difference import PoseDifference, pose_difference
+from ppmcal.calibration.sessions.session_posteriors import session_knowledge
+from ppmcal.errors import BadInput
+from ppmcal.linalg import Array, eigh, reciprocals
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+
+POSES = 400
+DRAWS = 20
+"""Differences drawn by noise alone, for what they are at the platform."""
+
+
+@dataclass(frozen=True)
+class ChangePart:
+    """One number of a change, ``value`` +- ``sigma``, SI; ``column``: a parameter or candidate."""
+
+    name: str
+    column: str
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Change:
+    """Something that changed; ``instead``: or these, which explain it as well."""
+
+    name: str
+    parts: tuple[ChangePart, ...]
+    p_value: float
+    instead: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What two calibrations say together, SI.
+
+    Attributes:
+        names: parameters that both had free (F,).
+        old, new: their values (F,).
+        sigma: of the differences that noise and tolerances alone make (F,).
+        alone: how often noise would ask as much for a change of this one alone (F,).
+        explained: how much of each is changed by what is named (F,).
+        chi2, freedom, p_value: of all together if nothing had changed.
+        changes: the likeliest that explain it; ``p_left``: of what they do not explain.
+        noise: of the differences, over the stated ones.
+        pose_difference: what it means at the platform, None where no pose was had.
+        covariance: of the differences, as ``sigma`` (F, F).
+        why_not: why the two cannot be compared, empty where they can.
+    """
+
+    names: tuple[str, ...]
+    old: Array
+    new: Array
+    sigma: Array
+    alone: Array
+    explained: Array
+    chi2: float
+    freedom: int
+    p_value: float
+    changes: tuple[Change, ...]
+    p_left: float
+    noise: DifferenceNoise
+    pose_difference: PoseDifference | None
+    covariance: Array
+    why_not: str = ""
+
+    @classmethod
+    def impossible(cls, why: str) -> Comparison:
+        """Return the comparison of two calibrations that cannot be compared: it has no p-value."""
+        none = np.zeros(0)
+        return cls((), none, none, none, none, none, 0.0, 0, np.nan, (), np.nan,
+                   DifferenceNoise(np.nan, np.nan, np.inf, 1.0, False), None, np.zeros((0, 0)),
+                   why)
+
+    @property
+    def coverage(self) -> float:
+        """Half of a 95 % interval of a difference over its sigma."""
+        return coverage_by(self.noise.degrees)
+
+    @property
+    def changed(self) -> bool:
+        """Whether all together say more than chance would."""
+        return not self.why_not and (self.p_value < CHANGED or bool(self.changes))
+
+
+def between(mechanism: Mechanism, old: Posterior, new: Posterior,
+            volume: Mapping[str, tuple[float, float]], rng: np.random.Generator
+            ) -> tuple[Comparison, list[str]]:
+    """Return what changed between two identifications, and what makes that doubtful.
+
+    ``mechanism``: the newer; ``volume``: coordinate -> (low, high) of the poses at which the
+    platform is compared, which is not asked where it is empty.
+
+    Raises:
+        BadInput: they had other parameters free; see :mod:`joint_fit`.
+    """
+    if set(old.places) != set(new.places):
+        raise BadInput("had other parameters free than the newer one", old.source,
+                       "Identify both with the same --free")
+    common, notes = list(old.places), list[str]()
+    both = sorted(set(old.inputs) & set(new.inputs))
+    if both:
+        notes.append(f"{new.inputs[both[0]]} is in both calibrations: they are not independent, "
+                     "and changes look smaller than they are")
+    found = _compared(mechanism, old, new, common, notes)
+    if not found.freedom:
+        return Comparison.impossible("the two sessions have no direction in common that both "
+                                     "measured: nothing that one found foretells the other"), notes
+    # a machine of fewer actuators than coordinates does not reach poses drawn at random
+    if volume and mechanism.equations == len(mechanism.actuators):
+        poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES)
+                          for c in POSE_COORDINATES], axis=-1)
+
+        def apart() -> PoseDifference | None:
+            return pose_difference(mechanism, old.places, found.old, found.new, poses,
+                                   _drawn(found.covariance, DRAWS, rng))
+
+        moved = secondary("how far the platform has moved", apart, None, notes)
+        return replace(found, pose_difference=moved), notes
+    return found, notes
+
+
+def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list[int],
+              notes: list[str]) -> Comparison:
+    noise = noise_between(old, new)
+    rows = joint_rows(mechanism, old, new, noise)
+    names, scale = [mechanism.names[p] for p in common], rows.scale
+    place = {n: c for c, n in enumerate([*(mechanism.names[p] for p in new.places),
+                                         *rows.candidates])}
+
+    def block(e: Explanation) -> Array:
+        # columns of one number move by the same amount, whatever their natural units
+        return np.stack([sum((w * scale[place[next(iter(part))]] / scale[place[n]]
+                              * rows.columns[:, place[n]] for n, w in part.items()),
+                             np.zeros(rows.misfit.size)) for part in e.columns], axis=1)
+
+    def chance(square: float, freedom: int) -> float:
+        return _chance(square, freedom, noise.degrees)
+
+    count = rows.misfit.size + (0.0 if new.session is None else new.session.degrees)
+
+    def named() -> tuple[list[TakenExplanation], Array]:
+        candidates = explanations(mechanism, names, rows.candidates)
+        return best_of(candidates, [block(e) for e in candidates], rows.misfit, count, chance)
+
+    # whether all together have changed is told without a name for it
+    found, left = secondary("what has changed", named, ([], rows.misfit), notes)
+    here = [new.places.index(p) for p in common]
+    covariance = rows.covariance()[np.ix_(here, here)]
+    value, explained = new.estimate(mechanism)[here], np.zeros(len(common))
+    for f in found:
+        for part, step in zip(f.explanation.columns, f.value.tolist(), strict=True):
+            step *= scale[place[next(iter(part))]]
+            explained += [step * part.get(n, 0.0) for n in names]
+    size, chi2 = rows.misfit.size, float(rows.misfit @ rows.misfit)
+    used = sum(f.value.size for f in found)
+    return Comparison(
+        tuple(names), old.estimate(mechanism), value,
+        np.sqrt(np.maximum(np.diagonal(covariance), 0.0)),
+        _alone(rows.columns[:, here], rows.misfit),
+        np.array([_step(mechanism, p, v, s) for p, v, s in zip(
+            common, value.tolist(), explained.tolist(), strict=True)]),
+        chi2, size, chance(chi2, size), tuple(
+            _in_units(mechanism, f, place, scale, new) for f in found),
+        chance(float(left @ left), size - used), noise, None, covariance)
+
+
+def _drawn(covariance: Array, count: int, rng: np.random.Generator) -> Array:
+    """Draw vectors (count, F) of a covariance (F, F), which may be singular."""
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    size = np.where(sigma > 0.0, sigma, 1.0)
+    w, v = eigh(covariance / size / size[:, None])
+    return (rng.standard_normal((count, sigma.size)) * np.sqrt(np.maximum(w, 0.0))) @ v.T * sigma
+
+
+def _step(mechanism: Mechanism, place: int, now: float, step: float) -> float:
+    """Return a change of a parameter up to ``now``, SI, of a step; reciprocals have others."""
+    return now - mechanism.parameters[place].stepped(now, -step) if step else 0.0
+
+
+def _in_units(mechanism: Mechanism, found: TakenExplanation, place: Mapping[str, int], scale: Array,
+              new: Posterior) -> Change:
+    """Return a change, found in natural units, in SI."""
+    parts = []
+    for i, (name, column) in enumerate(zip(found.explanation.parts, found.explanation.columns,
+                                           strict=True)):
+        first = next(iter(column))
+        at = place[first]
+        step = float(found.value[i] * scale[at])
+        sigma = float(np.sqrt(found.covariance[i, i])) * float(scale[at])
+        value = step
+        if at < len(new.places):
+            value = _step(mechanism, new.places[at], float(new.estimate(mechanism)[at]), step)
+            sigma *= value / step if step else 1.0
+        parts.append(ChangePart(name, first, value, sigma))
+    return Change(found.explanation.name, tuple(parts), found.p_value, found.instead)
+
+
+def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior:
+    """Return what a fit ended with; ``inputs``: as in :class:`posterior.Posterior`."""
+    count, free = len(fit.problem.free), list(fit.problem.free)
+    scale = fit.scale[:count]
+    matrix, right = of_data(*data_rows(fit), count, scale)
+    return Posterior(fit.problem.free, fit.state.g[free], matrix * fit.noise, right * fit.noise,
+                     reciprocals(fit.prior[:count], np.inf), scale, fit.noise, inputs or {}, "",
+                     session_knowledge(fit))
+
+
+def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:
+    """Return what is odd about a fit that earlier data took part in: the machine has changed."""
+    free = set(fit.problem.free)
+    fixed = [fit.problem.mechanism.names[p] for p in before.places if p not in free]
+    if fixed:
+        return [f"parameters that the earlier calibration had found are fixed now: "
+                f"{', '.join(fixed[:4])}{' ...' if len(fixed) > 4 else ''}"]
+    # what only the new rows have free is where the earlier calibration held it
+    problem, g = replace(fit.problem, free=before.places, earlier=None), fit.state.g.copy()
+    held = sorted(free - set(before.places))
+    g[held] = problem.mechanism.values[held]
+    state = problem.solve(replace(fit.state, g=g)) if held else fit.state
+    alone = identify(problem, options, state, near=True)
+    new = posterior_of(with_noise(alone, noise_check(alone).inflation, options))
+    found, _ = between(fit.problem.mechanism, before, new, {}, np.random.default_rng(0))
+    if not found.changed:
+        return []
+    names = ", ".join(c.name for c in found.changes) or "nothing by itself explains it"
+    return [f"the machine has changed since the calibration in {before.source} (p = "
+            f"{found.p_value:.2g}; {names}): the two do not belong in one fit, see ppmcal compare"]
+
+
+def _chance(square: float, freedom: int, degrees: float) -> float:
+    """Return how often noise makes as large a sum of squares; ``degrees``: that it is known by."""
+    if freedom <= 0:
+        return 1.0
+    return float(chdtrc(freedom, square) if np.isinf(degrees)
+                 else fdtrc(freedom, degrees, square / freedom))
+
+
+def _alone(columns: Array, misfit: Array) -> Array:
+    """Return two-sided p of each change being needed, if it were the only one (F,)."""
+    length = np.linalg.norm(columns, axis=0)
+    seen = length > VISIBLE
+    z = np.where(seen, columns.T @ misfit / np.where(seen, length, 1.0), 0.0)
+    return np.asarray(2.0 * ndtr(-np.abs(z)))

@@ -1,0 +1,140 @@
+"""The noise of measurements that frozen machines are to predict: stated, or as the day shows it.
+
+What exceeds noise, and which registration data demand, rests on the noise. A file may say that its
+stated one only begins an estimate, or may plainly be wrong. A frozen machine's own errors are no
+noise; what a fit to that day leaves, geometry and registration free, is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.special import chdtrc
+
+from ppmcal.calibration.fit import (
+    ENOUGH_REPEATS,
+    FAILED_NOISE,
+    LARGER,
+    OPEN,
+    OPENED,
+    Fit,
+    FitOptions,
+    Noise,
+    Problem,
+    noise_check,
+    noise_state,
+    opened,
+    rows_with_outliers,
+    secondary,
+    typical_noise,
+    with_estimated_noise,
+)
+from ppmcal.errors import PpmcalError
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+
+STATED, RESIDUALS, REPEATS = "stated", "residuals", "repeats"
+
+
+@dataclass(frozen=True)
+class UnlikeRow:
+    """A row, by its number in the CSV, that is so many ``times`` the noise off the others."""
+
+    row: int
+    times: float
+
+
+@dataclass(frozen=True)
+class DayNoise:
+    """The noise that a day is judged by.
+
+    Attributes:
+        factor: over the stated one.
+        sigma: of a typical value or position, m; nan where neither was measured.
+        source: ``stated``; ``residuals`` of a fit to that day alone, or its ``repeats``.
+        unlike: rows that such a fit of the first machine leaves out, and of which noise alone
+            would name any once in a thousand days.
+    """
+
+    factor: float
+    sigma: float
+    source: str
+    unlike: tuple[UnlikeRow, ...] = ()
+
+
+def day_noise(machines: Sequence[Mechanism], data: Dataset) -> DayNoise:
+    """Return the noise of a data set; where it cannot be told, as it is stated.
+
+    It is estimated where the file wants that. Stated noise gives way where the data plainly say
+    otherwise: residuals far smaller than it, or repeats that scatter more. Larger residuals alone
+    do not: they may be what the model misses.
+
+    Args:
+        machines: with their free geometry, which may be another that day; the least noise counts.
+        data: the data set.
+    """
+    wide = opened(data, OPENED.get(data.kind, OPEN))
+    known = float("nan") if data.kind == "pose" and not np.isfinite(
+        data.sigma_position).any() else typical_noise(data)
+    fits = [f for m in machines if (f := _own_fit(m, wide)) is not None]
+    factor, source = min((_noise(fit, own, data) for fit, own in fits), default=(1.0, STATED))
+    return DayNoise(factor, factor * known, source, _unlike(fits[0][0], data) if fits else ())
+
+
+def _own_fit(machine: Mechanism, data: Dataset) -> tuple[Fit, float] | None:
+    """Return a fit to that day alone and its noise over the stated one, None without one."""
+    try:
+        fit, factors = with_estimated_noise(
+            Problem(machine, (data,), machine.free), FitOptions(), [data.estimated])
+    except PpmcalError:
+        return None
+    return fit, float(factors[0])
+
+
+def _unlike(fit: Fit, data: Dataset) -> tuple[UnlikeRow, ...]:
+    """Return the rows that a day's own fit leaves out, as a failed check would, worst first.
+
+    `identify` leaves out more: a fit is safer without a doubtful row, a day is not in doubt for it.
+    """
+    rows = np.array([n for n in np.flatnonzero(fit.outliers[0]) if n in fit.times[0]], np.int64)
+    times = np.array([fit.times[0][n] for n in rows.tolist()], dtype=float)
+    values, total = fit.problem.measured(0, rows)[2], int(rows_with_outliers(fit)[0].sum())
+    failed = chdtrc(values, values * times**2) * total < FAILED_NOISE
+    worst = np.argsort(-times[failed], kind="stable")
+    return tuple(UnlikeRow(int(n), float(t)) for n, t in zip(
+        data.rows[rows[failed]][worst], times[failed][worst], strict=True))
+
+
+def _noise(fit: Fit, factor: float, data: Dataset) -> tuple[float, str]:
+    """Return the noise over the stated one and its source."""
+    check = noise_check(fit)
+    repeats = check.repeat_ratio if check.repeat_degrees >= ENOUGH_REPEATS else None
+    if data.estimated:
+        if repeats and repeats < 1.0:    # the rest is what the model misses
+            return factor * repeats, REPEATS
+        return factor, RESIDUALS
+    if check.overstated and check.by_dataset:    # on redundancy enough
+        return (repeats, REPEATS) if repeats and repeats < check.sigma_ratio else (
+            check.sigma_ratio, RESIDUALS)
+    return (repeats, REPEATS) if repeats and _noisier(check) else (1.0, STATED)
+
+
+def _noisier(check: Noise) -> bool:
+    """Whether repeats scatter by more than the stated noise can."""
+    ratio, degrees = check.repeat_ratio or 0.0, check.repeat_degrees
+    return noise_state(ratio, float(chdtrc(degrees, degrees * ratio**2))) == LARGER
+
+
+def with_day_noise(machines: Sequence[Mechanism], datasets: Sequence[Dataset], notes: list[str]
+                   ) -> tuple[list[Dataset], list[DayNoise]]:
+    """Return data sets with the noise that they are judged by, and where it is from.
+
+    ``notes``: to which is added where it could not be looked at, and is as stated.
+    """
+    found = [secondary(f"the noise that {d.name} shows", partial(day_noise, machines, d),
+                       DayNoise(1.0, float("nan"), STATED), notes) for d in datasets]
+    return [replace(d.noisier(n.factor), estimated=False)
+            for d, n in zip(datasets, found, strict=True)], found

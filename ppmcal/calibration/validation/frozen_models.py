@@ -1,0 +1,296 @@
+"""How well frozen machines predict measurements that no fit has seen.
+
+Geometry and effects stay as they are; only the registration is fitted, on each data set alone: the
+frame, and target, body rotation or a shift of each joint's zero where the file leaves them open,
+where it is asked for, or where the data demand it. Every machine is judged by the same rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import compress
+
+import numpy as np
+
+from ppmcal.calibration.fit import (
+    FAILURES,
+    OPENED,
+    Fit,
+    FitOptions,
+    Problem,
+    fall,
+    gross_errors,
+    identify,
+    is_open,
+    opened,
+    secondary,
+    squares_by_noise_of,
+    values_taken,
+    white_squares,
+)
+from ppmcal.calibration.fit import OPEN as OPEN
+from ppmcal.calibration.validation.error_intervals import RmsDraws, quantile_interval, rms_interval
+from ppmcal.calibration.validation.other_assembly import in_other_assembly
+from ppmcal.calibration.validation.residual_vectors import Residuals, register_only, residuals
+from ppmcal.errors import BadInput
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Effect, Mechanism
+from ppmcal.wording import where
+
+FEWEST = 3
+
+
+@dataclass(frozen=True)
+class FrozenModel:
+    """A machine to judge, with what it is called: ``without leg_thermal``, say."""
+
+    label: str
+    mechanism: Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class ModelError:
+    """Errors of one machine on one data set, SI, in the rows that all machines can be judged by.
+
+    Attributes:
+        label: of the machine.
+        position, rotation: rms, p95 and max of the measured errors, m and rad, with the 95 %
+            intervals of the first two (``rms_low``, ...; nan: open); empty: not measured.
+        noise: rms over the noise of the data set as it is given.
+        squares: squared error of each row, m^2 (of rotation alone rad^2), (R,).
+        closer: rms of the reference machine less this one's, m or rad, and its 95 % interval, of
+            all machines together; 0 of the reference. Positive: this machine predicts better.
+    """
+
+    label: str
+    position: Mapping[str, float]
+    rotation: Mapping[str, float]
+    noise: float
+    squares: Array
+    closer: float = 0.0
+    interval: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def sure(self) -> int:
+        """1 if it surely predicts better than the reference, -1 if worse, else 0."""
+        return int(self.interval[0] > 0.0) - int(self.interval[1] < 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Validated:
+    """One data set, predicted by every machine.
+
+    Attributes:
+        name, source: of the data set.
+        rows: how many rows every machine was judged by, and of how many.
+        fitted: what the registration fitted, of :data:`OPEN`.
+        demanded: those of them that neither file nor user asked for.
+        errors: by machine, the reference first.
+        elsewhere: of the judged rows, how many the reference machine closes in another assembly
+            mode near what was measured.
+        left_out: rows typed wrong, by every machine, which count nowhere; numbers in the CSV.
+    """
+
+    name: str
+    source: str
+    rows: tuple[int, int]
+    fitted: tuple[str, ...]
+    demanded: tuple[str, ...]
+    errors: tuple[ModelError, ...]
+    elsewhere: int = 0
+    left_out: tuple[int, ...] = ()
+
+
+def with_and_without(mechanism: Mechanism) -> list[FrozenModel]:
+    """Return a machine without what belongs to one campaign, without each effect, and without any.
+
+    Events happened in one row of one campaign; no other day has them.
+    """
+    lasting = [e for e in mechanism.effects if not e.kind.onset]
+    out = [FrozenModel("model", replace(mechanism, effects=tuple(lasting)))]
+    labels = _labels(lasting, mechanism.actuators)
+    if len(lasting) > 1:
+        out += [FrozenModel(f"without {label}", replace(
+            mechanism, effects=tuple(e for e in lasting if e is not effect)))
+            for label, effect in zip(labels, lasting, strict=True)]
+    if lasting:
+        what = labels[0] if len(lasting) == 1 else "all effects"
+        out.append(FrozenModel(f"without {what}", replace(mechanism, effects=())))
+    return out
+
+
+def _labels(effects: Sequence[Effect], actuators: Sequence[str]) -> list[str]:
+    """Return what effects are called: kind, actuators where it is not on all, a number if twice."""
+    names = []
+    for effect in effects:
+        some = [] if all(effect.on) or not effect.kind.per_actuator else list(
+            compress(actuators, effect.on))
+        place = where(some, len(actuators))
+        names.append(f"{effect.kind.label} on {place}" if place else effect.kind.label)
+    return [f"{n} {1 + names[:i].count(n)}" if names.count(n) > 1 else n
+            for i, n in enumerate(names)]
+
+
+def validated(models: Sequence[FrozenModel], datasets: Sequence[Dataset],
+              register: Sequence[str] | None = None, seed: int = 0, notes: list[str] | None = None
+              ) -> tuple[Validated, ...]:
+    """Return how well machines predict data sets.
+
+    Args:
+        models: the machines; the first is the reference.
+        datasets: measurements that no fit of theirs has seen.
+        register: what to fit of :data:`OPEN`; None: what the files leave open, and what the data
+            of all machines demand beyond that.
+        seed: of the bootstrap.
+        notes: to which is added which of the other machines is left out, for it could not be
+            judged; None: none may be.
+
+    Raises:
+        BadInput: fewer than three rows that every machine, or the first, can predict.
+    """
+    return tuple(_with_the_others(models, data, register, seed, notes) for data in datasets)
+
+
+def _with_the_others(models: Sequence[FrozenModel], data: Dataset, register: Sequence[str] | None,
+                     seed: int, notes: list[str] | None) -> Validated:
+    """Return a data set as predicted by the first machine, and by those others that can."""
+    try:
+        return _validated(models, data, register, seed)
+    except FAILURES:
+        if notes is None:
+            raise
+        # judged by the same rows, any of them can be the reason: each is tried with the first
+        able = [m for m in models[1:] if secondary(
+            f"{m.label}, as a prediction of {data.name}",
+            partial(_validated, (models[0], m), data, register, seed), None, notes) is not None]
+        return _validated((models[0], *able), data, register, seed)
+
+
+def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[str] | None,
+               seed: int) -> Validated:
+    asked = tuple(w for w in OPEN if is_open(data, w)) if register is None else tuple(
+        w for w in OPEN if w in register)
+    whole, data = data, _typed_right(models, opened(data, asked, register is not None))
+    demanded: tuple[str, ...] = ()
+    known: dict[int, Fit] = {}
+    if register is None:
+        demanded, known = _demanded(models, data)
+        data = opened(data, demanded)
+    fits = [known.get(i) or _registered(m.mechanism, data) for i, m in enumerate(models)]
+    rows = np.all([finite_rows(f.state.poses[0]) for f in fits], axis=0)
+    if rows.sum() < FEWEST:
+        raise BadInput(f"only {int(rows.sum())} of {len(whole)} rows can be predicted by every "
+                       "machine", data.source, "Check that these are measurements of this machine")
+    found = [residuals(f.problem, f.state) for f in fits]
+    errors = tuple(_error(m.label, r, rows, f) for m, r, f in zip(models, found, fits, strict=True))
+    return Validated(data.name, data.source, (int(rows.sum()), len(whole)), (*asked, *demanded),
+                     demanded, _compared(errors, data.groups[rows], seed),
+                     int((in_other_assembly(fits[0]) & rows).sum()),
+                     tuple(np.setdiff1d(whole.rows, data.rows).tolist()))
+
+
+def _typed_right(models: Sequence[FrozenModel], data: Dataset) -> Dataset:
+    """Return a data set without the rows whose values are typed wrong: by every machine."""
+    typed = np.ones(len(data), dtype=bool)
+    for model in models:
+        if not typed.any():
+            break
+        fit = register_only(Problem(model.mechanism, (data,), ()))
+        there = finite_rows(fit.state.poses[0])
+        typed &= gross_errors(fit.problem, fit.state, [there])[0]
+    return data.take(~typed) if typed.any() else data
+
+
+def _registered(mechanism: Mechanism, data: Dataset) -> Fit:
+    """Return the registration to all rows alike, so that all machines have the same."""
+    return identify(Problem(mechanism, (data,), ()), FitOptions(method="flat", robust=False))
+
+
+def _demanded(models: Sequence[FrozenModel], data: Dataset
+              ) -> tuple[tuple[str, ...], dict[int, Fit]]:
+    """Return what the data ask to be fitted beyond what the file leaves open, found one by one.
+
+    With it the registrations by model, as far as they were made.
+
+    It has to lower the error of every machine: what only one of them asks for is its own fault.
+    """
+    found: list[str] = []
+    possible = [w for w in OPENED.get(data.kind, OPEN) if not is_open(data, w)]
+    now: dict[int, Fit] = {}
+    while possible:
+        gains = {}
+        for word in possible:    # what the first does not ask for, all do not
+            wider = opened(data, [*found, word])
+            gain, fits = np.inf, dict[int, Fit]()
+            for i, model in enumerate(models):
+                before = now.setdefault(i, _registered(model.mechanism, opened(data, found)))
+                fits[i] = _registered(model.mechanism, wider)
+                gain = min(gain, _gain(before, fits[i]))
+                if gain <= 0.0:
+                    break
+            gains[word] = gain, fits
+        best = max(gains, key=lambda w: gains[w][0])
+        if gains[best][0] <= 0.0:
+            break
+        found.append(best)
+        possible.remove(best)
+        now = gains[best][1]
+    return tuple(found), now
+
+
+def _gain(before: Fit, after: Fit) -> float:
+    """Return by which part the error falls, 0 where that is too little or may be chance.
+
+    Both errors are weighted by the noise at the wider registration, by which it is the minimum:
+    each by its own, a wider one could seem to fit worse.
+    """
+    taken = values_taken(after)
+    rows = [finite_rows(p) & finite_rows(q) for p, q in
+            zip(before.state.poses, after.state.poses, strict=True)]
+    wide = after.problem, after.state
+    square, count = white_squares(*wide, rows)
+    narrow = squares_by_noise_of((before.problem, before.state), wide, rows)
+    return fall(narrow, square, count, taken, taken - values_taken(before))
+
+
+def _error(label: str, found: Residuals, rows: Bools, fit: Fit) -> ModelError:
+    figures = found.figures([rows])
+    position = np.nan_to_num(found.position[0][rows])
+    squares = position**2
+    if "position" not in figures and "rotation" in figures:
+        squares = np.nan_to_num(found.rotation[0][rows]) ** 2
+    white = found.vector[0][rows] / found.sigma[0][rows]
+    noise = float(np.sqrt(np.nanmean(white**2))) if np.isfinite(white).any() else np.nan
+    kept = 1.0 - values_taken(fit) / max(int(np.isfinite(white).sum()), 1)
+    groups = fit.problem.datasets[0].groups[rows]
+    sizes = [figures.get(kind, {}) | _intervals(errors[0][rows], groups, kept)
+             for kind, errors in (("position", found.position), ("rotation", found.rotation))]
+    return ModelError(label, sizes[0], sizes[1], noise, squares)
+
+
+def _intervals(errors: Array, groups: Ints, kept: float) -> dict[str, float]:
+    """Return the 95 % intervals of rms and 95 % point of errors (R,), nan where not measured."""
+    there = np.isfinite(errors)
+    if not there.any():
+        return {}
+    errors, groups = errors[there], groups[there]
+    low, high = rms_interval(errors**2, groups, kept)
+    ends = quantile_interval(errors, groups, 0.95)
+    return {"rms_low": low, "rms_high": high, "p95_low": ends[0], "p95_high": ends[1]}
+
+
+def _compared(errors: Sequence[ModelError], groups: Ints, seed: int) -> tuple[ModelError, ...]:
+    """Return the errors with how much closer each machine is than the first, drawn by pose.
+
+    The intervals hold for all machines together: of many, noise would make one better.
+    """
+    draws, others = RmsDraws(groups, seed), len(errors) - 1
+    many = draws.rms(errors[0].squares)
+    rms = [float(np.sqrt(e.squares.mean())) for e in errors]
+    return (errors[0], *(
+        replace(e, closer=rms[0] - own,
+                interval=draws.interval(many - draws.rms(e.squares), others))
+        for e, own in zip(errors[1:], rms[1:], strict=True)))

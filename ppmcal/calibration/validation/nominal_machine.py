@@ -1,0 +1,71 @@
+"""What a machine was before its calibration: one definition for every command."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal.calibration.fit import Problem, coordinates
+from ppmcal.calibration.validation.residual_vectors import (
+    LEFT_OUT,
+    Residuals,
+    fresh_state,
+    register_only,
+    residuals,
+)
+from ppmcal.errors import PpmcalError
+from ppmcal.linalg import Bools
+from ppmcal.model.registration import Registration
+
+DEFINITION = ("the nominal machine without effects, with what the files leave unknown of frame and "
+              "target fitted to the rows in use; rms of the length of the error vector")
+"""What ``before`` means wherever a command says it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Before:
+    """Errors of the nominal machine, SI, and where its instruments then seem to stand, by name."""
+
+    residuals: Residuals
+    registrations: Mapping[str, Registration]
+
+
+def before(problem: Problem, keep: Sequence[Bools]) -> Before:
+    """Return what the machine was before its calibration, as :data:`DEFINITION` says.
+
+    It depends on the nominal values and the rows alone: not on the fit, its noise or its effects,
+    so that commands that use the same rows give the same figures.
+
+    Args:
+        problem: machine and data; what of its parameters is free does not matter.
+        keep: rows in use (N,), by data set.
+
+    Returns:
+        Errors of all rows, those that are not in use too; nan, and no registration, where the
+        nominal machine reaches no row.
+    """
+    sets = problem.datasets
+    used = tuple(d if k.all() else d.without(~k, LEFT_OUT) for d, k in zip(sets, keep, strict=True))
+    bare = Problem(problem.mechanism.nominal(), used, (),
+                   pivots=tuple(o.about for o in problem.opens))
+    try:
+        state = register_only(bare, robust=False).state
+    except PpmcalError:
+        return Before(_unknown(problem), {})
+    whole = replace(bare, datasets=sets)
+    found = {d.name: Registration(s.frame, s.target, s.target_rotation, scale=s.scale)
+             for d, s in zip(sets, state.registrations, strict=True)}
+    return Before(residuals(whole, fresh_state(whole, state)), found)
+
+
+def _unknown(problem: Problem) -> Residuals:
+    """Return errors that are all nan, of the right shapes."""
+    motion = problem.mechanism.motion
+    rows = [len(d) for d in problem.datasets]
+    vectors = tuple(np.full((n, len(coordinates(d, motion))), np.nan)
+                    for n, d in zip(rows, problem.datasets, strict=True))
+    norms = tuple(np.full(n, np.nan) for n in rows)
+    gaps = tuple(np.full((n, problem.mechanism.equations), np.nan) for n in rows)
+    return Residuals(vectors, vectors, norms, norms, gaps)

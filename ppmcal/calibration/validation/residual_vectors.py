@@ -1,0 +1,229 @@
+"""Errors row by row, as the instrument sees them and as the limbs do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.calibration.fit import (
+    Fit,
+    FitOptions,
+    Problem,
+    State,
+    coordinates,
+    identify,
+    noise,
+    with_noise,
+)
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import shifted
+from ppmcal.kinematics.forward import moved
+from ppmcal.kinematics.registration import carried_back
+from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.registration import Registration
+from ppmcal.model.sessions import pose_labels
+from ppmcal.wording.progress import stage
+
+LEFT_OUT = "left out of the fit to everything"
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Errors row by row, by data set; nan where not measured. SI.
+
+    ``vector`` (N, m) by measured coordinate, ``sigma`` (N, m) their standard deviations as
+    stated, of instrument and joints, ``position`` and ``rotation`` norms (N,), ``closure`` (N, d)
+    limb lengths at the measured poses, nan where the pose was not fully measured.
+    """
+
+    vector: tuple[Array, ...]
+    sigma: tuple[Array, ...]
+    position: tuple[Array, ...]
+    rotation: tuple[Array, ...]
+    closure: tuple[Array, ...]
+
+    def figures(self, rows: Sequence[Bools]) -> dict[str, dict[str, float]]:
+        """Return mean, rms, p95 and max of each kind of error over the given rows."""
+        out = {}
+        for name, parts in (("position", self.position), ("rotation", self.rotation)):
+            values = np.concatenate([p[k] for p, k in zip(parts, rows, strict=True)])
+            values = values[np.isfinite(values)]
+            if values.size:
+                out[name] = {"mean": float(values.mean()),
+                             "rms": float(np.sqrt(np.mean(values**2))),
+                             "p95": float(np.quantile(values, 0.95)),
+                             "max": float(values.max())}
+        gaps = np.concatenate([c[k].ravel() for c, k in zip(self.closure, rows, strict=True)])
+        gaps = gaps[np.isfinite(gaps)]
+        if gaps.size:
+            out["closure"] = {"rms": float(np.sqrt(np.mean(gaps**2))),
+                              "max": float(np.abs(gaps).max())}
+        return out
+
+
+def residuals(problem: Problem, state: State) -> Residuals:
+    """Return the errors of all rows at a state."""
+    parts: list[list[Array]] = [[], [], [], [], []]
+    motion = problem.mechanism.motion
+    for i, data in enumerate(problem.datasets):
+        chosen = coordinates(data, motion)
+        places = sum(1 for c in chosen if c < 3)
+        vector = np.full((len(data), len(chosen)), np.nan)
+        of_joints = bool(np.any(problem.sigma_joints[i] > 0.0))
+        sigma = np.full_like(vector, np.nan) if of_joints else noise(data, motion)
+        for rows in problem.rows_of(i, state, False):
+            vector[rows.index] = np.where(rows.observed, rows.raw, np.nan)
+            if of_joints:
+                covariance = linalg.inv(np.swapaxes(rows.whitener, -1, -2) @ rows.whitener)
+                sigma[rows.index] = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+        parts[0].append(vector)
+        parts[1].append(sigma)
+        parts[2].append(_norm(vector[:, :places]))
+        parts[3].append(_norm(vector[:, places:]))
+        parts[4].append(closure_lengths(problem, state, i))
+    return Residuals(*(tuple(p) for p in parts))
+
+
+def _norm(vector: Array) -> Array:
+    """Norm over the measured components, nan where none is."""
+    seen = np.isfinite(vector)
+    norm = np.sqrt(np.sum(np.where(seen, vector, 0.0) ** 2, axis=1))
+    return np.where(seen.any(axis=1), norm, np.nan)
+
+
+def closure_lengths(problem: Problem, state: State, index: int) -> Array:
+    """Return the misclosure of the limbs at the measured poses, m (N, d); nan if unknown."""
+    data, registration = problem.datasets[index], state.registrations[index]
+    out = np.full((len(data), problem.mechanism.equations), np.nan)
+    position, rotation = data.position.copy(), data.rotation.copy()
+    motion = problem.mechanism.motion
+    if motion == "planar":
+        position[:, 2], rotation[:, :2] = 0.0, 0.0
+    if motion == "translational":
+        rotation = np.zeros_like(rotation)
+    whole = finite_rows(position) & finite_rows(rotation) & finite_rows(data.q)
+    if data.kind != "pose" and motion != "translational":
+        return out
+    joints = problem.joints(index, state)
+    for rows, environment in problem.chunks(index):
+        mine = whole[rows]
+        if not mine.any():
+            continue
+        measured = np.concatenate([position[rows][mine], rotation[rows][mine]], axis=1)
+        pose, q = carried_back(problem.mechanism, registration, measured), joints[rows][mine]
+        model = shifted(Model(problem.mechanism, state.g), environment.take(mine), q, pose)
+        if model.shift is not None and model.shift.pose is not None:
+            pose = moved(pose, -model.shift.pose)
+        out[rows][mine] = model.closure(q).lengths(pose)
+    return out
+
+
+@stage("registering the nominal machine")
+def register_only(problem: Problem, robust: bool = True) -> Fit:
+    """Fit only open frames and targets, geometry as it is; ``robust``: gross errors set aside."""
+    bare = replace(problem, free=(), earlier=None)
+    # with the poses known, any start is near enough for frames and targets
+    return identify(bare, FitOptions(method="flat", robust=robust), at_minimum=True)
+
+
+def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools]:
+    """Return which rows to hold out: whole commanded poses, seeded, by data set (N,).
+
+    A pose that several files of one campaign have is held out of all of them.
+    """
+    rng = np.random.default_rng(seed)
+    out, known, held = list[Bools](), np.zeros(0, np.int64), np.zeros(0, np.int64)
+    for own in pose_labels(datasets):
+        # a pose that another file of the campaign has too is held out there or nowhere
+        labels = np.setdiff1d(own, known)
+        known = np.union1d(known, labels)
+        held = np.union1d(held, rng.permutation(labels)[:round(fraction * labels.size)])
+        out.append(np.isin(own, held))
+    return out
+
+
+@stage("predicting held-out poses")
+def held_out(whole: Fit, options: FitOptions, fraction: float, seed: int, noise: float = 1.0
+             ) -> tuple[dict[str, dict[str, float]], str]:
+    """Return the figures on poses that a fit of the others had not seen, and how it was done.
+
+    Rows that are not in the fit to everything, ``whole``, count in neither fit nor figures;
+    ``noise``: factor on the stated one, as in that fit.
+    """
+    problem, keep = whole.problem, whole.keep
+    out = split(problem.datasets, fraction, seed)
+    rest = sum(int((~o).sum()) * len(coordinates(d, problem.mechanism.motion))
+               for o, d in zip(out, problem.datasets, strict=True))
+    if sum(int(o.sum()) for o in out) == 0 or rest < 1.2 * len(problem.columns):
+        return {}, "too few poses to hold any out"
+    part = replace(problem, datasets=tuple(
+        (d if k.all() else d.without(~k, LEFT_OUT)).take(~o)
+        for d, k, o in zip(problem.datasets, keep, out, strict=True)))
+    fit = with_noise(_without(whole, part, out, options), noise, options)
+    fresh = replace(problem, datasets=tuple(d.take(o) for d, o in
+                                            zip(problem.datasets, out, strict=True)))
+    state = fresh_state(fresh, fit.state)
+    rows = [finite_rows(p) & k[o] for p, k, o in
+            zip(state.poses, keep, out, strict=True)]
+    figures = residuals(fresh, state).figures(rows)
+    return figures, (f"{fraction:.0%} of the poses (seed {seed}) kept out of a fit of the others; "
+                     "the final fit uses all")
+
+
+def _without(whole: Fit, part: Problem, out: Sequence[Bools], options: FitOptions) -> Fit:
+    """Fit all rows but those that are ``out`` (N,) by data set.
+
+    The minimum is near that of all rows. Without a prior what the rest cannot see would stay
+    where the others left it, so the fit starts from scratch, as where the way there matters.
+    """
+    if options.method not in ("prior", "gcv"):
+        return identify(part, options)
+    start = replace(whole.state, poses=tuple(
+        p[~o] for p, o in zip(whole.state.poses, out, strict=True)))
+    return identify(part, options, start=start, near=True, at_minimum=True)
+
+
+def fresh_state(problem: Problem, fitted: State) -> State:
+    """Return a state with fitted parameters and registrations, poses solved for other rows."""
+    model = Model(problem.mechanism, fitted.g)
+    poses = tuple(problem.reached(i, model, s.homing) for i, s in enumerate(fitted.registrations))
+    return State(fitted.g, fitted.registrations, poses)
+
+
+@stage("predicting other measurements")
+def on_other(fit: Fit, other: Sequence[Dataset]) -> tuple[dict[str, dict[str, float]], str]:
+    """Return the figures on other data sets, and how they were registered."""
+    errors, rows = on_other_rows(fit, other)
+    known = {d.name for d in fit.problem.datasets}
+    anew = [d.name for d in other if d.frame.fitted and d.frame.same_as not in known]
+    how = f"; frame registered anew on {', '.join(anew)}" if anew else ""
+    return errors.figures(rows), (
+        f"on {', '.join(d.name for d in other)}, which the fit had not seen{how}")
+
+
+def on_other_rows(fit: Fit, other: Sequence[Dataset]) -> tuple[Residuals, list[Bools]]:
+    """Return the errors of other data sets with the geometry as it is, and where they are known.
+
+    An unknown frame or target of theirs is registered on them alone.
+    """
+    names = {d.name: s for d, s in zip(fit.problem.datasets, fit.state.registrations, strict=True)}
+    fresh = tuple(_with_known(d, names) for d in other)
+    problem = Problem(fit.problem.mechanism.with_values(fit.state.g), fresh, ())
+    state = register_only(problem).state
+    return residuals(problem, state), [finite_rows(p) for p in state.poses]
+
+
+def _with_known(data: Dataset, registrations: Mapping[str, Registration]) -> Dataset:
+    """Give a held-out data set the frame of the fitted one that it names."""
+    if data.frame.same_as is None or data.frame.same_as not in registrations:
+        return data
+    s = registrations[data.frame.same_as]
+    frame = replace(data.frame, fitted=False, same_as=None, value=s.frame_pose)
+    return replace(data, frame=frame,
+                   target=replace(data.target, fitted=False, value=s.target),
+                   target_rotation=replace(data.target_rotation, fitted=False,
+                                           value=s.target_rotation))

@@ -1,0 +1,312 @@
+"""From a fit to statements: estimates with intervals, rank, noise check, residuals.
+
+Everything here is read off the fit's small triangle and one pass over the rows; nothing
+is fitted again, except the frames of what was before and the held-out part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.calibration.fit import (
+    BENT,
+    LEAST,
+    RANK_TOLERANCE,
+    Fit,
+    FitOptions,
+    Flat,
+    GrossErrors,
+    Noise,
+    Posterior,
+    Rank,
+    Unidentifiable,
+    WeakCampaign,
+    against_tolerances,
+    branch_findings,
+    data_rows,
+    find_gross_errors,
+    flats,
+    noise_check,
+    observability,
+    prediction_covariance,
+    secondary,
+    unidentifiable,
+    whole_rank,
+    with_noise,
+)
+from ppmcal.calibration.knowledge import (
+    Considered,
+    Disagreement,
+    Estimate,
+    Identifiability,
+    by_noise,
+    considered,
+    coverage,
+    estimates,
+    far_from_nominal,
+    honest,
+    identifiability,
+    in_words,
+    measured_by,
+    registered,
+    with_estimates,
+)
+from ppmcal.calibration.validation.left_out_rows import (
+    DoubtfulStretch,
+    LeftOut,
+    doubtful_stretches,
+    left_out,
+)
+from ppmcal.calibration.validation.nominal_machine import before
+from ppmcal.calibration.validation.residual_vectors import Residuals, held_out, on_other, residuals
+from ppmcal.calibration.validation.session_validation import sessions_left_out
+from ppmcal.linalg import Array
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
+from ppmcal.wording import chance, counted
+
+BEYOND = 1e3
+"""Residuals are no more than so many times the noise within sessions: what a smaller one would say
+of their differences drowns in round-off."""
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """A redundant quantity: one unit of ``name`` acts like these amounts of the others, SI."""
+
+    name: str
+    depends_on: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Everything that identify reports.
+
+    ``fit``: where the noise check failed, with rows ``inflation`` times as noisy as stated.
+    ``doubtful``: where the machine is another than this one, in no way that the model knows.
+    ``sessions``: how far they disagree, None where there is one; ``blocks``: the same of stretches
+    of rows, None where they do not; ``covariance`` counts what is sure to differ, and takes what
+    was held for exact; ``considered`` is how far it may be off.
+    ``unidentifiable``: what the data see only together, as whole sets.
+    ``campaign``: what is weak about the poses, and which are missing; None: nothing.
+    """
+
+    fit: Fit
+    mechanism: Mechanism
+    estimates: tuple[Estimate, ...]
+    rank: int
+    redundant: tuple[Dependence, ...]
+    noise: Noise
+    observability: Mapping[str, float]
+    columns: tuple[str, ...]
+    covariance: Array
+    inflation: float
+    before: Residuals
+    before_registrations: Mapping[str, Registration]
+    after: Residuals
+    holdout: Mapping[str, Mapping[str, float]]
+    holdout_note: str
+    findings: tuple[str, ...]
+    identifiability: Identifiability
+    gross_errors: GrossErrors
+    unidentifiable: tuple[Unidentifiable, ...] = ()
+    flats: tuple[Flat, ...] = ()
+    unexplained: Mapping[str, float] = field(default_factory=dict)
+    earlier: Posterior | None = None
+    doubtful: tuple[DoubtfulStretch, ...] = ()
+    sessions: Disagreement | None = None
+    blocks: Disagreement | None = None
+    campaign: WeakCampaign | None = None
+    considered: Considered | None = None
+
+    @property
+    def measured_volume(self) -> dict[str, tuple[float, float]]:
+        """Range of the platform poses that were measured, by coordinate, base frame, SI."""
+        seen = self.mechanism.measured
+        return {} if seen is None else {name: seen.ranges[name]
+                                        for name in self.mechanism.coordinates}
+
+
+def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
+    """Return the geometry's rank, the rank of all columns, and the redundant ones.
+
+    The total counts open frames and targets, which add none where the geometry can
+    imitate them (theory.md, section 5).
+    """
+    count = len(fit.problem.free)
+    triangle, _ = data_rows(fit)
+    scaled = triangle * fit.scale
+    # carried-on rows are straight: what only their bend against the new ones tells is not told
+    largest = float(np.linalg.norm(scaled[:, :count], axis=0).max(initial=BENT))
+    least = RANK_TOLERANCE if fit.problem.earlier is None else BENT / largest
+    rank, kept, dropped = whole_rank(triangle, count, fit.scale, least,
+                                     fit.problem.columns)
+    redundant = []
+    norms = np.linalg.norm(scaled, axis=0)
+    for d in dropped:
+        used = [k for k in kept if k != d]
+        solution = linalg.lstsq(scaled[:, used], scaled[:, d], rcond=RANK_TOLERANCE)[0]
+        weight = np.abs(solution) * norms[used]
+        depends = {fit.problem.columns[k]: float(v * fit.scale[k] / fit.scale[d])
+                   for k, v, w in zip(used, solution, weight, strict=True)
+                   if w > 1e-6 * max(float(weight.max(initial=0.0)), 1e-300)
+                   and norms[d] > RANK_TOLERANCE * norms.max()}
+        redundant.append(Dependence(fit.problem.columns[d], depends))
+    return rank, len(kept), tuple(redundant)
+
+
+def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
+           other: Sequence[Dataset] = (), leave_out: str = "", chosen: Collection[str] = ()
+           ) -> Identification:
+    """Return everything that there is to say about a fit.
+
+    Args:
+        fit: a finished one.
+        options: that it was made with.
+        holdout: fraction of the poses to hold out (0: none).
+        seed: of the poses that are held out.
+        other: data sets in their place, an unknown frame or target of theirs being registered
+            on them alone.
+        leave_out: ``session``: each session in turn, in place of poses.
+        chosen: names of parameters that the file frees, and a choice of freedoms held: what they
+            may be off by is in the intervals. What the user holds is exact there; in what is
+            promised of poses nothing that may be off is.
+
+    Raises:
+        BadInput, NoResult: as :func:`ppmcal.calibration.validation.session_validation.sessions_left_out`.
+    """
+    noise, notes = noise_check(fit), list[str]()
+    inflation = noise.inflation
+    rank, total, redundant = rank_of(fit)
+    raw, fit = fit, with_noise(fit, inflation, options)
+    wrong = (secondary("what left-out rows would change", lambda: find_gross_errors(raw, fit),
+                       GrossErrors((), {}, (), ()), notes),
+             secondary("the shape of the flat", lambda: tuple(flats(raw)), (), notes))
+    noise = against_tolerances(noise, fit)
+    sessions, blocks = _differences(fit, noise, notes)
+    wider = sessions or blocks
+    kept = considered(fit)
+    more = np.diagonal(kept.more(chosen))
+    found = estimates(fit, rank, wider, by_noise(fit, options, more), more)
+    mechanism = replace(with_estimates(fit, found), measured=measured_by(fit, noise))
+    was = before(fit.problem, fit.keep)
+    stood = {**registered(fit.problem, fit.state), **was.registrations}
+    held, note = _held(fit, options, holdout, seed, other, leave_out, inflation, notes)
+    after = residuals(fit.problem, fit.state)
+    out = secondary("what left-out rows have in common", lambda: left_out(fit),
+                    LeftOut(0, 0, False, "", 0.0, 1.0), notes)
+    index = observability(rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep))
+    told = _findings(fit, noise, inflation, found, out, wider)
+    open_ = secondary("what the data leave open", lambda: identifiability(fit, coverage(fit)),
+                      Identifiability(None, ()), notes)
+    sets = secondary("what the data see only together",
+                     lambda: unidentifiable(rank, fit.problem.columns), (), notes)
+    doubtful = secondary("where the machine may be another",
+                         lambda: doubtful_stretches(fit, after, out), (), notes)
+    return Identification(
+        fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
+        wider.covariance if wider and wider.differ else prediction_covariance(fit), inflation,
+        was.residuals, stood, after, held, note, (*told, *unchecked(fit, total), *notes),
+        open_, wrong[0], sets, wrong[1], _unexplained(after.figures(fit.keep), noise),
+        doubtful=doubtful, sessions=sessions, blocks=blocks, considered=kept)
+
+
+def _differences(fit: Fit, noise: Noise, notes: list[str]
+                 ) -> tuple[Disagreement | None, Disagreement | None]:
+    """Return how far sessions, and stretches of rows, differ; see :func:`honest`.
+
+    Where the tolerances drown in the round-off of data that are better than anything else, as exact
+    ones are, it is left out.
+    """
+    return secondary("how far sessions, or stretches of rows, differ",
+                     lambda: honest(fit, min(noise.inflation, BEYOND)), (None, None), notes)
+
+
+def _held(fit: Fit, options: FitOptions, holdout: float, seed: int, other: Sequence[Dataset],
+          leave_out: str, inflation: float, notes: list[str]
+          ) -> tuple[Mapping[str, Mapping[str, float]], str]:
+    """Return the figures on rows that a fit had not seen, and how they were had.
+
+    What was asked for by name is no extra: where it fails, so does the command.
+    """
+    if leave_out:
+        return sessions_left_out(fit.problem, options, fit.keep, inflation)
+    if other:
+        return on_other(fit, other)
+    if holdout <= 0.0:
+        return {}, "nothing held out"
+    return secondary("the prediction of held-out poses",
+                     lambda: held_out(fit, options, holdout, seed, inflation),
+                     ({}, "no fit without the held-out poses"), notes)
+
+
+def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict[str, float]:
+    """Return the rms of what neither model nor noise explains, m and rad, in the rows used.
+
+    It is there at other poses too, whatever its cause.
+    """
+    return {kind: noise.unexplained * figures["rms"] for kind, figures in after.items()
+            if kind in ("position", "rotation") and noise.unexplained}
+
+
+def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate], gone: LeftOut,
+              wider: Disagreement | None) -> tuple[str, ...]:
+    out = [f for d in fit.problem.datasets for f in d.findings]
+    if fit.taken_back:
+        out.append(f"{counted(fit.taken_back, 'row')} had no pose at the nominal machine, have one "
+                   "at the fitted machine, and are in use")
+    if gone.sentence:
+        out.append(gone.sentence)
+    if noise.failed:
+        out.append(f"the residuals are {noise.sigma_ratio:.2f} times the {noise.source} noise "
+                   f"({chance(noise.chi2_p)}): something is missing in the model, or sigma is too "
+                   f"small; every measurement counts as {inflation:.2f} times as noisy as "
+                   f"{noise.source}")
+    if noise.overstated:
+        out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the {noise.source} "
+                   "noise: sigma is too large, in a wrong unit perhaps, so intervals are too wide"
+                   + (" and the data count too little against the tolerances" if fit.by_tolerances
+                      else "") + "; correct it, or use --sigma estimated")
+    out += branch_findings(fit.problem, fit.state)
+    if noise.tight:
+        times = (noise.prior_chi2 / noise.prior_degrees) ** 0.5
+        out.append(f"the machine's errors are {times:.2g} times what tolerances and noise allow "
+                   f"({chance(noise.prior_p)}): the tolerances are too tight, or something is "
+                   "missing in the model, so 95 % intervals hold less often; widen the tolerances "
+                   "or use --prior flat")
+    alone = [np.nan if (h := found[p].half_by_noise) is None else h for p in fit.problem.free]
+    out += in_words(fit, wider, np.array(alone))
+    far = far_from_nominal(found, fit.problem.mechanism.units)
+    if far:
+        out.append(far)
+    if fit.stopped:
+        out.append(f"the fit was stopped {fit.stopped}: what these data see weakly is still near "
+                   "its nominal value, which the intervals do not count")
+    elif not fit.converged:
+        out.append(f"the fit had not converged after {fit.iterations} iterations")
+    # the last: what is wrong with the rows is told below it
+    for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
+        if reasons:
+            out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, "
+                       "see residuals.csv for each reason")
+    return tuple(out)
+
+
+def unchecked(fit: Fit, rank: int) -> list[str]:
+    """Return a sentence where the data have no redundancy by which their noise can be checked.
+
+    Args:
+        fit: a finished one; carried on from an earlier one, it has the redundancy of both.
+        rank: of all columns: so many values the data alone are spent on.
+    """
+    more = fit.reduced.count - rank
+    if fit.problem.earlier is not None or more >= LEAST or not rank:
+        return []
+    return [f"{counted(fit.reduced.count, 'measured value')} for {rank} that they determine: too "
+            "few to check the noise by, so intervals rest on the stated sigma alone; measure more "
+            "poses"]

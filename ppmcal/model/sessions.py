@@ -1,0 +1,166 @@
+"""What is one session, and what is one pose of it: decided here, and nowhere else.
+
+A column `session` says it; without one each file is a session of its own, but for files that were
+written of one campaign: several targets of one body, seen at the same poses from one frame, and
+the heights and distances of one printer. Such files are one session. A pose that is held out of one
+is held out of all, and what happens between two poses happens in all of them at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.errors import BadInput
+from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.same_rows import in_step, partners, tolerances
+
+HEIGHTS_AND_DISTANCES = ("plane", "distance")
+
+
+def session_masks(datasets: Sequence[Dataset]) -> list[tuple[str, list[Bools]]]:
+    """Return label and rows, a mask (N,) by data set, of each session in order of appearance.
+
+    A session column splits a file, and joins rows of several; without one each campaign is a
+    session, called by its files.
+    """
+    files: dict[str, list[str]] = {}
+    for d in datasets:
+        if not d.sessions:
+            files.setdefault(campaign(d), []).append(d.name)
+    name = {key: " + ".join(names) for key, names in files.items()}
+    labels = [np.array(d.sessions) if d.sessions else None for d in datasets]
+    every = dict.fromkeys(
+        label for d in datasets for label in d.sessions or [name[campaign(d)]])
+    return [(label, [np.full(len(d), name[campaign(d)] == label) if own is None else own == label
+                     for d, own in zip(datasets, labels, strict=True)]) for label in every]
+
+
+def one_session() -> BadInput:
+    """Return what to say where sessions are to be left out and there is one only."""
+    return BadInput("there is only one session to leave out", "--leave-out",
+                    "Give files of several days, or a column `session`")
+
+
+def campaign(data: Dataset) -> str:
+    """Return what the files of one campaign have in common: the name of one of them."""
+    return data.campaign or data.name
+
+
+def pose_labels(datasets: Sequence[Dataset]) -> list[Ints]:
+    """Return one number per commanded pose (N,) by data set, the same in files of one campaign."""
+    place: dict[str, int] = {}
+    own = np.array([place.setdefault(campaign(d), len(place)) for d in datasets], dtype=np.int64)
+    return [d.groups * len(place) + n for d, n in zip(datasets, own.tolist(), strict=True)]
+
+
+def as_campaigns(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
+    """Return data sets that know what they have in common, their rows on one time line.
+
+    Rows are numbered through all files in their order; targets of one body that were seen at the
+    same poses share the numbers, and the labels of the poses.
+    """
+    owner = _owners(datasets)
+    out, begin = list(datasets), 0
+    whole = {i: max((j for j, o in enumerate(owner) if o == i), key=lambda j: (
+        len(datasets[j]), -j)) for i in set(owner)}
+    at: dict[int, int] = {}
+    for i, data in enumerate(datasets):
+        first = whole[owner[i]]
+        if first not in at:
+            at[first] = begin
+            begin += int(datasets[first].rows.max(initial=0))
+        out[i] = replace(data, before=at[first], moments=None, campaign="")
+    for i, o in enumerate(owner):
+        if whole[o] != i:
+            out[i] = _beside(out[i], out[whole[o]])
+        elif owner.count(o) > 1:
+            out[i] = replace(out[i], campaign=datasets[whole[o]].name)
+    return _heights_and_distances(out)
+
+
+def _owners(datasets: Sequence[Dataset]) -> list[int]:
+    """Return the first of the data sets that saw the same poses, for each data set."""
+    owner = list(range(len(datasets)))
+    for i, data in enumerate(datasets):
+        for j in range(i):
+            if owner[j] != owner[i] and _other_target(datasets[j], data):
+                owner = [min(owner[i], owner[j]) if o in (owner[i], owner[j]) else o
+                         for o in owner]
+    return owner
+
+
+def _other_target(one: Dataset, two: Dataset) -> bool:
+    """Whether two files hold two targets of one body, seen at the same poses from one frame."""
+    if one.sessions or two.sessions or not _one_frame(one, two):
+        return False
+    targets = one.target, two.target
+    if not any(t.fitted for t in targets) and np.array_equal(targets[0].value, targets[1].value):
+        return False    # the same mark again: the poses were driven to twice
+    if not _at_one_time(one, two):
+        return False
+    # most rows of the shorter one are of poses that the other visits in that order
+    return int((_places(one, two) >= 0).sum()) > 0.5 * min(len(one), len(two))
+
+
+def _one_frame(one: Dataset, two: Dataset) -> bool:
+    if one.frame.fitted or two.frame.fitted:
+        names = [{d.name, d.frame.same_as} - {None} for d in (one, two)]
+        return one.frame.fitted and two.frame.fitted and not names[0].isdisjoint(names[1])
+    return np.array_equal(one.frame.value, two.frame.value) and one.kind == two.kind and (
+        one.kind not in HEIGHTS_AND_DISTANCES)
+
+
+def _at_one_time(one: Dataset, two: Dataset) -> bool:
+    """Whether the times of two files overlap, as far as they are known."""
+    times = [d.columns["time"] for d in (one, two) if "time" in d.columns]
+    times = [t[np.isfinite(t)] for t in times]
+    if len(times) < 2 or not all(t.size for t in times):
+        return True
+    return bool(max(t.min() for t in times) <= min(t.max() for t in times))
+
+
+def _told(data: Dataset) -> Array:
+    """Return what the machine was told, joint values or a commanded pose (N, c)."""
+    parts = [data.q, *(p for p in (data.commanded, data.to_q) if p is not None)]
+    return np.nan_to_num(np.concatenate(parts, axis=1))
+
+
+def _places(one: Dataset, two: Dataset) -> Ints:
+    """Return where in ``one`` each row of ``two`` was measured (N,), in order; -1: nowhere."""
+    told = _told(one), _told(two)
+    if told[0].shape[1] != told[1].shape[1]:
+        return np.full(len(two), -1)
+    if np.array_equal(*told):
+        return np.arange(len(two))
+    return in_step(*partners(*told, tolerances(*told)), len(two))
+
+
+def _beside(data: Dataset, first: Dataset) -> Dataset:
+    """Return a data set with the numbers of rows, and the labels of poses, of ``first``."""
+    place = _places(first, data)
+    known = np.flatnonzero(place >= 0)
+    # a row that the other has not was measured after the last one that it has
+    last = np.maximum(np.searchsorted(known, np.arange(len(data)), side="right") - 1, 0)
+    labels, group = np.unique(data.groups, return_inverse=True)
+    new = int(first.groups.max(initial=-1)) + 1 + np.arange(labels.size)
+    new[group.reshape(-1)[known[::-1]]] = first.groups[place[known[::-1]]]
+    return replace(data, campaign=first.name, moments=first.numbers()[place[known]][last],
+                   groups=new[group.reshape(-1)])
+
+
+def _heights_and_distances(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
+    """Return data sets, the heights and the distances of a printer as one campaign.
+
+    Of several files of heights nobody knows which of them the distances belong to.
+    """
+    plain = [d for d in datasets if not d.sessions]
+    found = [[d for d in plain if d.kind == kind] for kind in HEIGHTS_AND_DISTANCES]
+    if any(len(some) != 1 for some in found) or len(datasets) != 2:
+        return tuple(datasets)
+    first, second = datasets
+    return (replace(first, campaign=first.name), replace(
+        second, campaign=first.name, groups=second.groups + int(first.groups.max(initial=-1)) + 1))
