@@ -51,6 +51,20 @@ def test_layers_are_those_that_imports_are_held_to():
     assert picture == next(c["layers"] for c in contracts if c["type"] == "layers")
 
 
+def test_rooms_of_calibration_are_entered_by_their_doors():
+    """Outside of a room nobody knows its modules."""
+    rooms = {p.name for p in (PACKAGE / "calibration").iterdir() if (p / "__init__.py").exists()}
+    assert rooms == {"fit", "knowledge", "validation", "interpretation", "sessions",
+                     "compensation"}
+    for path in PACKAGE.rglob("*.py"):
+        own = path.relative_to(PACKAGE).parts[:2]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            parts = (getattr(node, "module", None) or "").split(".")
+            if parts[:2] == ["ppmcal", "calibration"]:
+                assert parts[2:3] and parts[2] in rooms, (path, parts)
+                assert len(parts) == 3 or own == tuple(parts[1:3]), (path, parts)
+
+
 def test_every_package_is_in_the_table_and_says_what_it_is():
     listed = set(re.findall(r"^\| `(\w+)` \|", section("Eight layers"), re.M))
     packages = {p.parent for p in PACKAGE.rglob("__init__.py")}

@@ -15,14 +15,16 @@ CORE = {
     "effects": (
         "kinematics/equilibrium.py", "kinematics/effect_response.py", "model/effects/*.py"),
     "least squares": (
-        "calibration/least_squares.py", "calibration/gauss_newton.py",
-        "calibration/normal_equations.py", "calibration/response.py",
-        "calibration/observation.py"),
+        "calibration/fit/linearisation.py", "calibration/fit/gauss_newton.py",
+        "calibration/fit/normal_equations.py", "calibration/fit/response.py",
+        "calibration/fit/observation.py"),
     "identifiability": (
-        "calibration/identifiability.py", "calibration/rank.py", "calibration/posterior.py",
-        "calibration/intervals.py"),
-    "compensation": ("calibration/compensation.py", "calibration/safe_commands.py",
-                     "calibration/extrapolation.py", "kinematics/ways.py"),
+        "calibration/knowledge/identifiability_report.py", "calibration/fit/rank.py",
+        "calibration/fit/prior_information.py", "calibration/knowledge/intervals.py"),
+    "inference": ("inference/*.py",),
+    "compensation": (
+        "calibration/compensation/commands.py", "calibration/compensation/safe_commands.py",
+        "calibration/knowledge/extrapolation.py", "kinematics/ways.py"),
     "diagnosis": (
         "diagnosis/added_variable_test.py", "diagnosis/linear_system.py",
         "diagnosis/hypotheses.py", "diagnosis/selection.py", "diagnosis/adequacy.py",
@@ -32,11 +34,11 @@ CORE = {
 """Files below ppmcal, by what they are of the theory."""
 
 COMPILED = {"compiled": ("kinematics/compiled_closure.py", "kinematics/compiled_algebra.py",
-                         "calibration/compiled_rows.py")}
+                         "calibration/fit/compiled_rows.py")}
 """The same formulas once more, row by row: each mutant is compiled, which takes its time."""
 
-TESTS = ("tests/kinematics", "tests/model", "tests/calibration", "tests/diagnosis",
-         "tests/test_papers.py", "tests/test_plug_ins.py")
+TESTS = ("tests/kinematics", "tests/model", "tests/calibration", "tests/inference",
+         "tests/diagnosis", "tests/test_papers.py", "tests/test_plug_ins.py")
 COMPILED_TESTS = ("tests/kinematics/test_compiled.py", "tests/calibration/test_normal_equations.py")
 """No line of a compiled function is seen by coverage: these call them."""
 

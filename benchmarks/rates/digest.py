@@ -26,8 +26,12 @@ def engine_digest(packages: tuple[str, ...], but: tuple[str, ...] = ()) -> str:
 
 
 def code_of(source: str) -> str:
-    """Return a module's syntax tree as text, without docstrings, comments and layout."""
+    """Return a module's syntax tree as text, without docstrings, comments and layout.
+
+    Of what it imports from the package the names count, and not in which module each stands.
+    """
     tree = ast.parse(source)
+    names = []
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):
@@ -35,7 +39,11 @@ def code_of(source: str) -> str:
             node.body = [s for s in body if not (  # type: ignore[attr-defined]
                 isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant)
                 and isinstance(s.value.value, str))]
-    return unparsed(tree)
+            own = [s for s in node.body if isinstance(s, ast.ImportFrom)
+                   and (s.module or "").partition(".")[0] == "ppmcal"]
+            node.body = [s for s in node.body if s not in own]
+            names += [f"{a.name} as {a.asname or a.name}" for s in own for a in s.names]
+    return f"{sorted(names)}{unparsed(tree)}"
 
 
 def unparsed(tree: ast.AST) -> str:

@@ -1,7 +1,8 @@
 """Wanted poses, the command that brings the machine to each, and a controller that uses them.
 
 The controller turns a commanded pose into joint values with the nominal geometry. Commands are
-corrected so that the identified machine ends at what was wanted (:mod:`calibration.compensation`).
+corrected so that the identified machine ends at what was wanted
+(:mod:`ppmcal.calibration.compensation`).
 Between the poses of a regular grid a controller interpolates the difference command - wanted
 linearly in every coordinate; how far the machine then is from what was wanted is measured at poses
 in between. Effects are taken at rest: no direction of approach, no speed, no load, 20 degrees

@@ -171,7 +171,7 @@ def calibrate(
 def alone(
     setup: MeasurementSetup, linear: LinearCalibration, g: Array, noise: Array
 ) -> Fit | None:
-    """Return the fit of one machine (P,) by :mod:`calibration.identify`; None where there is none.
+    """Return the fit of one machine (P,) by `identify`; None where there is none.
 
     It starts at the truth, next to the minimum that matters: what a calibration is worth, not
     how it gets there from the nominal one. ``noise``: white (N, m), as :func:`calibrate` takes it.

@@ -25,10 +25,11 @@ from ppmcal.model.mechanism import Mechanism
 
 PACKAGE = Path(ppmcal.__file__).parent
 KNOWN = {
-    "calibration/coverage.py": "the one place",
-    "calibration/disagreement.py": "a tolerance, which is stated; the default of no noise",
-    "calibration/estimates.py": "the sigma that is as wide as an interval",
-    "calibration/identifiability.py": "before a fit the noise is as stated",
+    "calibration/fit/coverage.py": "the one place",
+    "calibration/knowledge/disagreement.py":
+        "a tolerance, which is stated; the default of no noise",
+    "calibration/knowledge/parameter_estimates.py": "the sigma that is as wide as an interval",
+    "calibration/knowledge/identifiability_report.py": "before a fit the noise is as stated",
     "io/results/identifiability.py": "the same, and files that do not say",
     "report/learned_figures.py": "files that do not say",
     "controllers/printer_files.py": "printed parts, of which an interval is known, no noise",

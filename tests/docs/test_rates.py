@@ -114,3 +114,12 @@ def test_the_digest_sees_code_and_no_words():
             'def f(a):  # adds\n    "Doc."\n    return a + LIMIT\n')
     assert code_of(plain) == code_of(told)
     assert code_of(plain) != code_of(plain.replace("3", "4"))
+
+
+def test_the_digest_sees_which_names_are_imported_and_not_from_where():
+    plain = "from ppmcal.calibration.fit import a, b\nx = a + b\n"
+    moved = "from ppmcal.calibration.fit.one import b\nfrom ppmcal.linalg import a\nx = a + b\n"
+    assert code_of(plain) == code_of(moved)
+    for other in (plain.replace("a, b", "a, c as b"), plain.replace("ppmcal", "numpy"),
+                  plain.replace("a, b", "a")):
+        assert code_of(other) != code_of(plain)

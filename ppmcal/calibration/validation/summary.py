@@ -178,7 +178,8 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
             promised of poses nothing that may be off is.
 
     Raises:
-        BadInput, NoResult: as :func:`ppmcal.calibration.validation.session_validation.sessions_left_out`.
+        BadInput, NoResult: as
+            :func:`ppmcal.calibration.validation.session_validation.sessions_left_out`.
     """
     noise, notes = noise_check(fit), list[str]()
     inflation = noise.inflation
