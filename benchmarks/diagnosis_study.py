@@ -182,9 +182,12 @@ def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome
         seconds=round(seconds, 2))
 
 
-def reliability(effects: Iterable[tuple[float, bool]]) -> str:
-    """Return the probability of each name that leads, and whether it is right: ``0.9731:1``."""
-    return " ".join(f"{p:.4f}:{int(right)}" for p, right in effects)
+def reliability(effects: Iterable[tuple[float | None, bool]]) -> str:
+    """Return the probability of each name that leads, and whether it is right: ``0.9731:1``.
+
+    Names that have none are left out.
+    """
+    return " ".join(f"{p:.4f}:{int(right)}" for p, right in effects if p is not None)
 
 
 def family(kind: str, parameters: Iterable[str]) -> str:

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 
 import pytest
+from diagnosis_study import reliability
 from helpers.campaigns_in_files import run
 from helpers.paths import ROOT
 from hidden import Options, hide
@@ -106,6 +107,11 @@ def test_what_runs_afterwards_changes_no_verdict_and_no_name(monkeypatch: pytest
     without = diagnose.diagnose(problem)
     assert without.verdict == whole.verdict and without.possible == whole.possible
     assert without.effects == tuple(replace(e, sessions=None) for e in whole.effects)
+
+
+def test_a_name_without_a_probability_is_in_no_reliability():
+    """A null in diagnosis.json ended the campaign as a fault."""
+    assert reliability([(None, True), (0.97314, True), (0.5, False)]) == "0.9731:1 0.5000:0"
 
 
 def test_the_digest_sees_code_and_no_words():
