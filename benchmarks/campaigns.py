@@ -31,13 +31,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.calibration.fit.coverage import Z95
-from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior, prediction_covariance
-from ppmcal.calibration.fit.fitting import identify
-from ppmcal.calibration.fit.noise_estimate import noise_check, with_noise
-from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.knowledge.parameter_estimates import estimates
-from ppmcal.calibration.validation.residual_vectors import fresh_state
+from ppmcal.calibration.fit import (
+    Z95,
+    Fit,
+    FitOptions,
+    Problem,
+    identify,
+    noise_check,
+    posterior,
+    prediction_covariance,
+    with_noise,
+)
+from ppmcal.calibration.knowledge import estimates
+from ppmcal.calibration.validation import fresh_state
 from ppmcal.calibration.validation.summary import rank_of
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.model.dataset import Dataset, Unknown

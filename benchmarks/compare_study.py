@@ -27,11 +27,7 @@ import yaml
 from numpy.typing import NDArray
 from real_deltas import mechanism_text
 
-from ppmcal.calibration.fit.fit_result import FitOptions
-from ppmcal.calibration.fit.fitting import identify
-from ppmcal.calibration.fit.noise_estimate import noise_check, with_noise
-from ppmcal.calibration.fit.prior_information import Posterior
-from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit import FitOptions, Posterior, Problem, identify, noise_check, with_noise
 from ppmcal.calibration.sessions.change_detection import Comparison, between, posterior_of
 from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model

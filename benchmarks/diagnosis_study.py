@@ -29,9 +29,11 @@ from hidden import Hidden, Impossible, Options, applicable, hide  # noqa: E402
 from hidden_unknown import UNKNOWN  # noqa: E402
 from study_runner import read, work  # noqa: E402
 
-from ppmcal.calibration.fit.fitting import identify  # noqa: E402
-from ppmcal.calibration.fit.problem import Problem  # noqa: E402
-from ppmcal.calibration.validation.residual_vectors import split  # noqa: E402
+from ppmcal.calibration.fit import (  # noqa: E402
+    Problem,
+    identify,
+)
+from ppmcal.calibration.validation import split  # noqa: E402
 from ppmcal.diagnosis.diagnose import DiagnosisOptions as RunOptions  # noqa: E402
 from ppmcal.diagnosis.diagnose import diagnose  # noqa: E402
 from ppmcal.diagnosis.held_out_gap import measure_gap  # noqa: E402

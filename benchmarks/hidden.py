@@ -46,8 +46,7 @@ from hidden_unknown import KINDS, UNKNOWN
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ppmcal.calibration.fit.observation import coordinates
-from ppmcal.calibration.fit.problem import Problem, State
+from ppmcal.calibration.fit import Problem, State, coordinates
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 

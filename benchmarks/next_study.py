@@ -29,8 +29,10 @@ from hidden_scene import Array, measure, solved  # noqa: E402
 from hidden_session import REFERENCE, recorded, with_noise  # noqa: E402
 from study_summary import interval  # noqa: E402
 
-from ppmcal.calibration.fit.fitting import identify  # noqa: E402
-from ppmcal.calibration.fit.problem import Problem  # noqa: E402
+from ppmcal.calibration.fit import (  # noqa: E402
+    Problem,
+    identify,
+)
 from ppmcal.diagnosis.diagnose import DiagnosisOptions as RunOptions  # noqa: E402
 from ppmcal.diagnosis.diagnose import diagnose  # noqa: E402
 from ppmcal.diagnosis.hypotheses import Hypothesis  # noqa: E402

@@ -35,10 +35,13 @@ import numpy as np  # noqa: E402
 from campaigns import dataset  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from ppmcal.calibration.fit.fit_result import Fit, posterior  # noqa: E402
-from ppmcal.calibration.fit.fitting import identify  # noqa: E402
-from ppmcal.calibration.fit.problem import Problem  # noqa: E402
-from ppmcal.calibration.validation.residual_vectors import fresh_state  # noqa: E402
+from ppmcal.calibration.fit import (  # noqa: E402
+    Fit,
+    Problem,
+    identify,
+    posterior,
+)
+from ppmcal.calibration.validation import fresh_state  # noqa: E402
 from ppmcal.design.plan.candidate_poses import evenly, region_of  # noqa: E402
 from ppmcal.design.plan.plan import PlanOptions, plan  # noqa: E402
 from ppmcal.design.virtual_instrument import Instrument, default_instrument  # noqa: E402

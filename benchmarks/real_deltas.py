@@ -20,10 +20,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ppmcal.calibration.fit.fit_result import Fit, FitOptions
-from ppmcal.calibration.fit.fitting import identify
-from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.validation.residual_vectors import residuals
+from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
+from ppmcal.calibration.validation import residuals
 from ppmcal.io import read_campaign, read_mechanism
 
 TOWERS = "abc"

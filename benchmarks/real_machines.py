@@ -28,10 +28,8 @@ import real_priors
 import real_sessions
 
 import ppmcal
-from ppmcal.calibration.fit.fit_result import FitOptions
-from ppmcal.calibration.fit.fitting import identify
-from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.validation.frozen_models import FrozenModel, validated
+from ppmcal.calibration.fit import FitOptions, Problem, identify
+from ppmcal.calibration.validation import FrozenModel, validated
 from ppmcal.errors import PpmcalError
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism

@@ -27,14 +27,18 @@ import numpy as np
 import yaml
 from real_deltas import mechanism_text, write_data
 
-from ppmcal.calibration.fit.fit_result import Fit, FitOptions
-from ppmcal.calibration.fit.fitting import identify
-from ppmcal.calibration.fit.flatness import flats
-from ppmcal.calibration.fit.noise_estimate import noise_check, with_noise
-from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit import (
+    Fit,
+    FitOptions,
+    Problem,
+    flats,
+    identify,
+    noise_check,
+    with_noise,
+)
 from ppmcal.calibration.sessions.change_detection import Change, between, posterior_of
+from ppmcal.calibration.validation import report
 from ppmcal.calibration.validation.residual_vectors import fresh_state, register_only, residuals
-from ppmcal.calibration.validation.summary import report
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.io.results.units import column_factor, column_unit
 from ppmcal.linalg import finite_rows

@@ -26,10 +26,8 @@ import numpy as np
 import real_priors
 import real_stewart
 
-from ppmcal.calibration.fit.fit_result import Fit, FitOptions
-from ppmcal.calibration.fit.fitting import identify
-from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.validation.residual_vectors import residuals
+from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
+from ppmcal.calibration.validation import residuals
 from ppmcal.diagnosis.diagnose import diagnose
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.io import read_campaign, read_mechanism

@@ -20,12 +20,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ppmcal.calibration.fit.fit_result import Fit, FitOptions
-from ppmcal.calibration.fit.fitting import identify
-from ppmcal.calibration.fit.noise_estimate import noise_check, with_noise
-from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.knowledge import intervals
-from ppmcal.calibration.knowledge.parameter_estimates import Estimate, estimates
+from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify, noise_check, with_noise
+from ppmcal.calibration.knowledge import Estimate, estimates, intervals
 from ppmcal.calibration.validation.residual_vectors import closure_lengths, register_only
 from ppmcal.calibration.validation.summary import rank_of
 from ppmcal.io import read_campaign, read_mechanism

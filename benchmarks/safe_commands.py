@@ -182,7 +182,7 @@ def judge(tally: Tally, drawn: Mechanism, true: Mechanism, noise: float, path: b
     with np.errstate(invalid="ignore"):
         tally.outside += int((((found.q < low) | (found.q > high)).any(axis=1) & good).sum())
     # what a refused row would have been: the row as the model alone would command it
-    from ppmcal.calibration.compensation.commands import compensate
+    from ppmcal.calibration.compensation import compensate
     from ppmcal.model.registration import Registration
     alone = compensate(replace(fit.mechanism, measured=None), wanted, Registration(),
                        columns=columns)

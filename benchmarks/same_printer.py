@@ -22,7 +22,7 @@ import real_machines
 import real_priors
 import real_sessions
 
-from ppmcal.calibration.fit.problem import Problem
+from ppmcal.calibration.fit import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.result import Diagnosis, NamedEffect

@@ -24,9 +24,8 @@ from scipy.linalg.lapack import dpotrf
 from scipy.optimize import least_squares as scipy_least_squares
 from test_speed import CONFIGS, problem_of
 
+from ppmcal.calibration.fit import Problem, State, column_scale, prior_weights
 from ppmcal.calibration.fit.gauss_newton import cost, least_squares, linearised
-from ppmcal.calibration.fit.linearisation import column_scale, prior_weights
-from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.design.error_jacobian import Poses, error_jacobian
 from ppmcal.design.error_sources import all_components
 from ppmcal.io import read_mechanism

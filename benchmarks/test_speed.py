@@ -27,8 +27,11 @@ import pytest  # noqa: E402
 import yaml  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from ppmcal.calibration.fit.fit_result import Fit, FitOptions  # noqa: E402
-from ppmcal.calibration.fit.fitting import identify  # noqa: E402
+from ppmcal.calibration.fit import (  # noqa: E402
+    Fit,
+    FitOptions,
+    identify,
+)
 from ppmcal.calibration.fit.problem import CHUNK, Problem  # noqa: E402
 from ppmcal.io import read_mechanism, read_scenario  # noqa: E402
 from ppmcal.kinematics.closure import Model  # noqa: E402

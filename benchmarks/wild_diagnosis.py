@@ -41,7 +41,7 @@ from wild.catalogue import write  # noqa: E402
 from wild.machines import MACHINES  # noqa: E402
 
 from ppmcal.api.diagnose import diagnose  # noqa: E402
-from ppmcal.calibration.interpretation.misread import Misread  # noqa: E402
+from ppmcal.calibration.interpretation import Misread  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 
 GROUPS = ("none", "gross", "event", "memory", "physics")

@@ -36,11 +36,9 @@ from wild.machines import MACHINES
 from ppmcal.api.diagnose import diagnose
 from ppmcal.api.identify import identify
 from ppmcal.api.inputs import prepared
-from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.interpretation.misread import Misread
+from ppmcal.calibration.fit import Problem
+from ppmcal.calibration.interpretation import Misread, Misreading, plain_mistakes
 from ppmcal.calibration.interpretation.misreading import TELLING, trial
-from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
-from ppmcal.calibration.interpretation.reading_trial import Misreading
 from ppmcal.errors import PpmcalError
 
 KINDS = frozenset(("permuted", "sign", "unit", "rotation", "inverse", "mirrored", "exchanged",

@@ -65,6 +65,27 @@ def test_rooms_of_calibration_are_entered_by_their_doors():
                 assert len(parts) == 3 or own == tuple(parts[1:3]), (path, parts)
 
 
+@pytest.mark.parametrize("package", ["io", *(f"calibration.{room}" for room in (
+    "fit", "knowledge", "validation", "interpretation", "sessions", "compensation"))])
+def test_a_door_has_what_it_says_and_loads_it_on_first_use(package):
+    door = importlib.import_module(f"ppmcal.{package}")
+    tree = ast.parse(Path(door.__file__).read_text(encoding="utf-8"))
+    told = [(node.module, alias.name) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
+            for alias in node.names if alias.asname]
+    assert told
+    for module, name in told:
+        assert getattr(door, name) is getattr(importlib.import_module(module), name)
+        # else the module would hide the name once it is loaded
+        assert not (Path(door.__file__).parent / f"{name}.py").exists()
+    with pytest.raises(AttributeError, match="nothing_of_that_name"):
+        door.nothing_of_that_name  # noqa: B018
+    code = f"import sys, ppmcal.{package}; print(*(m for m in sys.modules if 'ppmcal.' in m))"
+    loaded = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True,
+                            text=True, check=True).stdout.split()
+    assert f"ppmcal.{package}" in loaded
+    assert not {module for module, _ in told} & set(loaded)
+
+
 def test_every_package_is_in_the_table_and_says_what_it_is():
     listed = set(re.findall(r"^\| `(\w+)` \|", section("Eight layers"), re.M))
     packages = {p.parent for p in PACKAGE.rglob("__init__.py")}

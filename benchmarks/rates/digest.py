@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import hashlib
 from pathlib import Path
+from typing import TypeGuard
 
 import ppmcal
 
@@ -31,19 +32,26 @@ def code_of(source: str) -> str:
     Of what it imports from the package the names count, and not in which module each stands.
     """
     tree = ast.parse(source)
-    names = []
+    names: list[str] = []
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):
-            # strings that stand alone: docstrings, also below constants
-            node.body = [s for s in body if not (  # type: ignore[attr-defined]
-                isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant)
-                and isinstance(s.value.value, str))]
-            own = [s for s in node.body if isinstance(s, ast.ImportFrom)
-                   and (s.module or "").partition(".")[0] == "ppmcal"]
-            node.body = [s for s in node.body if s not in own]
-            names += [f"{a.name} as {a.asname or a.name}" for s in own for a in s.names]
+            names += [f"{a.name} as {a.asname or a.name}" for s in body if _of_package(s)
+                      for a in s.names]
+            node.body = [  # type: ignore[attr-defined]
+                s for s in body if not (_of_package(s) or _is_text(s))]
     return f"{sorted(names)}{unparsed(tree)}"
+
+
+def _of_package(statement: ast.AST) -> TypeGuard[ast.ImportFrom]:
+    return (isinstance(statement, ast.ImportFrom)
+            and (statement.module or "").partition(".")[0] == "ppmcal")
+
+
+def _is_text(statement: ast.AST) -> bool:
+    """Whether it is a string that stands alone: a docstring, also below a constant."""
+    return (isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
+            and isinstance(statement.value.value, str))
 
 
 def unparsed(tree: ast.AST) -> str:

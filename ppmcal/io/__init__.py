@@ -7,57 +7,29 @@ in it and the mend. Names are loaded on first use, so that ``--help`` stays fast
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ppmcal.lazy import on_first_use
 
 if TYPE_CHECKING:
-    from ppmcal.io.campaign import read_campaign
-    from ppmcal.io.csv import Table
-    from ppmcal.io.csv_writer import csv_text
-    from ppmcal.io.dataset_reader import read_dataset
-    from ppmcal.io.mechanism_reader import read_mechanism
-    from ppmcal.io.mechanism_writer import write_mechanism
-    from ppmcal.io.output import Output, json_text, provenance
-    from ppmcal.io.plausibility import unit_findings
-    from ppmcal.io.poses import JointTable, PoseTable, read_joints, read_poses, twists
-    from ppmcal.io.scenario import Scenario, read_scenario
-    from ppmcal.io.tables import read_table
+    from ppmcal.io.campaign import read_campaign as read_campaign
+    from ppmcal.io.csv import Table as Table
+    from ppmcal.io.csv_writer import csv_text as csv_text
+    from ppmcal.io.dataset_reader import read_dataset as read_dataset
+    from ppmcal.io.mechanism_reader import read_mechanism as read_mechanism
+    from ppmcal.io.mechanism_writer import write_mechanism as write_mechanism
+    from ppmcal.io.output import Output as Output
+    from ppmcal.io.output import json_text as json_text
+    from ppmcal.io.output import provenance as provenance
+    from ppmcal.io.plausibility import unit_findings as unit_findings
+    from ppmcal.io.poses import JointTable as JointTable
+    from ppmcal.io.poses import PoseTable as PoseTable
+    from ppmcal.io.poses import read_joints as read_joints
+    from ppmcal.io.poses import read_poses as read_poses
+    from ppmcal.io.poses import twists as twists
+    from ppmcal.io.scenario import Scenario as Scenario
+    from ppmcal.io.scenario import read_scenario as read_scenario
+    from ppmcal.io.tables import read_table as read_table
 
-_HOME = {
-    "read_campaign": "campaign", "read_dataset": "dataset_reader",
-    "read_mechanism": "mechanism_reader", "write_mechanism": "mechanism_writer",
-    "Output": "output", "csv_text": "csv_writer", "json_text": "output", "provenance": "output",
-    "unit_findings": "plausibility",
-    "JointTable": "poses", "PoseTable": "poses", "read_joints": "poses", "read_poses": "poses",
-    "twists": "poses",
-    "Scenario": "scenario", "read_scenario": "scenario",
-    "Table": "csv", "read_table": "tables",
-}
-
-__all__ = [
-    "JointTable",
-    "Output",
-    "PoseTable",
-    "Scenario",
-    "Table",
-    "csv_text",
-    "json_text",
-    "provenance",
-    "read_campaign",
-    "read_dataset",
-    "read_joints",
-    "read_mechanism",
-    "read_poses",
-    "read_scenario",
-    "read_table",
-    "twists",
-    "unit_findings",
-    "write_mechanism",
-]
-
-
-def __getattr__(name: str) -> Any:
-    """Load the module that holds ``name`` on first use."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+if not TYPE_CHECKING:   # who checks types sees which names there are
+    __getattr__ = on_first_use(__name__)

@@ -2,60 +2,38 @@
 
 from __future__ import annotations
 
-from ppmcal.calibration.compensation.commands import (
-    KINDS,
-    Compensation,
-    Knowledge,
-    compensate,
-    model_sigma,
-    prediction_jacobian,
-)
-from ppmcal.calibration.compensation.kinematics_sigma import (
-    PoseRows,
-    forward_sigma,
-    independent,
-    joint_sigma,
-    left_joint_sigma,
-    sigma_by_differences,
-)
-from ppmcal.calibration.compensation.model_averaging import (
-    Reading,
-    Readings,
-    Targets,
-    averaged,
-    probabilities,
-)
-from ppmcal.calibration.compensation.safe_commands import (
-    is_worse,
-    own_steps,
-    refused,
-    sent,
-    unsafe_ways,
-    worse_rows,
-)
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "KINDS",
-    "Compensation",
-    "Knowledge",
-    "PoseRows",
-    "Reading",
-    "Readings",
-    "Targets",
-    "averaged",
-    "compensate",
-    "forward_sigma",
-    "independent",
-    "is_worse",
-    "joint_sigma",
-    "left_joint_sigma",
-    "model_sigma",
-    "own_steps",
-    "prediction_jacobian",
-    "probabilities",
-    "refused",
-    "sent",
-    "sigma_by_differences",
-    "unsafe_ways",
-    "worse_rows",
-]
+from ppmcal.lazy import on_first_use
+
+if TYPE_CHECKING:
+    from ppmcal.calibration.compensation.commands import KINDS as KINDS
+    from ppmcal.calibration.compensation.commands import Compensation as Compensation
+    from ppmcal.calibration.compensation.commands import Knowledge as Knowledge
+    from ppmcal.calibration.compensation.commands import compensate as compensate
+    from ppmcal.calibration.compensation.commands import model_sigma as model_sigma
+    from ppmcal.calibration.compensation.commands import prediction_jacobian as prediction_jacobian
+    from ppmcal.calibration.compensation.kinematics_sigma import PoseRows as PoseRows
+    from ppmcal.calibration.compensation.kinematics_sigma import forward_sigma as forward_sigma
+    from ppmcal.calibration.compensation.kinematics_sigma import independent as independent
+    from ppmcal.calibration.compensation.kinematics_sigma import joint_sigma as joint_sigma
+    from ppmcal.calibration.compensation.kinematics_sigma import (
+        left_joint_sigma as left_joint_sigma,
+    )
+    from ppmcal.calibration.compensation.kinematics_sigma import (
+        sigma_by_differences as sigma_by_differences,
+    )
+    from ppmcal.calibration.compensation.model_averaging import Reading as Reading
+    from ppmcal.calibration.compensation.model_averaging import Readings as Readings
+    from ppmcal.calibration.compensation.model_averaging import Targets as Targets
+    from ppmcal.calibration.compensation.model_averaging import averaged as averaged
+    from ppmcal.calibration.compensation.model_averaging import probabilities as probabilities
+    from ppmcal.calibration.compensation.safe_commands import is_worse as is_worse
+    from ppmcal.calibration.compensation.safe_commands import own_steps as own_steps
+    from ppmcal.calibration.compensation.safe_commands import refused as refused
+    from ppmcal.calibration.compensation.safe_commands import sent as sent
+    from ppmcal.calibration.compensation.safe_commands import unsafe_ways as unsafe_ways
+    from ppmcal.calibration.compensation.safe_commands import worse_rows as worse_rows
+
+if not TYPE_CHECKING:   # who checks types sees which names there are
+    __getattr__ = on_first_use(__name__)

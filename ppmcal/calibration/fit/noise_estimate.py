@@ -170,7 +170,8 @@ LARGER, SMALLER, AGREES = "larger", "smaller", "agrees"
 """What residuals may be against the stated noise."""
 
 
-STATED, ESTIMATED = "stated", "estimated"
+STATED = "stated"
+ESTIMATED = "estimated"
 
 
 def noise_source(datasets: Sequence[Dataset]) -> str:

@@ -2,77 +2,59 @@
 
 from __future__ import annotations
 
-from ppmcal.calibration.knowledge.consider_parameters import Considered, considered
-from ppmcal.calibration.knowledge.disagreement import Disagreement
-from ppmcal.calibration.knowledge.distance_from_nominal import farthest
-from ppmcal.calibration.knowledge.extrapolation import (
-    OUTSIDE,
-    extrapolated,
-    measured_ranges,
-    refuse_far,
-)
-from ppmcal.calibration.knowledge.freedom_choice import (
-    FreedomChoice,
-    choice_sentence,
-    with_chosen_freedoms,
-)
-from ppmcal.calibration.knowledge.identifiability_report import (
-    CALIPER,
-    CollinearParameters,
-    Identifiability,
-    Scale,
-    identifiability,
-    predict_identifiability,
-    with_held,
-)
-from ppmcal.calibration.knowledge.intervals import by_noise, coverage, honest, in_words
-from ppmcal.calibration.knowledge.parameter_estimates import (
-    FAR,
-    IMPLAUSIBLE,
-    Estimate,
-    estimates,
-    far_from_nominal,
-    registered,
-    with_estimates,
-)
-from ppmcal.calibration.knowledge.ranges import measured_by
-from ppmcal.calibration.knowledge.tension import pulled_apart
-from ppmcal.calibration.knowledge.tolerance_moves import as_pose, by_tolerances
-from ppmcal.calibration.knowledge.tolerated_noise import noise_beyond_tolerances
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "CALIPER",
-    "FAR",
-    "IMPLAUSIBLE",
-    "OUTSIDE",
-    "CollinearParameters",
-    "Considered",
-    "Disagreement",
-    "Estimate",
-    "FreedomChoice",
-    "Identifiability",
-    "Scale",
-    "as_pose",
-    "by_noise",
-    "by_tolerances",
-    "choice_sentence",
-    "considered",
-    "coverage",
-    "estimates",
-    "extrapolated",
-    "far_from_nominal",
-    "farthest",
-    "honest",
-    "identifiability",
-    "in_words",
-    "measured_by",
-    "measured_ranges",
-    "noise_beyond_tolerances",
-    "predict_identifiability",
-    "pulled_apart",
-    "refuse_far",
-    "registered",
-    "with_chosen_freedoms",
-    "with_estimates",
-    "with_held",
-]
+from ppmcal.lazy import on_first_use
+
+if TYPE_CHECKING:
+    from ppmcal.calibration.knowledge.consider_parameters import Considered as Considered
+    from ppmcal.calibration.knowledge.consider_parameters import considered as considered
+    from ppmcal.calibration.knowledge.disagreement import Disagreement as Disagreement
+    from ppmcal.calibration.knowledge.distance_from_nominal import farthest as farthest
+    from ppmcal.calibration.knowledge.extrapolation import OUTSIDE as OUTSIDE
+    from ppmcal.calibration.knowledge.extrapolation import extrapolated as extrapolated
+    from ppmcal.calibration.knowledge.extrapolation import measured_ranges as measured_ranges
+    from ppmcal.calibration.knowledge.extrapolation import refuse_far as refuse_far
+    from ppmcal.calibration.knowledge.freedom_choice import FreedomChoice as FreedomChoice
+    from ppmcal.calibration.knowledge.freedom_choice import choice_sentence as choice_sentence
+    from ppmcal.calibration.knowledge.freedom_choice import (
+        with_chosen_freedoms as with_chosen_freedoms,
+    )
+    from ppmcal.calibration.knowledge.identifiability_report import CALIPER as CALIPER
+    from ppmcal.calibration.knowledge.identifiability_report import (
+        CollinearParameters as CollinearParameters,
+    )
+    from ppmcal.calibration.knowledge.identifiability_report import (
+        Identifiability as Identifiability,
+    )
+    from ppmcal.calibration.knowledge.identifiability_report import Scale as Scale
+    from ppmcal.calibration.knowledge.identifiability_report import (
+        identifiability as identifiability,
+    )
+    from ppmcal.calibration.knowledge.identifiability_report import (
+        predict_identifiability as predict_identifiability,
+    )
+    from ppmcal.calibration.knowledge.identifiability_report import with_held as with_held
+    from ppmcal.calibration.knowledge.intervals import by_noise as by_noise
+    from ppmcal.calibration.knowledge.intervals import coverage as coverage
+    from ppmcal.calibration.knowledge.intervals import honest as honest
+    from ppmcal.calibration.knowledge.intervals import in_words as in_words
+    from ppmcal.calibration.knowledge.parameter_estimates import FAR as FAR
+    from ppmcal.calibration.knowledge.parameter_estimates import IMPLAUSIBLE as IMPLAUSIBLE
+    from ppmcal.calibration.knowledge.parameter_estimates import Estimate as Estimate
+    from ppmcal.calibration.knowledge.parameter_estimates import estimates as estimates
+    from ppmcal.calibration.knowledge.parameter_estimates import (
+        far_from_nominal as far_from_nominal,
+    )
+    from ppmcal.calibration.knowledge.parameter_estimates import registered as registered
+    from ppmcal.calibration.knowledge.parameter_estimates import with_estimates as with_estimates
+    from ppmcal.calibration.knowledge.ranges import measured_by as measured_by
+    from ppmcal.calibration.knowledge.tension import pulled_apart as pulled_apart
+    from ppmcal.calibration.knowledge.tolerance_moves import as_pose as as_pose
+    from ppmcal.calibration.knowledge.tolerance_moves import by_tolerances as by_tolerances
+    from ppmcal.calibration.knowledge.tolerated_noise import (
+        noise_beyond_tolerances as noise_beyond_tolerances,
+    )
+
+if not TYPE_CHECKING:   # who checks types sees which names there are
+    __getattr__ = on_first_use(__name__)

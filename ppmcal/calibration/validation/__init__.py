@@ -2,41 +2,32 @@
 
 from __future__ import annotations
 
-from ppmcal.calibration.validation.frozen_models import (
-    FEWEST,
-    OPEN,
-    FrozenModel,
-    ModelError,
-    Validated,
-    validated,
-    with_and_without,
-)
-from ppmcal.calibration.validation.left_out_rows import DoubtfulStretch, LeftOut, left_out, thirds
-from ppmcal.calibration.validation.nominal_machine import DEFINITION, before
-from ppmcal.calibration.validation.residual_vectors import Residuals, fresh_state, residuals, split
-from ppmcal.calibration.validation.session_validation import other_sessions
-from ppmcal.calibration.validation.summary import Dependence, Identification, report
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "DEFINITION",
-    "FEWEST",
-    "OPEN",
-    "Dependence",
-    "DoubtfulStretch",
-    "FrozenModel",
-    "Identification",
-    "LeftOut",
-    "ModelError",
-    "Residuals",
-    "Validated",
-    "before",
-    "fresh_state",
-    "left_out",
-    "other_sessions",
-    "report",
-    "residuals",
-    "split",
-    "thirds",
-    "validated",
-    "with_and_without",
-]
+from ppmcal.lazy import on_first_use
+
+if TYPE_CHECKING:
+    from ppmcal.calibration.validation.frozen_models import FEWEST as FEWEST
+    from ppmcal.calibration.validation.frozen_models import OPEN as OPEN
+    from ppmcal.calibration.validation.frozen_models import FrozenModel as FrozenModel
+    from ppmcal.calibration.validation.frozen_models import ModelError as ModelError
+    from ppmcal.calibration.validation.frozen_models import Validated as Validated
+    from ppmcal.calibration.validation.frozen_models import validated as validated
+    from ppmcal.calibration.validation.frozen_models import with_and_without as with_and_without
+    from ppmcal.calibration.validation.left_out_rows import DoubtfulStretch as DoubtfulStretch
+    from ppmcal.calibration.validation.left_out_rows import LeftOut as LeftOut
+    from ppmcal.calibration.validation.left_out_rows import left_out as left_out
+    from ppmcal.calibration.validation.left_out_rows import thirds as thirds
+    from ppmcal.calibration.validation.nominal_machine import DEFINITION as DEFINITION
+    from ppmcal.calibration.validation.nominal_machine import before as before
+    from ppmcal.calibration.validation.residual_vectors import Residuals as Residuals
+    from ppmcal.calibration.validation.residual_vectors import fresh_state as fresh_state
+    from ppmcal.calibration.validation.residual_vectors import residuals as residuals
+    from ppmcal.calibration.validation.residual_vectors import split as split
+    from ppmcal.calibration.validation.session_validation import other_sessions as other_sessions
+    from ppmcal.calibration.validation.summary import Dependence as Dependence
+    from ppmcal.calibration.validation.summary import Identification as Identification
+    from ppmcal.calibration.validation.summary import report as report
+
+if not TYPE_CHECKING:   # who checks types sees which names there are
+    __getattr__ = on_first_use(__name__)
