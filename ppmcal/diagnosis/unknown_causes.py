@@ -128,15 +128,31 @@ class UnknownCauses:
         seen = Visible(self.system, plain(self.system), np.zeros((self.system.observed.size, 0)),
                        self.system.residual.reshape(-1))
         for curve, on in forms(seen, everywhere, (), every=True):
-            second = _matern(curve.by_nodes, SECOND) if curve.by else np.ones((1, 1))
-            kernels = [np.asarray(np.kron(_matern(curve.nodes, length), second))
-                       for length in LENGTHS]
+            kernels = self._kernels(curve, on)
             acted = [a for a, there in zip(mechanism.actuators, on, strict=True) if there]
             where = curve.acts if curve.acts != JOINT else " ".join(acted)
             together = curve.acts == JOINT and len(acted) > 1
             label = (f"a function of {' and '.join(curve.inputs)}"
                      f"{' by direction' if curve.signed else ''} acting on {where}")
             yield label, columns_of(seen, curve, on), kernels, together, curve, on, ""
+
+    def _kernels(self, curve: LearnedCurve, on: Sequence[bool]) -> list[Array]:
+        """Return the kernels of a curve's values, by length.
+
+        What one input does by itself, or a direction alone, is a cause of its own: a function of
+        two, or by direction, is what is left of it (functional analysis of variance).
+        """
+        whole = [_matern(curve.nodes, length) for length in LENGTHS]
+        if not (curve.by or curve.signed):
+            return whole
+        inputs = [curve.seen(p.setting) for p in self.system.firsts]
+        own = [np.concatenate([x[n].reshape(len(x[n]), -1)[:, list(on) if x[n].ndim > 1 else [0]]
+                               .ravel() for x in inputs]) for n in range(len(curve.inputs))]
+        rest = [_beyond_mean(kernel, curve.nodes, own[0]) for kernel in whole]
+        if not curve.by:
+            return rest
+        second = _beyond_mean(_matern(curve.by_nodes, SECOND), curve.by_nodes, own[1])
+        return [np.asarray(np.kron(first, second)) for first in rest]
 
     def _of_ways(self) -> Iterator[Made]:
         """Yield functions of the way from the row before, where no file says how rows were reached.
@@ -163,8 +179,10 @@ class UnknownCauses:
                 continue
             low, high = float(np.nanmin(known)), float(np.nanmax(known))
             nodes = np.linspace(low, high, WAVES)
-            kernels = [_matern(nodes, length) for length in LENGTHS]
+            whole = [_matern(nodes, length) for length in LENGTHS]
+            reached = known[np.isfinite(known)]
             for signed in (False, True) if sided else (False,):
+                kernels = [_beyond_mean(k, nodes, reached) for k in whole] if signed else whole
                 columns = np.zeros((system.observed.size, WAVES))
                 for a in on:
                     weight = spline_basis(nodes, np.nan_to_num(way[:, a])) * np.isfinite(
@@ -231,6 +249,13 @@ def _way(q: Array) -> Array:
 def _free(motion: str) -> tuple[str, ...]:
     """Return the coordinates in which base and target can move, whatever the machine does."""
     return COORDINATES["planar" if motion == "planar" else "spatial"]
+
+
+def _beyond_mean(kernel: Array, nodes: Array, x: Array) -> Array:
+    """Return the kernel of values at nodes (n, n) of functions whose mean over inputs x is 0."""
+    mean = spline_basis(nodes, x[np.isfinite(x)]).mean(axis=0)
+    along = kernel @ mean
+    return np.asarray(kernel - np.outer(along, along) / float(mean @ along))
 
 
 def _matern(nodes: Array, length: float) -> Array:
