@@ -96,6 +96,8 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     return Asked(asked, system, tuple(source for _, source in every))
 
 
+BY_JOINT = ("dir", "vel")
+"""Inputs that each joint has of its own."""
 ROW_FAMILY = "row"
 """The family of rows that do not belong, a wrong point, a typo, a broken beam."""
 
@@ -159,7 +161,15 @@ def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
     return Block(h.label, family, (*h.columns, *(c for c, _ in h.starts)), log_prior,
                  low=low, high=high, group=_group(h, family),
                  starts=tuple(of for _, of in h.starts), least=least, gives=_place(h.kind, h.on),
-                 needs=_place(*h.leans) if h.leans else "")
+                 needs=_place(*h.leans) if h.leans else "", reads=_inputs(h),
+                 way=f"{h.misread} {h.follows}".rstrip())
+
+
+def _inputs(h: Hypothesis) -> frozenset[str]:
+    """Return the recorded inputs that an effect takes, those of joints by joint."""
+    needs = h.effect.needs if h.effect else ()
+    return frozenset(f"{name} {joint}" for name in needs
+                     for joint in ((h.on or ("",)) if name in BY_JOINT else ("",)))
 
 
 def _group(h: Hypothesis, family: str) -> str:

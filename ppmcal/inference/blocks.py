@@ -35,6 +35,8 @@ class Block:
             a standard normal, theirs is: what a memory was before the first row.
         least: rms, in sigmas, below which a column is nothing but round-off.
         gives, needs: a block with ``needs`` can only be there beside one that ``gives`` the same.
+        reads: recorded inputs that it takes, ``way``: as what, empty: as they were read. No set
+            takes one input in two ways.
     """
 
     name: str
@@ -50,6 +52,8 @@ class Block:
     least: float = 0.0
     gives: str = ""
     needs: str = ""
+    reads: frozenset[str] = frozenset()
+    way: str = ""
 
     def own_roots(self, gram: Array, count: int) -> tuple[Array, ...]:
         """Return its roots, or that of each column alone; ``gram`` (k, k) of its own columns.

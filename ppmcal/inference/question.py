@@ -195,18 +195,36 @@ class Question:
         rows = tuple(i for i in every if self.blocks[i].family in self.alone)
         return tuple(i for i in every if self.blocks[i].family not in self.alone), rows
 
+    @cached_property
+    def _readings(self) -> tuple[Ints, dict[str, Bools]]:
+        """By number the way in which each block takes its inputs (B,), and who takes an input."""
+        ways = {way: n for n, way in enumerate(dict.fromkeys(["", *(b.way for b in self.blocks)]))}
+        return (np.array([ways[b.way] for b in self.blocks], dtype=np.int64),
+                {name: np.array([name in b.reads for b in self.blocks], dtype=bool)
+                 for name in {name for b in self.blocks if b.way for name in b.reads}})
+
+    def _contradicts(self, chosen: Iterable[int]) -> Bools:
+        """Whether each block takes an input in another way than a set does (B,)."""
+        way, reading = self._readings
+        out = np.zeros(len(self.blocks), dtype=bool)
+        for i in chosen:
+            for name in self.blocks[i].reads & reading.keys():
+                out |= reading[name] & (way != way[i])
+        return out
+
     def complete(self, chosen: Sequence[int]) -> bool:
-        """Whether a set has all that its blocks need."""
+        """Whether a set has all that its blocks need, and takes each input in one way."""
         needs, gives = self._leaning
         own = list(chosen)
-        return not set(needs[own].tolist()) - {0, *gives[own].tolist()}
+        lacking = set(needs[own].tolist()) - {0, *gives[own].tolist()}
+        return not (lacking or self._contradicts(own)[own].any())
 
     def completes(self, chosen: Sequence[int]) -> Bools:
-        """Whether a set has all that its blocks need with each block more (B,)."""
+        """Whether a set is complete with each block more (B,)."""
         needs, gives = self._leaning
         there = {0, *gives[list(chosen)].tolist()}
         lack = set(needs[list(chosen)].tolist()) - there
         able = np.isin(needs, list(there)) | (needs == gives)
         if lack:
             able &= (gives == min(lack)) & (len(lack) == 1)
-        return np.asarray(able)
+        return np.asarray(able & ~self._contradicts(chosen))

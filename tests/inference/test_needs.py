@@ -49,3 +49,24 @@ def test_what_it_needs_can_be_exchanged_beside_it() -> None:
     whole = state(question, (EACH, OFFSET))
     assert np.isfinite(whole.log_p)
     assert abs(alone.scores[ALIKE] - state(question, (ALIKE, OFFSET)).log_p) < 5.0
+
+
+def test_no_set_takes_an_input_in_two_ways() -> None:
+    """Half of an effect and half of it turned in some rows are an effect of the other rows."""
+    rng = np.random.default_rng(7)
+    whole = rng.normal(size=ROWS * WIDTH)
+    turned = whole * np.where(np.arange(whole.size) < 50, -1.0, 1.0)
+    prior = float(np.log(1 / 50))
+    blocks = (Block("as read", "a", (0,), prior, reads=frozenset({"dir"})),
+              Block("turned in some rows", "b", (1,), prior, reads=frozenset({"dir"}),
+                    way="turned"),
+              Block("another effect as read", "c", (2,), prior, reads=frozenset({"dir", "load"})))
+    columns = np.column_stack([whole, turned, rng.normal(size=whole.size)])
+    question = Question(MatrixColumns(columns), rng.normal(size=whole.size)
+                        + 2.0 * (whole + turned), np.ones((whole.size, 1)), blocks,
+                        np.ones((ROWS, WIDTH), dtype=bool), np.zeros(ROWS - 1, dtype=np.int64))
+    assert not np.isfinite(state(question, (0, 1)).log_p)
+    assert np.isfinite(state(question, (0, 2)).log_p)
+    assert np.isfinite(state(question, (0,)).scores).tolist() == [False, False, True]
+    assert np.isfinite(state(question, (1,)).scores).tolist() == [False, False, False]
+    assert len(posterior(question).best.chosen) == 1
