@@ -237,7 +237,7 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
     moved = [a.hypothesis for a in added if _between_points(a.hypothesis)]
     for system, columns in _systems(whole, fit, own, keep, bool(moved)):
         tried = [fit.problem.free[c] for c in columns]
-        found = library(system, kinds, tried, misread=True)
+        found = library(system, kinds, tried, as_named=True, misread=True)
         asked = question(system, found, UnknownCauses(system, everywhere), columns)
         # shapes without a cause have one name, and what a fit has stands in a grid twice
         first: dict[object, int] = {}

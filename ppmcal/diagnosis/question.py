@@ -113,7 +113,8 @@ def rows(observed: Bools, first: int) -> Iterator[tuple[Block, int]]:
                         float(np.log(float(GROSS_ROW)))), n
 
 
-def blocks(library: Library, least: float = 0.0) -> Iterator[tuple[Block, Hypothesis]]:
+def blocks(library: Library, least: float = 0.0
+           ) -> Iterator[tuple[Block, Hypothesis | UnknownCause]]:
     """Yield the library's hypotheses, each with its prior; ``least``: as of a block."""
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
     for h in library.hypotheses:
@@ -131,11 +132,31 @@ def blocks(library: Library, least: float = 0.0) -> Iterator[tuple[Block, Hypoth
                     1.0 - float(PLAIN) if scanned else float(PLAIN))
                 each[family, form, scanned] = top + float(np.log(share[form] * part / count))
             for h in own:
-                yield _block(h, family, each[family, form, h.scanned], least), h
+                block = _block(h, family, each[family, form, h.scanned], least)
+                yield block, h
+                if h.effect is not None and _one_sign(h) and not (h.scanned or h.leans):
+                    yield _opposite(block)
     for h in library.misread:
         right = replace(h, misread="", follows="")
         log_prior = each[right.family, (h.on, h.shared), h.scanned] + float(np.log(float(MISREAD)))
         yield _block(h, h.family, log_prior - h.choices, least), h
+
+
+def _one_sign(h: Hypothesis) -> bool:
+    """Whether physics gives the sign of all that an effect has."""
+    low, high = _range(h)
+    return min(low) >= 0.0 or max(high) <= 0.0
+
+
+def _opposite(block: Block) -> tuple[Block, UnknownCause]:
+    """Return what acts as an effect does, but with the sign that physics forbids: no known cause."""
+    name = f"{block.name} of the opposite sign"
+    low, high = (tuple(-end for end in ends.tolist()) for ends in reversed(block.ends))
+    own = len(block.columns) - len(block.starts)
+    log_prior = block.log_prior + float(np.log(float(MISREAD)))
+    cause = UnknownCause(name, len(block.columns), (), float(np.exp(log_prior)) / float(UNKNOWN))
+    return replace(block, name=name, family=UNKNOWN_FAMILY, form=name, group="", gives="",
+                   log_prior=log_prior, low=low[:own], high=high[:own]), cause
 
 
 def _prior(h: Hypothesis) -> float:
@@ -204,6 +225,7 @@ def _shares(forms: Sequence[Form]) -> dict[Form, float]:
 
 
 def _range(h: Hypothesis) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    usual = h.usual or ((-np.inf, np.inf),) * h.size
-    return (tuple(max(a, b) for a, (b, _) in zip(h.low, usual, strict=True)),
-            tuple(min(a, b) for a, (_, b) in zip(h.high, usual, strict=True)))
+    """Return between which its coefficients are: as they may be, usually are, and are named."""
+    free = ((-np.inf, np.inf),) * h.size
+    ends = np.array([tuple(zip(h.low, h.high, strict=True)), h.usual or free, h.named or free])
+    return tuple(ends[..., 0].max(axis=0).tolist()), tuple(ends[..., 1].min(axis=0).tolist())

@@ -33,7 +33,7 @@ def asked(machine: str, kinds: list[str], eta: float = 1.0, frozen: tuple[str, .
     fit = identify(with_whole_rows(Problem(mechanism, (found.dataset,), tuple(free))),
                    FitOptions())
     system = build(fit.problem, fit.state, fit.keep)
-    return question(system, library(system, misread=True), UnknownCauses(system, all_settings(fit)))
+    return question(system, library(system, as_named=True, misread=True), UnknownCauses(system, all_settings(fit)))
 
 
 def test_frozen_slots_of_one_sort_share_a_prior_and_a_second_of_a_sort_costs_less() -> None:
@@ -124,3 +124,21 @@ def test_special_forms_and_plates_have_a_tenth_of_the_prior_of_their_like() -> N
     plates = [f for f in of if f.startswith("plate_compliance")]
     assert len(plates) == 2
     assert sum(of[f] for f in plates) == pytest.approx(float(FAMILY) * float(SELDOM))
+
+
+def test_what_shrinks_where_it_should_grow_has_no_name() -> None:
+    """No platform shrinks with heat; one that grows as much is named."""
+    def around(turned: float) -> Round:
+        found = hide("3-RPR", 7, ["platform_thermal"], 2.0, Options(poses=60), "all")
+        middle = float(np.mean(found.dataset.columns["temperature"]))
+        data = replace(found.dataset, columns={
+            n: middle + turned * (v - middle) if n == "temperature" else v
+            for n, v in found.dataset.columns.items()})
+        fit = identify(with_whole_rows(Problem(found.mechanism, (data,), found.mechanism.free)),
+                       FitOptions())
+        return explained(fit, FitOptions())[-1]
+
+    assert [p.label for p in around(1.0).places] == ["platform_thermal"]
+    told = around(-1.0)
+    assert not any(p.named for p in told.places)
+    assert any("of the opposite sign" in p.label for p in told.unnamed)
