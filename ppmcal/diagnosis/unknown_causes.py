@@ -35,6 +35,8 @@ SECOND = 2.0
 """Length along a second input."""
 WAVES = 24
 """Half waves of a course in time."""
+SETTLES = (0.05, 0.15, 0.4)
+"""Time constants of what settles, in parts of the campaign."""
 ROUND_OFF = 1e-11
 
 
@@ -194,34 +196,60 @@ class UnknownCauses:
                        columns, kernels, len(on) > 1, None, (), "")
 
     def _of_time(self) -> Iterator[Made]:
-        system = self.system
-        parts, mechanism = system.parts, system.problem.mechanism
-        row = np.concatenate([p.response.rows.row for p in system.firsts])
-        if np.unique(row).size < 2 * WAVES // 2:
+        """Yield slow courses of zeros, base and target, from row to row and in recorded time."""
+        if np.unique(self._rows).size < WAVES:
             return
-        place = np.argsort(np.argsort(row, kind="stable"), kind="stable") / max(row.size - 1.0, 1.0)
         wave = np.pi * np.arange(1, WAVES + 1)
-        waves = np.cos(place[:, None] * wave)
         kernels = [np.diag((1.0 + (length * wave) ** 2 / 5.0) ** -3.0) for length in LENGTHS]
         kernels.append(np.diag(wave**-2.0))    # a Wiener walk
-        ways = {f"the base's {c}": [_moved("frame", c, len(p.response.pose)) for p in parts]
-                for c in _free(mechanism.motion)}
-        units = {way: system.column(shifts) * system.observed for way, shifts in ways.items()}
-        units |= self.zeros
-        for way, unit in units.items():
-            columns = (unit[..., None] * waves[:, None, :]).reshape(system.observed.size, WAVES)
-            yield (f"a slow course of {way}", columns, kernels, way == "all zeros", None, (), way)
-        for body, lever in (("base", "frame"), ("target", "target")):
-            every = [system.column([_moved(lever, c, len(p.response.pose)) for p in parts])
-                     * system.observed for c in _free(mechanism.motion)]
+        kernels += [np.outer(c, c) for c in (_settling(tau, wave) for tau in SETTLES)]
+        for when, place in self._places().items():
+            waves = np.cos(place[:, None] * wave)
+            for way, units in self._moving().items():
+                columns = np.concatenate([(u[..., None] * waves[:, None, :]).reshape(-1, WAVES)
+                                          for u in units], axis=1)
+                each = [np.asarray(np.kron(np.eye(len(units)), k)) for k in kernels]
+                together = way == "all zeros" or len(units) > 1
+                yield f"a slow course{when} of {way}", columns, each, together, None, (), way
+
+    @cached_property
+    def _rows(self) -> Array:
+        return np.concatenate([p.response.rows.row for p in self.system.firsts]).astype(float)
+
+    def _places(self) -> dict[str, Array]:
+        """Return where each row is in the campaign (N,), 0 to 1: from row to row, and in time."""
+        rows = self._rows
+        rank = np.argsort(np.argsort(rows, kind="stable"), kind="stable") / max(rows.size - 1.0, 1.0)
+        out = {"": rank}
+        time = np.concatenate([p.setting.time for p in self.system.firsts])
+        if np.isfinite(time).all() and np.ptp(time) > 0.0:
+            part = (time - time.min()) / np.ptp(time)
+            if np.max(np.abs(part - rank)) > 0.5 / WAVES:
+                out[" in time"] = part
+        return out
+
+    def _moving(self) -> dict[str, list[Array]]:
+        """Return what wanders: by a metre, a radian or one sigma of each coordinate (N, m)."""
+        system, motion = self.system, self.system.problem.mechanism.motion
+        moved = {body: [system.column([_moved(lever, c, len(p.response.pose))
+                                       for p in system.parts]) * system.observed
+                        for c in _free(motion)]
+                 for body, lever in (("base", "frame"), ("target", "target"))}
+        out = {f"the base's {c}": [unit] for c, unit in zip(_free(motion), moved["base"],
+                                                            strict=True)}
+        out |= {way: [unit] for way, unit in self.zeros.items()}
+        for body, every in moved.items():
             rms = [float(np.sqrt(np.sum(u**2) / system.count)) for u in every]
             own = [np.asarray(u / r) for u, r in zip(every, rms, strict=True) if r > self.least]
             if own:
-                columns = np.concatenate(
-                    [(u[..., None] * waves[:, None, :]).reshape(system.observed.size, WAVES)
-                     for u in own], axis=1)
-                each = [np.asarray(np.kron(np.eye(len(own)), k)) for k in kernels]
-                yield f"a slow course of the {body}", columns, each, True, None, (), body
+                out[f"the {body}"] = own
+        return out
+
+
+def _settling(tau: float, wave: Array) -> Array:
+    """Return the cosine series (k,) of exp(-t/tau) over 0 to 1 without its mean."""
+    sign = np.cos(wave)     # of the last end, +1 or -1
+    return np.asarray(2.0 * (1.0 - np.exp(-1.0 / tau) * sign) / (tau * (1.0 / tau**2 + wave**2)))
 
 
 def _root(kernel: Array) -> Array:

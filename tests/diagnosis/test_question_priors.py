@@ -33,7 +33,8 @@ def asked(machine: str, kinds: list[str], eta: float = 1.0, frozen: tuple[str, .
     fit = identify(with_whole_rows(Problem(mechanism, (found.dataset,), tuple(free))),
                    FitOptions())
     system = build(fit.problem, fit.state, fit.keep)
-    return question(system, library(system, as_named=True, misread=True), UnknownCauses(system, all_settings(fit)))
+    return question(system, library(system, as_named=True, misread=True),
+                    UnknownCauses(system, all_settings(fit)))
 
 
 def test_frozen_slots_of_one_sort_share_a_prior_and_a_second_of_a_sort_costs_less() -> None:
@@ -142,3 +143,20 @@ def test_what_shrinks_where_it_should_grow_has_no_name() -> None:
     told = around(-1.0)
     assert not any(p.named for p in told.places)
     assert any("of the opposite sign" in p.label for p in told.unnamed)
+
+
+def test_a_leg_that_settles_over_breaks_has_no_name() -> None:
+    """In rows it is a step, in time it is none."""
+    found = hide("3-RPR", 7, [], 1.0, Options(poses=90), None)
+    time = found.dataset.columns["time"].copy()
+    span, count = np.ptp(time), time.size
+    time[count // 8:] += span
+    time[count // 2:] += 2.0 * span
+    q = found.dataset.q.copy()
+    q[:, 0] += 6e-5 * found.mechanism.reach * np.exp(-(time - time[0]) / (0.3 * span))
+    data = replace(found.dataset, q=q, columns={**found.dataset.columns, "time": time})
+    fit = identify(with_whole_rows(Problem(found.mechanism, (data,), found.mechanism.free)),
+                   FitOptions())
+    place, = explained(fit, FitOptions())[-1].places
+    assert not place.named
+    assert place.label == "a slow course in time of the zero of leg1"
