@@ -12,6 +12,7 @@ from ppmcal.inference.block_sets import BlockSet, Numbers, state
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.priors import MOST_GROSS
 from ppmcal.inference.question import NoiseView, Question
+from ppmcal.inference.ranges import SIZES
 from ppmcal.linalg import Array, Bools
 
 CLOSE = 8.0
@@ -105,8 +106,9 @@ class SetSearch:
         Many rows at once, parts or several in the place of one, one in the place of several, two
         events at once.
         """
-        for far in chain(self._masked(now), self._parted(now), self._reshaped(now),
-                         self._split(now), self._merged(now), self._pairs(now, now.log_p)):
+        for far in chain(self._masked(now), self._parted(now), self._whole(now),
+                         self._reshaped(now), self._split(now), self._merged(now),
+                         self._pairs(now, now.log_p)):
             if far.log_p > now.log_p + LEAST_GAIN:
                 return far
         return None
@@ -154,19 +156,56 @@ class SetSearch:
             last, each, count = at, gain, 2 * count
 
     def _parted(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with parts of one block in its place, those first that it needs most.
+        """Yield the likeliest set with parts of one block in its place.
 
-        What all joints have a value of their own for, perhaps two of them have.
+        What all joints have a value of their own for, perhaps two of them have: what is needed
+        least beside the others goes first, as long as the set is likelier for it.
         """
-        blocks, sized = self.question.blocks, now.likeliest[2]
-        for n, i in enumerate(now.causes):
-            mine = {c: k for k, c in enumerate(blocks[i].columns)}
-            parts = list(self.question.parts.get(i, ()))
-            sure = np.abs(sized.values[n]) / np.maximum(sized.sigmas[n], 1e-300)
-            parts.sort(key=lambda j: -max(sure[mine[c]] for c in blocks[j].columns))
-            rest = tuple(j for j in now.chosen if j != i)
-            for count in range(1, len(parts)):
-                yield self.visit((*rest, *parts[:count]))
+        for i in now.causes:
+            rest, best = tuple(j for j in now.chosen if j != i), None
+            parts = self._by_need(now, i) if self.question.parts.get(i) else []
+            while len(parts) > 1:
+                parts = parts[1:]
+                at = self.visit((*rest, *parts))
+                if best is not None and at.log_p <= best.log_p:
+                    break
+                best = at
+            if best is not None:
+                yield best
+
+    def _by_need(self, now: BlockSet, i: int) -> list[int]:
+        """Return the parts of a block, each the one that is needed least beside those after it.
+
+        Where errors of joints look alike, each by itself is unsure, and one of them is sure.
+        """
+        blocks, (number, _, found) = self.question.blocks, now.likeliest
+        block, n = blocks[i], now.causes.index(i)
+        past, own = now.given(number, found, i), list(block.columns)
+        values, seen = past.columns.some(own), past.seen[own]
+        gram = values.T @ values
+        root = SIZES[found.sizes[n]] * block.own_roots(gram, past.count)[found.grid[n]]
+        inner = root.T @ (gram - seen @ seen.T) @ root + np.eye(root.shape[1])
+        right, place = root.T @ past.right[own], {c: k for k, c in enumerate(own)}
+        mine = {j: [place[c] for c in blocks[j].columns] for j in self.question.parts[i]}
+        order = list[int]()
+        while mine:
+            left = sorted({k for columns in mine.values() for k in columns})
+            known = linalg.inv(inner[np.ix_(left, left)])
+            value = dict(zip(left, known @ right[left], strict=True))
+            sure = {}
+            for j, columns in mine.items():
+                each, at = np.array([value[k] for k in columns]), np.searchsorted(left, columns)
+                sure[j] = float(each @ linalg.solve(known[np.ix_(at, at)], each))
+            order.append(min(mine, key=lambda j: (sure[j], j)))
+            del mine[order[-1]]
+        return order
+
+    def _whole(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with a block in the place of those that are parts of it."""
+        for i, parts in self.question.parts.items():
+            rest = tuple(j for j in now.chosen if j not in parts)
+            if i not in rest and len(rest) < len(now.chosen) - 1:
+                yield self.visit((*rest, i))
 
     def _reshaped(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with another form of a family in the place of one block, and one more block.
