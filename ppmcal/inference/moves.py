@@ -9,10 +9,10 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.inference.block_sets import BlockSet, Numbers, state
-from ppmcal.inference.given import Conditioned
+from ppmcal.inference.pairs import Events
 from ppmcal.inference.priors import MOST_GROSS
-from ppmcal.inference.question import NoiseView, Question
-from ppmcal.inference.ranges import SIZES
+from ppmcal.inference.question import Question
+from ppmcal.inference.ranges import LEAST, SIZES
 from ppmcal.linalg import Array, Bools
 
 CLOSE = 8.0
@@ -271,46 +271,30 @@ class SetSearch:
             at = best
 
     def _pairs(self, at: BlockSet, least: float) -> Iterator[BlockSet]:
-        """Yield sets with two events of one group more that may be likelier than ``least``."""
-        number, _, found = at.likeliest
-        past = at.given(number, found)
-        parts = {i for own in self.question.parts.values() for i in own}
-        for group, every in self.question.groups.items():
-            # parts of another block are come to from there, one by one
-            free = [i for i in every if i not in at.chosen and i not in parts]
-            if len(free) > 1:
-                i, j, most = self._likeliest_pair(self.question.views[number], past, group, free)
-                prior = (self.question.log_prior((*at.chosen, i, j))
-                         - self.question.log_prior(at.chosen))
-                if at.log_p + most + prior > least:
-                    yield self.visit((*at.chosen, i, j))
+        """Yield sets with two events of one group more that may be likelier than ``least``.
 
-    def _likeliest_pair(self, view: NoiseView, given: Conditioned, group: str,
-                        free: Sequence[int]) -> tuple[int, int, float]:
-        """Return the two events whose columns explain most, and how much likelier at most."""
-        columns = np.array([self.question.blocks[i].columns for i in free])   # (E, k)
-        whole = self.question.groups[group]
-        if group not in view.events:
-            values = given.columns.some([c for i in whole for c in self.question.blocks[i].columns])
-            view.events[group] = values.T @ values
-        width, places = columns.shape[1], {i: n for n, i in enumerate(whole)}
-        own = np.concatenate([np.arange(width) + places[i] * width for i in free])
-        seen = given.seen[columns.ravel()]
-        gram = (view.events[group][np.ix_(own, own)] - seen @ seen.T).reshape(
-            *columns.shape, *columns.shape)
-        right, each = given.right[columns], np.arange(len(free))
-        alone = gram[each, :, each]
-        first, second = np.triu_indices(len(free), 1)
-        block = np.concatenate([
-            np.concatenate([alone[first], gram[first, :, second]], axis=2),
-            np.concatenate([gram[second, :, first], alone[second]], axis=2)], axis=1)
-        wanted = np.concatenate([right[first], right[second]], axis=1)
-        ridge = 1e-6 * np.trace(block, axis1=1, axis2=2)[:, None, None] + 1e-300
-        found = linalg.solve_blocks(block + ridge * np.eye(2 * width), wanted[..., None])[..., 0]
-        gains = np.sum(found * wanted, axis=1)
-        best = int(np.argmax(gains))
-        left = max(1.0 - float(gains[best]) / given.spread, 1e-9)
-        return free[first[best]], free[second[best]], -0.5 * given.freedom * float(np.log(left))
+        For every correlation: without both, noise that is correlated looks likelier than it is.
+        """
+        parts = {i for own in self.question.parts.values() for i in own}
+        # parts of another block are come to from there, one by one
+        free = {group: own for group, every in self.question.groups.items() if len(
+            own := [i for i in every if i not in at.chosen and i not in parts]) > 1}
+        most: dict[tuple[int, int], float] = {}
+        for number, log_p, found in at.views if free else ():
+            past, view = at.given(number, found), self.question.views[number]
+            for group, own in free.items():
+                if group not in view.events:
+                    view.events[group] = Events.of(
+                        view.blocks, self.question.groups[group], view.start.columns)
+                i, j, gain = view.events[group].most(past, own)
+                left = max(1.0 - gain / past.spread, LEAST)
+                most[i, j] = max(most.get((i, j), -np.inf),
+                                 log_p - 0.5 * past.freedom * float(np.log(left)))
+        prior = self.question.log_prior(at.chosen) - float(np.log(len(at.views)))
+        for pair, log_p in sorted(most.items(), key=lambda found: -found[1]):
+            chosen = (*at.chosen, *pair)
+            if log_p + self.question.log_prior(chosen) - prior > least:
+                yield self.visit(chosen)
 
     def _likelier(self, now: BlockSet, moves: Iterable[tuple[float, tuple[int, ...]]]
                   ) -> BlockSet | None:
