@@ -96,6 +96,26 @@ def test_a_sign_is_asked_in_every_set(seed: int) -> None:
         assert (posterior(asked).probability[0] > 0.05) == (sign > 0.0)    # its prior
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_kind_on_another_joint_is_an_answer_of_its_own(seed: int) -> None:
+    """Two points of a grid on each of two joints that look alike, and all are of one family."""
+    matrix = np.random.default_rng(seed).normal(size=(ROWS * WIDTH, 5))
+    matrix[:, 1] = matrix[:, 0] + 0.2 * matrix[:, 1]
+    matrix[:, 2:4] = matrix[:, [0]] + 0.2 * matrix[:, 2:4]
+    blocks = (*(Block(f"play on {on}", "play", (i,), np.log(0.01), where=on)
+                for i, on in enumerate(("a", "a", "b", "b"))),
+              Block("other", "other", (4,), np.log(0.01)))
+    asked = asked_of(matrix, 0.8 * matrix[:, 0], seed, blocks=blocks)
+    compared(asked, 0.1)
+    true, found = every(asked), posterior(asked)
+    said = {asked.blocks[min(m.chosen)].where: m.probability
+            for m in found.members(0) if m.family}
+    for on, (i, j) in {"a": (0, 1), "b": (2, 3)}.items():
+        own = sum(np.exp(log_p) for key, log_p in true.items() if {i, j} & key)
+        assert 0.02 < own < 0.98 and said[on] == pytest.approx(own, abs=0.1)
+    assert found.families(0)["play"] > 0.95     # wherever it is
+
+
 @pytest.mark.parametrize("places", [((2,), ()), ((1, 3), ()), ((1,), (3,))])
 def test_events_are_as_likely_as_all_sets_say(
         places: tuple[tuple[int, ...], ...]) -> None:
