@@ -52,6 +52,11 @@ class BlockSet:
         """The likeliest of the views."""
         return max(self.views, key=lambda view: view[1])
 
+    @property
+    def scored(self) -> bool:
+        """Whether its scores are known."""
+        return "scores" in vars(self)
+
     def given(self, n: int, found: JointBlocks, but: int | None = None) -> Conditioned:
         """Return what the values are past the set, for the n-th correlation; ``but``: one cause."""
         view, sizes = self.question.views[n], {i: row.size for i, row in self.rows.items()}

@@ -33,8 +33,8 @@ class SetSearch:
     def __init__(self, question: Question) -> None:
         self.question = question
         self.states: dict[Numbers, BlockSet] = {}
-        self.nearby: dict[Numbers, float] = {}
         self.settled = set[Numbers]()
+        self.replaced: list[BlockSet] = []
         self.near: dict[int, tuple[int, int]] = {}
         self.rows: dict[Numbers, dict[int, int]] = {}
         self.likely: list[int] = []
@@ -43,6 +43,8 @@ class SetSearch:
         """Return a set, which is looked at once, for the correlations that are likely now."""
         key = frozenset(chosen)
         if key not in self.states:
+            if len(self.likely) == len(self.question.views):
+                return self.settle(chosen)
             self.states[key] = self._state(chosen, self.likely)
         return self.states[key]
 
@@ -50,9 +52,15 @@ class SetSearch:
         """Return a set for every correlation."""
         key = frozenset(chosen)
         if key not in self.settled:
+            self.replaced += [self.states[key]] if key in self.states else []
             self.states[key] = self._state(chosen, ())
             self.settled.add(key)
         return self.states[key]
+
+    @property
+    def scored(self) -> list[BlockSet]:
+        """Sets of which it is known how likely they are with each block more."""
+        return [at for at in (*self.states.values(), *self.replaced) if at.scored]
 
     def _state(self, chosen: tuple[int, ...], likely: Sequence[int]) -> BlockSet:
         """Return a set; the sizes of its rows are where the search for those of others begins."""
@@ -77,6 +85,7 @@ class SetSearch:
                       zip(found.causes, sized.sizes, sized.grid, strict=True)}
         if (likely := [n for n, _, _ in found.views]) != self.likely:
             self.likely = likely
+            self.replaced += [v for k, v in self.states.items() if k not in self.settled]
             self.states = {k: v for k, v in self.states.items() if k in self.settled}
         return found
 

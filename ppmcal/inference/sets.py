@@ -6,7 +6,7 @@ log p(H | y) = log Z(H) + log pi(H), for every correlation of the noise, and the
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -131,16 +131,31 @@ def posterior(question: Question, start: Sequence[int] = ()) -> SetPosterior:
         if better is None:
             break
         best = seen.whole(better)
-    for i in best.causes:
-        rest = seen.settle(tuple(j for j in best.chosen if j != i))
-        key = frozenset(rest.chosen)
-        for j in np.flatnonzero(rest.scores > best.log_p - NEGLIGIBLE).tolist():
-            seen.nearby.setdefault(key | {j}, float(rest.scores[j]))
-    counted = {key: at.log_p for key, at in seen.states.items()
-               if at.log_p > best.log_p - NEGLIGIBLE or not key}
-    mine = frozenset(best.chosen)       # what is beside it is counted there, and once
-    counted = {key: log_p for key, log_p in (seen.nearby | counted).items()
+    mine = frozenset(best.chosen)
+    rests = [seen.settle(tuple(j for j in best.chosen if j != i)) for i in best.causes]
+    counted = _scored([*rests, *seen.scored], best)
+    counted |= {key: at.log_p for key, at in seen.states.items()
+                if at.log_p > best.log_p - NEGLIGIBLE or not key}
+    # what is beside the best is counted there, and once
+    counted = {key: log_p for key, log_p in counted.items()
                if not (key > mine and len(key) == len(mine) + 1)}
     total = float(logsumexp(list(counted.values())))
     return SetPosterior(best, {key: log_p - total for key, log_p in counted.items()},
                         best.scores - best.log_p)
+
+
+def _scored(some: Iterable[BlockSet], best: BlockSet) -> dict[Numbers, float]:
+    """Return the log probability of sets with one block more than those that were scored.
+
+    In other sets than the best, and those with less, only of what is needed there: the rest is
+    beside them as it is beside the best.
+    """
+    found: dict[Numbers, float] = {}
+    for at in some:
+        key, least = frozenset(at.chosen), best.log_p - NEGLIGIBLE
+        if not key < frozenset(best.chosen):
+            least = max(least, at.log_p)
+        for j in np.flatnonzero(at.scores > least).tolist():
+            more = key | {j}
+            found[more] = max(found.get(more, -np.inf), float(at.scores[j]))
+    return found
