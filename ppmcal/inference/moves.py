@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import chain
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -113,11 +114,11 @@ class SetSearch:
         """Return a set that is likelier and farther away than one move, None where there is none.
 
         Many rows at once, parts or several in the place of one, one in the place of several, two
-        events at once.
+        events at once, alone or in the place of two others.
         """
         for far in chain(self._masked(now), self._parted(now), self._whole(now),
                          self._reshaped(now), self._split(now), self._merged(now),
-                         self._pairs(now, now.log_p)):
+                         self._renamed(now), self._pairs(now, now.log_p)):
             if far.log_p > now.log_p + LEAST_GAIN:
                 return far
         return None
@@ -245,6 +246,23 @@ class SetSearch:
                 at = self.visit(chosen)
                 yield at
             yield from self._pairs(self.settle(tuple(j for j in now.chosen if j != i)), now.log_p)
+
+    def _renamed(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with two events of another group in the place of two of one.
+
+        A base that moved twice: with either of them a target that moved does not go.
+        """
+        where: dict[str, list[int]] = defaultdict(list)
+        for i in now.causes:
+            where[self.question.blocks[i].group].append(i)
+        for group, events in where.items():
+            for two in combinations(events if group else (), 2):
+                rest = self.settle(tuple(j for j in now.chosen if j not in two))
+                for at in self._pairs(rest, now.log_p - CLOSE):
+                    yield at
+                    if at.log_p > now.log_p - CLOSE:
+                        for other in at.chosen[-2:]:    # so that either at other rows is scored
+                            self._best(self.settle((*rest.chosen, other)))
 
     def _merged(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with one more block, and without those that are not needed beside it.

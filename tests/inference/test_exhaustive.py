@@ -112,7 +112,7 @@ def test_what_was_scored_counts_as_what_was_looked_at(
         """A search that has come to one pair, and to a half of the other."""
 
         def better(self, now: BlockSet) -> BlockSet | None:
-            self.visit((2,)).scores     # noqa: B018
+            self._best(self.visit((2,)))
             return self.visit((0, 1)) if not now.chosen else None
 
         def far(self, now: BlockSet) -> BlockSet | None:

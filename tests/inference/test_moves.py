@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import combinations
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
 from ppmcal.inference import moves as steps
 from ppmcal.inference import sets
-from ppmcal.inference.block_sets import BlockSet
+from ppmcal.inference.block_sets import BlockSet, state
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns, UnitColumns
 from ppmcal.inference.moves import SetSearch
@@ -34,7 +36,8 @@ def without(monkeypatch: pytest.MonkeyPatch) -> Without:
                 len(move[1]) - len(now.chosen)] not in moves])
 
         monkeypatch.setattr(SetSearch, "_likelier", likelier)
-        for move in {"split", "merged", "pairs", "masked", "reshaped", "whole"} & set(moves):
+        for move in set(moves) & {"split", "merged", "pairs", "masked", "reshaped", "whole",
+                                  "renamed"}:
             monkeypatch.setattr(SetSearch, f"_{move}", lambda self, *of: iter(()))
         if "many" in moves:
             monkeypatch.setattr(SetSearch, "_with_others", lambda self, now, more: more)
@@ -204,6 +207,31 @@ def test_an_event_and_the_one_that_undoes_it_come_together(seed: int, without: W
     assert found(question) == {5, 7}
     without("pairs")
     assert found(question) != {5, 7}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_two_events_may_both_have_another_name(seed: int, without: Without) -> None:
+    """What was off for a while may be either body: neither has moved alone."""
+    base = np.random.default_rng(seed).normal(size=COUNT)
+    target = base + 0.1 * np.random.default_rng([seed, 2]).normal(size=COUNT)
+    onsets = range(4, ROWS - 2, 4)
+    matrix = np.column_stack([lever * np.repeat(np.arange(ROWS) >= o, WIDTH)
+                              for lever in (base, target) for o in onsets])
+    count = len(onsets)
+    blocks = tuple(Block(f"{body} {i}", body, (i + n * count,), np.log(0.02 / count), group=body)
+                   for n, body in enumerate(("base", "target")) for i in range(count))
+    question = asked(matrix, 4.0 * (matrix[:, 2] - matrix[:, 4]), blocks, seed)
+    true = {pair: state(question, pair).log_p for pair in combinations(range(2 * count), 2)}
+    alike = {body: logsumexp([v for pair, v in true.items() if {i // count for i in pair} == {n}])
+             for n, body in enumerate(("base", "target"))}
+    base_twice = float(1.0 / (1.0 + np.exp(alike["target"] - alike["base"])))
+    best = posterior(question)
+    assert set(best.best.chosen) == set(max(true, key=lambda pair: true[pair]))
+    assert all(best.families(place)["base"] == pytest.approx(base_twice, abs=0.06)
+               for place in (0, 1))
+    without("renamed")
+    best = posterior(question)
+    assert abs(best.families(1)["base"] - base_twice) > 0.1
 
 
 def with_rows(rows: int, spoiled: set[int], sigmas: float) -> Question:
