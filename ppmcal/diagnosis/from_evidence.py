@@ -94,7 +94,7 @@ class Told:
     def label(self, member: Member, place: CausePlace) -> str:
         """Return what a member of a place is called, empty for nothing."""
         own = member.chosen - (frozenset(self.last.answer.best.chosen) - {place.block})
-        return " and ".join(sorted(_called(self.last.asked.sources[i]) for i in own))
+        return " and ".join(sorted({_called(self.last.asked.sources[i]) for i in own}))
 
     def hypotheses(self, member: Member) -> list[Hypothesis]:
         """Return all that have a name in the likeliest set of a member."""

@@ -52,9 +52,9 @@ class Products:
     sums: dict[int, Sequence[int]]
 
     def some(self, which: Sequence[int]) -> Array:
-        """Return some columns (N, m, k), no two the same, one after the other in memory."""
-        sums = [t for t in which if t in self.sums]
-        need = [*which, *{c for t in sums for c in self.sums[t]}.difference(which)]
+        """Return some columns (N, m, k), one after the other in memory; one may be asked twice."""
+        sums = {n: self.sums[t] for n, t in enumerate(which) if t in self.sums}
+        need = [*which, *{c for own in sums.values() for c in own}.difference(which)]
         home, place = self._homes
         at, out = home[need], np.empty((len(need), *self.shape[1:]))
         for h in np.unique(at).tolist():
@@ -66,8 +66,8 @@ class Products:
                 product = self.outer[h]
                 out[own] = product.change[inside, :, None] * product.unit
         found = {c: n for n, c in enumerate(need)}
-        for t in sums:
-            np.sum(out[[found[c] for c in self.sums[t]]], axis=0, out=out[found[t]])
+        for n, parts in sums.items():
+            np.sum(out[[found[c] for c in parts]], axis=0, out=out[n])
         return np.moveaxis(out[:len(which)], 0, -1)
 
     @cached_property

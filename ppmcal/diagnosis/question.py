@@ -149,7 +149,7 @@ def _one_sign(h: Hypothesis) -> bool:
 
 
 def _opposite(block: Block) -> tuple[Block, UnknownCause]:
-    """Return what acts as an effect does, but with the sign that physics forbids: no known cause."""
+    """Return what acts as an effect does, but of the sign that physics forbids: no known cause."""
     name = f"{block.name} of the opposite sign"
     low, high = (tuple(-end for end in ends.tolist()) for ends in reversed(block.ends))
     own = len(block.columns) - len(block.starts)
@@ -181,9 +181,10 @@ def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
     low, high = _range(h)
     return Block(h.label, family, (*h.columns, *(c for c, _ in h.starts)), log_prior,
                  low=low, high=high, group=_group(h, family),
-                 starts=tuple(of for _, of in h.starts), least=least, gives=_place(h.kind, h.on),
-                 needs=_place(*h.leans) if h.leans else "", reads=_inputs(h),
-                 way=f"{h.misread} {h.follows}".rstrip())
+                 starts=tuple(of for _, of in h.starts), least=least,
+                 where="" if h.anonymous or h.misread else " ".join(h.on),
+                 gives=_place(h.kind, h.on), needs=_place(*h.leans) if h.leans else "",
+                 reads=_inputs(h), way=f"{h.misread} {h.follows}".rstrip())
 
 
 def _inputs(h: Hypothesis) -> frozenset[str]:

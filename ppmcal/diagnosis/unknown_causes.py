@@ -199,7 +199,7 @@ class UnknownCauses:
         """Yield slow courses of zeros, base and target, from row to row and in recorded time."""
         if np.unique(self._rows).size < WAVES:
             return
-        wave = np.pi * np.arange(1, WAVES + 1)
+        wave = np.pi * np.arange(1.0, WAVES + 1.0)
         kernels = [np.diag((1.0 + (length * wave) ** 2 / 5.0) ** -3.0) for length in LENGTHS]
         kernels.append(np.diag(wave**-2.0))    # a Wiener walk
         kernels += [np.outer(c, c) for c in (_settling(tau, wave) for tau in SETTLES)]
@@ -218,8 +218,8 @@ class UnknownCauses:
 
     def _places(self) -> dict[str, Array]:
         """Return where each row is in the campaign (N,), 0 to 1: from row to row, and in time."""
-        rows = self._rows
-        rank = np.argsort(np.argsort(rows, kind="stable"), kind="stable") / max(rows.size - 1.0, 1.0)
+        order = np.argsort(np.argsort(self._rows, kind="stable"), kind="stable")
+        rank = order / max(order.size - 1.0, 1.0)
         out = {"": rank}
         time = np.concatenate([p.setting.time for p in self.system.firsts])
         if np.isfinite(time).all() and np.ptp(time) > 0.0:

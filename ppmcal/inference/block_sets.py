@@ -52,11 +52,18 @@ class BlockSet:
         """The likeliest of the views."""
         return max(self.views, key=lambda view: view[1])
 
-    def given(self, n: int, found: JointBlocks) -> Conditioned:
-        """Return what the values are past the set, for the n-th correlation."""
+    @property
+    def scored(self) -> bool:
+        """Whether its scores are known."""
+        return "scores" in vars(self)
+
+    def given(self, n: int, found: JointBlocks, but: int | None = None) -> Conditioned:
+        """Return what the values are past the set, for the n-th correlation; ``but``: one cause."""
         view, sizes = self.question.views[n], {i: row.size for i, row in self.rows.items()}
+        taken = [k for k, i in enumerate(self.causes) if i != but]
         return view.taking(sizes).taking(taken_blocks(
-            view.start, [self.question.blocks[i] for i in self.causes], found.sizes, found.grid))
+            view.start, [self.question.blocks[self.causes[k]] for k in taken],
+            found.sizes[taken], found.grid[taken]))
 
     @cached_property
     def scores(self) -> Array:

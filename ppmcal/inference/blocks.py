@@ -34,6 +34,7 @@ class Block:
         starts: of its last columns, one each, the number of the column whose coefficient, times
             a standard normal, theirs is: what a memory was before the first row.
         least: rms, in sigmas, below which a column is nothing but round-off.
+        where: on what it acts; the same cause elsewhere is another answer.
         gives, needs: a block with ``needs`` can only be there beside one that ``gives`` the same.
         reads: recorded inputs that it takes, ``way``: as what, empty: as they were read. No set
             takes one input in two ways.
@@ -50,6 +51,7 @@ class Block:
     form: str = ""
     starts: tuple[int, ...] = ()
     least: float = 0.0
+    where: str = ""
     gives: str = ""
     needs: str = ""
     reads: frozenset[str] = frozenset()

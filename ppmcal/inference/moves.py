@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import chain
+from itertools import chain, combinations
 
 import numpy as np
 
 from ppmcal import linalg
 from ppmcal.inference.block_sets import BlockSet, Numbers, state
-from ppmcal.inference.given import Conditioned
+from ppmcal.inference.pairs import Events
 from ppmcal.inference.priors import MOST_GROSS
-from ppmcal.inference.question import NoiseView, Question
+from ppmcal.inference.question import Question
+from ppmcal.inference.ranges import LEAST, SIZES
 from ppmcal.linalg import Array, Bools
 
 CLOSE = 8.0
@@ -32,8 +34,8 @@ class SetSearch:
     def __init__(self, question: Question) -> None:
         self.question = question
         self.states: dict[Numbers, BlockSet] = {}
-        self.nearby: dict[Numbers, float] = {}
         self.settled = set[Numbers]()
+        self.replaced: list[BlockSet] = []
         self.near: dict[int, tuple[int, int]] = {}
         self.rows: dict[Numbers, dict[int, int]] = {}
         self.likely: list[int] = []
@@ -42,6 +44,8 @@ class SetSearch:
         """Return a set, which is looked at once, for the correlations that are likely now."""
         key = frozenset(chosen)
         if key not in self.states:
+            if len(self.likely) == len(self.question.views):
+                return self.settle(chosen)
             self.states[key] = self._state(chosen, self.likely)
         return self.states[key]
 
@@ -49,9 +53,15 @@ class SetSearch:
         """Return a set for every correlation."""
         key = frozenset(chosen)
         if key not in self.settled:
+            self.replaced += [self.states[key]] if key in self.states else []
             self.states[key] = self._state(chosen, ())
             self.settled.add(key)
         return self.states[key]
+
+    @property
+    def scored(self) -> list[BlockSet]:
+        """Sets of which it is known how likely they are with each block more."""
+        return [at for at in (*self.states.values(), *self.replaced) if at.scored]
 
     def _state(self, chosen: tuple[int, ...], likely: Sequence[int]) -> BlockSet:
         """Return a set; the sizes of its rows are where the search for those of others begins."""
@@ -76,6 +86,7 @@ class SetSearch:
                       zip(found.causes, sized.sizes, sized.grid, strict=True)}
         if (likely := [n for n, _, _ in found.views]) != self.likely:
             self.likely = likely
+            self.replaced += [v for k, v in self.states.items() if k not in self.settled]
             self.states = {k: v for k, v in self.states.items() if k in self.settled}
         return found
 
@@ -103,10 +114,11 @@ class SetSearch:
         """Return a set that is likelier and farther away than one move, None where there is none.
 
         Many rows at once, parts or several in the place of one, one in the place of several, two
-        events at once.
+        events at once, alone or in the place of two others.
         """
-        for far in chain(self._masked(now), self._parted(now), self._reshaped(now),
-                         self._split(now), self._merged(now), self._pairs(now, now.log_p)):
+        for far in chain(self._masked(now), self._parted(now), self._whole(now),
+                         self._reshaped(now), self._split(now), self._merged(now),
+                         self._renamed(now), self._pairs(now, now.log_p)):
             if far.log_p > now.log_p + LEAST_GAIN:
                 return far
         return None
@@ -154,19 +166,56 @@ class SetSearch:
             last, each, count = at, gain, 2 * count
 
     def _parted(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with parts of one block in its place, those first that it needs most.
+        """Yield the likeliest set with parts of one block in its place.
 
-        What all joints have a value of their own for, perhaps two of them have.
+        What all joints have a value of their own for, perhaps two of them have: what is needed
+        least beside the others goes first, as long as the set is likelier for it.
         """
-        blocks, sized = self.question.blocks, now.likeliest[2]
-        for n, i in enumerate(now.causes):
-            mine = {c: k for k, c in enumerate(blocks[i].columns)}
-            parts = list(self.question.parts.get(i, ()))
-            sure = np.abs(sized.values[n]) / np.maximum(sized.sigmas[n], 1e-300)
-            parts.sort(key=lambda j: -max(sure[mine[c]] for c in blocks[j].columns))
-            rest = tuple(j for j in now.chosen if j != i)
-            for count in range(1, len(parts)):
-                yield self.visit((*rest, *parts[:count]))
+        for i in now.causes:
+            rest, best = tuple(j for j in now.chosen if j != i), None
+            parts = self._by_need(now, i) if self.question.parts.get(i) else []
+            while len(parts) > 1:
+                parts = parts[1:]
+                at = self.visit((*rest, *parts))
+                if best is not None and at.log_p <= best.log_p:
+                    break
+                best = at
+            if best is not None:
+                yield best
+
+    def _by_need(self, now: BlockSet, i: int) -> list[int]:
+        """Return the parts of a block, each the one that is needed least beside those after it.
+
+        Where errors of joints look alike, each by itself is unsure, and one of them is sure.
+        """
+        blocks, (number, _, found) = self.question.blocks, now.likeliest
+        block, n = blocks[i], now.causes.index(i)
+        past, own = now.given(number, found, i), list(block.columns)
+        values, seen = past.columns.some(own), past.seen[own]
+        gram = values.T @ values
+        root = SIZES[found.sizes[n]] * block.own_roots(gram, past.count)[found.grid[n]]
+        inner = root.T @ (gram - seen @ seen.T) @ root + np.eye(root.shape[1])
+        right, place = root.T @ past.right[own], {c: k for k, c in enumerate(own)}
+        mine = {j: [place[c] for c in blocks[j].columns] for j in self.question.parts[i]}
+        order = list[int]()
+        while mine:
+            left = sorted({k for columns in mine.values() for k in columns})
+            known = linalg.inv(inner[np.ix_(left, left)])
+            value = dict(zip(left, known @ right[left], strict=True))
+            sure = {}
+            for j, columns in mine.items():
+                each, at = np.array([value[k] for k in columns]), np.searchsorted(left, columns)
+                sure[j] = float(each @ linalg.solve(known[np.ix_(at, at)], each))
+            order.append(min(mine, key=lambda j: (sure[j], j)))
+            del mine[order[-1]]
+        return order
+
+    def _whole(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with a block in the place of those that are parts of it."""
+        for i, parts in self.question.parts.items():
+            rest = tuple(j for j in now.chosen if j not in parts)
+            if i not in rest and len(rest) < len(now.chosen) - 1:
+                yield self.visit((*rest, i))
 
     def _reshaped(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with another form of a family in the place of one block, and one more block.
@@ -197,6 +246,23 @@ class SetSearch:
                 at = self.visit(chosen)
                 yield at
             yield from self._pairs(self.settle(tuple(j for j in now.chosen if j != i)), now.log_p)
+
+    def _renamed(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with two events of another group in the place of two of one.
+
+        A base that moved twice: with either of them a target that moved does not go.
+        """
+        where: dict[str, list[int]] = defaultdict(list)
+        for i in now.causes:
+            where[self.question.blocks[i].group].append(i)
+        for group, events in where.items():
+            for two in combinations(events if group else (), 2):
+                rest = self.settle(tuple(j for j in now.chosen if j not in two))
+                for at in self._pairs(rest, now.log_p - CLOSE):
+                    yield at
+                    if at.log_p > now.log_p - CLOSE:
+                        for other in at.chosen[-2:]:    # so that either at other rows is scored
+                            self._best(self.settle((*rest.chosen, other)))
 
     def _merged(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with one more block, and without those that are not needed beside it.
@@ -232,46 +298,30 @@ class SetSearch:
             at = best
 
     def _pairs(self, at: BlockSet, least: float) -> Iterator[BlockSet]:
-        """Yield sets with two events of one group more that may be likelier than ``least``."""
-        number, _, found = at.likeliest
-        past = at.given(number, found)
-        parts = {i for own in self.question.parts.values() for i in own}
-        for group, every in self.question.groups.items():
-            # parts of another block are come to from there, one by one
-            free = [i for i in every if i not in at.chosen and i not in parts]
-            if len(free) > 1:
-                i, j, most = self._likeliest_pair(self.question.views[number], past, group, free)
-                prior = (self.question.log_prior((*at.chosen, i, j))
-                         - self.question.log_prior(at.chosen))
-                if at.log_p + most + prior > least:
-                    yield self.visit((*at.chosen, i, j))
+        """Yield sets with two events of one group more that may be likelier than ``least``.
 
-    def _likeliest_pair(self, view: NoiseView, given: Conditioned, group: str,
-                        free: Sequence[int]) -> tuple[int, int, float]:
-        """Return the two events whose columns explain most, and how much likelier at most."""
-        columns = np.array([self.question.blocks[i].columns for i in free])   # (E, k)
-        whole = self.question.groups[group]
-        if group not in view.events:
-            values = given.columns.some([c for i in whole for c in self.question.blocks[i].columns])
-            view.events[group] = values.T @ values
-        width, places = columns.shape[1], {i: n for n, i in enumerate(whole)}
-        own = np.concatenate([np.arange(width) + places[i] * width for i in free])
-        seen = given.seen[columns.ravel()]
-        gram = (view.events[group][np.ix_(own, own)] - seen @ seen.T).reshape(
-            *columns.shape, *columns.shape)
-        right, each = given.right[columns], np.arange(len(free))
-        alone = gram[each, :, each]
-        first, second = np.triu_indices(len(free), 1)
-        block = np.concatenate([
-            np.concatenate([alone[first], gram[first, :, second]], axis=2),
-            np.concatenate([gram[second, :, first], alone[second]], axis=2)], axis=1)
-        wanted = np.concatenate([right[first], right[second]], axis=1)
-        ridge = 1e-6 * np.trace(block, axis1=1, axis2=2)[:, None, None] + 1e-300
-        found = linalg.solve_blocks(block + ridge * np.eye(2 * width), wanted[..., None])[..., 0]
-        gains = np.sum(found * wanted, axis=1)
-        best = int(np.argmax(gains))
-        left = max(1.0 - float(gains[best]) / given.spread, 1e-9)
-        return free[first[best]], free[second[best]], -0.5 * given.freedom * float(np.log(left))
+        For every correlation: without both, noise that is correlated looks likelier than it is.
+        """
+        parts = {i for own in self.question.parts.values() for i in own}
+        # parts of another block are come to from there, one by one
+        free = {group: own for group, every in self.question.groups.items() if len(
+            own := [i for i in every if i not in at.chosen and i not in parts]) > 1}
+        most: dict[tuple[int, int], float] = {}
+        for number, log_p, found in at.views if free else ():
+            past, view = at.given(number, found), self.question.views[number]
+            for group, own in free.items():
+                if group not in view.events:
+                    view.events[group] = Events.of(
+                        view.blocks, self.question.groups[group], view.start.columns)
+                i, j, gain = view.events[group].most(past, own)
+                left = max(1.0 - gain / past.spread, LEAST)
+                most[i, j] = max(most.get((i, j), -np.inf),
+                                 log_p - 0.5 * past.freedom * float(np.log(left)))
+        prior = self.question.log_prior(at.chosen) - float(np.log(len(at.views)))
+        for pair, log_p in sorted(most.items(), key=lambda found: -found[1]):
+            chosen = (*at.chosen, *pair)
+            if log_p + self.question.log_prior(chosen) - prior > least:
+                yield self.visit(chosen)
 
     def _likelier(self, now: BlockSet, moves: Iterable[tuple[float, tuple[int, ...]]]
                   ) -> BlockSet | None:

@@ -16,6 +16,7 @@ from ppmcal.inference.columns import ColumnSource
 from ppmcal.inference.correlation import RowNoise, Whitened
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import taken_blocks
+from ppmcal.inference.pairs import Events
 from ppmcal.inference.priors import CORRELATED, CORRELATIONS, FURTHER
 from ppmcal.linalg import Array, Bools, Ints
 
@@ -54,8 +55,8 @@ class NoiseView:
         return self._with_rows[key]
 
     @cached_property
-    def events(self) -> dict[str, Array]:
-        """Inner products of the columns of each group's events, (E k, E k)."""
+    def events(self) -> dict[str, Events]:
+        """The events of each group, as far as they were asked for."""
         return {}
 
 

@@ -5,8 +5,8 @@ log p(H | y) = log Z(H) + log pi(H), for every correlation of the noise, and the
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Container, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,7 +24,7 @@ MOVES = 100
 
 @dataclass(frozen=True)
 class Member:
-    """What may be in a place: a family, "" of nothing, and the likeliest set in which it is."""
+    """What may be in a place: a family somewhere, "" of nothing, and the likeliest set with it."""
 
     family: str
     probability: float
@@ -81,24 +81,38 @@ class SetPosterior:
         return empty * float(np.prod([1.0 - min(p, 1.0) for p in of_family.values()]))
 
     def families(self, place: int) -> dict[str, float]:
-        """Return the probability of each family in a place, largest first.
+        """Return the probability of each family in a place, wherever it acts, largest first.
 
         "" is of nothing; where other sets have several in its place, these are told together.
         """
-        return {m.family: m.probability for m in self.members(place)}
+        found: dict[str, float] = defaultdict(float)
+        for member in self.members(place):
+            found[member.family] += member.probability
+        return dict(sorted(found.items(), key=lambda f: -f[1]))
 
     def members(self, place: int) -> list[Member]:
-        """Return what may be in a place of the best set, likeliest first."""
-        question = self.best.question
-        mine, best = self.best.chosen[place], frozenset(self.best.chosen)
-        found: dict[str, list[tuple[float, Numbers]]] = defaultdict(list)
+        """Return what may be in a place of the best set, likeliest first.
+
+        A cause somewhere, whatever lies on a grid: elsewhere it is another member.
+        """
+        found: dict[frozenset[tuple[str, str]], list[tuple[float, Numbers]]] = defaultdict(list)
         for key, log_p in self.log_p.items():
-            other = {question.blocks[i].family for i in key - best} - question.alone
-            family = question.blocks[mine].family if mine in key else " and ".join(sorted(other))
-            found[family].append((log_p, key))
-        members = [Member(family, float(np.exp(logsumexp([p for p, _ in own]))),
-                          max(own, key=lambda o: o[0])[1]) for family, own in found.items()]
+            found[self._in_place(self.best.chosen[place], key)].append((log_p, key))
+        members = [Member(" and ".join(sorted({family for family, _ in what})),
+                          float(np.exp(logsumexp([p for p, _ in own]))),
+                          max(own, key=lambda o: o[0])[1]) for what, own in found.items()]
         return sorted(members, key=lambda m: -m.probability)
+
+    def _in_place(self, mine: int, key: Numbers) -> frozenset[tuple[str, str]]:
+        """Return which families are where in a set, in the place of a block of the best set."""
+        blocks, best = self.best.question.blocks, frozenset(self.best.chosen)
+        there = Counter((blocks[i].family, blocks[i].where) for i in key)
+        own = (blocks[mine].family, blocks[mine].where)
+        if mine in key or there[own] >= sum((blocks[i].family, blocks[i].where) == own
+                                            for i in best):
+            return frozenset({own})
+        return frozenset((blocks[i].family, blocks[i].where) for i in key - best
+                         if blocks[i].family not in self.best.question.alone)
 
 
 def posterior(question: Question, start: Sequence[int] = ()) -> SetPosterior:
@@ -117,16 +131,31 @@ def posterior(question: Question, start: Sequence[int] = ()) -> SetPosterior:
         if better is None:
             break
         best = seen.whole(better)
-    for i in best.causes:
-        rest = seen.settle(tuple(j for j in best.chosen if j != i))
-        key = frozenset(rest.chosen)
-        for j in np.flatnonzero(rest.scores > best.log_p - NEGLIGIBLE).tolist():
-            seen.nearby.setdefault(key | {j}, float(rest.scores[j]))
-    counted = {key: at.log_p for key, at in seen.states.items()
-               if at.log_p > best.log_p - NEGLIGIBLE or not key}
-    mine = frozenset(best.chosen)       # what is beside it is counted there, and once
-    counted = {key: log_p for key, log_p in (seen.nearby | counted).items()
+    mine = frozenset(best.chosen)
+    rests = [seen.settle(tuple(j for j in best.chosen if j != i)) for i in best.causes]
+    counted = _scored([*rests, *seen.scored], best)
+    counted |= {key: at.log_p for key, at in seen.states.items()
+                if at.log_p > best.log_p - NEGLIGIBLE or not key}
+    # what is beside the best is counted there, and once
+    counted = {key: log_p for key, log_p in counted.items()
                if not (key > mine and len(key) == len(mine) + 1)}
     total = float(logsumexp(list(counted.values())))
     return SetPosterior(best, {key: log_p - total for key, log_p in counted.items()},
                         best.scores - best.log_p)
+
+
+def _scored(some: Iterable[BlockSet], best: BlockSet) -> dict[Numbers, float]:
+    """Return the log probability of sets with one block more than those that were scored.
+
+    In other sets than the best, and those with less, only of what is needed there: the rest is
+    beside them as it is beside the best.
+    """
+    found: dict[Numbers, float] = {}
+    for at in some:
+        key, least = frozenset(at.chosen), best.log_p - NEGLIGIBLE
+        if not key < frozenset(best.chosen):
+            least = max(least, at.log_p)
+        for j in np.flatnonzero(at.scores > least).tolist():
+            more = key | {j}
+            found[more] = max(found.get(more, -np.inf), float(at.scores[j]))
+    return found

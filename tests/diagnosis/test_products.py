@@ -103,6 +103,17 @@ def test_sums_and_events_are_what_they_are_made_of() -> None:
         assert np.allclose(found.some([at])[..., 0], found.some(members).sum(axis=-1))
 
 
+def test_columns_that_are_asked_twice_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two blocks share columns: an effect, and a form of it that has more beside."""
+    _, found = system_of("3-RPR")
+    total, members = next(iter(found.products.sums.items()))
+    wanted = {t: found.some([t])[..., 0] for t in (total, members[0])}
+    monkeypatch.setattr(np, "empty", lambda shape: np.full(shape, np.nan))
+    asked = [total, members[0], total, members[0]]
+    for t, column in zip(asked, np.moveaxis(found.some(asked), -1, 0), strict=True):
+        assert np.array_equal(column, wanted[t])
+
+
 @pytest.mark.parametrize("machine", ["3-RPR", "delta-linear"])
 @pytest.mark.parametrize("name", list(effect_kinds()))
 def test_a_kind_on_all_joints_is_the_sum_of_it_on_each(machine: str, name: str) -> None:

@@ -49,6 +49,15 @@ def test_columns_are_those_of_the_library() -> None:
     assert source.along(values)[some] == pytest.approx(source.some(some).T @ values)
 
 
+def test_a_kind_is_told_apart_by_its_joints_and_the_unknown_is_not() -> None:
+    found = asked("3-RPR", [], 1.0, poses=30)
+    where = defaultdict(set)
+    for block in found.blocks:
+        where[block.family].add(block.where)
+    assert where["backlash"] == {"leg1", "leg2", "leg3", "leg1 leg2 leg3"}
+    assert where[UNKNOWN_FAMILY] == where[ROW_FAMILY] == {""}
+
+
 def test_nothing_is_found_where_nothing_is() -> None:
     found = posterior(asked("3-RPR", [], 1.0))
     assert not found.best.chosen and found.nothing((ROW_FAMILY,)) > 0.5

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from ppmcal.inference.block_sets import state
+from ppmcal.inference import sets
+from ppmcal.inference.block_sets import BlockSet, state
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.question import Question
@@ -94,6 +95,56 @@ def test_a_sign_is_asked_in_every_set(seed: int) -> None:
         asked = asked_of(matrix, sign * matrix[:, 0], seed, blocks=blocks)
         compared(asked, 0.05)
         assert (posterior(asked).probability[0] > 0.05) == (sign > 0.0)    # its prior
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_what_was_scored_counts_as_what_was_looked_at(
+        seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two causes, and two others that do the same: these are scored from one of them alone."""
+    matrix = np.random.default_rng(seed).normal(size=(ROWS * WIDTH, 6))
+    matrix[:, 2] = matrix[:, 0] + matrix[:, 1] + 0.03 * matrix[:, 2]
+    matrix[:, 3] = matrix[:, 0] - matrix[:, 1] + 0.03 * matrix[:, 3]
+    asked = asked_of(matrix, matrix[:, :2] @ [2.0, 1.0], seed)
+    first, other = frozenset({0, 1}), frozenset({2, 3})
+    search = sets.SetSearch
+
+    class Short(search):
+        """A search that has come to one pair, and to a half of the other."""
+
+        def better(self, now: BlockSet) -> BlockSet | None:
+            self._best(self.visit((2,)))
+            return self.visit((0, 1)) if not now.chosen else None
+
+        def far(self, now: BlockSet) -> BlockSet | None:
+            return None
+
+    monkeypatch.setattr(sets, "SetSearch", Short)
+    found, true = posterior(asked), every(asked)
+    assert frozenset(found.best.chosen) == first
+    said = found.log_p[other] - found.log_p[first]
+    assert said == pytest.approx(true[other] - true[first], abs=0.5) and abs(said) < 4.0
+    # what is of no use beside the half that was scored is beside it, and no set by itself
+    assert not [key for key in found.log_p if len(key) == 2 and key & {4, 5} and 2 in key]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_kind_on_another_joint_is_an_answer_of_its_own(seed: int) -> None:
+    """Two points of a grid on each of two joints that look alike, and all are of one family."""
+    matrix = np.random.default_rng(seed).normal(size=(ROWS * WIDTH, 5))
+    matrix[:, 1] = matrix[:, 0] + 0.2 * matrix[:, 1]
+    matrix[:, 2:4] = matrix[:, [0]] + 0.2 * matrix[:, 2:4]
+    blocks = (*(Block(f"play on {on}", "play", (i,), np.log(0.01), where=on)
+                for i, on in enumerate(("a", "a", "b", "b"))),
+              Block("other", "other", (4,), np.log(0.01)))
+    asked = asked_of(matrix, 0.8 * matrix[:, 0], seed, blocks=blocks)
+    compared(asked, 0.1)
+    true, found = every(asked), posterior(asked)
+    said = {asked.blocks[min(m.chosen)].where: m.probability
+            for m in found.members(0) if m.family}
+    for on, (i, j) in {"a": (0, 1), "b": (2, 3)}.items():
+        own = sum(np.exp(log_p) for key, log_p in true.items() if {i, j} & key)
+        assert 0.02 < own < 0.98 and said[on] == pytest.approx(own, abs=0.1)
+    assert found.families(0)["play"] > 0.95     # wherever it is
 
 
 @pytest.mark.parametrize("places", [((2,), ()), ((1, 3), ()), ((1,), (3,))])

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import combinations
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
 from ppmcal.inference import moves as steps
 from ppmcal.inference import sets
-from ppmcal.inference.block_sets import BlockSet
+from ppmcal.inference.block_sets import BlockSet, state
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns, UnitColumns
 from ppmcal.inference.moves import SetSearch
@@ -34,7 +36,8 @@ def without(monkeypatch: pytest.MonkeyPatch) -> Without:
                 len(move[1]) - len(now.chosen)] not in moves])
 
         monkeypatch.setattr(SetSearch, "_likelier", likelier)
-        for move in {"split", "merged", "pairs", "masked", "reshaped"} & set(moves):
+        for move in set(moves) & {"split", "merged", "pairs", "masked", "reshaped", "whole",
+                                  "renamed"}:
             monkeypatch.setattr(SetSearch, f"_{move}", lambda self, *of: iter(()))
         if "many" in moves:
             monkeypatch.setattr(SetSearch, "_with_others", lambda self, now, more: more)
@@ -139,6 +142,59 @@ def test_one_takes_the_place_of_several(without: Without) -> None:
     assert from_parts() == {0, 1, 2}
 
 
+def joints(seed: int, values: tuple[float, ...], apart: float, other: float = 0.0) -> Question:
+    """Return joints, each by itself, all with values of their own, all with one, another cause.
+
+    The second moves as the first where they are not ``apart``; the others are unlike each other.
+    """
+    count = len(values)
+    matrix, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(COUNT, count + 1)))
+    matrix *= np.sqrt(COUNT)
+    matrix[:, 1] = (1.0 - apart) * matrix[:, 0] + apart * matrix[:, 1]
+    own = matrix[:, :count]
+    blocks = (*(Block(f"on {j}", "play", (j,), np.log(0.004), group="play of a joint")
+                for j in range(count)),
+              Block("on each", "play", tuple(range(count)), np.log(0.005)),
+              Block("on all", "play", (count,), np.log(0.005)),
+              Block("other", "other", (count + 1,), np.log(0.02)))
+    return asked(np.column_stack([own, own.sum(axis=1), matrix[:, count]]),
+                 own @ np.array(values) + other * matrix[:, count], blocks, seed)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_parts_are_those_that_are_surely_there(seed: int) -> None:
+    """Of two joints that look alike one surely has it, though neither is sure by itself."""
+    seen = SetSearch(joints(seed, (3.0, 0.0, 1.0, 0.0), 0.1))
+    now = seen.settle((4,))
+    sure = np.abs(now.likeliest[2].values[0]) / now.likeliest[2].sigmas[0]
+    assert max(sure[:2]) < sure[2]
+    assert seen._by_need(now, 4)[-2:] in ([2, 0], [0, 2], [2, 1], [1, 2])
+    assert all({2} < set(parted.chosen) != {2, 3} for parted in seen._parted(now))
+
+
+def test_joints_that_may_as_well_have_none_are_left_out() -> None:
+    question = joints(4, (30.0, 0.0, 20.0, 0.0, 0.0, 0.0), 1.0)
+    seen = SetSearch(question)
+    (parted,) = seen._parted(seen.settle((6,)))
+    assert set(parted.chosen) == found(question) == {0, 2}
+
+
+def test_values_of_their_own_take_the_place_of_joints_by_themselves(without: Without) -> None:
+    """Beside another cause, without which one value for all joints would be likelier."""
+    question = joints(5, (2.0, 1.5, 1.5, 2.4, 1.2, 2.6), 1.0, 20.0)
+
+    def from_joints() -> set[int]:
+        seen = SetSearch(question)
+        now = seen.whole(seen.visit((0, 1, 2, 3, 4, 5, 8)))
+        while (better := seen.better(now) or seen.far(now)) is not None:
+            now = seen.whole(better)
+        return set(now.chosen)
+
+    assert from_joints() == {6, 8}
+    without("whole")
+    assert 6 not in from_joints()
+
+
 @pytest.mark.parametrize("seed", [6, 8, 9])
 def test_an_event_and_the_one_that_undoes_it_come_together(seed: int, without: Without) -> None:
     """Four rows are off: neither event alone explains them."""
@@ -151,6 +207,31 @@ def test_an_event_and_the_one_that_undoes_it_come_together(seed: int, without: W
     assert found(question) == {5, 7}
     without("pairs")
     assert found(question) != {5, 7}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_two_events_may_both_have_another_name(seed: int, without: Without) -> None:
+    """What was off for a while may be either body: neither has moved alone."""
+    base = np.random.default_rng(seed).normal(size=COUNT)
+    target = base + 0.1 * np.random.default_rng([seed, 2]).normal(size=COUNT)
+    onsets = range(4, ROWS - 2, 4)
+    matrix = np.column_stack([lever * np.repeat(np.arange(ROWS) >= o, WIDTH)
+                              for lever in (base, target) for o in onsets])
+    count = len(onsets)
+    blocks = tuple(Block(f"{body} {i}", body, (i + n * count,), np.log(0.02 / count), group=body)
+                   for n, body in enumerate(("base", "target")) for i in range(count))
+    question = asked(matrix, 4.0 * (matrix[:, 2] - matrix[:, 4]), blocks, seed)
+    true = {pair: state(question, pair).log_p for pair in combinations(range(2 * count), 2)}
+    alike = {body: logsumexp([v for pair, v in true.items() if {i // count for i in pair} == {n}])
+             for n, body in enumerate(("base", "target"))}
+    base_twice = float(1.0 / (1.0 + np.exp(alike["target"] - alike["base"])))
+    best = posterior(question)
+    assert set(best.best.chosen) == set(max(true, key=lambda pair: true[pair]))
+    assert all(best.families(place)["base"] == pytest.approx(base_twice, abs=0.06)
+               for place in (0, 1))
+    without("renamed")
+    best = posterior(question)
+    assert abs(best.families(1)["base"] - base_twice) > 0.1
 
 
 def with_rows(rows: int, spoiled: set[int], sigmas: float) -> Question:
