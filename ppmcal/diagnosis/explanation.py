@@ -176,9 +176,10 @@ def _between_points(h: Hypothesis) -> bool:
 
 
 def _key(source: Source) -> object:
-    """Return what a block is, whatever its number."""
+    """Return what a block is, whatever its number, and whatever the strokes that were measured."""
     if isinstance(source, Hypothesis):
-        return (source.label, source.shared, source.follows, *sorted(source.constants.items()))
+        own = {n: v for n, v in source.constants.items() if n not in source.strokes}
+        return (source.label, source.shared, source.follows, *sorted(own.items()))
     return source.label if isinstance(source, UnknownCause) else source
 
 
