@@ -22,6 +22,7 @@ from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.unknown_causes import UnknownCause, UnknownCauses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.inference.block_sets import Numbers, state
+from ppmcal.inference.ranges import SIZES
 from ppmcal.inference.sets import Member, SetPosterior, posterior
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects import Setting
@@ -125,21 +126,33 @@ class Round:
         return "named-set" if any(len(p.members) > 1 for p in named) else "named"
 
     def sized(self, chosen: Numbers) -> list[Sized]:
-        """Return the hypotheses of a set that have a name, their coefficients and their sigmas."""
+        """Return the hypotheses of a set that have a name, their coefficients and their sigmas.
+
+        Both are 0 of what rows do not see past the geometry: no fit could tell what it is.
+        """
         best = self.answer.best
         at = best if chosen == frozenset(best.chosen) else state(
             self.asked.question, sorted(chosen), [n for n, _, _ in best.views])
         joint = at.likeliest[2]
         out = list(_once([
-            (source, value[:source.size], sigma[:source.size]) for i, value, sigma in
-            zip(at.causes, joint.values, joint.sigmas, strict=True)
+            (source, seen * value[:source.size], seen * sigma[:source.size])
+            for i, value, sigma in zip(at.causes, joint.values, joint.sigmas, strict=True)
             if isinstance(source := self.asked.sources[i], Hypothesis)
-            and not source.anonymous and not source.misread]))
+            and not source.anonymous and not source.misread
+            for seen in (self._seen(source.columns),)]))
         size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
         for h, value, _ in out:
             size[h.kind, h.on] += float(np.mean(value))
         return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans
                 else (h, value, sigma) for h, value, sigma in out]
+
+
+    def _seen(self, columns: Sequence[int]) -> Bools:
+        """Return of which columns (k,) the largest size shows as much as the smallest one does."""
+        given, which = self.asked.question.views[0].start, list(columns)
+        whole = np.sum(given.columns.some(which) ** 2, axis=0)
+        past = whole - np.sum(given.seen[which] ** 2, axis=1)
+        return np.asarray(past > (SIZES[0] / SIZES[-1]) ** 2 * whole)
 
 
 def _once(sized: Sequence[Sized]) -> Iterator[Sized]:
