@@ -102,10 +102,10 @@ class SetSearch:
     def far(self, now: BlockSet) -> BlockSet | None:
         """Return a set that is likelier and farther away than one move, None where there is none.
 
-        Many rows at once, parts or several in the place of one, one in the place of several, two
-        events at once.
+        Many rows at once, what leans on another with that, parts or several in the place of one,
+        one in the place of several, two events at once.
         """
-        for far in chain(self._masked(now), self._parted(now), self._reshaped(now),
+        for far in chain(self._masked(now), self._leaning(now), self._parted(now), self._reshaped(now),
                          self._split(now), self._merged(now), self._pairs(now, now.log_p)):
             if far.log_p > now.log_p + LEAST_GAIN:
                 return far
@@ -152,6 +152,21 @@ class SetSearch:
             if gain < each:
                 return
             last, each, count = at, gain, 2 * count
+
+    def _leaning(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with what leans on another and that, more or in the place of one block.
+
+        What gives way under a weight that acts elsewhere may explain nothing by itself.
+        """
+        blocks = self.question.blocks
+        places = [now.chosen, *(tuple(j for j in now.chosen if j != i) for i in now.causes)]
+        for place in places:
+            there = {blocks[i].gives for i in place}
+            for j, block in enumerate(blocks):
+                if block.needs and block.needs not in there and j not in place:
+                    log_p, both = self._best(self.visit((*place, j)))
+                    if log_p > -np.inf:
+                        yield self.visit(both)
 
     def _parted(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with parts of one block in its place, those first that it needs most.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ppmcal.inference.block_sets import state
@@ -49,3 +51,17 @@ def test_what_it_needs_can_be_exchanged_beside_it() -> None:
     whole = state(question, (EACH, OFFSET))
     assert np.isfinite(whole.log_p)
     assert abs(alone.scores[ALIKE] - state(question, (ALIKE, OFFSET)).log_p) < 5.0
+
+
+def test_it_is_found_with_what_it_needs_where_another_does_what_both_do() -> None:
+    """A base that gives way: what legs do under a weight in a wrong direction, nearly."""
+    rng = np.random.default_rng(6)
+    columns = rng.normal(size=(ROWS * WIDTH, 5))
+    both = 4.0 * columns[:, ALIKE] - 20.0 * columns[:, OFFSET]
+    base = 4
+    columns[:, base] = both + 8.0 * rng.normal(size=len(both))
+    plain = asked(rng.normal(size=len(both)) + both, columns)
+    blocks = (*plain.blocks, Block("base", "base", (base,), plain.blocks[0].log_prior))
+    question = replace(plain, blocks=blocks)
+    assert state(question, (base,)).log_p > state(question, (ALIKE,)).log_p
+    assert set(posterior(question, (base,)).best.chosen) == {ALIKE, OFFSET}
