@@ -48,6 +48,7 @@ class Hypothesis:
             without a cause what moves along what.
         leans: kind and actuators of what gives way to the load, which has to be chosen too; its
             coefficient is the parameter times that of the other.
+        ratio: of what leans, the range in which machines have the parameter, by column.
         caution: by which its evidence is divided: what a step explains grows with the noise's
             long-run variance, which is known less well than the noise itself.
     """
@@ -74,6 +75,7 @@ class Hypothesis:
     effect: EffectKind | None = None
     part: str = ""
     leans: tuple[str, tuple[str, ...]] | None = None
+    ratio: tuple[tuple[float, float], ...] = ()
     misread: str = ""
     starts: tuple[tuple[int, int], ...] = ()
 

@@ -159,7 +159,7 @@ def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
     return Block(h.label, family, (*h.columns, *(c for c, _ in h.starts)), log_prior,
                  low=low, high=high, group=_group(h, family),
                  starts=tuple(of for _, of in h.starts), least=least, gives=_place(h.kind, h.on),
-                 needs=_place(*h.leans) if h.leans else "")
+                 needs=_place(*h.leans) if h.leans else "", ratio=h.ratio)
 
 
 def _group(h: Hypothesis, family: str) -> str:

@@ -35,6 +35,8 @@ class Block:
             a standard normal, theirs is: what a memory was before the first row.
         least: rms, in sigmas, below which a column is nothing but round-off.
         gives, needs: a block with ``needs`` can only be there beside one that ``gives`` the same.
+        ratio: of what needs another, between which its coefficients are over the mean of that
+            other's; empty: anything.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Block:
     least: float = 0.0
     gives: str = ""
     needs: str = ""
+    ratio: tuple[tuple[float, float], ...] = ()
 
     def own_roots(self, gram: Array, count: int) -> tuple[Array, ...]:
         """Return its roots, or that of each column alone; ``gram`` (k, k) of its own columns.
