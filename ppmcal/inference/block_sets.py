@@ -111,8 +111,8 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
                if log_z > max(each) - NEGLIGIBLE)
     views = tuple((n, log_z + prior, j) for (n, j), log_z in zip(found, each, strict=True)
                   if n <= most)
-    log_p = (float(logsumexp([z + few[n].in_ratio(j) for z, (n, j) in zip(each, found, strict=True)]))
-             + prior if question.complete(chosen) else -np.inf)
+    kept = [z + few[n].in_ratio(j) for z, (n, j) in zip(each, found, strict=True)]
+    log_p = float(logsumexp(kept)) + prior if question.complete(chosen) else -np.inf
     return BlockSet(question, tuple(chosen), log_p, views, own)
 
 

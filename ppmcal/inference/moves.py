@@ -16,6 +16,8 @@ from ppmcal.linalg import Array, Bools
 
 CLOSE = 8.0
 """Sets that are so much less likely than the best are looked at for every correlation."""
+SETS = 3000
+"""Sets that are looked at, at most: some times what any search needs that ends by itself."""
 MOST = 40
 """Causes in a set at most."""
 DEEP = 3
@@ -27,10 +29,11 @@ LEAST_GAIN = 1e-6
 
 
 class SetSearch:
-    """Sets that the search has come to."""
+    """Sets that the search has come to; ``left``: at how many more it may look."""
 
     def __init__(self, question: Question) -> None:
         self.question = question
+        self.left = SETS
         self.states: dict[Numbers, BlockSet] = {}
         self.nearby: dict[Numbers, float] = {}
         self.settled = set[Numbers]()
@@ -55,6 +58,7 @@ class SetSearch:
 
     def _state(self, chosen: tuple[int, ...], likely: Sequence[int]) -> BlockSet:
         """Return a set; the sizes of its rows are where the search for those of others begins."""
+        self.left -= 1
         out = frozenset(self.question.apart_from_rows(chosen)[1])
         near = max((k for k in self.rows if k <= out), key=len, default=out)
         at = state(self.question, chosen, likely, self.near, self.rows.get(near))
@@ -84,6 +88,8 @@ class SetSearch:
 
         One more is tried first; then each in turn gone, or another in its place.
         """
+        if self.left <= 0:
+            return None
         if len(now.causes) < MOST:
             more = self._likelier(now, [self._best(now, self._full(now))])
             if more is not None:
@@ -105,10 +111,13 @@ class SetSearch:
         Many rows at once, what leans on another with that, parts or several in the place of one,
         one in the place of several, two events at once.
         """
-        for far in chain(self._masked(now), self._leaning(now), self._parted(now), self._reshaped(now),
-                         self._split(now), self._merged(now), self._pairs(now, now.log_p)):
+        for far in chain(self._masked(now), self._leaning(now), self._parted(now),
+                         self._reshaped(now), self._split(now), self._merged(now),
+                         self._pairs(now, now.log_p)):
             if far.log_p > now.log_p + LEAST_GAIN:
                 return far
+            if self.left <= 0:
+                break
         return None
 
     def _room(self, now: BlockSet) -> int:
