@@ -92,7 +92,7 @@ class Round:
     asked: Asked
     answer: SetPosterior
     cut: bool = False
-    given_up: str = ""
+    given_up: tuple[str, ...] = ()
 
     @cached_property
     def keys(self) -> frozenset[object]:
@@ -247,7 +247,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
             rounds[-1] = ask(last.fit, last.added, before=last.keys)
             continue
         if len(rounds) == ROUNDS:
-            rounds[-1] = replace(last, given_up=UNSETTLED)
+            rounds[-1] = replace(last, given_up=(*last.given_up, UNSETTLED))
             break
         try:
             machine, added = extended(fit.problem.mechanism, sized)
@@ -256,7 +256,8 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
             if last.cut:
                 last = ask(last.fit, last.added, before=last.keys)
             what = ", ".join(h.label for h, _, _ in sized)
-            rounds[-1] = replace(last, given_up=UNFITTED.format(what, error.what))
+            rounds[-1] = replace(last, given_up=(
+                *last.given_up, UNFITTED.format(what, error.what)))
             break
         rounds.append(ask(now, added, before=last.keys, large=len(rounds) < ROUNDS // 2))
     return rounds
@@ -297,7 +298,7 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
     size = _Size(fit, keep, asked, {a.hypothesis.family for a in added})
     answer = posterior(asked.question, start, size.too_large if large else None)
     return Round(fit, added, tuple(own), kinds, found, asked, answer, size.found,
-                 ENDED if answer.ended else "")
+                 (ENDED,) if answer.ended else ())
 
 
 class _Size:

@@ -163,19 +163,18 @@ class SetSearch:
             last, each, count = at, gain, 2 * count
 
     def _leaning(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with what leans on another and that, more or in the place of one block.
+        """Yield sets with what leans on another and that at its simplest, in the place of a block.
 
-        What gives way under a weight that acts elsewhere may explain nothing by itself.
+        Or beside all. What gives way under a weight that acts elsewhere explains nothing by itself.
         """
         blocks = self.question.blocks
-        places = [now.chosen, *(tuple(j for j in now.chosen if j != i) for i in now.causes)]
-        for place in places:
+        leaning = [j for j, b in enumerate(blocks) if b.needs]
+        for place in (now.chosen, *(tuple(j for j in now.chosen if j != i) for i in now.causes)):
             there = {blocks[i].gives for i in place}
-            for j, block in enumerate(blocks):
-                if block.needs and block.needs not in there and j not in place:
-                    log_p, both = self._best(self.visit((*place, j)))
-                    if log_p > -np.inf:
-                        yield self.visit(both)
+            for j in leaning:
+                bearing = [i for i, b in enumerate(blocks) if b.gives == blocks[j].needs]
+                if bearing and blocks[j].needs not in there and j not in place:
+                    yield self.visit((*place, max(bearing, key=lambda i: blocks[i].log_prior), j))
 
     def _parted(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with parts of one block in its place, those first that it needs most.

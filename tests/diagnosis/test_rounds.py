@@ -5,15 +5,25 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
+from wild_diagnosis import write
 
 import ppmcal
-from ppmcal.diagnosis.explanation import _key, _seen
+from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
+from ppmcal.diagnosis import explanation
+from ppmcal.diagnosis.explanation import Round, _key, _seen, explained
 from ppmcal.diagnosis.extended_model import extended
 from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.recorded import with_whole_rows
+from ppmcal.diagnosis.refit import with_mechanism
+from ppmcal.errors import NoResult
+from ppmcal.inference import moves
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.question import Question
+from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.model.effects import effect_kinds
+from ppmcal.model.mechanism import Mechanism
 
 
 def hypothesis(kind: str, on: tuple[str, ...], names: tuple[str, ...], **more: Any) -> Hypothesis:
@@ -51,3 +61,51 @@ def test_a_column_that_geometry_makes_is_not_seen() -> None:
                      (Block("all", "all", (0, 1, 2, 3), 0.0),), np.ones((40, 2), dtype=bool),
                      np.zeros(39, dtype=np.int64))
     assert _seen(asked, (0, 1, 2, 3)).tolist() == [False, True, True, False]
+
+
+@pytest.fixture(scope="module")
+def slipped(tmp_path_factory: pytest.TempPathFactory) -> Fit:
+    """A screw that has slipped by a whole turn: hundreds of times the noise."""
+    folder = tmp_path_factory.mktemp("slipped")
+    write("slip-turn", "3-RPR", 40, 411689, folder, 1.0)
+    mechanism = read_mechanism(folder / "mechanism.yaml")
+    data = read_campaign([folder / "data.csv"], mechanism)
+    return identify(with_whole_rows(Problem(mechanism, data, mechanism.free)), FitOptions())
+
+
+def test_what_is_too_large_for_its_derivatives_is_fitted_before_another_cause_is_asked_for(
+        slipped: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once: a round that finds nothing new is the last, the same fit would be asked the same."""
+    fits = list[str]()
+
+    def counted(fit: Fit, machine: Mechanism, options: FitOptions) -> Fit:
+        fits.append(machine.effects[-1].kind.name)
+        return with_mechanism(fit, machine, options)
+
+    monkeypatch.setattr(explanation, "with_mechanism", counted)
+    rounds = explained(slipped, FitOptions())
+    assert [r.cut for r in rounds] == [True, False]
+    assert [[p.label for p in r.places] for r in rounds] == [["zero_shift on leg3"]] * 2
+    assert not any(r.given_up for r in rounds) and fits == ["zero_shift"]
+
+
+def test_what_was_found_and_has_no_fit_is_told(slipped: Fit, monkeypatch: pytest.MonkeyPatch
+                                               ) -> None:
+    def none(*_: object) -> Fit:
+        raise NoResult("no pose is reached")
+
+    monkeypatch.setattr(explanation, "with_mechanism", none)
+    monkeypatch.setattr(moves, "SETS", 10)
+    (only,) = explained(slipped, FitOptions(), ["zero_shift"])
+    assert not only.cut and only.answer.ended
+    said = only.given_up[-1]
+    assert "zero_shift on leg3" in said and "no pose is reached" in said and "--kind" in said
+
+
+def test_a_search_without_end_is_given_up_and_says_so(slipped: Fit,
+                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(explanation, "LINEAR", np.inf)      # all is asked of derivatives
+    monkeypatch.setattr(explanation, "ROUNDS", 1)
+    monkeypatch.setattr(moves, "SETS", 10)
+    (only,) = explained(slipped, FitOptions(), ["zero_shift"])
+    assert only.answer.ended and only.given_up == (explanation.ENDED, explanation.UNSETTLED)
