@@ -19,7 +19,7 @@ from ppmcal.diagnosis.refit import started, with_mechanism
 from ppmcal.diagnosis.stage import without
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.thinning import thinned
-from ppmcal.diagnosis.unknown_causes import UnknownCause, UnknownCauses
+from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.inference.block_sets import BlockSet, Numbers, state
 from ppmcal.inference.question import Question
@@ -49,13 +49,15 @@ MASS = 0.95
 class CausePlace:
     """One cause that is there, and what it may be.
 
-    ``members``: those that are needed for 95 %, likeliest first. ``block``: of the best set;
-    ``hypothesis``: what it stands for, None if that is unknown. ``only_misread``: whether all of
-    the members are columns that are read wrongly.
+    ``members``: those that are needed for 95 %, first the one of the family that leads, with all
+    members in which it is; the others likeliest first. ``block``: of the best set; ``leader``: what
+    is told in its place; ``hypothesis``: what that stands for, None if it is unknown.
+    ``only_misread``: whether all of the members are columns that are read wrongly.
     """
 
     members: tuple[Member, ...]
     block: int
+    leader: int
     label: str
     hypothesis: Hypothesis | None
     only_misread: bool = False
@@ -108,12 +110,41 @@ class Round:
         for n, i in enumerate(self.answer.best.chosen):
             if blocks[i].family == ROW_FAMILY:
                 continue
-            source = self.asked.sources[i]
+            members, leader = self._leading(tuple(_likely(self.answer.members(n))), i)
+            source = self.asked.sources[leader]
             h = source if isinstance(source, Hypothesis) and not source.anonymous else None
-            members = tuple(_likely(self.answer.members(n)))
-            out.append(CausePlace(members, i, blocks[i].name, h,
+            out.append(CausePlace(members, i, leader, blocks[leader].name, h,
                                   all(m.family in misread for m in members)))
         return tuple(out)
+
+    def _leading(self, members: tuple[Member, ...], block: int) -> tuple[tuple[Member, ...], int]:
+        """Return members, those first whose family leads, and the block that stands for it.
+
+        A family leads by all members in which it is, whatever stands beside it there.
+        """
+        best, blocks = frozenset(self.answer.best.chosen), self.asked.question.blocks
+        own = [m.chosen - (best - {block}) for m in members]
+        mass: dict[str, float] = defaultdict(float)
+        for m, some in zip(members, own, strict=True):
+            for family in {blocks[i].family for i in some}:
+                mass[family] += m.probability
+        leader = max(mass, key=lambda f: mass[f], default="")
+        for alone in (True, False):
+            for m, some in zip(members, own, strict=True):
+                mine = [i for i in some if blocks[i].family == leader]
+                # a name does not stand for two, unknown does
+                if mine and (len(some) == 1 if alone else leader == UNKNOWN_FAMILY):
+                    return (m, *(o for o in members if o is not m)), mine[0]
+        return members, block
+
+    @cached_property
+    def told(self) -> Numbers:
+        """The best set, in each place what has a name and leads there."""
+        out = set(self.answer.best.chosen)
+        for place in self.places:
+            if place.hypothesis is not None:
+                out = out - {place.block} | {place.leader}
+        return frozenset(out)
 
     @property
     def unnamed(self) -> tuple[CausePlace, ...]:
@@ -235,7 +266,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
     rounds = [ask(fit, (), large=True)]
     while True:
         last = rounds[-1]
-        sized = last.sized(frozenset(last.answer.best.chosen))
+        sized = last.sized(last.told)
         alone = _surest(sized) if last.fit is fit else None
         if alone is not None:
             sized = [alone]

@@ -88,7 +88,7 @@ class Told:
     @property
     def wanders(self) -> bool:
         """Whether something wanders in time, in no way that has a name."""
-        return any(isinstance(s := self.last.asked.sources[p.block], UnknownCause) and s.way
+        return any(isinstance(s := self.last.asked.sources[p.leader], UnknownCause) and s.way
                    for p in self.last.unnamed)
 
     def label(self, member: Member, place: CausePlace) -> str:
@@ -117,7 +117,7 @@ def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
     named = [p for p in last.places if p.named]
     if not named:
         return Told(whole, rounds, whole, (), last.verdict)
-    every = last.sized(frozenset(last.answer.best.chosen))
+    every = last.sized(last.told)
     mine = {id(p.hypothesis) for p in named}
     sized = [s for s in every if id(s[0]) in mine]
     machine, added = extended(whole.problem.mechanism, sized)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,11 +17,13 @@ from ppmcal.diagnosis.extended_model import extended
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import with_mechanism
+from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause
 from ppmcal.errors import NoResult
 from ppmcal.inference import moves
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.question import Question
+from ppmcal.inference.sets import Member, SetPosterior
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import Mechanism
@@ -61,6 +64,43 @@ def test_a_column_that_geometry_makes_is_not_seen() -> None:
                      (Block("all", "all", (0, 1, 2, 3), 0.0),), np.ones((40, 2), dtype=bool),
                      np.zeros(39, dtype=np.int64))
     assert _seen(asked, (0, 1, 2, 3)).tolist() == [False, True, True, False]
+
+
+def answered(*members: tuple[float, set[int]]) -> Round:
+    """Return a round with a backlash (0) in its one place, and what else may be there.
+
+    That is friction (1, 2), or a slow course (3) alone or beside a lag (4).
+    """
+    families = ("backlash", "friction", "friction", UNKNOWN_FAMILY, "lag")
+    sources = tuple(UnknownCause("a slow course", 1, (), 1.0) if f == UNKNOWN_FAMILY
+                    else Hypothesis(f, (f"leg{n}",), True, ("size",), (0.0,), (1.0,), (n,))
+                    for n, f in enumerate(families))
+    blocks = tuple(Block(f"{f} {n}", f, (n,), 0.0) for n, f in enumerate(families))
+    likely = [Member(" and ".join(sorted({families[i] for i in own})), p, frozenset(own))
+              for p, own in members]
+    answer = SimpleNamespace(best=SimpleNamespace(chosen=(0,)), members=lambda place: likely)
+    asked: Any = SimpleNamespace(question=SimpleNamespace(blocks=blocks), sources=sources)
+    none: Any = None
+    return Round(none, (), (), None, none, asked, cast(SetPosterior, answer))
+
+
+def test_what_leads_in_a_place_is_told() -> None:
+    """By all members in which it is: the likeliest single set may be of another family."""
+    (own,) = answered((0.6, {0}), (0.4, {1})).places
+    assert own.named and (own.leader, own.label) == (0, "backlash 0")
+    found = answered((0.6, {2}), (0.4, {0}))
+    (other,) = found.places
+    assert other.named and (other.leader, other.block) == (2, 0)
+    assert other.hypothesis is found.asked.sources[2] and found.told == {2}
+
+
+def test_no_name_stands_where_unknown_leads_in_several_ways() -> None:
+    (place,) = answered((0.45, {0}), (0.3, {3}), (0.25, {3, 4})).places
+    assert not place.named and place.hypothesis is None and place.label == "unknown 3"
+    (place,) = answered((0.45, {0}), (0.3, {3, 4}), (0.25, {3, 2})).places
+    assert not place.named and place.sure
+    (place,) = answered((0.55, {0}), (0.25, {3}), (0.2, {3, 4})).places
+    assert place.named
 
 
 @pytest.fixture(scope="module")
