@@ -17,6 +17,7 @@ from ppmcal.calibration.interpretation import (
     Mistake,
     refuse_after_fit,
     refuse_other_machine,
+    with_line,
 )
 from ppmcal.calibration.validation import left_out, report
 from ppmcal.diagnosis import result_tables as tables
@@ -137,24 +138,39 @@ def refuse_misread(what: Told) -> None:
     """Refuse files of which a column is not what it is read as.
 
     Raises:
-        Misread: with the column, and the rows if it is not all of them.
+        Misread: with the column, its files, and the rows if it is not all of them.
     """
-    mechanism = what.whole.problem.mechanism
-    for place in what.last.places:
-        h = place.hypothesis
-        if h is None or not (place.sure and place.only_misread):
-            continue
-        effect = replace(h, misread="", follows="").label
-        data = what.whole.problem.datasets[0]
-        if h.follows:
-            names = tuple(f"dir_{a}" for a in h.on or mechanism.actuators)
-            mistake = Mistake("sign", names, f"{h.follows}: {', '.join(names)} has another sign "
-                              f"than in the other rows: {effect} then explains all of them alike")
+    found = [m for p in what.last.places if p.sure and p.only_misread and p.hypothesis is not None
+             for m in _misreadings(what, p.hypothesis)]
+    if found:
+        raise Misread.of(found, what.whole.problem.mechanism.units)
+
+
+def _misreadings(what: Told, h: Hypothesis) -> list[Misreading]:
+    """Return how columns of an effect are read wrongly, for each file in which they are."""
+    system, mechanism = what.last.asked.system, what.whole.problem.mechanism
+    effect = replace(h, misread="", follows="").label
+    block, rows = None, tuple[int, ...]()
+    if h.stretch:
+        names = tuple(f"dir_{a}" for a in h.on or mechanism.actuators)
+        at = slice(*h.stretch)
+        files = np.unique(system.dataset[at])
+        data = system.problem.datasets[int(files[0])]
+        if system.row[at].size < np.count_nonzero(system.dataset == files[0]):
+            first, last = data.rows[system.row[at][[0, -1]]].tolist()
+            rows = tuple(range(first, last + 1))
         else:
-            mistake = Mistake("unit", (h.misread,), f"{h.misread}: {effect} would have a size that "
-                              "no machine has")
-        raise Misread.of([Misreading(data.source, (mistake,), None, NOISE, np.nan, np.nan, np.nan)],
-                         mechanism.units)
+            block = with_line(data, "signs", dict.fromkeys(names, -1))
+        mistake = Mistake("sign", names, f"{h.follows}: {', '.join(names)} has another sign "
+                          f"than in the other {'rows' if rows else 'files'}: {effect} then "
+                          "explains all of them alike", rows)
+    else:
+        moved = what.last.asked.question.columns.some(h.columns).reshape(len(system.row), -1)
+        files = np.unique(system.dataset[moved.any(axis=1)])
+        mistake = Mistake("unit", (h.misread,), f"{h.misread}: {effect} would have a size that "
+                          "no machine has")
+    return [Misreading(system.problem.datasets[i].source, (mistake,), block, NOISE, np.nan, np.nan,
+                       np.nan) for i in files.tolist()]
 
 
 def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:

@@ -40,6 +40,8 @@ class Hypothesis:
             deviation by column; inf: nothing is known of it; empty: of none.
         columns: where its columns are in the library.
         misread: how columns would have to be read for it; empty: as they are.
+        stretch: of the system the rows in which they are, from the first to the one before the
+            second; empty: all.
         starts: where it has a memory, columns of what that may have been before the first row,
             each with the place among ``columns`` of the one whose coefficient, times a standard
             normal, its own is.
@@ -77,6 +79,7 @@ class Hypothesis:
     leans: tuple[str, tuple[str, ...]] | None = None
     ratio: tuple[tuple[float, float], ...] = ()
     misread: str = ""
+    stretch: tuple[int, ...] = ()
     starts: tuple[tuple[int, int], ...] = ()
 
     @property
