@@ -242,7 +242,7 @@ def _key(source: Source) -> object:
     """Return what a block is, whatever its number, and whatever the strokes that were measured."""
     if isinstance(source, Hypothesis):
         own = {n: v for n, v in source.constants.items() if n not in source.strokes}
-        return (source.label, source.shared, source.follows, *sorted(own.items()))
+        return (source.label, source.shared, source.names, source.follows, *sorted(own.items()))
     return source.label if isinstance(source, UnknownCause) else source
 
 
@@ -271,8 +271,8 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
         if alone is not None:
             sized = [alone]
         # what was fitted before is asked as it was then
-        if _fitted(h for h, _, _ in sized) in [_fitted(a.hypothesis for a in r.added)
-                                               for r in rounds]:
+        new = what_is_fitted(h for h, _, _ in sized)
+        if any(new == what_is_fitted(a.hypothesis for a in r.added) for r in rounds):
             if not last.cut:
                 break
             rounds[-1] = ask(last.fit, last.added, before=last.keys)
@@ -294,9 +294,9 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
     return rounds
 
 
-def _fitted(some: Iterable[Hypothesis]) -> frozenset[object]:
+def what_is_fitted(some: Iterable[Hypothesis]) -> frozenset[object]:
     """Return what a fit has with some hypotheses: constants that it finds itself do not count."""
-    return frozenset((h.label, h.shared) if _between_points(h) else _key(h) for h in some)
+    return frozenset((h.label, h.shared, h.names) if _between_points(h) else _key(h) for h in some)
 
 
 def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools],
@@ -382,7 +382,7 @@ def _at_fitted(sources: Sequence[Source], start: Sequence[int], moved: Sequence[
     out = list(start)
     for h in moved:
         own = [n for n, s in enumerate(sources) if isinstance(s, Hypothesis) and _between_points(s)
-               and (s.label, s.shared, s.misread) == (h.label, h.shared, "")]
+               and (s.label, s.shared, s.names, s.misread) == (h.label, h.shared, h.names, "")]
         out = [n for n in out if n not in own] + own[:1]
     return out
 

@@ -23,7 +23,7 @@ from ppmcal.calibration.validation import left_out, report
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.adequacy import Remainder, against_noise
 from ppmcal.diagnosis.candidates import library
-from ppmcal.diagnosis.explanation import CausePlace, Round, explained
+from ppmcal.diagnosis.explanation import CausePlace, Round, explained, what_is_fitted
 from ppmcal.diagnosis.extended_model import Added, extended
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.hypotheses import Hypothesis
@@ -122,7 +122,8 @@ def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
     mine = {id(p.hypothesis) for p in named}
     sized = [s for s in every if id(s[0]) in mine]
     machine, added = extended(whole.problem.mechanism, sized)
-    if [a.hypothesis.label for a in added] == [a.hypothesis.label for a in last.added]:
+    if [what_is_fitted([a.hypothesis]) for a in added] == [
+            what_is_fitted([a.hypothesis]) for a in last.added]:
         fit, added = last.fit, tuple(replace(now, hypothesis=a.hypothesis)
                                      for now, a in zip(last.added, added, strict=True))
     else:
@@ -313,7 +314,8 @@ def _stage(asked: Round, rows: Sequence[int], chosen: Sequence[Hypothesis | None
 
 def _nearest(h: Hypothesis, some: Sequence[Hypothesis]) -> int:
     """Return the number of the same hypothesis over other rows, of which grids are others."""
-    same = [i for i, f in enumerate(some) if (f.label, f.shared) == (h.label, h.shared)]
+    same = [i for i, f in enumerate(some)
+            if (f.label, f.shared, f.names) == (h.label, h.shared, h.names)]
     return min(same, key=lambda i: h.apart(some[i]))
 
 

@@ -158,7 +158,9 @@ def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
     low, high = _range(h)
     return Block(h.label, family, (*h.columns, *(c for c, _ in h.starts)), log_prior,
                  low=low, high=high, group=_group(h, family),
-                 starts=tuple(of for _, of in h.starts), least=least, gives=_place(h.kind, h.on),
+                 starts=tuple(of for _, of in h.starts), least=least,
+                 # what leans is in proportion to one size, not to several that differ
+                 gives=_place(h.kind, h.on) if h.shared else "",
                  needs=_place(*h.leans) if h.leans else "", ratio=h.ratio)
 
 

@@ -14,6 +14,7 @@ from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
 from ppmcal.diagnosis import explanation
 from ppmcal.diagnosis.explanation import Round, _key, _seen, explained
 from ppmcal.diagnosis.extended_model import extended
+from ppmcal.diagnosis.from_evidence import _nearest
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import with_mechanism
@@ -43,6 +44,14 @@ def test_a_cause_is_the_same_whatever_the_stroke_that_was_measured() -> None:
 
     assert _key(periodic(0.1, 0.2)) == _key(periodic(0.1, 0.2001))
     assert _key(periodic(0.1, 0.2)) != _key(periodic(0.2, 0.2))
+
+
+def test_kinds_with_other_parameters_are_other_causes() -> None:
+    """A base that gives way to one part of a load, or to all: they have one label."""
+    one, several = (hypothesis("base_compliance", (), names) for names in (
+        ("z_fz",), ("z_fz", "rx_fz")))
+    assert one.label == several.label and _key(one) != _key(several)
+    assert _nearest(several, [one, several]) == 1
 
 
 def test_what_rows_do_not_see_of_an_effect_is_not_freed() -> None:
