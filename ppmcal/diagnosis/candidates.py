@@ -132,7 +132,8 @@ class _Kinds(Collector):
             self.bearing.name, tuple(self.actuators))
         low = tuple(-NEAR * constants[s.name] if s.scaling else lowest(s) for s in specs)
         high = tuple(NEAR * constants[s.name] if s.scaling else s.high for s in specs)
-        usual = tuple(usual_range(s, self.grids.stroke) for s in specs) if leans is None else ()
+        usual = tuple(usual_range(s, self.grids.stroke) for s in specs)
+        usual, ratio = (usual, ()) if leans is None else ((), usual)
         named = tuple(s.named for s in specs) if self.as_named and leans is None else ()
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
@@ -142,7 +143,8 @@ class _Kinds(Collector):
         turns = self.grids.stroke / constants[kind.period] if kind.period else 0.0
         names = tuple(s.name for s in specs)
         of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes,
-                          effect=kind, part=names[0] if kind.one_by_one else "", leans=leans)
+                          effect=kind, part=names[0] if kind.one_by_one else "", leans=leans,
+                          ratio=ratio)
 
         def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float],
                 starts: Sequence[tuple[int, int]] = ()) -> None:

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.fit import Fit, FitOptions, Problem, State
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.extended_model import Added, columns_added, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import System, build
 from ppmcal.diagnosis.question import ROW_FAMILY, Asked, Source, question
-from ppmcal.diagnosis.refit import with_mechanism
+from ppmcal.diagnosis.refit import started, with_mechanism
 from ppmcal.diagnosis.stage import without
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.thinning import thinned
-from ppmcal.diagnosis.unknown_causes import UnknownCause, UnknownCauses
+from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.inference.block_sets import Numbers, state
+from ppmcal.inference.block_sets import BlockSet, Numbers, state
+from ppmcal.inference.question import Question
+from ppmcal.inference.ranges import SIZES
 from ppmcal.inference.sets import Member, SetPosterior, posterior
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects import Setting
@@ -31,6 +33,14 @@ Sized = tuple[Hypothesis, Array, Array]
 ROUNDS = 4
 LINEAR = 0.1
 """What was added is linear where its derivatives say the same within so much of the noise, rms."""
+TRY = ("state what is known (stiffness, load, directions) in the mechanism file, or try fewer "
+       "kinds (--kind)")
+ENDED = ("the search among sets of causes was given up before it came to its end: the likeliest "
+         f"set that it had come to is told, others may be likelier; {TRY}")
+UNSETTLED = (f"causes that were fitted, and asked for again at that fit, did not stay the same in "
+             f"{ROUNDS} rounds: those of the last round are told; {TRY}")
+UNFITTED = ("with {} there is no fit ({}): what is told is from the fit without, where their "
+            f"derivatives may be far off; {TRY}")
 MASS = 0.95
 """Of the probability, what the families that are told in one place have together."""
 
@@ -39,13 +49,15 @@ MASS = 0.95
 class CausePlace:
     """One cause that is there, and what it may be.
 
-    ``members``: those that are needed for 95 %, likeliest first. ``block``: of the best set;
-    ``hypothesis``: what it stands for, None if that is unknown. ``only_misread``: whether all of
-    the members are columns that are read wrongly.
+    ``members``: those that are needed for 95 %, first the one of the family that leads, with all
+    members in which it is; the others likeliest first. ``block``: of the best set; ``leader``: what
+    is told in its place; ``hypothesis``: what that stands for, None if it is unknown.
+    ``only_misread``: whether all of the members are columns that are read wrongly.
     """
 
     members: tuple[Member, ...]
     block: int
+    leader: int
     label: str
     hypothesis: Hypothesis | None
     only_misread: bool = False
@@ -68,7 +80,11 @@ class CausePlace:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """What was asked at one fit, and the answer."""
+    """What was asked at one fit, and the answer.
+
+    ``cut``: whether the search ended at what was too large for its derivatives; ``given_up``: what
+    was not brought to its end, and what to do, in words.
+    """
 
     fit: Fit
     added: tuple[Added, ...]
@@ -77,6 +93,8 @@ class Round:
     library: Library
     asked: Asked
     answer: SetPosterior
+    cut: bool = False
+    given_up: tuple[str, ...] = ()
 
     @cached_property
     def keys(self) -> frozenset[object]:
@@ -92,12 +110,41 @@ class Round:
         for n, i in enumerate(self.answer.best.chosen):
             if blocks[i].family == ROW_FAMILY:
                 continue
-            source = self.asked.sources[i]
+            members, leader = self._leading(tuple(_likely(self.answer.members(n))), i)
+            source = self.asked.sources[leader]
             h = source if isinstance(source, Hypothesis) and not source.anonymous else None
-            members = tuple(_likely(self.answer.members(n)))
-            out.append(CausePlace(members, i, blocks[i].name, h,
+            out.append(CausePlace(members, i, leader, blocks[leader].name, h,
                                   all(m.family in misread for m in members)))
         return tuple(out)
+
+    def _leading(self, members: tuple[Member, ...], block: int) -> tuple[tuple[Member, ...], int]:
+        """Return members, those first whose family leads, and the block that stands for it.
+
+        A family leads by all members in which it is, whatever stands beside it there.
+        """
+        best, blocks = frozenset(self.answer.best.chosen), self.asked.question.blocks
+        own = [m.chosen - (best - {block}) for m in members]
+        mass: dict[str, float] = defaultdict(float)
+        for m, some in zip(members, own, strict=True):
+            for family in {blocks[i].family for i in some}:
+                mass[family] += m.probability
+        leader = max(mass, key=lambda f: mass[f], default="")
+        for alone in (True, False):
+            for m, some in zip(members, own, strict=True):
+                mine = [i for i in some if blocks[i].family == leader]
+                # a name does not stand for two, unknown does
+                if mine and (len(some) == 1 if alone else leader == UNKNOWN_FAMILY):
+                    return (m, *(o for o in members if o is not m)), mine[0]
+        return members, block
+
+    @cached_property
+    def told(self) -> Numbers:
+        """The best set, in each place what has a name and leads there."""
+        out = set(self.answer.best.chosen)
+        for place in self.places:
+            if place.hypothesis is not None:
+                out = out - {place.block} | {place.leader}
+        return frozenset(out)
 
     @property
     def unnamed(self) -> tuple[CausePlace, ...]:
@@ -125,21 +172,37 @@ class Round:
         return "named-set" if any(len(p.members) > 1 for p in named) else "named"
 
     def sized(self, chosen: Numbers) -> list[Sized]:
-        """Return the hypotheses of a set that have a name, their coefficients and their sigmas."""
+        """Return the hypotheses of a set that have a name, as :func:`sizes`."""
         best = self.answer.best
-        at = best if chosen == frozenset(best.chosen) else state(
-            self.asked.question, sorted(chosen), [n for n, _, _ in best.views])
-        joint = at.likeliest[2]
-        out = list(_once([
-            (source, value[:source.size], sigma[:source.size]) for i, value, sigma in
-            zip(at.causes, joint.values, joint.sigmas, strict=True)
-            if isinstance(source := self.asked.sources[i], Hypothesis)
-            and not source.anonymous and not source.misread]))
-        size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
-        for h, value, _ in out:
-            size[h.kind, h.on] += float(np.mean(value))
-        return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans
-                else (h, value, sigma) for h, value, sigma in out]
+        return sizes(self.asked, best if chosen == frozenset(best.chosen) else state(
+            self.asked.question, sorted(chosen), [n for n, _, _ in best.views]))
+
+
+def sizes(asked: Asked, at: BlockSet) -> list[Sized]:
+    """Return the hypotheses of a set that have a name, their coefficients and their sigmas.
+
+    Both are 0 of what rows do not see past the geometry: no fit could tell what it is.
+    """
+    joint = at.likeliest[2]
+    out = list(_once([
+        (source, seen * value[:source.size], seen * sigma[:source.size])
+        for i, value, sigma in zip(at.causes, joint.values, joint.sigmas, strict=True)
+        if isinstance(source := asked.sources[i], Hypothesis)
+        and not source.anonymous and not source.misread
+        for seen in (_seen(asked.question, source.columns),)]))
+    size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
+    for h, value, _ in out:
+        size[h.kind, h.on] += float(np.mean(value))
+    return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans
+            else (h, value, sigma) for h, value, sigma in out]
+
+
+def _seen(asked: Question, columns: Sequence[int]) -> Bools:
+    """Return of which columns (k,) the largest size shows as much as the smallest one does."""
+    given, which = asked.views[0].start, list(columns)
+    whole = np.sum(given.columns.some(which) ** 2, axis=0)
+    past = whole - np.sum(given.seen[which] ** 2, axis=1)
+    return np.asarray(past > (SIZES[0] / SIZES[-1]) ** 2 * whole)
 
 
 def _once(sized: Sequence[Sized]) -> Iterator[Sized]:
@@ -176,9 +239,10 @@ def _between_points(h: Hypothesis) -> bool:
 
 
 def _key(source: Source) -> object:
-    """Return what a block is, whatever its number."""
+    """Return what a block is, whatever its number, and whatever the strokes that were measured."""
     if isinstance(source, Hypothesis):
-        return (source.label, source.shared, source.follows, *sorted(source.constants.items()))
+        own = {n: v for n, v in source.constants.items() if n not in source.strokes}
+        return (source.label, source.shared, source.names, source.follows, *sorted(own.items()))
     return source.label if isinstance(source, UnknownCause) else source
 
 
@@ -194,43 +258,56 @@ def _likely(members: Sequence[Member]) -> Iterator[Member]:
 def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None) -> list[Round]:
     """Return what is in the data that a fit of the geometry leaves, round by round.
 
-    What was found is fitted with the geometry, and asked again at that fit, until it stays.
+    What was found is fitted with the geometry, and asked again at that fit, until it stays. What is
+    too large for its derivatives is fitted before another cause is asked for.
     """
     keep = thinned(fit.problem, [k | o for k, o in zip(fit.keep, fit.outliers, strict=True)])
-    everywhere = all_settings(fit)
-    rounds = [_asked(fit, fit, (), keep, everywhere, kinds)]
-    for _ in range(ROUNDS - 1):
+    ask = partial(_asked, fit, keep=keep, everywhere=all_settings(fit), kinds=kinds)
+    rounds = [ask(fit, (), large=True)]
+    while True:
         last = rounds[-1]
-        sized = last.sized(frozenset(last.answer.best.chosen))
-        if not sized and last.fit is fit:
-            break
+        sized = last.sized(last.told)
         alone = _surest(sized) if last.fit is fit else None
         if alone is not None:
             sized = [alone]
+        # what was fitted before is asked as it was then
+        new = what_is_fitted(h for h, _, _ in sized)
+        if any(new == what_is_fitted(a.hypothesis for a in r.added) for r in rounds):
+            if not last.cut:
+                break
+            rounds[-1] = ask(last.fit, last.added, before=last.keys)
+            continue
+        if len(rounds) == ROUNDS:
+            rounds[-1] = replace(last, given_up=(*last.given_up, UNSETTLED))
+            break
         try:
             machine, added = extended(fit.problem.mechanism, sized)
             now = with_mechanism(fit, machine, options) if sized else fit
-        except (BadInput, NoResult):
+        except (BadInput, NoResult) as error:
+            if last.cut:
+                last = ask(last.fit, last.added, before=last.keys)
+            what = ", ".join(h.label for h, _, _ in sized)
+            rounds[-1] = replace(last, given_up=(
+                *last.given_up, UNFITTED.format(what, error.what)))
             break
-        rounds.append(_asked(fit, now, added, keep, everywhere, kinds, last.keys))
-        if alone is None and _same(*rounds[-2:]):
-            break
+        rounds.append(ask(now, added, before=last.keys, large=len(rounds) < ROUNDS // 2))
     return rounds
 
 
-def _same(before: Round, after: Round) -> bool:
-    return {(p.label, p.hypothesis is None) for p in before.places} == {
-        (p.label, p.hypothesis is None) for p in after.places}
+def what_is_fitted(some: Iterable[Hypothesis]) -> frozenset[object]:
+    """Return what a fit has with some hypotheses: constants that it finds itself do not count."""
+    return frozenset((h.label, h.shared, h.names) if _between_points(h) else _key(h) for h in some)
 
 
 def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools],
            everywhere: Sequence[Setting], kinds: Sequence[str] | None,
-           before: Container[object] = ()) -> Round:
+           before: Container[object] = (), large: bool = False) -> Round:
     """Ask what is in the data of the ``whole``, its geometry as in a fit with what was ``added``.
 
     Residuals hold all that was added. ``before``: of what the best set was made in the round
     before; from there the search goes on. Where what was added is not linear, or stands at no
-    point of a grid, that counts of two ways to ask in which this set is likelier.
+    point of a grid, that counts of two ways to ask in which this set is likelier. ``large``:
+    whether the search ends at what is too large for its derivatives.
     """
     ways = []
     own = columns_added(fit.problem, added)
@@ -249,7 +326,51 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
         ways.append((asked, found, start))
     asked, found, start = ways[0] if len(ways) == 1 else max(
         ways, key=lambda way: state(way[0].question, way[2]).log_p)
-    return Round(fit, added, tuple(own), kinds, found, asked, posterior(asked.question, start))
+    size = _Size(fit, keep, asked, {a.hypothesis.family for a in added})
+    answer = posterior(asked.question, start, size.too_large if large else None)
+    return Round(fit, added, tuple(own), kinds, found, asked, answer, size.found,
+                 (ENDED,) if answer.ended else ())
+
+
+class _Size:
+    """How far causes are from what their derivatives at a fit say; those ``known`` are fitted."""
+
+    def __init__(self, fit: Fit, keep: Sequence[Bools], asked: Asked, known: Container[str]
+                 ) -> None:
+        self.fit, self.keep, self.asked, self.known = fit, keep, asked, known
+        self.found = False
+        self._small = set[Numbers]()
+
+    def too_large(self, at: BlockSet) -> bool:
+        """Return whether some of the causes of a set that have a name are too large together."""
+        some = [(i, h, value) for i, value in zip(at.causes, at.likeliest[2].values, strict=True)
+                if isinstance(h := self.asked.sources[i], Hypothesis) and not h.anonymous
+                and not h.misread and not _between_points(h) and h.family not in self.known]
+        own = frozenset(i for i, _, _ in some)
+        if own and own not in self._small and not self.found:
+            self._small.add(own)
+            told = {id(h) for _, h, _ in some}
+            sized = [s for s in sizes(self.asked, at) if id(s[0]) in told]
+            columns = [c for i, _, _ in some for c in self.asked.question.blocks[i].columns]
+            linear = self.asked.question.columns.some(columns) @ np.concatenate(
+                [value for _, _, value in some])
+            self.found = self._apart(sized, linear) > LINEAR
+        return self.found
+
+    def _apart(self, sized: Sequence[Sized], linear: Array) -> float:
+        """Return the rms, over the noise, by which a machine differs from its derivatives."""
+        problem, at = started(self.fit, extended(self.fit.problem.mechanism, sized)[0])
+        before = _residual(self.fit.problem, self.fit.state, self.keep)
+        after = _residual(problem, problem.solve(at), self.keep)
+        observed = self.asked.system.observed.reshape(-1)
+        if not before.size == after.size == observed.sum():
+            return np.inf       # rows that have no pose with it
+        return float(np.sqrt(np.mean((after - before + linear[observed]) ** 2)))
+
+
+def _residual(problem: Problem, at: State, keep: Sequence[Bools]) -> Array:
+    """Return the white residuals of the values that were observed (n,)."""
+    return np.concatenate([c.residual[c.observed] for c in problem.rows(at, False, keep)])
 
 
 def _at_fitted(sources: Sequence[Source], start: Sequence[int], moved: Sequence[Hypothesis]
@@ -261,7 +382,7 @@ def _at_fitted(sources: Sequence[Source], start: Sequence[int], moved: Sequence[
     out = list(start)
     for h in moved:
         own = [n for n, s in enumerate(sources) if isinstance(s, Hypothesis) and _between_points(s)
-               and (s.label, s.shared, s.misread) == (h.label, h.shared, "")]
+               and (s.label, s.shared, s.names, s.misread) == (h.label, h.shared, h.names, "")]
         out = [n for n in out if n not in own] + own[:1]
     return out
 

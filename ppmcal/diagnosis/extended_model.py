@@ -54,10 +54,13 @@ def extended(mechanism: Mechanism, sized: Sequence[tuple[Hypothesis, Array, Arra
              ) -> tuple[Mechanism, tuple[Added, ...]]:
     """Return the machine with hypotheses as free effects.
 
-    ``sized``: each with its coefficients and their standard deviations, by column.
+    ``sized``: each with its coefficients and their standard deviations, by column. What has none is
+    not seen: it stays at its default, since a fit would run away with it.
     """
     added: list[Added] = []
     for hypothesis, value, sigma in sized:
+        if hypothesis.slot and not sigma[0] > 0.0:
+            continue
         if hypothesis.slot:
             mechanism = _freed(mechanism, hypothesis.slot, float(value[0]))
             added.append(Added(hypothesis, hypothesis.on, (hypothesis.slot,)))
@@ -67,6 +70,8 @@ def extended(mechanism: Mechanism, sized: Sequence[tuple[Hypothesis, Array, Arra
         for part in range(count):
             on = hypothesis.on if hypothesis.shared else (hypothesis.on[part],)
             mine = slice(part * size, (part + 1) * size)
+            if not sigma[mine].any():
+                continue
             mechanism, names = _with(mechanism, hypothesis, on, value[mine], sigma[mine])
             added.append(Added(hypothesis, on, names))
     return mechanism, tuple(added)
@@ -90,7 +95,7 @@ def _with(mechanism: Mechanism, hypothesis: Hypothesis, on: Sequence[str], value
     names = [n.split(":")[-1] for n in hypothesis.names[:value.size]]
     given = {n: Given(_start(specs[n], float(v), float(s)), free=True,
                       nominal=None if specs[n].reciprocal else 0.0)
-             for n, v, s in zip(names, value, sigma, strict=True)}
+             for n, v, s in zip(names, value, sigma, strict=True) if s > 0.0}
     for n, v in hypothesis.constants.items():
         if not specs[n].scaling:
             given[n] = Given(v, free=not specs[n].constant)

@@ -17,12 +17,13 @@ from ppmcal.calibration.interpretation import (
     Mistake,
     refuse_after_fit,
     refuse_other_machine,
+    with_line,
 )
 from ppmcal.calibration.validation import left_out, report
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.adequacy import Remainder, against_noise
 from ppmcal.diagnosis.candidates import library
-from ppmcal.diagnosis.explanation import CausePlace, Round, explained
+from ppmcal.diagnosis.explanation import CausePlace, Round, explained, what_is_fitted
 from ppmcal.diagnosis.extended_model import Added, extended
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.hypotheses import Hypothesis
@@ -88,7 +89,7 @@ class Told:
     @property
     def wanders(self) -> bool:
         """Whether something wanders in time, in no way that has a name."""
-        return any(isinstance(s := self.last.asked.sources[p.block], UnknownCause) and s.way
+        return any(isinstance(s := self.last.asked.sources[p.leader], UnknownCause) and s.way
                    for p in self.last.unnamed)
 
     def label(self, member: Member, place: CausePlace) -> str:
@@ -117,11 +118,12 @@ def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
     named = [p for p in last.places if p.named]
     if not named:
         return Told(whole, rounds, whole, (), last.verdict)
-    every = last.sized(frozenset(last.answer.best.chosen))
+    every = last.sized(last.told)
     mine = {id(p.hypothesis) for p in named}
     sized = [s for s in every if id(s[0]) in mine]
     machine, added = extended(whole.problem.mechanism, sized)
-    if [a.hypothesis.label for a in added] == [a.hypothesis.label for a in last.added]:
+    if [what_is_fitted([a.hypothesis]) for a in added] == [
+            what_is_fitted([a.hypothesis]) for a in last.added]:
         fit, added = last.fit, tuple(replace(now, hypothesis=a.hypothesis)
                                      for now, a in zip(last.added, added, strict=True))
     else:
@@ -137,24 +139,39 @@ def refuse_misread(what: Told) -> None:
     """Refuse files of which a column is not what it is read as.
 
     Raises:
-        Misread: with the column, and the rows if it is not all of them.
+        Misread: with the column, its files, and the rows if it is not all of them.
     """
-    mechanism = what.whole.problem.mechanism
-    for place in what.last.places:
-        h = place.hypothesis
-        if h is None or not (place.sure and place.only_misread):
-            continue
-        effect = replace(h, misread="", follows="").label
-        data = what.whole.problem.datasets[0]
-        if h.follows:
-            names = tuple(f"dir_{a}" for a in h.on or mechanism.actuators)
-            mistake = Mistake("sign", names, f"{h.follows}: {', '.join(names)} has another sign "
-                              f"than in the other rows: {effect} then explains all of them alike")
+    found = [m for p in what.last.places if p.sure and p.only_misread and p.hypothesis is not None
+             for m in _misreadings(what, p.hypothesis)]
+    if found:
+        raise Misread.of(found, what.whole.problem.mechanism.units)
+
+
+def _misreadings(what: Told, h: Hypothesis) -> list[Misreading]:
+    """Return how columns of an effect are read wrongly, for each file in which they are."""
+    system, mechanism = what.last.asked.system, what.whole.problem.mechanism
+    effect = replace(h, misread="", follows="").label
+    block, rows = None, tuple[int, ...]()
+    if h.stretch:
+        names = tuple(f"dir_{a}" for a in h.on or mechanism.actuators)
+        at = slice(*h.stretch)
+        files = np.unique(system.dataset[at])
+        data = system.problem.datasets[int(files[0])]
+        if system.row[at].size < np.count_nonzero(system.dataset == files[0]):
+            first, last = data.rows[system.row[at][[0, -1]]].tolist()
+            rows = tuple(range(first, last + 1))
         else:
-            mistake = Mistake("unit", (h.misread,), f"{h.misread}: {effect} would have a size that "
-                              "no machine has")
-        raise Misread.of([Misreading(data.source, (mistake,), None, NOISE, np.nan, np.nan, np.nan)],
-                         mechanism.units)
+            block = with_line(data, "signs", dict.fromkeys(names, -1))
+        mistake = Mistake("sign", names, f"{h.follows}: {', '.join(names)} has another sign "
+                          f"than in the other {'rows' if rows else 'files'}: {effect} then "
+                          "explains all of them alike", rows)
+    else:
+        moved = what.last.asked.question.columns.some(h.columns).reshape(len(system.row), -1)
+        files = np.unique(system.dataset[moved.any(axis=1)])
+        mistake = Mistake("unit", (h.misread,), f"{h.misread}: {effect} would have a size that "
+                          "no machine has")
+    return [Misreading(system.problem.datasets[i].source, (mistake,), block, NOISE, np.nan, np.nan,
+                       np.nan) for i in files.tolist()]
 
 
 def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
@@ -297,7 +314,8 @@ def _stage(asked: Round, rows: Sequence[int], chosen: Sequence[Hypothesis | None
 
 def _nearest(h: Hypothesis, some: Sequence[Hypothesis]) -> int:
     """Return the number of the same hypothesis over other rows, of which grids are others."""
-    same = [i for i, f in enumerate(some) if (f.label, f.shared) == (h.label, h.shared)]
+    same = [i for i, f in enumerate(some)
+            if (f.label, f.shared, f.names) == (h.label, h.shared, h.names)]
     return min(same, key=lambda i: h.apart(some[i]))
 
 

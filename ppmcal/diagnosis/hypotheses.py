@@ -40,6 +40,8 @@ class Hypothesis:
             deviation by column; inf: nothing is known of it; empty: of none.
         columns: where its columns are in the library.
         misread: how columns would have to be read for it; empty: as they are.
+        stretch: of the system the rows in which they are, from the first to the one before the
+            second; empty: all.
         starts: where it has a memory, columns of what that may have been before the first row,
             each with the place among ``columns`` of the one whose coefficient, times a standard
             normal, its own is.
@@ -48,6 +50,7 @@ class Hypothesis:
             without a cause what moves along what.
         leans: kind and actuators of what gives way to the load, which has to be chosen too; its
             coefficient is the parameter times that of the other.
+        ratio: of what leans, the range in which machines have the parameter, by column.
         caution: by which its evidence is divided: what a step explains grows with the noise's
             long-run variance, which is known less well than the noise itself.
     """
@@ -74,7 +77,9 @@ class Hypothesis:
     effect: EffectKind | None = None
     part: str = ""
     leans: tuple[str, tuple[str, ...]] | None = None
+    ratio: tuple[tuple[float, float], ...] = ()
     misread: str = ""
+    stretch: tuple[int, ...] = ()
     starts: tuple[tuple[int, int], ...] = ()
 
     @property

@@ -72,7 +72,7 @@ def _turned(to: Collector) -> Iterator[Hypothesis]:
             yield replace(h, starts=(), columns=tuple(to.columns.later(c, sign) for c in columns),
                           choices=float(np.log(begin.size)),
                           misread=f"dir_{' dir_'.join(h.on or to.actuators)} turned",
-                          follows=_where(system, b, e))
+                          follows=_where(system, b, e), stretch=(b, e))
 
 
 def _where(system: System, begin: int, end: int) -> str:

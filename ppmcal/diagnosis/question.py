@@ -183,7 +183,9 @@ def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
                  low=low, high=high, group=_group(h, family),
                  starts=tuple(of for _, of in h.starts), least=least,
                  where="" if h.anonymous or h.misread else " ".join(h.on),
-                 gives=_place(h.kind, h.on), needs=_place(*h.leans) if h.leans else "",
+                 # what leans is in proportion to one size, not to several that differ
+                 gives=_place(h.kind, h.on) if h.shared else "",
+                 needs=_place(*h.leans) if h.leans else "", ratio=h.ratio,
                  reads=_inputs(h), way=f"{h.misread} {h.follows}".rstrip())
 
 

@@ -54,6 +54,11 @@ def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
     Raises:
         BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
     """
+    return _near(*started(fit, mechanism), options)
+
+
+def started(fit: Fit, mechanism: Mechanism) -> tuple[Problem, State]:
+    """Return the problem of such a machine, and where its fit starts; poses as without it."""
     problem = replace(fit.problem, mechanism=mechanism, free=mechanism.free)
     old = fit.problem.mechanism
     g = mechanism.values.copy()
@@ -61,7 +66,7 @@ def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
             if mechanism.names[p] == name and mechanism.parameters[p].value
             == old.parameters[p].value]
     g[kept] = fit.state.g[kept]
-    return _near(problem, State(g, fit.state.registrations, fit.state.poses), options)
+    return problem, State(g, fit.state.registrations, fit.state.poses)
 
 
 def of_rows(fit: Fit, rows: Sequence[Bools], options: FitOptions) -> Fit:

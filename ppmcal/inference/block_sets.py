@@ -16,6 +16,7 @@ from ppmcal.inference.given import Conditioned
 from ppmcal.inference.gross_rows import RowSize, sized_rows
 from ppmcal.inference.joint import JointBlocks, joint, taken_blocks
 from ppmcal.inference.question import Question
+from ppmcal.inference.ranges import LEAST, all_between, usual
 from ppmcal.linalg import Array
 
 NEGLIGIBLE = 14.0
@@ -79,6 +80,11 @@ class BlockSet:
         out = np.where(question.completes(self.chosen),
                        logsumexp(every, axis=0) + question.more(self.chosen), -np.inf)
         out[list(self.chosen)] = -np.inf
+        rows = {i: row.size for i, row in self.rows.items()}
+        for i in question.with_ratio:       # of which the other's size says how large it may be
+            if out[i] > self.log_p - NEGLIGIBLE:
+                out[i] = state(question, (*self.chosen, i), [n for n, _, _ in self.views],
+                               rows=rows).log_p
         return out
 
 
@@ -112,7 +118,8 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
                if log_z > max(each) - NEGLIGIBLE)
     views = tuple((n, log_z + prior, j) for (n, j), log_z in zip(found, each, strict=True)
                   if n <= most)
-    log_p = float(logsumexp(each)) + prior if question.complete(chosen) else -np.inf
+    kept = [z + few[n].in_ratio(j) for z, (n, j) in zip(each, found, strict=True)]
+    log_p = float(logsumexp(kept)) + prior if question.complete(chosen) else -np.inf
     return BlockSet(question, tuple(chosen), log_p, views, own)
 
 
@@ -143,6 +150,25 @@ class _Few:
         """Return the data with the rows taken, at the numbers of their sizes."""
         return self.given.taking(taken_blocks(
             self.given, list(self.rows.values()), [sizes[i] for i in self.rows]))
+
+    def in_ratio(self, found: JointBlocks) -> float:
+        """Return how much likelier causes are since what leans on another keeps its ratio to that.
+
+        The other one at its mean, what leans keeps within ends, as it does beforehand.
+        """
+        out = 0.0
+        for block, value, sigma in zip(self.causes, found.values, found.sigmas, strict=True):
+            others = [float(np.mean(v[:len(b.columns) - len(b.starts)])) for b, v in
+                      zip(self.causes, found.values, strict=True) if b.gives == block.needs]
+            if block.ratio and others:
+                low, high = np.sort(np.array(block.ratio) * sum(others), axis=1).T
+                k = low.size
+                inside = float(all_between(self.given.freedom, low - value[:k], high - value[:k],
+                                           sigma[:k]))
+                if inside <= np.log(LEAST):     # what is so far out that no number tells it
+                    return -np.inf
+                out += inside - float(usual(np.array(block.roots), low, high))
+        return out
 
     def sized(self, start: Sequence[tuple[int, int] | None], near: Mapping[int, int]
               ) -> dict[int, RowSize]:

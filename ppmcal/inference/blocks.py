@@ -38,6 +38,8 @@ class Block:
         gives, needs: a block with ``needs`` can only be there beside one that ``gives`` the same.
         reads: recorded inputs that it takes, ``way``: as what, empty: as they were read. No set
             takes one input in two ways.
+        ratio: of what needs another, between which its coefficients are over the mean of that
+            other's; empty: anything.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Block:
     needs: str = ""
     reads: frozenset[str] = frozenset()
     way: str = ""
+    ratio: tuple[tuple[float, float], ...] = ()
 
     def own_roots(self, gram: Array, count: int) -> tuple[Array, ...]:
         """Return its roots, or that of each column alone; ``gram`` (k, k) of its own columns.

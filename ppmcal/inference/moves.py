@@ -18,6 +18,8 @@ from ppmcal.linalg import Array, Bools
 
 CLOSE = 8.0
 """Sets that are so much less likely than the best are looked at for every correlation."""
+SETS = 3000
+"""Sets that are looked at, at most: some times what any search needs that ends by itself."""
 MOST = 40
 """Causes in a set at most."""
 DEEP = 3
@@ -29,10 +31,11 @@ LEAST_GAIN = 1e-6
 
 
 class SetSearch:
-    """Sets that the search has come to."""
+    """Sets that the search has come to; ``left``: at how many more it may look."""
 
     def __init__(self, question: Question) -> None:
         self.question = question
+        self.left = SETS
         self.states: dict[Numbers, BlockSet] = {}
         self.settled = set[Numbers]()
         self.replaced: list[BlockSet] = []
@@ -65,6 +68,7 @@ class SetSearch:
 
     def _state(self, chosen: tuple[int, ...], likely: Sequence[int]) -> BlockSet:
         """Return a set; the sizes of its rows are where the search for those of others begins."""
+        self.left -= 1
         out = frozenset(self.question.apart_from_rows(chosen)[1])
         near = max((k for k in self.rows if k <= out), key=len, default=out)
         at = state(self.question, chosen, likely, self.near, self.rows.get(near))
@@ -95,6 +99,8 @@ class SetSearch:
 
         One more is tried first; then each in turn gone, or another in its place.
         """
+        if self.left <= 0:
+            return None
         if len(now.causes) < MOST:
             more = self._likelier(now, [self._best(now, self._full(now))])
             if more is not None:
@@ -113,14 +119,16 @@ class SetSearch:
     def far(self, now: BlockSet) -> BlockSet | None:
         """Return a set that is likelier and farther away than one move, None where there is none.
 
-        Many rows at once, parts or several in the place of one, one in the place of several, two
-        events at once, alone or in the place of two others.
+        Many rows at once, what leans on another with that, parts or several in the place of one,
+        one in the place of several, two events at once, alone or in the place of two others.
         """
-        for far in chain(self._masked(now), self._parted(now), self._whole(now),
+        for far in chain(self._masked(now), self._leaning(now), self._parted(now), self._whole(now),
                          self._reshaped(now), self._split(now), self._merged(now),
                          self._renamed(now), self._pairs(now, now.log_p)):
             if far.log_p > now.log_p + LEAST_GAIN:
                 return far
+            if self.left <= 0:
+                break
         return None
 
     def _room(self, now: BlockSet) -> int:
@@ -164,6 +172,20 @@ class SetSearch:
             if gain < each:
                 return
             last, each, count = at, gain, 2 * count
+
+    def _leaning(self, now: BlockSet) -> Iterator[BlockSet]:
+        """Yield sets with what leans on another and that at its simplest, in the place of a block.
+
+        Or beside all. What gives way under a weight that acts elsewhere explains nothing by itself.
+        """
+        blocks = self.question.blocks
+        leaning = [j for j, b in enumerate(blocks) if b.needs]
+        for place in (now.chosen, *(tuple(j for j in now.chosen if j != i) for i in now.causes)):
+            there = {blocks[i].gives for i in place}
+            for j in leaning:
+                bearing = [i for i, b in enumerate(blocks) if b.gives == blocks[j].needs]
+                if bearing and blocks[j].needs not in there and j not in place:
+                    yield self.visit((*place, max(bearing, key=lambda i: blocks[i].log_prior), j))
 
     def _parted(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield the likeliest set with parts of one block in its place.

@@ -183,6 +183,11 @@ class Question:
         return out
 
     @cached_property
+    def with_ratio(self) -> list[int]:
+        """The blocks that keep within a ratio to another."""
+        return [i for i, b in enumerate(self.blocks) if b.ratio]
+
+    @cached_property
     def _leaning(self) -> tuple[Ints, Ints]:
         """What each block needs and gives (B,), by number; 0: nothing."""
         names = ["", *sorted({b.needs for b in self.blocks} - {""})]

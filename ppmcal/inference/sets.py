@@ -6,7 +6,7 @@ log p(H | y) = log Z(H) + log pi(H), for every correlation of the noise, and the
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from ppmcal.inference.block_sets import NEGLIGIBLE, BlockSet, Numbers
-from ppmcal.inference.moves import SetSearch
+from ppmcal.inference.moves import MOST, SetSearch
 from ppmcal.inference.question import Question
 from ppmcal.linalg import Array
 
@@ -43,11 +43,13 @@ class SetPosterior:
         best: the likeliest set.
         log_p: log probability of the sets that were counted, whatever is beside them.
         beside: log odds of each block beside the best set (B,).
+        ended: whether the search was given up before it had come to where nothing is likelier.
     """
 
     best: BlockSet
     log_p: dict[Numbers, float]
     beside: Array
+    ended: bool = False
 
     @cached_property
     def _beside(self) -> Array:
@@ -115,22 +117,27 @@ class SetPosterior:
                          if blocks[i].family not in self.best.question.alone)
 
 
-def posterior(question: Question, start: Sequence[int] = ()) -> SetPosterior:
+def posterior(question: Question, start: Sequence[int] = (),
+              enough: Callable[[BlockSet], bool] | None = None) -> SetPosterior:
     """Return which blocks are in the data: search from a set, then what is near the best.
 
     Args:
         question: what may be there.
         start: the set from which the search begins; nothing is looked at too.
+        enough: whether the search is to end at a set; asked of each that it comes to.
     """
     seen = SetSearch(question)
     best = seen.whole(seen.visit(()))
     if start:
         best = seen.whole(max(best, seen.settle(tuple(start)), key=lambda at: at.log_p))
     for _ in range(MOVES):
-        better = seen.better(best) or seen.far(best) or seen.overlooked(best)
+        better = None if enough is not None and enough(best) else (
+            seen.better(best) or seen.far(best) or seen.overlooked(best))
         if better is None:
             break
         best = seen.whole(better)
+    else:
+        seen.left = 0
     mine = frozenset(best.chosen)
     rests = [seen.settle(tuple(j for j in best.chosen if j != i)) for i in best.causes]
     counted = _scored([*rests, *seen.scored], best)
@@ -141,7 +148,7 @@ def posterior(question: Question, start: Sequence[int] = ()) -> SetPosterior:
                if not (key > mine and len(key) == len(mine) + 1)}
     total = float(logsumexp(list(counted.values())))
     return SetPosterior(best, {key: log_p - total for key, log_p in counted.items()},
-                        best.scores - best.log_p)
+                        best.scores - best.log_p, seen.left <= 0 or len(best.causes) >= MOST)
 
 
 def _scored(some: Iterable[BlockSet], best: BlockSet) -> dict[Numbers, float]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ppmcal.inference.block_sets import state
@@ -70,3 +72,34 @@ def test_no_set_takes_an_input_in_two_ways() -> None:
     assert np.isfinite(state(question, (0,)).scores).tolist() == [False, False, True]
     assert np.isfinite(state(question, (1,)).scores).tolist() == [False, False, False]
     assert len(posterior(question).best.chosen) == 1
+
+
+def test_it_is_found_with_what_it_needs_where_another_does_what_both_do() -> None:
+    """A base that gives way: what legs do under a weight in a wrong direction, nearly."""
+    rng = np.random.default_rng(6)
+    columns = rng.normal(size=(ROWS * WIDTH, 5))
+    both = 4.0 * columns[:, ALIKE] - 20.0 * columns[:, OFFSET]
+    base = 4
+    columns[:, base] = both + 8.0 * rng.normal(size=len(both))
+    plain = asked(rng.normal(size=len(both)) + both, columns)
+    blocks = (*plain.blocks, Block("base", "base", (base,), plain.blocks[0].log_prior))
+    question = replace(plain, blocks=blocks)
+    assert state(question, (base,)).log_p > state(question, (ALIKE,)).log_p
+    assert set(posterior(question, (base,)).best.chosen) == {ALIKE, OFFSET}
+
+
+def test_what_leans_keeps_within_the_ratio_that_machines_have() -> None:
+    """An angle of 600 rad is none; a set with it is no candidate, and none is likelier for it."""
+    def with_ratio(offset: float, most: float) -> Question:
+        plain = drawn(offset)
+        return replace(plain, blocks=tuple(
+            replace(b, ratio=((-most, most),) if b.needs else ()) for b in plain.blocks))
+
+    far = with_ratio(300.0, 1.6)
+    assert set(posterior(far).best.chosen) != {ALIKE, OFFSET}
+    assert state(far, (ALIKE,)).scores[OFFSET] < state(far, (ALIKE,)).log_p
+    near = with_ratio(3.0, 1.6)
+    assert set(posterior(near).best.chosen) == {ALIKE, OFFSET}
+    # at most as if no more were possible beforehand than what is
+    gain = state(near, (ALIKE, OFFSET)).log_p - state(drawn(3.0), (ALIKE, OFFSET)).log_p
+    assert 0.0 < gain < 3.0
