@@ -281,4 +281,4 @@ def test_students_t_is_that_of_tables(freedom: float) -> None:
     far = np.geomspace(8.0, 1e4, 20)
     known = np.maximum(special.stdtr(freedom, -far), 1e-300)
     assert np.log(np.maximum(student(freedom, -far), 1e-300)) == pytest.approx(
-        np.log(known), rel=1e-3)
+        np.log(known), rel=3e-3)
