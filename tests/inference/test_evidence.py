@@ -274,6 +274,19 @@ def test_odds_against_nothing_keep_to_their_bound_where_nothing_is() -> None:
     assert np.mean(ratio > 19.0) <= 1 / 19 + 3 * np.sqrt(1 / 19 / 400)
 
 
+def test_columns_that_are_asked_for_again_are_not_made_again(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every correlation asks for the same in turn."""
+    matrix, _ = drawn(4)
+    joined, made = JoinedColumns((MatrixColumns(matrix[:, :2]), MatrixColumns(matrix[:, 2:]))), []
+    as_it_is = MatrixColumns.some
+    monkeypatch.setattr(MatrixColumns, "some", lambda self, which: (
+        made.append(which), as_it_is(self, which))[1])
+    for which in ((0, 3), (0, 3), (3, 0)):
+        assert np.array_equal(joined.some(which), matrix[:, which])
+    assert made == [[0], [1], [0], [1]]
+
+
 @pytest.mark.parametrize("freedom", [NU, NU + 20.0, NU + 1000.0])
 def test_students_t_is_that_of_tables(freedom: float) -> None:
     x = np.concatenate([np.linspace(-8.0, 8.0, 161), [-1e300, 1e300, -np.inf, np.inf]])
