@@ -100,7 +100,7 @@ class JoinedColumns:
         home = np.searchsorted(self.starts, at, side="right") - 1
         found = [(home == h, self.parts[h].some((at[home == h] - self.starts[h]).tolist()))
                  for h in np.unique(home).tolist()]
-        out = np.empty((len(found[0][1]) if found else 0, at.size))
+        out = np.empty((at.size, len(found[0][1]) if found else 0)).T     # column by column
         for mine, columns in found:
             out[:, mine] = columns
         out.flags.writeable = False
