@@ -150,5 +150,5 @@ def _grams(at: Ints, columns: ColumnSource) -> Array:
     values = columns.some(need.tolist())
     if at.shape[1] == 1:
         return np.asarray(np.einsum("nb,nb->b", values, values)[place].reshape(-1, 1, 1))
-    own = np.moveaxis(values[:, place.reshape(at.shape)], 0, 2)
+    own = values.T[place.reshape(at.shape)]
     return np.asarray(own @ own.transpose(0, 2, 1))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import Protocol
 
 import numpy as np
 
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Ints
 
 
 class ColumnSource(Protocol):
@@ -65,9 +65,13 @@ class UnitColumns:
 
 @dataclass(frozen=True, eq=False)
 class JoinedColumns:
-    """Columns of several makers, one after the other."""
+    """Columns of several makers, one after the other.
+
+    For every correlation the same are asked for in turn: those that were made last are kept.
+    """
 
     parts: tuple[ColumnSource, ...]
+    _last: dict[tuple[int, ...], Array] = field(default_factory=dict, repr=False)
 
     @property
     def starts(self) -> list[int]:
@@ -85,11 +89,19 @@ class JoinedColumns:
 
     def some(self, which: Sequence[int]) -> Array:
         """Return the columns (n, k) of these numbers."""
-        at = np.asarray(which, dtype=np.int64)
+        key = tuple(which)
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = self._made(np.asarray(which, dtype=np.int64))
+        return self._last[key]
+
+    def _made(self, at: Ints) -> Array:
+        """Return the columns (n, k) of these numbers, that nobody writes to."""
         home = np.searchsorted(self.starts, at, side="right") - 1
         found = [(home == h, self.parts[h].some((at[home == h] - self.starts[h]).tolist()))
                  for h in np.unique(home).tolist()]
-        out = np.empty((len(found[0][1]) if found else 0, at.size))
+        out = np.empty((at.size, len(found[0][1]) if found else 0)).T     # column by column
         for mine, columns in found:
             out[:, mine] = columns
+        out.flags.writeable = False
         return out

@@ -52,14 +52,13 @@ class RowNoise:
         if not self.rho:
             return values
         last, tie = self.before
-        own, each = np.arange(last.shape[1]), tie[..., None]
-        root = self.observed[..., None] / np.sqrt(1.0 - each**2)
-        rows = values.reshape(*self.observed.shape, -1)
-        out = np.empty_like(rows)
-        for some in range(0, out.shape[2], BLOCK):
-            part = rows[:, :, some:some + BLOCK]
-            out[:, :, some:some + BLOCK] = (part - each * part[last, own]) * root
-        return out.reshape(values.shape)
+        own, root = np.arange(last.shape[1]), self.observed / np.sqrt(1.0 - tie**2)
+        columns = values.T.reshape(-1, *self.observed.shape)
+        out = np.empty(columns.shape)
+        for some in range(0, len(out), BLOCK):
+            part = columns[some:some + BLOCK]
+            out[some:some + BLOCK] = (part - tie * part[:, last, own]) * root
+        return out.reshape(values.T.shape).T
 
     def transposed(self, values: Array) -> Array:
         """Return values (N m, k) times the transpose of what :meth:`apply` does."""

@@ -54,15 +54,28 @@ def joint(given: Conditioned, blocks: Sequence[Block],
     start = [own or (len(SIZES) // 2, 0) for own in near or [None] * len(blocks)]
     sizes, grid = (np.array([own[n] for own in start], dtype=np.int64) for n in (0, 1))
     order = sorted(range(len(blocks)), key=lambda k: bool(near and near[k]))
+    known: dict[tuple[object, ...], tuple[Array, Array]] = {}
+
+    def along(k: int) -> tuple[Array, Array]:
+        """Return what is known of a block beside the others as they are now, asked once."""
+        rest = np.arange(len(blocks)) != k
+        key = (k, *sizes[rest].tolist(), *grid[rest].tolist())
+        if key not in known:
+            known[key] = system.along(k, sizes, grid)
+        return known[key]
+
     for _ in range(SWEEPS):
-        before, best, slack = (sizes.copy(), grid.copy()), 0.0, 0.0
+        before = (sizes.copy(), grid.copy())
         for k in order:
-            free, found = system.along(k, sizes, grid)
+            found = along(k)[1]
             sizes[k], grid[k] = np.unravel_index(int(np.argmax(found)), found.shape)
-            best = float(free[sizes[k], grid[k]])
-            slack += float(logsumexp(found)) - float(np.log(found.size)) - best
         if np.array_equal(before[0], sizes) and np.array_equal(before[1], grid):
             break
+    slack = 0.0
+    for k in order:
+        free, found = along(k)
+        best = float(free[sizes[k], grid[k]])
+        slack += float(logsumexp(found)) - float(np.log(found.size)) - best
     return JointBlocks(given.log_evidence + best + slack, sizes, grid,
                        *system.coefficients(sizes, grid))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import stdtr
+from scipy.special import ndtr
 
 from ppmcal.inference.priors import LARGEST_SIZE, NOISE_FREEDOM, SIZE_STEPS, SMALLEST_SIZE
 from ppmcal.linalg import Array, Ints
@@ -11,6 +11,8 @@ from ppmcal.linalg import Array, Ints
 SIZES = np.geomspace(float(SMALLEST_SIZE), float(LARGEST_SIZE), SIZE_STEPS)
 """Sizes s (S,), rms over the noise."""
 LEAST = 1e-300
+FAR = 1e12
+"""Standard deviations beyond which the probability is less than LEAST."""
 
 
 def bounded(low: Array, high: Array) -> Ints:
@@ -38,10 +40,22 @@ def all_between(freedom: float, low: Array, high: Array, deviation: Array) -> Ar
     """
     safe = np.maximum(deviation, LEAST)
     if not np.isfinite(high).any():         # a sign alone: one tail
-        each = stdtr(freedom, -low / safe)
+        each = student(freedom, -low / safe)
     else:
         a, b = low / safe, high / safe
         turned = a > 0.0                    # differences of small tails, not of numbers near one
         a, b = np.where(turned, -b, a), np.where(turned, -a, b)
-        each = stdtr(freedom, b) - stdtr(freedom, a)
+        each = student(freedom, b) - student(freedom, a)
     return np.asarray(np.sum(np.log(np.maximum(each, LEAST)), axis=-1))
+
+
+def student(freedom: float, x: Array) -> Array:
+    """Return the probability that Student's t is below x, as the normal one of what x stands for.
+
+    Of the noise's freedom or more it is as good as exact, in a quarter of the time. Hill 1970,
+    Algorithm 395.
+    """
+    a, x = freedom - 0.5, np.clip(x, -FAR, FAR)
+    b, y = 48.0 * a**2, a * np.log1p(x**2 / freedom)
+    series = (((-0.4 * y - 3.3) * y - 24.0) * y - 85.5) / (0.8 * y**2 + 100.0 + b) + y + 3.0
+    return np.asarray(ndtr(np.copysign(np.sqrt(y) * (1.0 + series / b), x)))

@@ -14,7 +14,7 @@ from ppmcal.inference.evidence import odds_of_all
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import joint
 from ppmcal.inference.priors import NOISE_FREEDOM
-from ppmcal.inference.ranges import SIZES
+from ppmcal.inference.ranges import SIZES, student
 
 ROWS = 40
 NU = float(NOISE_FREEDOM)
@@ -272,3 +272,26 @@ def test_odds_against_nothing_keep_to_their_bound_where_nothing_is() -> None:
         totals.append(float(special.logsumexp(odds_of_all(given, sets, 30) + prior)))
     ratio = np.exp(totals)
     assert np.mean(ratio > 19.0) <= 1 / 19 + 3 * np.sqrt(1 / 19 / 400)
+
+
+def test_columns_that_are_asked_for_again_are_not_made_again(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every correlation asks for the same in turn."""
+    matrix, _ = drawn(4)
+    joined, made = JoinedColumns((MatrixColumns(matrix[:, :2]), MatrixColumns(matrix[:, 2:]))), []
+    as_it_is = MatrixColumns.some
+    monkeypatch.setattr(MatrixColumns, "some", lambda self, which: (
+        made.append(which), as_it_is(self, which))[1])
+    for which in ((0, 3), (0, 3), (3, 0)):
+        assert np.array_equal(joined.some(which), matrix[:, which])
+    assert made == [[0], [1], [0], [1]]
+
+
+@pytest.mark.parametrize("freedom", [NU, NU + 20.0, NU + 1000.0])
+def test_students_t_is_that_of_tables(freedom: float) -> None:
+    x = np.concatenate([np.linspace(-8.0, 8.0, 161), [-1e300, 1e300, -np.inf, np.inf]])
+    assert student(freedom, x) == pytest.approx(special.stdtr(freedom, x), rel=1e-6)
+    far = np.geomspace(8.0, 1e4, 20)
+    known = np.maximum(special.stdtr(freedom, -far), 1e-300)
+    assert np.log(np.maximum(student(freedom, -far), 1e-300)) == pytest.approx(
+        np.log(known), rel=3e-3)

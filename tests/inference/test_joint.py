@@ -11,6 +11,7 @@ from ppmcal.inference.blocks import Block, batches
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.evidence import odds, total
 from ppmcal.inference.given import Conditioned
+from ppmcal.inference.joint import _System as system
 from ppmcal.inference.joint import joint, taken_blocks
 from ppmcal.inference.ranges import SIZES
 
@@ -98,6 +99,18 @@ def test_a_range_beside_another_block_is_that_of_the_sum_over_the_others_sizes(
     brute = float(logsumexp(every)) - np.log(len(SIZES))
     for order in ([ranged, other], [other, ranged]):
         assert joint(given, order).log_evidence == pytest.approx(brute, abs=0.1)
+
+
+def test_nothing_is_asked_twice_of_a_block_beside_the_same_others(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[object, ...]] = []
+    as_it_is = system.along
+    monkeypatch.setattr(system, "along", lambda self, k, sizes, grid: (asked.append(
+        (k, *np.delete(sizes, k), *np.delete(grid, k))), as_it_is(self, k, sizes, grid))[1])
+    for blocks in ([Block("", "", (0,), 0.0)], PAIRS[0]):
+        asked.clear()
+        joint(drawn(1), blocks)
+        assert len(asked) == len(set(asked))
 
 
 def test_what_is_taken_is_what_was_chosen() -> None:
