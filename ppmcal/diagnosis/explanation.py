@@ -152,11 +152,12 @@ class Round:
         return tuple(p for p in self.places if p.sure and not p.named)
 
     @property
-    def rows(self) -> tuple[int, ...]:
-        """Rows of the system that do not belong."""
-        blocks = self.asked.question.blocks
-        return tuple(source for i in self.answer.best.chosen if blocks[i].family == ROW_FAMILY
-                     if isinstance(source := self.asked.sources[i], int))
+    def rows(self) -> frozenset[tuple[int, int]]:
+        """Rows that do not belong: data set and number in it, whatever rows a system has lost."""
+        blocks, system = self.asked.question.blocks, self.asked.system
+        return frozenset((int(system.dataset[source]), int(system.row[source]))
+                         for i in self.answer.best.chosen if blocks[i].family == ROW_FAMILY
+                         if isinstance(source := self.asked.sources[i], int))
 
     @property
     def verdict(self) -> str:

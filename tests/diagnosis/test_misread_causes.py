@@ -1,4 +1,4 @@
-"""Columns that are read wrongly, as the probabilities of causes tell them: which file, which rows."""
+"""Columns that are read wrongly, as probabilities tell them: in which file, in which rows."""
 
 from __future__ import annotations
 
