@@ -69,8 +69,8 @@ LONG_ODDS = 1000.0
 """Odds beyond which a set of effects is not worth a fit."""
 MOST_READINGS = 8
 NOT_PREDICTED = ("{} would explain these rows, but poses held out are surely predicted worse with "
-                 "it than by geometry alone: it has no name here; measure more poses, or record more "
-                 "of what might matter (load, temperature, time)")
+                 "it than by geometry alone: it has no name here; measure more poses, or record "
+                 "more of what might matter (load, temperature, time)")
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,8 @@ from ppmcal.inference.priors import (
     GOES_WITH,
     GROSS_ROW,
     MISREAD,
+    NOISE_FREEDOM,
+    OWN_NOISE_FREEDOM,
     PLAIN,
     SELDOM,
     UNKNOWN,
@@ -88,11 +90,13 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     values = system.residual.reshape(-1) * observed.reshape(-1) + flat @ away
     columns = JoinedColumns((LibrarySource(library.products, observed), unknown.columns,
                              UnitColumns(observed.size)))
+    own_noise = all(d.estimated for d in problem.datasets)
     first = library.count + unknown.columns.count
     every: list[tuple[Block, Source]] = [*blocks(library, unknown.least),
                                          *unknown.blocks(library.count), *rows(observed, first)]
     asked = Question(columns, values, flat * prior, tuple(b for b, _ in every), observed,
-                     system.apart, frozenset({ROW_FAMILY}))
+                     system.apart, frozenset({ROW_FAMILY}),
+                     float(OWN_NOISE_FREEDOM if own_noise else NOISE_FREEDOM))
     return Asked(asked, system, tuple(source for _, source in every))
 
 
