@@ -186,7 +186,7 @@ def sizes(asked: Asked, at: BlockSet) -> list[Sized]:
     """
     joint = at.likeliest[2]
     out = list(_once([
-        (source, seen * value[:source.size], seen * sigma[:source.size])
+        _together(source, seen * value[:source.size], seen * sigma[:source.size])
         for i, value, sigma in zip(at.causes, joint.values, joint.sigmas, strict=True)
         if isinstance(source := asked.sources[i], Hypothesis)
         and not source.anonymous and not source.misread
@@ -196,6 +196,12 @@ def sizes(asked: Asked, at: BlockSet) -> list[Sized]:
         size[h.kind, h.on] += float(np.mean(value))
     return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans
             else (h, value, sigma) for h, value, sigma in out]
+
+
+def _together(h: Hypothesis, value: Array, sigma: Array) -> Sized:
+    """Return a hypothesis with what a machine has of it: its mean over sessions, if it has some."""
+    value, sigma = (x.reshape(max(len(h.sessions), 1), -1) for x in (value, sigma))
+    return h, np.mean(value, axis=0), np.sqrt(np.mean(sigma**2, axis=0))
 
 
 def _seen(asked: Question, columns: Sequence[int]) -> Bools:
@@ -315,7 +321,7 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
     moved = [a.hypothesis for a in added if _between_points(a.hypothesis)]
     for system, columns in _systems(whole, fit, own, keep, bool(moved)):
         tried = [fit.problem.free[c] for c in columns]
-        found = library(system, kinds, tried, misread=True)
+        found = library(system, kinds, tried, misread=True, apart=True)
         asked = question(system, found, UnknownCauses(system, everywhere), columns)
         # shapes without a cause have one name, and what a fit has stands in a grid twice
         first: dict[object, int] = {}
@@ -346,7 +352,8 @@ class _Size:
         """Return whether some of the causes of a set that have a name are too large together."""
         some = [(i, h, value) for i, value in zip(at.causes, at.likeliest[2].values, strict=True)
                 if isinstance(h := self.asked.sources[i], Hypothesis) and not h.anonymous
-                and not h.misread and not _between_points(h) and h.family not in self.known]
+                and not (h.misread or h.sessions or _between_points(h))
+                and h.family not in self.known]
         own = frozenset(i for i, _, _ in some)
         if own and own not in self._small and not self.found:
             self._small.add(own)

@@ -283,7 +283,7 @@ def _candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:
     groups: dict[tuple[object, ...], list[tuple[float, Hypothesis]]] = {}
     for source, p in zip(last.asked.sources, last.answer.probability, strict=True):
         if isinstance(source, Hypothesis) and not (source.anonymous or source.misread):
-            key = (source.family, source.on, source.shared)
+            key = (source.family, source.on, source.shared, source.sessions)
             groups.setdefault(key, []).append((float(p), source))
     out = []
     for some in groups.values():
@@ -343,7 +343,8 @@ def _stage(asked: Round, rows: Container[tuple[int, int]], chosen: Sequence[Hypo
     for at in zip(system.dataset.tolist(), system.row.tolist(), strict=True):
         keep[at[0]][at[1]] = at not in rows
     system = without(build(asked.fit.problem, asked.fit.state, keep), asked.columns)
-    found = library(system, asked.kinds, [asked.fit.problem.free[c] for c in asked.columns])
+    found = library(system, asked.kinds, [asked.fit.problem.free[c] for c in asked.columns],
+                    apart=True)
     there = [_nearest(h, found.hypotheses) for h in chosen if h is not None]
     return bare_stage(system, found, [i for i in there if i is not None], asked.columns)
 

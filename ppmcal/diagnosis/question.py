@@ -120,6 +120,7 @@ def blocks(library: Library, least: float = 0.0) -> Iterator[tuple[Block, Hypoth
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
     for h in library.hypotheses:
         families[_family(h)][h.on, h.shared].append(h)
+    cut = {(_family(h), h.on) for h in library.hypotheses if h.sessions}
     firsts = {family: next(iter(forms.values()))[0] for family, forms in families.items()}
     alike = Counter(_sort(h) for h in firsts.values())
     each: dict[tuple[str, Form, bool], float] = {}
@@ -127,13 +128,16 @@ def blocks(library: Library, least: float = 0.0) -> Iterator[tuple[Block, Hypoth
         top = float(np.log(_prior(firsts[family]) / alike[_sort(firsts[family])]))
         share = _shares(list(forms))
         for form, own in forms.items():
-            among = Counter(h.scanned for h in own)
+            among = Counter(h.scanned for h in own if not h.sessions)
             for scanned, count in among.items():
                 part = 1.0 if len(among) == 1 else (
                     1.0 - float(PLAIN) if scanned else float(PLAIN))
                 each[family, form, scanned] = top + float(np.log(share[form] * part / count))
             for h in own:
-                yield _block(h, family, each[family, form, h.scanned], least), h
+                goes = float(GOES_WITH) if h.sessions else 1.0 - float(GOES_WITH)
+                one = (family, h.on) in cut and h.shared and not h.scanned
+                yield _block(h, family, each[family, form, h.scanned]
+                             + one * float(np.log(goes)), least), h
     for h in library.misread:
         right = replace(h, misread="", follows="")
         log_prior = each[right.family, (h.on, h.shared), h.scanned] + float(np.log(float(MISREAD)))
@@ -164,7 +168,7 @@ def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
                  low=low, high=high, group=_group(h, family),
                  starts=tuple(of for _, of in h.starts), least=least,
                  # what leans is in proportion to one size, not to several that differ
-                 gives=_place(h.kind, h.on) if h.shared else "",
+                 gives=_place(h.kind, h.on) if h.shared and not h.sessions else "",
                  needs=_place(*h.leans) if h.leans else "", ratio=h.ratio)
 
 
@@ -177,7 +181,8 @@ def _group(h: Hypothesis, family: str) -> str:
         return f"{h.kind} {h.sort}"
     if h.effect is not None and h.effect.onset:
         return f"{family} on {' '.join(h.on)} {h.shared}"
-    return f"{family} of a joint" if len(h.on) == 1 and not h.misread else ""
+    by = " by session" if h.sessions else ""
+    return f"{family} of a joint{by}" if len(h.on) == 1 and not h.misread else ""
 
 
 def _place(kind: str, on: Sequence[str]) -> str:
