@@ -11,13 +11,8 @@ import numpy as np
 from ppmcal.calibration.compensation import Reading
 from ppmcal.calibration.fit import NOTE, Fit, FitOptions, Problem, bounded, identify, secondary
 from ppmcal.calibration.interpretation import (
-    NOISE,
-    Misread,
-    Misreading,
-    Mistake,
     refuse_after_fit,
     refuse_other_machine,
-    with_line,
 )
 from ppmcal.calibration.validation import left_out, report
 from ppmcal.diagnosis import result_tables as tables
@@ -36,6 +31,7 @@ from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.learned_terms import learned_beyond, with_learned
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.localization import localise
+from ppmcal.diagnosis.misread_causes import refuse_misread
 from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
 from ppmcal.diagnosis.onsets import refined, with_onsets
 from ppmcal.diagnosis.other_days import other_days, worse_days
@@ -150,45 +146,6 @@ def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
     return Told(whole, rounds, fit, effects, last.verdict, ended)
 
 
-def refuse_misread(what: Told) -> None:
-    """Refuse files of which a column is not what it is read as.
-
-    Raises:
-        Misread: with the column, its files, and the rows if it is not all of them.
-    """
-    found = [m for p in what.last.places if p.sure and p.only_misread and p.hypothesis is not None
-             for m in _misreadings(what, p.hypothesis)]
-    if found:
-        raise Misread.of(found, what.whole.problem.mechanism.units)
-
-
-def _misreadings(what: Told, h: Hypothesis) -> list[Misreading]:
-    """Return how columns of an effect are read wrongly, for each file in which they are."""
-    system, mechanism = what.last.asked.system, what.whole.problem.mechanism
-    effect = replace(h, misread="", follows="").label
-    block, rows = None, tuple[int, ...]()
-    if h.stretch:
-        names = tuple(f"dir_{a}" for a in h.on or mechanism.actuators)
-        at = slice(*h.stretch)
-        files = np.unique(system.dataset[at])
-        data = system.problem.datasets[int(files[0])]
-        if system.row[at].size < np.count_nonzero(system.dataset == files[0]):
-            first, last = data.rows[system.row[at][[0, -1]]].tolist()
-            rows = tuple(range(first, last + 1))
-        else:
-            block = with_line(data, "signs", dict.fromkeys(names, -1))
-        mistake = Mistake("sign", names, f"{h.follows}: {', '.join(names)} has another sign "
-                          f"than in the other {'rows' if rows else 'files'}: {effect} then "
-                          "explains all of them alike", rows)
-    else:
-        moved = what.last.asked.question.columns.some(h.columns).reshape(len(system.row), -1)
-        files = np.unique(system.dataset[moved.any(axis=1)])
-        mistake = Mistake("unit", (h.misread,), f"{h.misread}: {effect} would have a size that "
-                          "no machine has")
-    return [Misreading(system.problem.datasets[i].source, (mistake,), block, NOISE, np.nan, np.nan,
-                       np.nan) for i in files.tolist()]
-
-
 def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     """Find what is missing in the machine's model, and how probable that is.
 
@@ -201,7 +158,7 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     refuse_after_fit(whole)
     begin("asking which causes are in the data")
     what = told(whole, options.fit, options.kinds)
-    refuse_misread(what)
+    refuse_misread(what.last)
     beside = list[str]()
     found, held = _with_held_out(what, options, beside)
     refuse_unredundant(found)
