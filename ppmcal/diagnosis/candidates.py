@@ -10,6 +10,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.diagnosis.added_variable_test import AddedVariableTest, pseudo_inverse
+from ppmcal.diagnosis.by_session import by_session
 from ppmcal.diagnosis.grids import NEAR, Grids, lowest, sign, start_values, usual_range
 from ppmcal.diagnosis.hypotheses import (
     Collector,
@@ -344,18 +345,21 @@ class _Kinds(Collector):
 
 
 def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[int] = (),
-            as_named: bool = False, misread: bool = False) -> Library:
+            as_named: bool = False, misread: bool = False, apart: bool = False) -> Library:
     """Return every hypothesis that these data could test.
 
     ``kinds``: only these; ``tried``: parameters that the fit frees only under test; ``as_named``:
     effects only in the range in which they are named, not in all that a search passes through;
-    ``misread``: also effects of columns that are not what they are read as.
+    ``misread``: also effects of columns that are not what they are read as; ``apart``: also those
+    that have a size of their own in each session.
     """
     maker = _Kinds(system, tried, as_named)
     for name, kind in effect_kinds().items():
         if kinds is None or name in kinds:
             for variant in kind.variants(maker.motion) if kind.variants else (kind,):
                 maker.kind(variant)
+    if apart:
+        maker.hypotheses += by_session(maker)
     if kinds is None or GEOMETRY in kinds:
         frozen_slots(maker, tried)
     if kinds is None:

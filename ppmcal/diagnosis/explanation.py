@@ -9,30 +9,25 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, FitOptions, Problem, State
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.diagnosis.candidates import library
+from ppmcal.diagnosis.cause_sizes import LINEAR, CauseSizes, Sized, between_points, sizes
 from ppmcal.diagnosis.extended_model import Added, columns_added, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import System, build
 from ppmcal.diagnosis.question import ROW_FAMILY, Asked, Source, question
-from ppmcal.diagnosis.refit import started, with_mechanism
+from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.stage import without
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.inference.block_sets import BlockSet, Numbers, state
-from ppmcal.inference.question import Question
-from ppmcal.inference.ranges import SIZES
+from ppmcal.inference.block_sets import Numbers, state
 from ppmcal.inference.sets import Member, SetPosterior, posterior
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Bools
 from ppmcal.model.effects import Setting
 
-Sized = tuple[Hypothesis, Array, Array]
-"""A hypothesis, its coefficients and their standard deviations."""
 ROUNDS = 4
-LINEAR = 0.1
-"""What was added is linear where its derivatives say the same within so much of the noise, rms."""
 TRY = ("state what is known (stiffness, load, directions) in the mechanism file, or try fewer "
        "kinds (--kind)")
 ENDED = ("the search among sets of causes was given up before it came to its end: the likeliest "
@@ -152,11 +147,12 @@ class Round:
         return tuple(p for p in self.places if p.sure and not p.named)
 
     @property
-    def rows(self) -> tuple[int, ...]:
-        """Rows of the system that do not belong."""
-        blocks = self.asked.question.blocks
-        return tuple(source for i in self.answer.best.chosen if blocks[i].family == ROW_FAMILY
-                     if isinstance(source := self.asked.sources[i], int))
+    def rows(self) -> frozenset[tuple[int, int]]:
+        """Rows that do not belong: data set and number in it, whatever rows a system has lost."""
+        blocks, system = self.asked.question.blocks, self.asked.system
+        return frozenset((int(system.dataset[source]), int(system.row[source]))
+                         for i in self.answer.best.chosen if blocks[i].family == ROW_FAMILY
+                         if isinstance(source := self.asked.sources[i], int))
 
     @property
     def verdict(self) -> str:
@@ -178,49 +174,6 @@ class Round:
             self.asked.question, sorted(chosen), [n for n, _, _ in best.views]))
 
 
-def sizes(asked: Asked, at: BlockSet) -> list[Sized]:
-    """Return the hypotheses of a set that have a name, their coefficients and their sigmas.
-
-    Both are 0 of what rows do not see past the geometry: no fit could tell what it is.
-    """
-    joint = at.likeliest[2]
-    out = list(_once([
-        (source, seen * value[:source.size], seen * sigma[:source.size])
-        for i, value, sigma in zip(at.causes, joint.values, joint.sigmas, strict=True)
-        if isinstance(source := asked.sources[i], Hypothesis)
-        and not source.anonymous and not source.misread
-        for seen in (_seen(asked.question, source.columns),)]))
-    size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
-    for h, value, _ in out:
-        size[h.kind, h.on] += float(np.mean(value))
-    return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans
-            else (h, value, sigma) for h, value, sigma in out]
-
-
-def _seen(asked: Question, columns: Sequence[int]) -> Bools:
-    """Return of which columns (k,) the largest size shows as much as the smallest one does."""
-    given, which = asked.views[0].start, list(columns)
-    whole = np.sum(given.columns.some(which) ** 2, axis=0)
-    past = whole - np.sum(given.seen[which] ** 2, axis=1)
-    return np.asarray(past > (SIZES[0] / SIZES[-1]) ** 2 * whole)
-
-
-def _once(sized: Sequence[Sized]) -> Iterator[Sized]:
-    """Yield hypotheses, those at several constants of a grid once, the one that is surest.
-
-    Between two points of a grid both are needed; a fit finds the point. Of waves and events there
-    may be several.
-    """
-    sure = {id(h): float(np.max(np.abs(value) / np.maximum(sigma, 1e-300)))
-            for h, value, sigma in sized}
-    for h, value, sigma in sized:
-        several = h.effect is None or h.effect.period or h.effect.onset or not h.constants
-        others = [f for f, _, _ in sized
-                  if (f.family, f.on, f.shared) == (h.family, h.on, h.shared)]
-        if several or h is max(others, key=lambda f: sure[id(f)]):
-            yield h, value, sigma
-
-
 def _surest(sized: Sequence[Sized]) -> Sized | None:
     """Return the surest of several if it was found at a point of a grid, else None.
 
@@ -230,12 +183,7 @@ def _surest(sized: Sequence[Sized]) -> Sized | None:
     if len(sized) < 2:
         return None
     most = max(sized, key=lambda s: float(np.sum((s[1] / np.maximum(s[2], 1e-300)) ** 2)))
-    return most if _between_points(most[0]) else None
-
-
-def _between_points(h: Hypothesis) -> bool:
-    """Return whether a fit finds constants of it that stand in no grid; an event has a row."""
-    return h.scanned and h.effect is not None and not h.effect.onset
+    return most if between_points(most[0]) else None
 
 
 def _key(source: Source) -> object:
@@ -296,7 +244,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
 
 def what_is_fitted(some: Iterable[Hypothesis]) -> frozenset[object]:
     """Return what a fit has with some hypotheses: constants that it finds itself do not count."""
-    return frozenset((h.label, h.shared, h.names) if _between_points(h) else _key(h) for h in some)
+    return frozenset((h.label, h.shared, h.names) if between_points(h) else _key(h) for h in some)
 
 
 def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools],
@@ -311,10 +259,10 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
     """
     ways = []
     own = columns_added(fit.problem, added)
-    moved = [a.hypothesis for a in added if _between_points(a.hypothesis)]
+    moved = [a.hypothesis for a in added if between_points(a.hypothesis)]
     for system, columns in _systems(whole, fit, own, keep, bool(moved)):
         tried = [fit.problem.free[c] for c in columns]
-        found = library(system, kinds, tried, as_named=True, misread=True)
+        found = library(system, kinds, tried, as_named=True, misread=True, apart=True)
         asked = question(system, found, UnknownCauses(system, everywhere), columns)
         # shapes without a cause have one name, and what a fit has stands in a grid twice
         first: dict[object, int] = {}
@@ -326,51 +274,10 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
         ways.append((asked, found, start))
     asked, found, start = ways[0] if len(ways) == 1 else max(
         ways, key=lambda way: state(way[0].question, way[2]).log_p)
-    size = _Size(fit, keep, asked, {a.hypothesis.family for a in added})
+    size = CauseSizes(fit, keep, asked, {a.hypothesis.family for a in added})
     answer = posterior(asked.question, start, size.too_large if large else None)
     return Round(fit, added, tuple(own), kinds, found, asked, answer, size.found,
                  (ENDED,) if answer.ended else ())
-
-
-class _Size:
-    """How far causes are from what their derivatives at a fit say; those ``known`` are fitted."""
-
-    def __init__(self, fit: Fit, keep: Sequence[Bools], asked: Asked, known: Container[str]
-                 ) -> None:
-        self.fit, self.keep, self.asked, self.known = fit, keep, asked, known
-        self.found = False
-        self._small = set[Numbers]()
-
-    def too_large(self, at: BlockSet) -> bool:
-        """Return whether some of the causes of a set that have a name are too large together."""
-        some = [(i, h, value) for i, value in zip(at.causes, at.likeliest[2].values, strict=True)
-                if isinstance(h := self.asked.sources[i], Hypothesis) and not h.anonymous
-                and not h.misread and not _between_points(h) and h.family not in self.known]
-        own = frozenset(i for i, _, _ in some)
-        if own and own not in self._small and not self.found:
-            self._small.add(own)
-            told = {id(h) for _, h, _ in some}
-            sized = [s for s in sizes(self.asked, at) if id(s[0]) in told]
-            columns = [c for i, _, _ in some for c in self.asked.question.blocks[i].columns]
-            linear = self.asked.question.columns.some(columns) @ np.concatenate(
-                [value for _, _, value in some])
-            self.found = self._apart(sized, linear) > LINEAR
-        return self.found
-
-    def _apart(self, sized: Sequence[Sized], linear: Array) -> float:
-        """Return the rms, over the noise, by which a machine differs from its derivatives."""
-        problem, at = started(self.fit, extended(self.fit.problem.mechanism, sized)[0])
-        before = _residual(self.fit.problem, self.fit.state, self.keep)
-        after = _residual(problem, problem.solve(at), self.keep)
-        observed = self.asked.system.observed.reshape(-1)
-        if not before.size == after.size == observed.sum():
-            return np.inf       # rows that have no pose with it
-        return float(np.sqrt(np.mean((after - before + linear[observed]) ** 2)))
-
-
-def _residual(problem: Problem, at: State, keep: Sequence[Bools]) -> Array:
-    """Return the white residuals of the values that were observed (n,)."""
-    return np.concatenate([c.residual[c.observed] for c in problem.rows(at, False, keep)])
 
 
 def _at_fitted(sources: Sequence[Source], start: Sequence[int], moved: Sequence[Hypothesis]
@@ -381,7 +288,7 @@ def _at_fitted(sources: Sequence[Source], start: Sequence[int], moved: Sequence[
     """
     out = list(start)
     for h in moved:
-        own = [n for n, s in enumerate(sources) if isinstance(s, Hypothesis) and _between_points(s)
+        own = [n for n, s in enumerate(sources) if isinstance(s, Hypothesis) and between_points(s)
                and (s.label, s.shared, s.names, s.misread) == (h.label, h.shared, h.names, "")]
         out = [n for n in out if n not in own] + own[:1]
     return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,25 +11,27 @@ import numpy as np
 from ppmcal.calibration.compensation import Reading
 from ppmcal.calibration.fit import NOTE, Fit, FitOptions, Problem, bounded, identify, secondary
 from ppmcal.calibration.interpretation import (
-    NOISE,
-    Misread,
-    Misreading,
-    Mistake,
     refuse_after_fit,
     refuse_other_machine,
-    with_line,
 )
 from ppmcal.calibration.validation import left_out, report
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.adequacy import Remainder, against_noise
 from ppmcal.diagnosis.candidates import library
-from ppmcal.diagnosis.explanation import CausePlace, Round, explained, what_is_fitted
+from ppmcal.diagnosis.explanation import (
+    UNFITTED,
+    CausePlace,
+    Round,
+    explained,
+    what_is_fitted,
+)
 from ppmcal.diagnosis.extended_model import Added, extended
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.learned_terms import learned_beyond, with_learned
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.localization import localise
+from ppmcal.diagnosis.misread_causes import refuse_misread
 from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
 from ppmcal.diagnosis.onsets import refined, with_onsets
 from ppmcal.diagnosis.other_days import other_days, worse_days
@@ -54,6 +56,7 @@ from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause
 from ppmcal.diagnosis.verdict import advice, findings, refuse_unconverged, refuse_unredundant
 from ppmcal.errors import PpmcalError
 from ppmcal.inference.sets import Member
+from ppmcal.model.dataset import Dataset
 from ppmcal.wording.progress import begin
 
 WEAK = 0.05
@@ -61,13 +64,17 @@ WEAK = 0.05
 LONG_ODDS = 1000.0
 """Odds beyond which a set of effects is not worth a fit."""
 MOST_READINGS = 8
+NOT_PREDICTED = ("{} would explain these rows, but poses held out are surely predicted worse with "
+                 "it than by geometry alone: it has no name here; measure more poses, or record "
+                 "more of what might matter (load, temperature, time)")
 
 
 @dataclass(frozen=True, eq=False)
 class Told:
     """What was found, and the fit of all rows with what has a name.
 
-    ``effects``: of each place that has a name, those that were added for it.
+    ``effects``: of each place that has a name, those that were added for it; ``given_up``: what was
+    not brought to its end.
     """
 
     whole: Fit
@@ -75,6 +82,7 @@ class Told:
     fit: Fit
     effects: tuple[tuple[CausePlace, tuple[Added, ...]], ...]
     verdict: str
+    given_up: tuple[str, ...] = ()
 
     @property
     def last(self) -> Round:
@@ -115,9 +123,10 @@ def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
     """Ask what is in the rows of a fit, and fit what has a name."""
     rounds = explained(whole, options, kinds)
     last = rounds[-1]
+    ended = tuple(dict.fromkeys(said for r in rounds for said in r.given_up))
     named = [p for p in last.places if p.named]
     if not named:
-        return Told(whole, rounds, whole, (), last.verdict)
+        return Told(whole, rounds, whole, (), last.verdict, ended)
     every = last.sized(last.told)
     mine = {id(p.hypothesis) for p in named}
     sized = [s for s in every if id(s[0]) in mine]
@@ -129,49 +138,12 @@ def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
     else:
         try:
             fit = with_mechanism(whole, machine, options)
-        except PpmcalError:
-            return Told(whole, rounds, whole, (), "unnamed")
+        except PpmcalError as error:
+            what = ", ".join(h.label for h, _, _ in sized)
+            return Told(whole, rounds, whole, (), "unnamed",
+                        (*ended, UNFITTED.format(what, error.what)))
     effects = tuple((p, tuple(a for a in added if a.hypothesis is p.hypothesis)) for p in named)
-    return Told(whole, rounds, fit, effects, last.verdict)
-
-
-def refuse_misread(what: Told) -> None:
-    """Refuse files of which a column is not what it is read as.
-
-    Raises:
-        Misread: with the column, its files, and the rows if it is not all of them.
-    """
-    found = [m for p in what.last.places if p.sure and p.only_misread and p.hypothesis is not None
-             for m in _misreadings(what, p.hypothesis)]
-    if found:
-        raise Misread.of(found, what.whole.problem.mechanism.units)
-
-
-def _misreadings(what: Told, h: Hypothesis) -> list[Misreading]:
-    """Return how columns of an effect are read wrongly, for each file in which they are."""
-    system, mechanism = what.last.asked.system, what.whole.problem.mechanism
-    effect = replace(h, misread="", follows="").label
-    block, rows = None, tuple[int, ...]()
-    if h.stretch:
-        names = tuple(f"dir_{a}" for a in h.on or mechanism.actuators)
-        at = slice(*h.stretch)
-        files = np.unique(system.dataset[at])
-        data = system.problem.datasets[int(files[0])]
-        if system.row[at].size < np.count_nonzero(system.dataset == files[0]):
-            first, last = data.rows[system.row[at][[0, -1]]].tolist()
-            rows = tuple(range(first, last + 1))
-        else:
-            block = with_line(data, "signs", dict.fromkeys(names, -1))
-        mistake = Mistake("sign", names, f"{h.follows}: {', '.join(names)} has another sign "
-                          f"than in the other {'rows' if rows else 'files'}: {effect} then "
-                          "explains all of them alike", rows)
-    else:
-        moved = what.last.asked.question.columns.some(h.columns).reshape(len(system.row), -1)
-        files = np.unique(system.dataset[moved.any(axis=1)])
-        mistake = Mistake("unit", (h.misread,), f"{h.misread}: {effect} would have a size that "
-                          "no machine has")
-    return [Misreading(system.problem.datasets[i].source, (mistake,), block, NOISE, np.nan, np.nan,
-                       np.nan) for i in files.tolist()]
+    return Told(whole, rounds, fit, effects, last.verdict, ended)
 
 
 def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
@@ -186,16 +158,20 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     refuse_after_fit(whole)
     begin("asking which causes are in the data")
     what = told(whole, options.fit, options.kinds)
-    refuse_misread(what)
-    training, held = training_part(whole, options)
-    found = _found(what, training, options)
-    refuse_unredundant(found)
+    refuse_misread(what.last)
     beside = list[str]()
-    gap = held_out_gap(found, held, options)
-    verdict = what.verdict
+    found, held = _with_held_out(what, options, beside)
+    refuse_unredundant(found)
+    gap = secondary("the gap on held-out poses", partial(held_out_gap, found, held, options), None,
+                    beside)
+    verdict, taken_back = what.verdict, list[str]()
     if verdict in NAMED and gap is not None and gap.worse:
         verdict = "unnamed"    # what does surely not predict is no name
+        taken_back.append(NOT_PREDICTED.format(", ".join(dict.fromkeys(
+            p.label for p, _ in what.effects))))
     named = verdict in NAMED
+    if not named:
+        found = replace(found, after=found.before, last=found.first, added=())
     final = what.fit if named else whole
     effects: tuple[NamedEffect, ...] = ()
     if named:
@@ -208,7 +184,8 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         block_gaps, whole, final, found.noise, options.seed), (), beside) if effects else ()
     if options.by_session:
         gap = next((b.gap for b in blocks if b.by == SESSION), None)
-    said = findings(whole, final, left, effects, gap, left_out(final), ())
+    said = [*taken_back, *what.given_up,
+            *findings(whole, final, left, effects, gap, left_out(final), ())]
     if effects:
         effects, apart = secondary("the size of effects in each session",
                                    partial(with_sessions, final, effects), (effects, []), beside)
@@ -228,7 +205,7 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         refuse_other_machine(reported.fit)
     beside += [f for f in reported.findings if f.startswith(NOTE)]
     readings = secondary("the machine under each other reading", partial(
-        _readings, what, terms, options), (), beside) if named or verdict == "weak" else ()
+        _readings, what, terms, options, beside), (), beside) if named or verdict == "weak" else ()
     places = secondary("where residuals are", partial(
         localise, replace(found.first, chosen=()), found.last if named else replace(
             found.first, chosen=()), options.seed), (), beside)
@@ -257,13 +234,13 @@ def _unknown(what: Told, place: CausePlace) -> UnknownFound:
 
 def _candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:
     """Return every hypothesis, a grid as one, with the probability that it is there."""
-    last, test, own = what.last, found.last.search.test, found.last.library.hypotheses
+    last = what.last
     names = {id(p.hypothesis) for p, _ in what.effects} if named else set()
     families = {h.family for p, _ in what.effects for m in p.members for h in what.hypotheses(m)}
     groups: dict[tuple[object, ...], list[tuple[float, Hypothesis]]] = {}
     for source, p in zip(last.asked.sources, last.answer.probability, strict=True):
         if isinstance(source, Hypothesis) and not (source.anonymous or source.misread):
-            key = (source.family, source.on, source.shared)
+            key = (source.family, source.on, source.shared, source.sessions)
             groups.setdefault(key, []).append((float(p), source))
     out = []
     for some in groups.values():
@@ -273,7 +250,7 @@ def _candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:
         status = ("named" if there else "alternative" if named and best.family in families
                   else "not needed")
         out.append(Candidate(
-            best, np.nan, np.nan, test.survival(own[_nearest(best, own)].columns), status,
+            best, np.nan, np.nan, _survival(found.last, best), status,
             () if place is None else tuple(what.label(m, place) for m in place.members[1:]), 0.0,
             min(sum(p for p, _ in some), 1.0)))
     return tuple(sorted(out, key=lambda c: (c.status != "named", -c.probability)))
@@ -284,6 +261,20 @@ def _possible(listed: Sequence[Candidate], verdict: str) -> tuple[Candidate, ...
     if verdict != "weak":
         return ()
     return tuple(replace(c, status="weak") for c in listed if c.probability >= WEAK)[:3]
+
+
+def _with_held_out(what: Told, options: DiagnosisOptions, beside: list[str]
+                   ) -> tuple[Found, tuple[Dataset, ...]]:
+    """Return fits and questions, and the poses that they do not know.
+
+    Where the others are too few for a fit, none are held out, which is noted.
+    """
+    def make() -> tuple[Found, tuple[Dataset, ...]]:
+        training, held = training_part(what.whole, options)
+        return _found(what, training, options), held
+
+    found = secondary("what held-out poses say", make, None, beside)
+    return (_found(what, what.whole, options), ()) if found is None else found
 
 
 def _found(what: Told, training: Fit, options: DiagnosisOptions) -> Found:
@@ -298,25 +289,38 @@ def _found(what: Told, training: Fit, options: DiagnosisOptions) -> Found:
                  _stage(last, last.rows, [p.hypothesis for p, _ in what.effects]), what.added)
 
 
-def _stage(asked: Round, rows: Sequence[int], chosen: Sequence[Hypothesis | None]) -> Stage:
-    """Return the linear problem of a question without rows that do not belong."""
+def _stage(asked: Round, rows: Container[tuple[int, int]], chosen: Sequence[Hypothesis | None]
+           ) -> Stage:
+    """Return the linear problem of a question without ``rows`` that do not belong.
+
+    What was chosen has no place in it where the rows that are left do not tell it.
+    """
     system, keep = asked.asked.system, [np.zeros(len(d), dtype=bool)
                                         for d in asked.fit.problem.datasets]
-    belongs = np.ones(system.row.size, dtype=bool)
-    belongs[list(rows)] = False
-    for dataset, row in zip(system.dataset[belongs], system.row[belongs], strict=True):
-        keep[dataset][row] = True
+    for at in zip(system.dataset.tolist(), system.row.tolist(), strict=True):
+        keep[at[0]][at[1]] = at not in rows
     system = without(build(asked.fit.problem, asked.fit.state, keep), asked.columns)
-    found = library(system, asked.kinds, [asked.fit.problem.free[c] for c in asked.columns])
-    return bare_stage(system, found, [_nearest(h, found.hypotheses) for h in chosen
-                                      if h is not None], asked.columns)
+    found = library(system, asked.kinds, [asked.fit.problem.free[c] for c in asked.columns],
+                    apart=True)
+    there = [_nearest(h, found.hypotheses) for h in chosen if h is not None]
+    return bare_stage(system, found, [i for i in there if i is not None], asked.columns)
 
 
-def _nearest(h: Hypothesis, some: Sequence[Hypothesis]) -> int:
-    """Return the number of the same hypothesis over other rows, of which grids are others."""
+def _survival(stage: Stage, h: Hypothesis) -> float:
+    """Return the part of a hypothesis that the geometry of a stage leaves, nan of what it lacks."""
+    own = stage.library.hypotheses
+    at = _nearest(h, own)
+    return np.nan if at is None else stage.search.test.survival(own[at].columns)
+
+
+def _nearest(h: Hypothesis, some: Sequence[Hypothesis]) -> int | None:
+    """Return the number of the same hypothesis over other rows, of which grids are others.
+
+    None where these rows do not tell it.
+    """
     same = [i for i, f in enumerate(some)
             if (f.label, f.shared, f.names) == (h.label, h.shared, h.names)]
-    return min(same, key=lambda i: h.apart(some[i]))
+    return min(same, key=lambda i: h.apart(some[i]), default=None)
 
 
 def _left(stage: Stage, asked: Round) -> Remainder:
@@ -332,8 +336,7 @@ def _effects(what: Told, stage: Stage) -> tuple[NamedEffect, ...]:
     for place, added in what.effects:
         first, *others = place.members
         assert place.hypothesis is not None
-        own = stage.library.hypotheses
-        survival = stage.search.test.survival(own[_nearest(place.hypothesis, own)].columns)
+        survival = _survival(stage, place.hypothesis)
         out += [NamedEffect(
             place.hypothesis.kind, a.on, a.parameters, np.nan, np.nan, survival,
             tuple(what.label(m, place) for m in others),
@@ -343,22 +346,28 @@ def _effects(what: Told, stage: Stage) -> tuple[NamedEffect, ...]:
     return tuple(out)
 
 
-def _readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions
-              ) -> tuple[Reading, ...]:
-    """Return the machine under each other set of causes at odds that count, and without any."""
+def _readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
+              notes: list[str]) -> tuple[Reading, ...]:
+    """Return the machine under each other set of causes at odds that count, and without any.
+
+    ``notes``: to which those are added that have no machine; commands do not count with them.
+    """
     whole, out = with_learned(what.whole, terms, options.fit), []
     with bounded(MOST_STEPS):
         for place, member, odds in _others(what)[:MOST_READINGS]:
             wanted = {id(h) for h in what.hypotheses(member)}
+            label = what.label(member, place)
             try:
                 sized = [s for s in what.last.sized(member.chosen) if id(s[0]) in wanted]
                 machine, _ = extended(whole.problem.mechanism, sized)
                 fit = with_mechanism(whole, machine, options.fit) if sized else whole
-            except PpmcalError:
+            except PpmcalError as error:
+                notes.append(f"{NOTE}the machine with {label} ({error.what})")
                 continue
             if (sized and not fit.converged) or beyond_physics(fit):
+                notes.append(f"{NOTE}the machine with {label} (" + (
+                    "sizes that no machine has)" if fit.converged else "its fit has no end)"))
                 continue
-            label = what.label(member, place)
             named = place.hypothesis.label if place.hypothesis is not None else ""
             kept = [h.label for h in what.hypotheses(member)]
             out.append(Reading(label, named, odds, fitted(fit),
@@ -380,6 +389,7 @@ def _next(what: Told, stage: Stage, verdict: str, seed: int) -> Proposal:
         other = [h for h in what.hypotheses(member) if not any(
             h is p.hypothesis for p, _ in what.effects)]
         if place.hypothesis and not place.hypothesis.slot and len(other) == 1:
-            return propose(stage, every[_nearest(place.hypothesis, every)],
-                           every[_nearest(other[0], every)], odds, seed)
+            one, two = _nearest(place.hypothesis, every), _nearest(other[0], every)
+            if one is not None and two is not None:
+                return propose(stage, every[one], every[two], odds, seed)
     return advice(verdict, len(what.whole.problem.mechanism.actuators))

@@ -14,6 +14,8 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, EffectKind, Shift
 from ppmcal.model.parameters import is_joint_component
 
+UNLIKE = ", not the same in all sessions"
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -42,6 +44,8 @@ class Hypothesis:
         misread: how columns would have to be read for it; empty: as they are.
         stretch: of the system the rows in which they are, from the first to the one before the
             second; empty: all.
+        sessions: those in each of which it has a size of its own, columns session by session;
+            empty: it is the same in all.
         starts: where it has a memory, columns of what that may have been before the first row,
             each with the place among ``columns`` of the one whose coefficient, times a standard
             normal, its own is.
@@ -79,6 +83,7 @@ class Hypothesis:
     leans: tuple[str, tuple[str, ...]] | None = None
     ratio: tuple[tuple[float, float], ...] = ()
     misread: str = ""
+    sessions: tuple[str, ...] = ()
     stretch: tuple[int, ...] = ()
     starts: tuple[tuple[int, int], ...] = ()
 
@@ -136,7 +141,8 @@ class Hypothesis:
         if self.misread:
             where = f" in {self.follows}" if self.follows else ""
             return f"{self.misread}{where}: {replace(self, misread='', follows='').label}"
-        return f"{self.called} on {', '.join(self.on)}" if self.on else self.family
+        what = f"{self.called} on {', '.join(self.on)}" if self.on else self.family
+        return f"{what}{UNLIKE}" if self.sessions else what
 
 
 def united(hypotheses: Sequence[Hypothesis]) -> Hypothesis:

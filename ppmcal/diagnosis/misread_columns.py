@@ -54,7 +54,7 @@ def _of_other_units(to: Collector) -> Iterator[Hypothesis]:
 def _turned(to: Collector) -> Iterator[Hypothesis]:
     """Yield effects of directions with these turned in a stretch of rows, whole files too."""
     effects = [h for h in to.hypotheses if h.effect and h.effect.needs == ("dir",)
-               and not h.effect.title and not h.constants]
+               and not h.effect.title and not h.constants and not h.sessions]
     if not effects:
         return
     system = to.system

@@ -34,7 +34,8 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
     problem = with_whole_rows(problem)
     own, told = with_own_noise(problem, options.fit)
     found = diagnose_with_registration(own, options)
-    for _ in range(ROUNDS if told else 0):
+    # probabilities hold that such noise is hardly known: once more is as good as often
+    for _ in range((1 if options.evidence else ROUNDS) if told else 0):
         fit = found.identification.fit
         if not found.effects:
             break

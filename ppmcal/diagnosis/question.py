@@ -21,6 +21,8 @@ from ppmcal.inference.priors import (
     GOES_WITH,
     GROSS_ROW,
     MISREAD,
+    NOISE_FREEDOM,
+    OWN_NOISE_FREEDOM,
     PLAIN,
     SELDOM,
     UNKNOWN,
@@ -88,11 +90,13 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     values = system.residual.reshape(-1) * observed.reshape(-1) + flat @ away
     columns = JoinedColumns((LibrarySource(library.products, observed), unknown.columns,
                              UnitColumns(observed.size)))
+    own_noise = all(d.estimated for d in problem.datasets)
     first = library.count + unknown.columns.count
     every: list[tuple[Block, Source]] = [*blocks(library, unknown.least),
                                          *unknown.blocks(library.count), *rows(observed, first)]
     asked = Question(columns, values, flat * prior, tuple(b for b, _ in every), observed,
-                     system.apart, frozenset({ROW_FAMILY}))
+                     system.apart, frozenset({ROW_FAMILY}),
+                     float(OWN_NOISE_FREEDOM if own_noise else NOISE_FREEDOM))
     return Asked(asked, system, tuple(source for _, source in every))
 
 
@@ -119,6 +123,7 @@ def blocks(library: Library, least: float = 0.0
     families: dict[str, dict[Form, list[Hypothesis]]] = defaultdict(lambda: defaultdict(list))
     for h in library.hypotheses:
         families[_family(h)][h.on, h.shared].append(h)
+    cut = {(_family(h), h.on) for h in library.hypotheses if h.sessions}
     firsts = {family: next(iter(forms.values()))[0] for family, forms in families.items()}
     alike = Counter(_sort(h) for h in firsts.values())
     each: dict[tuple[str, Form, bool], float] = {}
@@ -126,13 +131,16 @@ def blocks(library: Library, least: float = 0.0
         top = float(np.log(_prior(firsts[family]) / alike[_sort(firsts[family])]))
         share = _shares(list(forms))
         for form, own in forms.items():
-            among = Counter(h.scanned for h in own)
+            among = Counter(h.scanned for h in own if not h.sessions)
             for scanned, count in among.items():
                 part = 1.0 if len(among) == 1 else (
                     1.0 - float(PLAIN) if scanned else float(PLAIN))
                 each[family, form, scanned] = top + float(np.log(share[form] * part / count))
             for h in own:
-                block = _block(h, family, each[family, form, h.scanned], least)
+                goes = float(GOES_WITH) if h.sessions else 1.0 - float(GOES_WITH)
+                one = (family, h.on) in cut and h.shared and not h.scanned
+                block = _block(h, family, each[family, form, h.scanned]
+                               + one * float(np.log(goes)), least)
                 yield block, h
                 if h.effect is not None and _one_sign(h) and not (h.scanned or h.leans):
                     yield _opposite(block)
@@ -184,7 +192,7 @@ def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
                  starts=tuple(of for _, of in h.starts), least=least,
                  where="" if h.anonymous or h.misread else " ".join(h.on),
                  # what leans is in proportion to one size, not to several that differ
-                 gives=_place(h.kind, h.on) if h.shared else "",
+                 gives=_place(h.kind, h.on) if h.shared and not h.sessions else "",
                  needs=_place(*h.leans) if h.leans else "", ratio=h.ratio,
                  reads=_inputs(h), way=f"{h.misread} {h.follows}".rstrip())
 
@@ -205,7 +213,8 @@ def _group(h: Hypothesis, family: str) -> str:
         return f"{h.kind} {h.sort}"
     if h.effect is not None and h.effect.onset:
         return f"{family} on {' '.join(h.on)} {h.shared}"
-    return f"{family} of a joint" if len(h.on) == 1 and not h.misread else ""
+    by = " by session" if h.sessions else ""
+    return f"{family} of a joint{by}" if len(h.on) == 1 and not h.misread else ""
 
 
 def _place(kind: str, on: Sequence[str]) -> str:

@@ -14,6 +14,7 @@ from scipy.special import chdtrc
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, column_scale, coverage_of, residual_freedom, variances
+from ppmcal.diagnosis.hypotheses import UNLIKE
 from ppmcal.diagnosis.linear_system import MOST_ROWS, System, build
 from ppmcal.diagnosis.result import NamedEffect, SessionEffect
 from ppmcal.linalg import Array, Bools, subsample
@@ -48,7 +49,7 @@ def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
                     strict=True))
             place = where(effect.on, len(mechanism.actuators))
             # one hypothesis may have a value for each of several actuators
-            kind = effect.hypothesis.label.partition(" on ")[0]
+            kind = effect.hypothesis.label.partition(" on ")[0].removesuffix(UNLIKE)
             name = f"{kind} on {place}" if place else kind
             told.append(f"{name} is not the same in all sessions (p = "
                         f"{sizes.p_value:.1g}): {first.rpartition('.')[2]} {each} (95 %)")

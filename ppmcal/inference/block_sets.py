@@ -167,7 +167,8 @@ class _Few:
                                            sigma[:k]))
                 if inside <= np.log(LEAST):     # what is so far out that no number tells it
                     return -np.inf
-                out += inside - float(usual(np.array(block.roots), low, high))
+                out += inside - float(usual(np.array(block.roots), low, high,
+                                            self.given.known))
         return out
 
     def sized(self, start: Sequence[tuple[int, int] | None], near: Mapping[int, int]

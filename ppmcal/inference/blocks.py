@@ -11,6 +11,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.inference.columns import ColumnSource
+from ppmcal.inference.priors import NOISE_FREEDOM
 from ppmcal.inference.ranges import bounded, usual
 from ppmcal.linalg import Array, Ints
 
@@ -81,7 +82,8 @@ class Batch:
     """B blocks of the same shape, so that they are asked together.
 
     ``which`` (B,) numbers of the blocks; ``columns`` (B, k); ``gram`` (B, k, k) inner products of
-    their raw columns; ``roots`` (B, G, k, q); ``low``, ``high`` (B, k).
+    their raw columns; ``roots`` (B, G, k, q); ``low``, ``high`` (B, k);
+    ``known``: degrees of freedom of the noise's prior.
     """
 
     which: Ints
@@ -90,11 +92,12 @@ class Batch:
     roots: Array
     low: Array
     high: Array
+    known: float = float(NOISE_FREEDOM)
 
     @cached_property
     def usual(self) -> Array:
         """Log prior probability that coefficients are where they may be (B,)."""
-        return usual(self.roots, self.low, self.high)
+        return usual(self.roots, self.low, self.high, self.known)
 
     @property
     def bounded(self) -> bool:
@@ -123,17 +126,19 @@ CHUNK = 512
 """Columns that are made at a time."""
 
 
-def batches(blocks: Sequence[Block], columns: ColumnSource, count: int) -> list[Batch]:
-    """Return blocks as batches of one shape; ``count``: number n of values."""
+def batches(blocks: Sequence[Block], columns: ColumnSource, count: int,
+            known: float = float(NOISE_FREEDOM)) -> list[Batch]:
+    """Return blocks as batches of one shape; ``count``: number n of values; ``known``: of noise."""
     alike: dict[tuple[object, ...], list[int]] = defaultdict(list)
     for i, b in enumerate(blocks):
         roots = (len(b.roots), *b.roots[0].shape) if b.roots else b.starts
         alike[len(b.columns), bool(b.roots), roots].append(i)
-    return [_batch(np.array(own), [blocks[i] for i in own], columns, count)
+    return [_batch(np.array(own), [blocks[i] for i in own], columns, count, known)
             for own in alike.values()]
 
 
-def _batch(which: Ints, blocks: Sequence[Block], columns: ColumnSource, count: int) -> Batch:
+def _batch(which: Ints, blocks: Sequence[Block], columns: ColumnSource, count: int, known: float
+           ) -> Batch:
     at = np.array([b.columns for b in blocks], dtype=np.int64)
     some = max(CHUNK // max(at.shape[1], 1), 1)
     gram = np.concatenate([_grams(at[i:i + some], columns) for i in range(0, len(at), some)])
@@ -141,7 +146,7 @@ def _batch(which: Ints, blocks: Sequence[Block], columns: ColumnSource, count: i
     roots = np.array([b.roots for b in blocks]) if blocks[0].roots else scaled_root(
         gram, count, blocks[0].starts, np.array([b.least for b in blocks]))[:, None]
     ends = np.array([b.ends for b in blocks])                           # (B, 2, k)
-    return Batch(which, at, gram, roots, ends[:, 0], ends[:, 1])
+    return Batch(which, at, gram, roots, ends[:, 0], ends[:, 1], known)
 
 
 def _grams(at: Ints, columns: ColumnSource) -> Array:

@@ -24,6 +24,7 @@ class Conditioned:
         values: y. count: how many of them were measured, n. basis: W (n, r).
         seen: C'W (T, r). right: C'My (T,).
         rest: y'My. log_det: half the logarithm of the determinant of I + Z Z'.
+        known: values that the stated noise is as good as, the degrees of freedom of its prior.
     """
 
     columns: ColumnSource
@@ -34,12 +35,15 @@ class Conditioned:
     right: Array
     rest: float
     log_det: float
+    known: float = float(NOISE_FREEDOM)
 
     @classmethod
-    def nothing(cls, columns: ColumnSource, values: Array, count: int | None = None) -> Conditioned:
+    def nothing(cls, columns: ColumnSource, values: Array, count: int | None = None,
+                known: float = float(NOISE_FREEDOM)) -> Conditioned:
         """Return values (n,) and columns with no block taken.
 
         ``count``: of the values that were measured, the others are zero here and in all columns.
+        ``known``: of the noise.
 
         Raises:
             LinearAlgebraError: if values or columns hold anything but numbers.
@@ -48,17 +52,17 @@ class Conditioned:
         linalg.finite("what values say of their causes", along, np.asarray(square))
         return cls(columns, values, values.size if count is None else count,
                    np.zeros((values.size, 0)), np.zeros((columns.count, 0)), along,
-                   float(square), 0.0)
+                   float(square), 0.0, known)
 
     @property
     def freedom(self) -> float:
         """Degrees of freedom of the noise's posterior: the prior's and the values'."""
-        return float(NOISE_FREEDOM) + self.count
+        return self.known + self.count
 
     @property
     def spread(self) -> float:
         """Sum of squares behind the noise's posterior, the prior's with it."""
-        return float(NOISE_FREEDOM) + self.rest
+        return self.known + self.rest
 
     @property
     def log_evidence(self) -> float:
@@ -105,4 +109,4 @@ class Conditioned:
         more = self.columns.along(new)
         return Conditioned(self.columns, self.values, self.count, np.hstack([self.basis, new]),
                      np.hstack([self.seen, more]), self.right - more @ gone, rest,
-                     self.log_det + 0.5 * float(np.sum(np.log1p(own))))
+                     self.log_det + 0.5 * float(np.sum(np.log1p(own))), self.known)

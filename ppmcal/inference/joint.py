@@ -110,7 +110,7 @@ class _System:
         self.roots = [b.own_roots(gram[np.ix_(i, i)], given.count)
                       for b, i in zip(blocks, self.at, strict=True)]
         self.ends = [b.ends for b in blocks]
-        self.usual = [float(usual(np.array(r), *ends)) for r, ends in
+        self.usual = [float(usual(np.array(r), *ends, given.known)) for r, ends in
                       zip(self.roots, self.ends, strict=True)]
 
     def along(self, k: int, sizes: Ints, grid: Ints) -> tuple[Array, Array]:

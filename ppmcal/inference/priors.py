@@ -22,6 +22,8 @@ class Prior:
 SMALLEST_SIZE = Prior(0.03, "an effect of 0.03 sigma rms needs 10,000 values to be seen at all")
 LARGEST_SIZE = Prior(3000.0, "beyond it fits fail; ten times more of it would cost 0.2 nats")
 NOISE_FREEDOM = Prior(30.0, "a stated sigma is as good as one of 30 values, within 13 %")
+OWN_NOISE_FREEDOM = Prior(5.0, "noise estimated before anything is named holds what is missing: it "
+                               "may be half of what was found")
 FURTHER = Prior(1 / 4, "where one thing happened, or one joint has it, a second may: one in four")
 CORRELATED = Prior(1 / 2, "noise from row to row is as often correlated as it is not")
 

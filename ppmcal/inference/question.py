@@ -17,7 +17,7 @@ from ppmcal.inference.correlation import RowNoise, Whitened
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import taken_blocks
 from ppmcal.inference.pairs import Events
-from ppmcal.inference.priors import CORRELATED, CORRELATIONS, FURTHER
+from ppmcal.inference.priors import CORRELATED, CORRELATIONS, FURTHER, NOISE_FREEDOM
 from ppmcal.linalg import Array, Bools, Ints
 
 KEPT = 6
@@ -37,7 +37,8 @@ class NoiseView:
     @cached_property
     def batches(self) -> tuple[Batch, ...]:
         """The blocks of one shape each together."""
-        return tuple(batches(self.blocks, self.start.columns, self.start.count))
+        return tuple(batches(self.blocks, self.start.columns, self.start.count,
+                             self.start.known))
 
     def taking(self, rows: Mapping[int, int]) -> Conditioned:
         """Return the data with rows taken that do not belong, at their sizes."""
@@ -70,6 +71,7 @@ class Question:
         geometry: Jacobian times the root of its prior (n, c).
         apart: rows from each to the next (N - 1,), 0 where another sequence begins.
         alone: families of which none stands for several others: rows that do not belong.
+        known: values that the noise is known as from: degrees of freedom of its prior.
     """
 
     columns: ColumnSource
@@ -79,6 +81,7 @@ class Question:
     observed: Bools
     apart: Ints
     alone: frozenset[str] = frozenset()
+    known: float = float(NOISE_FREEDOM)
 
     @cached_property
     def views(self) -> tuple[NoiseView, ...]:
@@ -98,7 +101,8 @@ class Question:
         columns = Whitened(self.columns, noise) if rho else self.columns
         count = int(self.observed.sum())
         values = noise.apply(self.values[:, None])[:, 0]
-        start = Conditioned.nothing(columns, values, count).taking(noise.apply(self.geometry))
+        start = Conditioned.nothing(columns, values, count, self.known).taking(
+            noise.apply(self.geometry))
         return NoiseView(log_prior - noise.log_det, start, self.blocks)
 
     @cached_property

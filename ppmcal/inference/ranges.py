@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtr
 
-from ppmcal.inference.priors import LARGEST_SIZE, NOISE_FREEDOM, SIZE_STEPS, SMALLEST_SIZE
+from ppmcal.inference.priors import LARGEST_SIZE, SIZE_STEPS, SMALLEST_SIZE
 from ppmcal.linalg import Array, Ints
 
 SIZES = np.geomspace(float(SMALLEST_SIZE), float(LARGEST_SIZE), SIZE_STEPS)
@@ -21,15 +21,16 @@ def bounded(low: Array, high: Array) -> Ints:
     return np.flatnonzero(ends.reshape(-1, ends.shape[-1]).any(axis=0))
 
 
-def usual(roots: Array, low: Array, high: Array) -> Array:
+def usual(roots: Array, low: Array, high: Array, known: float) -> Array:
     """Return the log prior probability (...) that coefficients are between their ends.
 
-    Over all roots (..., G, k, q) and sizes; ``low``, ``high`` (..., k).
+    Over all roots (..., G, k, q) and sizes; ``low``, ``high`` (..., k); ``known``: degrees of
+    freedom of the noise's prior.
     """
     has = bounded(low, high)
     low, high = low[..., None, None, has], high[..., None, None, has]
     norm = np.sqrt(np.sum(roots[..., has, :] ** 2, axis=-1))            # (..., G, k)
-    each = all_between(float(NOISE_FREEDOM), low, high, SIZES[:, None] * norm[..., None, :])
+    each = all_between(known, low, high, SIZES[:, None] * norm[..., None, :])
     return np.asarray(np.log(np.maximum(np.mean(np.exp(each), axis=(-2, -1)), LEAST)))
 
 

@@ -1,4 +1,4 @@
-"""Columns that are read wrongly, as probabilities tell them: which file, which rows."""
+"""Columns that are read wrongly, as probabilities tell them: in which file, in which rows."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hidden import Options, hide
 from ppmcal.calibration.fit import FitOptions, Problem, identify
 from ppmcal.calibration.interpretation import Misread
 from ppmcal.diagnosis.candidates import library
-from ppmcal.diagnosis.from_evidence import refuse_misread
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
+from ppmcal.diagnosis.misread_causes import refuse_misread
 from ppmcal.diagnosis.question import Asked, question
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.term_candidates import all_settings
@@ -43,11 +43,10 @@ def two_files() -> tuple[Asked, Mechanism]:
 
 def refused(asked: Asked, mechanism: Mechanism, h: Hypothesis) -> Misread:
     place = SimpleNamespace(sure=True, only_misread=True, hypothesis=h)
-    what: Any = SimpleNamespace(
-        last=SimpleNamespace(places=[place], asked=asked),
-        whole=SimpleNamespace(problem=SimpleNamespace(mechanism=mechanism)))
+    last: Any = SimpleNamespace(places=[place], asked=asked, fit=SimpleNamespace(
+        problem=SimpleNamespace(mechanism=mechanism)))
     with pytest.raises(Misread) as error:
-        refuse_misread(what)
+        refuse_misread(last)
     return error.value
 
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import ppmcal
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.diagnosis import own_noise
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.search_rounds import DiagnosisOptions
 from ppmcal.wording.progress import Watch, watching
-
-pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +36,7 @@ def day(stage):
         "seed": 8}).data[0]
 
 
+@pytest.mark.slow
 def test_noise_is_that_of_the_model_with_what_was_named(stage, day):
     said: list[str] = []
     guess = replace(day, estimated=True).noisier(3.0)
@@ -49,9 +51,42 @@ def test_noise_is_that_of_the_model_with_what_was_named(stage, day):
     assert found.start.source == found.remainder.source == "estimated"
 
 
+@pytest.mark.slow
 def test_stated_noise_stays(stage, day):
     said: list[str] = []
     with watching(Watch(said.append)):
         _, told = diagnose_with_own_noise(
             Problem(stage, (day,), stage.free), DiagnosisOptions(draws=400))
     assert told == [] and not any("again with the noise" in s for s in said)
+
+
+@pytest.mark.parametrize(("evidence", "times"), [(True, 2), (False, 4)])
+def test_probabilities_are_asked_once_more_with_the_noise_that_is_left(
+        stage, day, monkeypatch: pytest.MonkeyPatch, evidence: bool, times: int) -> None:
+    """However often less is left: they take such noise as hardly known."""
+    asked = list[Problem]()
+
+    def named(problem: Problem, _: object) -> SimpleNamespace:
+        asked.append(problem)
+        fit = SimpleNamespace(problem=problem, state=SimpleNamespace(g=stage.values))
+        return SimpleNamespace(effects=[SimpleNamespace(kind="curvature", on=("leg2",))],
+                               identification=SimpleNamespace(fit=fit))
+
+    noise = iter(0.5 ** np.arange(9))
+    monkeypatch.setattr(own_noise, "diagnose_with_registration", named)
+    monkeypatch.setattr(own_noise, "with_own_noise", lambda problem, _: (
+        replace(problem, datasets=(guess.noisier(float(next(noise))),)), ["estimated"]))
+    guess = replace(day, estimated=True)
+    diagnose_with_own_noise(Problem(stage, (guess,), stage.free),
+                            DiagnosisOptions(evidence=evidence))
+    assert len(asked) == times
+
+
+@pytest.mark.slow
+def test_probabilities_name_what_is_small_beside_what_is_large(stage, day) -> None:
+    guess = replace(day, estimated=True).noisier(3.0)
+    found, _ = diagnose_with_own_noise(Problem(stage, (guess,), stage.free),
+                                       DiagnosisOptions(evidence=True))
+    assert {(e.kind, e.on) for e in found.effects} == {("curvature", ("leg2",)),
+                                                       ("backlash", ("leg1",))}
+    assert found.identification.fit.noise == pytest.approx(1.0, abs=0.2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,14 @@ from ppmcal.diagnosis.question import ROW_FAMILY, UNKNOWN_FAMILY, LibrarySource,
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.unknown_causes import UnknownCauses
-from ppmcal.inference.priors import FAMILY, GROSS_ROW, MISREAD, UNKNOWN
+from ppmcal.inference.priors import (
+    FAMILY,
+    GROSS_ROW,
+    MISREAD,
+    NOISE_FREEDOM,
+    OWN_NOISE_FREEDOM,
+    UNKNOWN,
+)
 from ppmcal.inference.question import Question
 from ppmcal.inference.sets import SetPosterior, posterior
 
@@ -79,6 +87,21 @@ def test_rows_that_do_not_belong_are_told_from_causes() -> None:
 def test_what_no_kind_does_is_unknown() -> None:
     found = posterior(asked("3-RRR-1", ["bump"], 2.0))
     assert UNKNOWN_FAMILY in names(found)
+
+
+def test_noise_that_files_want_estimated_is_hardly_known() -> None:
+    """Estimated before anything is named, it holds what is missing."""
+    found = hide("3-RPR", 7, [], 1.0, Options(poses=30), "all")
+    fit = identify(with_whole_rows(Problem(found.mechanism, (
+        found.dataset, replace(found.dataset, name="two")), found.mechanism.free)), FitOptions())
+    for estimated, known in (((True, True), OWN_NOISE_FREEDOM), ((True, False), NOISE_FREEDOM)):
+        datasets = tuple(replace(d, estimated=e) for d, e in zip(
+            fit.problem.datasets, estimated, strict=True))
+        system = build(replace(fit.problem, datasets=datasets), fit.state, fit.keep)
+        own = question(system, library(system, ["gain"]), UnknownCauses(system, all_settings(fit)))
+        assert own.question.known == float(known)
+        view = own.question.views[0]
+        assert {view.start.known, *(b.known for b in view.batches)} == {float(known)}
 
 
 def test_no_family_is_believed_more_than_its_prior() -> None:

@@ -11,8 +11,9 @@ from wild_diagnosis import write
 
 import ppmcal
 from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
-from ppmcal.diagnosis import explanation
-from ppmcal.diagnosis.explanation import Round, _key, _seen, explained
+from ppmcal.diagnosis import cause_sizes, explanation
+from ppmcal.diagnosis.cause_sizes import _seen
+from ppmcal.diagnosis.explanation import Round, _key, explained
 from ppmcal.diagnosis.extended_model import extended
 from ppmcal.diagnosis.from_evidence import _nearest
 from ppmcal.diagnosis.hypotheses import Hypothesis
@@ -153,7 +154,7 @@ def test_what_was_found_and_has_no_fit_is_told(slipped: Fit, monkeypatch: pytest
 
 def test_a_search_without_end_is_given_up_and_says_so(slipped: Fit,
                                                       monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(explanation, "LINEAR", np.inf)      # all is asked of derivatives
+    monkeypatch.setattr(cause_sizes, "LINEAR", np.inf)      # all is asked of derivatives
     monkeypatch.setattr(explanation, "ROUNDS", 1)
     monkeypatch.setattr(moves, "SETS", 10)
     (only,) = explained(slipped, FitOptions(), ["zero_shift"])

@@ -60,6 +60,19 @@ def test_what_was_there_on_one_day_is_told_as_that(tmp_path: Path) -> None:
     assert "backlash on leg1" in told and "mm in s" in told and "mm in t" in told
 
 
+def test_probabilities_name_what_was_there_on_one_day(tmp_path: Path) -> None:
+    """As that effect, not the same in all sessions: no unknown cause has to do it."""
+    two_days(tmp_path, [], BACKLASH)
+    _, found = diagnose(tmp_path, DATA, OTHER, "--evidence", "--kind", "backlash", "--kind",
+                        "friction")
+    (one,) = found["effects"]
+    assert (one["kind"], one["on"]) == ("backlash", ["leg1"]) and not found["unknown"]
+    sizes = {s["session"]: s["parameters"]["width"]["value"] for s in one["sessions"]}
+    assert abs(sizes["s"]) < 0.01 and abs(sizes["t"] - 0.03) < 0.01
+    (told,) = (f for f in found["findings"] if "is not the same in all sessions" in f)
+    assert told.startswith("backlash on leg1 is not")
+
+
 @pytest.mark.slow
 def test_sizes_are_those_of_each_day(tmp_path: Path) -> None:
     """The day on which it was larger is told with the larger size."""

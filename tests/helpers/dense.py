@@ -14,12 +14,13 @@ from ppmcal.inference.priors import NOISE_FREEDOM
 from ppmcal.inference.ranges import SIZES
 
 
-def density(values: np.ndarray, covariance: np.ndarray) -> float:
+def density(values: np.ndarray, covariance: np.ndarray,
+            known: float = float(NOISE_FREEDOM)) -> float:
     """Return the log density of values (n,) ~ N(0, s^2 C), s^2 about 1 as its prior has it.
 
     Chi-squared noise integrated makes Student's t of the prior's degrees of freedom.
     """
-    student = multivariate_t(np.zeros(values.size), covariance, float(NOISE_FREEDOM))
+    student = multivariate_t(np.zeros(values.size), covariance, known)
     return float(student.logpdf(values))
 
 

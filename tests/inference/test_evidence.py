@@ -13,7 +13,7 @@ from ppmcal.inference.evidence import odds as odds_of_batch
 from ppmcal.inference.evidence import odds_of_all
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import joint
-from ppmcal.inference.priors import NOISE_FREEDOM
+from ppmcal.inference.priors import NOISE_FREEDOM, OWN_NOISE_FREEDOM
 from ppmcal.inference.ranges import SIZES, student
 
 ROWS = 40
@@ -29,23 +29,28 @@ def drawn(columns: int, seed: int = 0, effect: float = 0.0) -> tuple[np.ndarray,
 
 
 def odds(given: Conditioned, blocks: list[Block]) -> np.ndarray:
-    return odds_of_all(given, batches(blocks, given.columns, given.values.size), len(blocks))
+    return odds_of_all(given, batches(blocks, given.columns, given.values.size, given.known),
+                       len(blocks))
 
 
+OWN = float(OWN_NOISE_FREEDOM)
+
+
+@pytest.mark.parametrize("known", [NU, OWN])
 @pytest.mark.parametrize("geometry", [0, 3])
 @pytest.mark.parametrize("size", [1, 2, 5])
-def test_odds_are_those_of_whole_covariances(geometry: int, size: int) -> None:
+def test_odds_are_those_of_whole_covariances(geometry: int, size: int, known: float) -> None:
     matrix, values = drawn(8, seed=size, effect=0.5)
     nuisance = matrix[:, 8 - geometry:] * 3.0
-    given = Conditioned.nothing(MatrixColumns(matrix), values).taking(nuisance)
+    given = Conditioned.nothing(MatrixColumns(matrix), values, known=known).taking(nuisance)
     block = Block("", "", tuple(range(size)), 0.0)
     batch, = batches([block], given.columns, ROWS)
     found = odds_of_batch(given, batch)[0, 0]
     without = np.eye(ROWS) + nuisance @ nuisance.T
     part = matrix[:, :size] @ batch.roots[0, 0]
-    base = density(values, without)
+    base = density(values, without, known)
     for s in (0, 12, 20, 33):
-        brute = density(values, without + SIZES[s] ** 2 * part @ part.T) - base
+        brute = density(values, without + SIZES[s] ** 2 * part @ part.T, known) - base
         assert found[s] == pytest.approx(brute, abs=1e-7)
 
 
@@ -95,42 +100,44 @@ def test_roots_of_a_grid_are_summed_over(geometry: int) -> None:
 
 
 def ranged(values: np.ndarray, without: np.ndarray, column: np.ndarray, low: float, high: float,
-           roots: tuple[float, ...]) -> float:
+           roots: tuple[float, ...], known: float) -> float:
     """Return the log odds of a coefficient between two ends, by quadrature over it."""
+    nu = known
     inverse = np.linalg.inv(without)
     own, mixed, rest = (float(a @ inverse @ b) for a, b in (
         (column, column), (column, values), (values, values)))
     inside, mass = [], []
     for scale in (s * r for r in roots for s in SIZES):
         mean = mixed / (own + scale**-2)
-        width = np.sqrt((NU + rest) / (NU + values.size) / (own + scale**-2))
+        width = np.sqrt((nu + rest) / (nu + values.size) / (own + scale**-2))
         ends = np.clip([low, high], mean - 60.0 * width, mean + 60.0 * width)
         grid = np.linspace(*ends, 20_001)
         square = rest - 2.0 * grid * mixed + grid**2 * (own + scale**-2)
-        power = -0.5 * (NU + values.size + 1.0) * np.log1p(square / NU)
-        base = -0.5 * (NU + values.size) * np.log1p(rest / NU)
-        constant = (special.gammaln(0.5 * (NU + values.size + 1.0))
-                    - special.gammaln(0.5 * (NU + values.size)) - 0.5 * np.log(np.pi * NU))
+        power = -0.5 * (nu + values.size + 1.0) * np.log1p(square / nu)
+        base = -0.5 * (nu + values.size) * np.log1p(rest / nu)
+        constant = (special.gammaln(0.5 * (nu + values.size + 1.0))
+                    - special.gammaln(0.5 * (nu + values.size)) - 0.5 * np.log(np.pi * nu))
         inside.append(integrate.trapezoid(np.exp(constant + power - base), grid) / scale)
-        mass.append(stats.t(NU).cdf(high / scale) - stats.t(NU).cdf(low / scale))
+        mass.append(stats.t(nu).cdf(high / scale) - stats.t(nu).cdf(low / scale))
     return float(np.log(np.mean(inside) / np.mean(mass)))
 
 
 @pytest.mark.parametrize("geometry", [0, 2])
 @pytest.mark.parametrize("roots", [(), (0.3, 2.0), (-0.5,)])
+@pytest.mark.parametrize("known", [NU, OWN])
 def test_sign_and_range_are_those_of_the_integral_over_the_coefficient(
-        geometry: int, roots: tuple[float, ...]) -> None:
+        geometry: int, roots: tuple[float, ...], known: float) -> None:
     matrix, values = drawn(3, effect=0.4)
     nuisance = 2.0 * matrix[:, 3 - geometry:]
     without = np.eye(ROWS) + nuisance @ nuisance.T
-    given = Conditioned.nothing(MatrixColumns(matrix), values).taking(nuisance)
+    given = Conditioned.nothing(MatrixColumns(matrix), values, known=known).taking(nuisance)
     best = float(matrix[:, 0] @ values / (matrix[:, 0] @ matrix[:, 0]))
     each = tuple(abs(r) for r in roots) or (1.0 / np.sqrt(np.mean(matrix[:, 0] ** 2)),)
     for low, high in ((0.0, np.inf), (-np.inf, 0.0), (0.5 * best, 1.1 * best), (-best, 0.0),
                       (-np.inf, -0.1 * best), (2.0 * best, np.inf)):
         block = Block("", "", (0,), 0.0, low=low, high=high,
                       roots=tuple(np.array([[r]]) for r in roots))
-        brute = ranged(values, without, matrix[:, 0], low, high, each)
+        brute = ranged(values, without, matrix[:, 0], low, high, each, known)
         assert odds(given, [block])[0] == pytest.approx(brute, abs=1e-4), (low, high)
         assert joint(given, [block]).log_evidence - given.log_evidence == pytest.approx(
             odds(given, [block])[0], abs=1e-8)

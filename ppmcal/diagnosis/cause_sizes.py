@@ -1,0 +1,119 @@
+"""How large the causes of a set are, and whether their derivatives still tell what they do."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Container, Iterator, Sequence
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit, Problem, State
+from ppmcal.diagnosis.extended_model import extended
+from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.question import Asked
+from ppmcal.diagnosis.refit import started
+from ppmcal.inference.block_sets import BlockSet, Numbers
+from ppmcal.inference.question import Question
+from ppmcal.inference.ranges import SIZES
+from ppmcal.linalg import Array, Bools
+
+Sized = tuple[Hypothesis, Array, Array]
+"""A hypothesis, its coefficients and their standard deviations."""
+LINEAR = 0.1
+"""What was added is linear where its derivatives say the same within so much of the noise, rms."""
+
+
+def sizes(asked: Asked, at: BlockSet) -> list[Sized]:
+    """Return the hypotheses of a set that have a name, their coefficients and their sigmas.
+
+    Both are 0 of what rows do not see past the geometry: no fit could tell what it is.
+    """
+    joint = at.likeliest[2]
+    out = list(_once([
+        _together(source, seen * value[:source.size], seen * sigma[:source.size])
+        for i, value, sigma in zip(at.causes, joint.values, joint.sigmas, strict=True)
+        if isinstance(source := asked.sources[i], Hypothesis)
+        and not source.anonymous and not source.misread
+        for seen in (_seen(asked.question, source.columns),)]))
+    size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
+    for h, value, _ in out:
+        size[h.kind, h.on] += float(np.mean(value))
+    return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans
+            else (h, value, sigma) for h, value, sigma in out]
+
+
+def _together(h: Hypothesis, value: Array, sigma: Array) -> Sized:
+    """Return a hypothesis with what a machine has of it: its mean over sessions, if it has some."""
+    value, sigma = (x.reshape(max(len(h.sessions), 1), -1) for x in (value, sigma))
+    return h, np.mean(value, axis=0), np.sqrt(np.mean(sigma**2, axis=0))
+
+
+def _seen(asked: Question, columns: Sequence[int]) -> Bools:
+    """Return of which columns (k,) the largest size shows as much as the smallest one does."""
+    given, which = asked.views[0].start, list(columns)
+    whole = np.sum(given.columns.some(which) ** 2, axis=0)
+    past = whole - np.sum(given.seen[which] ** 2, axis=1)
+    return np.asarray(past > (SIZES[0] / SIZES[-1]) ** 2 * whole)
+
+
+def _once(sized: Sequence[Sized]) -> Iterator[Sized]:
+    """Yield hypotheses, those at several constants of a grid once, the one that is surest.
+
+    Between two points of a grid both are needed; a fit finds the point. Of waves and events there
+    may be several.
+    """
+    sure = {id(h): float(np.max(np.abs(value) / np.maximum(sigma, 1e-300)))
+            for h, value, sigma in sized}
+    for h, value, sigma in sized:
+        several = h.effect is None or h.effect.period or h.effect.onset or not h.constants
+        others = [f for f, _, _ in sized
+                  if (f.family, f.on, f.shared) == (h.family, h.on, h.shared)]
+        if several or h is max(others, key=lambda f: sure[id(f)]):
+            yield h, value, sigma
+
+
+def between_points(h: Hypothesis) -> bool:
+    """Return whether a fit finds constants of it that stand in no grid; an event has a row."""
+    return h.scanned and h.effect is not None and not h.effect.onset
+
+
+class CauseSizes:
+    """How far causes are from what their derivatives at a fit say; those ``known`` are fitted."""
+
+    def __init__(self, fit: Fit, keep: Sequence[Bools], asked: Asked, known: Container[str]
+                 ) -> None:
+        self.fit, self.keep, self.asked, self.known = fit, keep, asked, known
+        self.found = False
+        self._small = set[Numbers]()
+
+    def too_large(self, at: BlockSet) -> bool:
+        """Return whether some of the causes of a set that have a name are too large together."""
+        some = [(i, h, value) for i, value in zip(at.causes, at.likeliest[2].values, strict=True)
+                if isinstance(h := self.asked.sources[i], Hypothesis) and not h.anonymous
+                and not (h.misread or h.sessions or between_points(h))
+                and h.family not in self.known]
+        own = frozenset(i for i, _, _ in some)
+        if own and own not in self._small and not self.found:
+            self._small.add(own)
+            told = {id(h) for _, h, _ in some}
+            sized = [s for s in sizes(self.asked, at) if id(s[0]) in told]
+            columns = [c for i, _, _ in some for c in self.asked.question.blocks[i].columns]
+            linear = self.asked.question.columns.some(columns) @ np.concatenate(
+                [value for _, _, value in some])
+            self.found = self._apart(sized, linear) > LINEAR
+        return self.found
+
+    def _apart(self, sized: Sequence[Sized], linear: Array) -> float:
+        """Return the rms, over the noise, by which a machine differs from its derivatives."""
+        problem, at = started(self.fit, extended(self.fit.problem.mechanism, sized)[0])
+        before = _residual(self.fit.problem, self.fit.state, self.keep)
+        after = _residual(problem, problem.solve(at), self.keep)
+        observed = self.asked.system.observed.reshape(-1)
+        if not before.size == after.size == observed.sum():
+            return np.inf       # rows that have no pose with it
+        return float(np.sqrt(np.mean((after - before + linear[observed]) ** 2)))
+
+
+def _residual(problem: Problem, at: State, keep: Sequence[Bools]) -> Array:
+    """Return the white residuals of the values that were observed (n,)."""
+    return np.concatenate([c.residual[c.observed] for c in problem.rows(at, False, keep)])

@@ -1,0 +1,50 @@
+"""Files of which a column is not what it is read as, by the probabilities of causes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.calibration.interpretation import NOISE, Misread, Misreading, Mistake, with_line
+from ppmcal.diagnosis.explanation import Round
+from ppmcal.diagnosis.hypotheses import Hypothesis
+
+
+def refuse_misread(last: Round) -> None:
+    """Refuse files of which a column is not what it is read as.
+
+    Raises:
+        Misread: with the column, its files, and the rows if it is not all of them.
+    """
+    found = [m for p in last.places if p.sure and p.only_misread and p.hypothesis is not None
+             for m in _misreadings(last, p.hypothesis)]
+    if found:
+        raise Misread.of(found, last.fit.problem.mechanism.units)
+
+
+def _misreadings(last: Round, h: Hypothesis) -> list[Misreading]:
+    """Return how columns of an effect are read wrongly, for each file in which they are."""
+    system, mechanism = last.asked.system, last.fit.problem.mechanism
+    effect = replace(h, misread="", follows="").label
+    block, rows = None, tuple[int, ...]()
+    if h.stretch:
+        names = tuple(f"dir_{a}" for a in h.on or mechanism.actuators)
+        at = slice(*h.stretch)
+        files = np.unique(system.dataset[at])
+        data = system.problem.datasets[int(files[0])]
+        if system.row[at].size < np.count_nonzero(system.dataset == files[0]):
+            begin, end = data.rows[system.row[at][[0, -1]]].tolist()
+            rows = tuple(range(begin, end + 1))
+        else:
+            block = with_line(data, "signs", dict.fromkeys(names, -1))
+        mistake = Mistake("sign", names, f"{h.follows}: {', '.join(names)} has another sign "
+                          f"than in the other {'rows' if rows else 'files'}: {effect} then "
+                          "explains all of them alike", rows)
+    else:
+        moved = last.asked.question.columns.some(h.columns).reshape(len(system.row), -1)
+        files = np.unique(system.dataset[moved.any(axis=1)])
+        mistake = Mistake("unit", (h.misread,), f"{h.misread}: {effect} would have a size that "
+                          "no machine has")
+    return [Misreading(system.problem.datasets[i].source, (mistake,), block, NOISE, np.nan, np.nan,
+                       np.nan) for i in files.tolist()]

@@ -1,0 +1,65 @@
+"""What is told beside the causes themselves, and what becomes of what cannot be had."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from wild_diagnosis import write
+
+from ppmcal.calibration.fit import NOTE, Fit, Problem
+from ppmcal.diagnosis import from_evidence
+from ppmcal.diagnosis.explanation import Round
+from ppmcal.diagnosis.from_evidence import diagnosed
+from ppmcal.diagnosis.question import ROW_FAMILY
+from ppmcal.diagnosis.search_rounds import DiagnosisOptions
+from ppmcal.errors import NoResult
+from ppmcal.inference.blocks import Block
+from ppmcal.io import read_campaign, read_mechanism
+
+KINDS = DiagnosisOptions(kinds=("gain", "backlash"))
+
+
+@pytest.fixture(scope="module")
+def geared(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    """A drive that moves too far, by as much as is named."""
+    folder: Path = tmp_path_factory.mktemp("gain")
+    write("gain-one", "3-RPR", 60, 5, folder, 2.0)
+    mechanism = read_mechanism(folder / "mechanism.yaml")
+    return Problem(mechanism, read_campaign([folder / "data.csv"], mechanism), mechanism.free)
+
+
+def none(*_: object, **__: object) -> Fit:
+    raise NoResult("these rows fit nothing")
+
+
+def test_too_few_rows_to_hold_some_out_are_a_note(geared: Problem,
+                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(from_evidence, "training_part", none)
+    found = diagnosed(geared, KINDS)
+    assert [e.kind for e in found.effects] == ["gain"] and found.gap is None
+    assert any(f.startswith(NOTE) and "these rows fit nothing" in f for f in found.findings)
+
+
+def test_what_does_not_predict_loses_its_name_and_says_so(geared: Problem,
+                                                          monkeypatch: pytest.MonkeyPatch) -> None:
+    worse = SimpleNamespace(worse=True, confirmed=False, closed=None)
+    monkeypatch.setattr(from_evidence, "held_out_gap", lambda *_: worse)
+    found = diagnosed(geared, KINDS)
+    assert found.verdict == "unnamed" and not found.effects
+    assert found.found.after is found.found.before and not found.found.added
+    assert any("predicted worse" in f and "gain on" in f for f in found.findings)
+
+
+def test_rows_that_do_not_belong_are_those_of_the_file_whatever_a_system_has_lost() -> None:
+    """Each by its data set and its number there: the second row of a system is another's third."""
+    blocks = tuple(Block(f"row {n}", ROW_FAMILY, (n,), 0.0) for n in range(3))
+    asked: Any = SimpleNamespace(
+        question=SimpleNamespace(blocks=blocks), sources=(0, 1, 2),
+        system=SimpleNamespace(dataset=np.array([0, 0, 1]), row=np.array([0, 2, 0])))
+    answer: Any = SimpleNamespace(best=SimpleNamespace(chosen=(1, 2)))
+    rest: Any = None
+    assert Round(rest, (), (), None, rest, asked, answer).rows == {(0, 2), (1, 0)}
