@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 from ppmcal import linalg
 from ppmcal.inference.blocks import Batch
 from ppmcal.inference.given import Conditioned
-from ppmcal.inference.ranges import LEAST, SIZES, all_between, bounded
+from ppmcal.inference.ranges import LEAST, SIZES, all_between, bounded, together_between
 from ppmcal.linalg import Array
 
 
@@ -73,8 +73,7 @@ def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array,
            gone: float = 0.0) -> Array:
     """Return the log probability that coefficients are between two ends each.
 
-    They are Student's, since the noise's scale is integrated. Of several it is the product of what
-    each has by itself: their correlation is left out.
+    They are Student's, since the noise's scale is integrated.
 
     Args:
         given: what is taken.
@@ -95,9 +94,13 @@ def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array,
     known = grown / (1.0 + grown * own)                                 # (..., G, S, q)
     rest = np.maximum(given.spread - gone - np.sum(known * part**2, axis=-1), LEAST)
     mean = (known * part) @ np.swapaxes(lift, -1, -2)                   # (..., G, S, k)
-    square = known @ np.swapaxes(lift**2, -1, -2)
-    deviation = np.sqrt(rest[..., None] / given.freedom * square)
-    return all_between(given.freedom, low - mean, high - mean, deviation)
+    scale = (rest / given.freedom)[..., None]
+    if has.size == 1:
+        square = known @ np.swapaxes(lift**2, -1, -2)
+        return all_between(given.freedom, low - mean, high - mean, np.sqrt(scale * square))
+    covariance = np.swapaxes(lift, -1, -2)[..., None, :, :]             # (..., G, 1, q, k)
+    covariance = (lift[..., None, :, :] * known[..., None, :]) @ covariance * scale[..., None]
+    return together_between(given.freedom, low - mean, high - mean, covariance)
 
 
 def odds_of_all(given: Conditioned, some: Sequence[Batch], count: int) -> Array:

@@ -11,6 +11,8 @@ from ppmcal.linalg import Array, Ints
 SIZES = np.geomspace(float(SMALLEST_SIZE), float(LARGEST_SIZE), SIZE_STEPS)
 """Sizes s (S,), rms over the noise."""
 LEAST = 1e-300
+TINY = 1e-200
+"""Probabilities of which a quotient has lost its digits."""
 FAR = 1e12
 """Standard deviations beyond which the probability is less than LEAST."""
 
@@ -48,6 +50,43 @@ def all_between(freedom: float, low: Array, high: Array, deviation: Array) -> Ar
         a, b = np.where(turned, -b, a), np.where(turned, -a, b)
         each = student(freedom, b) - student(freedom, a)
     return np.asarray(np.sum(np.log(np.maximum(each, LEAST)), axis=-1))
+
+
+def together_between(freedom: float, low: Array, high: Array, covariance: Array) -> Array:
+    """Return the log probability (...) that k coefficients are between their ends (..., k) at once.
+
+    One after the other, given that those before are: these as normal ones of the moments that what
+    is between the ends has (Mendell & Elston 1974). ``covariance`` (..., k, k).
+    """
+    count = covariance.shape[-1]
+    total: Array = np.zeros(np.broadcast_shapes(low.shape, covariance.shape[:-1])[:-1])
+    mean: Array = np.zeros((*total.shape, count))
+    left: Array = np.broadcast_to(covariance, (*total.shape, count, count)).copy()
+    for j in range(count):
+        deviation = np.sqrt(np.maximum(left[..., j, j], LEAST))
+        a, b = (np.clip((end[..., j] - mean[..., j]) / deviation, -FAR, FAR)
+                for end in (low, high))
+        chance = np.exp(all_between(freedom, a[..., None], b[..., None], np.ones((1,))))
+        total += np.log(np.maximum(chance, LEAST))
+        if j + 1 < count:
+            shift, narrowed = _moments(a, b, chance)
+            slope = left[..., j + 1:, j] / deviation[..., None]
+            mean[..., j + 1:] += slope * shift[..., None]
+            left[..., j + 1:, j + 1:] -= (slope[..., :, None] * slope[..., None, :]
+                                          * (1.0 - narrowed)[..., None, None])
+    return total
+
+
+def _moments(a: Array, b: Array, chance: Array) -> tuple[Array, Array]:
+    """Return mean and variance of standard normal values between a and b, whose ``chance`` is so."""
+    at_a, at_b = (np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi) for x in (a, b))
+    seen = np.maximum(chance, LEAST)
+    mean = np.clip((at_a - at_b) / seen, a, b)
+    variance = 1.0 + (a * at_a - b * at_b) / seen - mean**2
+    # so far away that nothing is left of digits, all of it is at the nearer end
+    far = chance < TINY
+    near = np.where(np.abs(a) < np.abs(b), a, b)
+    return np.where(far, near, mean), np.where(far, 0.0, np.clip(variance, 0.0, 1.0))
 
 
 def student(freedom: float, x: Array) -> Array:

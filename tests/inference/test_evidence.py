@@ -14,7 +14,7 @@ from ppmcal.inference.evidence import odds_of_all
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import joint
 from ppmcal.inference.priors import NOISE_FREEDOM, OWN_NOISE_FREEDOM
-from ppmcal.inference.ranges import SIZES, student
+from ppmcal.inference.ranges import SIZES, all_between, student, together_between
 
 ROWS = 40
 NU = float(NOISE_FREEDOM)
@@ -302,3 +302,26 @@ def test_students_t_is_that_of_tables(freedom: float) -> None:
     known = np.maximum(special.stdtr(freedom, -far), 1e-300)
     assert np.log(np.maximum(student(freedom, -far), 1e-300)) == pytest.approx(
         np.log(known), rel=3e-3)
+
+
+@pytest.mark.parametrize("count", [2, 3, 6])
+def test_several_coefficients_are_between_their_ends_at_once(count: int) -> None:
+    """Six that look alike are hardly all above zero where some of them are found below."""
+    rng = np.random.default_rng(count)
+    spread = rng.normal(size=(count, count + 1))
+    covariance = spread @ spread.T
+    mean = 0.5 * rng.normal(size=count) * np.sqrt(np.diagonal(covariance))
+    drawn = rng.multivariate_normal(mean, covariance, size=400_000)
+    high = np.where(np.arange(count) % 2 == 1, 2.0 * np.sqrt(np.diagonal(covariance)), np.inf)
+    counted = float(np.log(np.mean(((drawn > 0.0) & (drawn < high)).all(axis=1))))
+    apart = all_between(1e4, -mean, high - mean, np.sqrt(np.diagonal(covariance)))
+    found = float(together_between(1e4, -mean, high - mean, covariance))
+    assert abs(found - counted) < 0.08
+    assert abs(float(apart) - counted) > abs(found - counted)
+
+
+def test_what_is_far_from_its_ends_has_a_small_finite_probability() -> None:
+    far = together_between(100.0, np.array([50.0, 0.0]), np.full(2, np.inf),
+                           np.array([[1.0, 0.99], [0.99, 1.0]]))
+    assert np.isfinite(far)
+    assert far < -100.0
