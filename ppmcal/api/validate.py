@@ -110,7 +110,9 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
               *(i for o in others for i in o.mechanism.inputs), *data_files(datasets)]
     source = source_of("validate", list(dict.fromkeys(inputs)), seed)
     rivals = {o.label: o.mechanism for o in others if o.label in {str(p) for p in against}}
-    findings = (*odd, *_fitted_to(model, rivals, source["inputs"], datasets, whole),
+    seen = secondary("whether a machine was fitted to these measurements", partial(
+        _fitted_to, model, rivals, source["inputs"], datasets, whole), [], notes)
+    findings = (*odd, *seen,
                 *(f for d in datasets for f in d.findings), *notes)
     record = ValidationRecord.of_validation(found, noise, mechanism.name, mechanism.units,
                                             source, findings)

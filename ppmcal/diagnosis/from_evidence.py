@@ -18,7 +18,7 @@ from ppmcal.calibration.interpretation import (
     refuse_after_fit,
     refuse_other_machine,
 )
-from ppmcal.calibration.validation import left_out, report
+from ppmcal.calibration.validation import LeftOut, left_out, report
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.adequacy import Remainder, against_noise
 from ppmcal.diagnosis.candidates import library
@@ -174,7 +174,8 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     found = _found(what, training, options)
     refuse_unredundant(found)
     beside = list[str]()
-    gap = held_out_gap(found, held, options)
+    gap = secondary("the gap on held-out poses", partial(held_out_gap, found, held, options), None,
+                    beside)
     verdict = what.verdict
     if verdict in NAMED and gap is not None and gap.worse:
         verdict = "unnamed"    # what does surely not predict is no name
@@ -191,7 +192,9 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         block_gaps, whole, final, found.noise, options.seed), (), beside) if effects else ()
     if options.by_session:
         gap = next((b.gap for b in blocks if b.by == SESSION), None)
-    said = findings(whole, final, left, effects, gap, left_out(final), ())
+    out = secondary("what left-out rows have in common", partial(left_out, final),
+                    LeftOut(0, 0, False, "", 0.0, 1.0), beside)
+    said = findings(whole, final, left, effects, gap, out, ())
     if effects:
         effects, apart = secondary("the size of effects in each session",
                                    partial(with_sessions, final, effects), (effects, []), beside)
