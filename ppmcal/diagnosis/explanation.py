@@ -135,11 +135,19 @@ class Round:
             zip(at.causes, joint.values, joint.sigmas, strict=True)
             if isinstance(source := self.asked.sources[i], Hypothesis)
             and not source.anonymous and not source.misread]))
-        size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
-        for h, value, _ in out:
-            size[h.kind, h.on] += float(np.mean(value))
-        return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans
-                else (h, value, sigma) for h, value, sigma in out]
+        return in_proportion(out)
+
+
+def in_proportion(sized: Sequence[Sized]) -> list[Sized]:
+    """Return hypotheses, those that lean on another in proportion to that one's size.
+
+    Where that one has no size there is no proportion: they stay as they are.
+    """
+    size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
+    for h, value, _ in sized:
+        size[h.kind, h.on] += float(np.mean(value))
+    return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans and size[h.leans]
+            else (h, value, sigma) for h, value, sigma in sized]
 
 
 def _once(sized: Sequence[Sized]) -> Iterator[Sized]:
