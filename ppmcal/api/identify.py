@@ -248,7 +248,8 @@ def fitted_rows(problem: Problem, options: FitOptions, sigma: str
             # what was known before must not pay for the noise of the new rows
             fit, factor = with_estimated_noise(problem, options)
             odd = [f"{d.name}: residuals are {f:.3g} times the stated noise: something is missing "
-                   "in the model, or sigma is too small; this file counts that much less"
+                   "in the model, or sigma is too small; this file counts that much less; identify "
+                   "it alone, or look with `ppmcal diagnose`"
                    for d, f in zip(problem.datasets, factor.tolist(), strict=True) if f > 1.0]
     _refuse_unconverged(fit, options)
     return fit, odd, told

@@ -17,6 +17,7 @@ from ppmcal.calibration.fit import (
     BENT,
     LEAST,
     RANK_TOLERANCE,
+    STATED,
     Fit,
     FitOptions,
     Flat,
@@ -75,6 +76,9 @@ from ppmcal.wording import chance, counted
 BEYOND = 1e3
 """Residuals are no more than so many times the noise within sessions: what a smaller one would say
 of their differences drowns in round-off."""
+
+DIAGNOSE = "`ppmcal diagnose` looks for what the model lacks"
+"""What to do about residuals that noise does not explain."""
 
 
 @dataclass(frozen=True)
@@ -268,12 +272,13 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
         out.append(f"{counted(fit.taken_back, 'row')} had no pose at the nominal machine, have one "
                    "at the fitted machine, and are in use")
     if gone.sentence:
-        out.append(gone.sentence)
+        out.append(f"{gone.sentence}; {DIAGNOSE}")
     if noise.failed:
         out.append(f"the residuals are {noise.sigma_ratio:.2f} times the {noise.source} noise "
                    f"({chance(noise.chi2_p)}): something is missing in the model, or sigma is too "
                    f"small; every measurement counts as {inflation:.2f} times as noisy as "
-                   f"{noise.source}")
+                   f"{noise.source}; {DIAGNOSE}"
+                   + ", --sigma estimated takes the residuals for noise" * (noise.source == STATED))
     if noise.overstated:
         out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the {noise.source} "
                    "noise: sigma is too large, in a wrong unit perhaps, so intervals are too wide"
@@ -296,9 +301,11 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
         out.append(far)
     if fit.stopped:
         out.append(f"the fit was stopped {fit.stopped}: what these data see weakly is still near "
-                   "its nominal value, which the intervals do not count")
+                   "its nominal value, which the intervals do not count; --method prior counts it")
     elif not fit.converged:
-        out.append(f"the fit had not converged after {fit.iterations} iterations")
+        out.append(f"the fit had not converged after {counted(fit.iterations, 'iteration')}: use "
+                   "more --iterations, free fewer parameters, or measure poses that tell them "
+                   "apart")
     # the last: what is wrong with the rows is told below it
     for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
         if reasons:
