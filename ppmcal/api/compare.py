@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -13,13 +12,15 @@ import numpy as np
 from ppmcal.api.fitted_again import reason, with_equal_freedoms
 from ppmcal.api.inputs import Path_, recorded, same_machine, source_of
 from ppmcal.api.result import Result
-from ppmcal.calibration.fit import Posterior
+from ppmcal.calibration.fit import Posterior, secondary
 from ppmcal.calibration.sessions import Comparison, between
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.comparison import ComparisonRecord, verdict_sentence
 from ppmcal.io.results.knowledge import read_knowledge, read_posterior
 from ppmcal.model.mechanism import Mechanism
+
+CONFIRMED = "whether one fit to the rows of both confirms the change"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,19 +102,19 @@ def _found(mechanism: Mechanism, known: tuple[Posterior, Posterior], only: Seque
     Returns:
         The comparison, notes, whether its values are of fits anew, and the files behind these.
     """
-    more, again = list[str](), bool(only)
+    more, beside, again = list[str](), list[str](), bool(only)
     if only:
         try:
             known, more = with_equal_freedoms(mechanism, folders, known)
         except PpmcalError as error:
             return Comparison.impossible(reason(error, only)), [], False, []
     elif _between(mechanism, known)[0].changed:
-        with suppress(PpmcalError):
-            closer, more = with_equal_freedoms(mechanism, folders, known)
-            again = not _between(mechanism, closer)[0].changed
-            known = closer if again else known
+        closer, more = secondary(CONFIRMED, lambda: with_equal_freedoms(
+            mechanism, folders, known), (None, []), beside)
+        again = closer is not None and not _between(mechanism, closer)[0].changed
+        known = closer if closer is not None and again else known
     found, notes = _between(mechanism, known, volume)
-    return found, notes, again, more
+    return found, [*notes, *beside], again, more
 
 
 def _between(mechanism: Mechanism, known: tuple[Posterior, Posterior],

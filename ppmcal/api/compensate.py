@@ -20,7 +20,7 @@ from ppmcal.api.inputs import (
     refuse_unrecorded,
     source_of,
 )
-from ppmcal.api.own_data import refuse_missed
+from ppmcal.api.own_data import refuse_unfit
 from ppmcal.api.result import CalibratedMachine, Result
 from ppmcal.calibration.compensation import (
     KINDS,
@@ -149,17 +149,18 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
         path: the targets are visited in their order, so that the ways between them are judged
             too; else each is judged alone.
         assume: conditions that all targets have, by the name of the column that they stand for.
-        regardless: lift refusals of a model that misses the measurements that it was made from,
-            and of corrections that are predicted to be worse than none; each is a finding then.
-            No other refusal is lifted.
+        regardless: lift refusals of a model whose fit had not converged or that misses the
+            measurements that it was made from, and of corrections that are predicted to be worse
+            than none; each is a finding then. No other refusal is lifted.
 
     Raises:
         BadInput: anything wrong in the files, or a frame that the model does not know.
-        NoResult: commands that are predicted to be worse than none, a model whose residuals
-            are far beyond the noise of its own measurements, or a singular home.
+        NoResult: commands that are predicted to be worse than none, a model whose fit had not
+            converged or whose residuals are far beyond the noise of its own measurements, or a
+            singular home.
     """
     machine, known, files, notes = _known(model, knowledge)
-    lifted = refuse_missed(machine, None if knowledge is None else Path(knowledge), regardless)
+    lifted = refuse_unfit(machine, None if knowledge is None else Path(knowledge), regardless)
     registration, name = _frame(machine, frame)
     refuse_singular_home(machine)
     poses = read_poses(targets, machine, assume=assume or {})

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from ppmcal.api.inputs import Machine, Path_, files_of, load, recorded, source_of
-from ppmcal.api.own_data import refuse_missed
+from ppmcal.api.own_data import refuse_unfit
 from ppmcal.api.result import Result
 from ppmcal.calibration.fit import secondary
 from ppmcal.controllers.export import Exported, Exporter, exporter, record_of
@@ -70,8 +70,9 @@ def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ 
             values].
         poses: CSV of wanted poses, for formats that are tables of them.
         write: write a copy of ``old`` with the new numbers as well, for formats that can (klipper).
-        regardless: take a model too that misses the measurements that it was made from, and
-            numbers with which the machine is predicted to be worse than with the old ones.
+        regardless: take a model too whose fit had not converged or that misses the measurements
+            that it was made from, and numbers with which the machine is predicted to be worse than
+            with the old ones.
 
     Raises:
         BadInput: a machine that this controller does not drive, or an option without use.
@@ -79,7 +80,7 @@ def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ 
             use it.
     """
     writer, machine = exporter(form), load(model)
-    warned = refuse_missed(machine, regardless=regardless)
+    warned = refuse_unfit(machine, regardless=regardless)
     source_file = Path(machine.source)
     made = writer.export(machine, None if old is None else Path(old),
                          None if poses is None else Path(poses))

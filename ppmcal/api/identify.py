@@ -155,7 +155,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
             found.identifiability, extra))
     campaign = secondary(MISSING, lambda: weak_campaign(found.fit, seed), None, extra)
     # what an earlier calibration knew may be all that so few poses lack
-    asked = [] if before is not None or not problem.free else list(too_few(fit))
+    asked = [] if before is not None or not problem.free else secondary(
+        "whether the poses are too few", lambda: list(too_few(fit)), [], extra)
     if chosen == "prior":
         asked += secondary("what else the registration might fit",
                            lambda: hint_sentences(found.fit, registration_hints(found.fit)), [],
@@ -168,7 +169,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         fit, _estimated(problem, sigma))), [], extra)
     if sigma != "estimated":
         asked += secondary(APART, lambda: pulled_apart(fit, problem.datasets), [], extra)
-    told += [*scale_sentences(found), *([choice_sentence(choice)] if choice else [])]
+    told += [*secondary("the scale of true lengths", lambda: list(scale_sentences(found)), [],
+                        extra), *([choice_sentence(choice)] if choice else [])]
     whole = replace(found, findings=(*notes, *units, *asked, *extra, *found.findings),
                     earlier=before, campaign=campaign)
     return IdentificationResult(source, tuple(whole.findings), whole, chosen, tuple(told),
@@ -246,7 +248,8 @@ def fitted_rows(problem: Problem, options: FitOptions, sigma: str
             # what was known before must not pay for the noise of the new rows
             fit, factor = with_estimated_noise(problem, options)
             odd = [f"{d.name}: residuals are {f:.3g} times the stated noise: something is missing "
-                   "in the model, or sigma is too small; this file counts that much less"
+                   "in the model, or sigma is too small; this file counts that much less; identify "
+                   "it alone, or look with `ppmcal diagnose`"
                    for d, f in zip(problem.datasets, factor.tolist(), strict=True) if f > 1.0]
     _refuse_unconverged(fit, options)
     return fit, odd, told

@@ -367,4 +367,5 @@ def same_machine(mechanism: Mechanism, other: Mechanism, source: Path) -> list[s
     if not apart:
         return []
     return [f"{len(apart)} fixed value{'s' if len(apart) > 1 else ''} are not as in {source}: "
-            f"{', '.join(apart[:3])}{' ...' if len(apart) > 3 else ''}"]
+            f"{', '.join(apart[:3])}{' ...' if len(apart) > 3 else ''}; use one mechanism file for "
+            "both"]

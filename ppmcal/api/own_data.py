@@ -1,22 +1,27 @@
-"""Models that miss the measurements they were made from: nobody is to command a machine by them."""
+"""Models that no machine is to be commanded by: of an unfinished fit, or that miss their data."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from ppmcal.api.inputs import MODELS
 from ppmcal.errors import NoResult
-from ppmcal.io.results.knowledge import read_noise
+from ppmcal.io.results.knowledge import read_basis
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 
 MEND = ("Look with `ppmcal diagnose` for what the model lacks; if the stated noise is too small, "
         "use `identify --sigma estimated`; --regardless takes the model as it is")
+UNENDED = ("the fit of this model had not converged: its values are where the search stopped, and "
+           "commands may be far off")
+MEND_UNENDED = ("Run identify again without --iterations, or with more; measure poses that tell "
+                "the parameters apart, or free fewer; --regardless takes the model as it is")
 
 
-def refuse_missed(mechanism: Mechanism, knowledge: Path | None = None, regardless: bool = False
-                  ) -> list[str]:
-    """Refuse a model whose residuals are far beyond the noise of its own measurements.
+def refuse_unfit(mechanism: Mechanism, knowledge: Path | None = None, regardless: bool = False
+                 ) -> list[str]:
+    """Refuse a model whose fit had not converged, or whose residuals are far beyond their noise.
 
     Args:
         mechanism: the model; its file says how well it fits, whatever lies beside.
@@ -28,23 +33,30 @@ def refuse_missed(mechanism: Mechanism, knowledge: Path | None = None, regardles
         What to warn of.
 
     Raises:
-        NoResult: with how far beyond.
+        NoResult: with what is wrong.
         BadInput: the identification.json that is asked cannot be read.
     """
-    seen = mechanism.measured or _of_older(mechanism, knowledge)
-    if seen is None or not seen.missed:
-        return []
-    what = (f"the model misses the measurements that it was made from: residuals are "
-            f"{seen.sigma_ratio:.3g} times their noise")
-    if not regardless:
-        raise NoResult(what, mechanism.source, MEND)
-    return [f"{what}; taken all the same, with --regardless"]
+    seen = _basis(mechanism, knowledge)
+    refusals = []
+    if seen.converged is False:
+        refusals.append((UNENDED, MEND_UNENDED))
+    if seen.missed:
+        refusals.append((f"the model misses the measurements that it was made from: residuals are "
+                         f"{seen.sigma_ratio:.3g} times their noise", MEND))
+    if refusals and not regardless:
+        what, mend = refusals[0]
+        raise NoResult(what, mechanism.source, mend)
+    return [f"{what}; taken all the same, with --regardless" for what, _ in refusals]
 
 
-def _of_older(mechanism: Mechanism, knowledge: Path | None) -> MeasurementBasis | None:
-    """Return the noise check of the identification.json beside a file that has none itself."""
+def _basis(mechanism: Mechanism, knowledge: Path | None) -> MeasurementBasis:
+    """Return what the model's file says of its fit, else the identification.json beside it."""
+    own = mechanism.measured
+    if own is not None and own.converged is not None:
+        return own
     source = Path(mechanism.source)
     path = knowledge or source.with_name("identification.json")
     if not path.is_file() or (knowledge is None and source.name not in MODELS):
-        return None
-    return read_noise(path)
+        return own or MeasurementBasis()
+    beside = read_basis(path)
+    return beside if own is None else replace(own, converged=beside.converged)

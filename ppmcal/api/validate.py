@@ -110,7 +110,9 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
               *(i for o in others for i in o.mechanism.inputs), *data_files(datasets)]
     source = source_of("validate", list(dict.fromkeys(inputs)), seed)
     rivals = {o.label: o.mechanism for o in others if o.label in {str(p) for p in against}}
-    findings = (*odd, *_fitted_to(model, rivals, source["inputs"], datasets, whole),
+    seen = secondary("whether a machine was fitted to these measurements", partial(
+        _fitted_to, model, rivals, source["inputs"], datasets, whole), [], notes)
+    findings = (*odd, *seen,
                 *(f for d in datasets for f in d.findings), *notes)
     record = ValidationRecord.of_validation(found, noise, mechanism.name, mechanism.units,
                                             source, findings)
@@ -135,7 +137,8 @@ def _fitted_to(model: Machine | CalibratedMachine, others: Mapping[str, Mechanis
         if (beside := _calibration(path)) is not None:
             seen.append((name, seen_before(beside, inputs, datasets, machine)))
     return [f"{table}: {name} was fitted to {rows}: they are no test of it, and its "
-            "errors look smaller than they are" for name, these in seen for table, rows in these]
+            "errors look smaller than they are; validate on rows that no fit has seen"
+            for name, these in seen for table, rows in these]
 
 
 def _calibration(path: Path) -> Path | None:

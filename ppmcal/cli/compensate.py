@@ -25,8 +25,9 @@ from ppmcal.cli.common import (
 @click.argument("model", type=MODEL)
 @click.argument("targets", type=FILE)
 @out_option("compensated", "--overwrite")
-@regardless_option("a model whose residuals are far beyond the noise of its own measurements, and "
-                   "of corrections that are predicted to be worse than none")
+@regardless_option("a model whose fit had not converged or whose residuals are far beyond the "
+                   "noise of its own measurements, and of corrections that are predicted to be "
+                   "worse than none")
 @click.option("--frame", metavar="NAME", default=None,
               help="Data set whose measuring frame the targets are in: poses of the mark that it "
               "measured, which need not be the platform's origin. Or 'base': poses of the "
@@ -53,9 +54,9 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     Rows outside limits, across singularities, far outside the measured volume, farther from the
     uncorrected command than tolerances explain, worse off with the correction than without, or not
     to be come to safely from the row before are refused, each with its reason. A model whose
-    residuals are far beyond the noise of its own measurements is refused as a whole. --regardless
-    lifts that, and the refusal of rows worse off; what may break the machine stays refused.
-    Writes commands.csv and commands.json.
+    fit had not converged, or whose residuals are far beyond the noise of its own measurements, is
+    refused as a whole. --regardless lifts that, and the refusal of rows worse off; what may break
+    the machine stays refused. Writes commands.csv and commands.json.
     """
     from ppmcal.api.compensate import compensate
 

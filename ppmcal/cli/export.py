@@ -36,8 +36,8 @@ ROWS = 24
 @click.argument("form", metavar="FORMAT", shell_complete=completion.exports)
 @click.argument("model", type=MODEL)
 @out_option("exported", "--overwrite")
-@regardless_option("a model whose residuals are far beyond the noise of its own measurements, and "
-                   "of numbers that are worse than the old ones")
+@regardless_option("a model whose fit had not converged or whose residuals are far beyond the "
+                   "noise of its own measurements, and of numbers that are worse than the old ones")
 @click.option("--old", type=FILE, default=None,
               help="The controller's file in use, to predict the gain against  [default: the "
               "nominal values of MODEL].")
@@ -59,8 +59,9 @@ def command(form: str, model: Path, out: Path, old: Path | None, write: bool, po
 
     The file is read back, and the machine is driven through the controller's own arithmetic
     with the old and the new numbers; what the controller cannot express is listed with what
-    that costs. Refused, unless --regardless says so: a model whose residuals are far beyond the
-    noise of its own measurements, and numbers that are predicted to be worse than the old ones.
+    that costs. Refused, unless --regardless says so: a model whose fit had not converged or
+    whose residuals are far beyond the noise of its own measurements, and numbers that are
+    predicted to be worse than the old ones.
     Writes the controller's file and export.json.
     """
     from ppmcal.api.export import export

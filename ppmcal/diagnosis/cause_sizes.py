@@ -35,11 +35,19 @@ def sizes(asked: Asked, at: BlockSet) -> list[Sized]:
         if isinstance(source := asked.sources[i], Hypothesis)
         and not source.anonymous and not source.misread
         for seen in (_seen(asked.question, source.columns),)]))
+    return in_proportion(out)
+
+
+def in_proportion(sized: Sequence[Sized]) -> list[Sized]:
+    """Return hypotheses, those that lean on another in proportion to that one's size.
+
+    Where that one has no size there is no proportion: they stay as they are.
+    """
     size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
-    for h, value, _ in out:
+    for h, value, _ in sized:
         size[h.kind, h.on] += float(np.mean(value))
-    return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans
-            else (h, value, sigma) for h, value, sigma in out]
+    return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans and size[h.leans]
+            else (h, value, sigma) for h, value, sigma in sized]
 
 
 def _together(h: Hypothesis, value: Array, sigma: Array) -> Sized:

@@ -14,7 +14,7 @@ from ppmcal.calibration.interpretation import (
     refuse_after_fit,
     refuse_other_machine,
 )
-from ppmcal.calibration.validation import left_out, report
+from ppmcal.calibration.validation import LeftOut, left_out, report
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.adequacy import Remainder, against_noise
 from ppmcal.diagnosis.candidates import library
@@ -184,8 +184,9 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         block_gaps, whole, final, found.noise, options.seed), (), beside) if effects else ()
     if options.by_session:
         gap = next((b.gap for b in blocks if b.by == SESSION), None)
-    said = [*taken_back, *what.given_up,
-            *findings(whole, final, left, effects, gap, left_out(final), ())]
+    out = secondary("what left-out rows have in common", partial(left_out, final),
+                    LeftOut(0, 0, False, "", 0.0, 1.0), beside)
+    said = [*taken_back, *what.given_up, *findings(whole, final, left, effects, gap, out, ())]
     if effects:
         effects, apart = secondary("the size of effects in each session",
                                    partial(with_sessions, final, effects), (effects, []), beside)

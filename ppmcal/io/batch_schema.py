@@ -133,7 +133,7 @@ class CompensateOptions(Strict):
     assume: dict[str, Number] | None = None
     """Conditions of all targets that have no column, such as {temperature: 22}."""
     regardless: Flag | None = None
-    """Lift the refusals of a model that misses its data, and of corrections worse than none."""
+    """Lift the refusals of a model that is not fit for use, and of corrections worse than none."""
 
 
 class OptionsFile(Strict):

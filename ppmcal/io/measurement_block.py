@@ -56,7 +56,7 @@ def read_measured(file: MeasurementFile | None, units: Units, actuators: Sequenc
     Raises:
         BadInput: a range of a column that there is not.
     """
-    if file is None or (file.noise is None and not file.ranges):
+    if file is None or (file.noise is None and not file.ranges and file.converged is None):
         return None
     known = _columns(units, actuators, joints)
     ranges = {}
@@ -67,9 +67,9 @@ def read_measured(file: MeasurementFile | None, units: Units, actuators: Sequenc
         ranges[name] = (low * factor + zero, high * factor + zero)
     noise = file.noise
     if noise is None:
-        return MeasurementBasis(ranges=ranges)
+        return MeasurementBasis(ranges=ranges, converged=file.converged)
     p = float("nan") if noise.chi2_p is None else noise.chi2_p
-    return MeasurementBasis(noise.sigma_ratio, p, ranges)
+    return MeasurementBasis(noise.sigma_ratio, p, ranges, file.converged)
 
 
 def measurement_tree(mechanism: Mechanism) -> dict[str, Any]:
@@ -81,6 +81,8 @@ def measurement_tree(mechanism: Mechanism) -> dict[str, Any]:
     if seen is not None and np.isfinite(seen.sigma_ratio):
         out["noise"] = {"sigma_ratio": seen.sigma_ratio,
                         **({"chi2_p": seen.chi2_p} if np.isfinite(seen.chi2_p) else {})}
+    if seen is not None and seen.converged is not None:
+        out["converged"] = seen.converged
     if seen is not None and seen.ranges:
         known = _columns(mechanism.units, mechanism.actuators, mechanism.joint_factors())
         out["ranges"] = {name: [_shown(value, *known[name]) for value in ends]

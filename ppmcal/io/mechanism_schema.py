@@ -180,6 +180,8 @@ class MeasurementFile(Strict):
     ranges: dict[Label, Annotated[list[float], vector(2), AfterValidator(_ends)]] = Field(
         default_factory=dict)
     """Lowest and highest measured value by column: pose in the base frame, joints, conditions."""
+    converged: Flag | None = None
+    """Whether the fit was at its minimum, or ended at the noise; else it is not commanded."""
 
 
 class MechanismFile(Strict):

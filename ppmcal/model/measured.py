@@ -1,4 +1,4 @@
-"""What a calibration saw, kept in the machine's own file: its noise check, and measured ranges."""
+"""What a calibration saw, kept in the machine's own file: noise check, end of the fit, ranges."""
 
 from __future__ import annotations
 
@@ -13,18 +13,21 @@ CHANCE = 1e-3
 
 @dataclass(frozen=True)
 class MeasurementBasis:
-    """Residuals and ranges of the measurements behind a calibrated machine.
+    """Residuals and ranges of the measurements behind a calibrated machine, and how its fit ended.
 
     Attributes:
         sigma_ratio: rms of the residuals over the stated noise, nan where unknown.
         chi2_p: chance of residuals as large, if model and stated noise are right.
         ranges: column -> (low, high), SI: coordinates of the platform's pose in the base frame,
             ``q_<actuator>``, and the recorded conditions.
+        converged: whether the fit was at its minimum, or was ended on purpose at the noise; None
+            where unknown.
     """
 
     sigma_ratio: float = float("nan")
     chi2_p: float = float("nan")
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    converged: bool | None = None
 
     @property
     def missed(self) -> bool:

@@ -12,22 +12,32 @@ from helpers.campaigns_in_files import run
 from helpers.paths import ROOT
 
 import ppmcal
+from ppmcal.api import compare as compare_command
 from ppmcal.api import diagnose as diagnose_command
 from ppmcal.api import identify as identify_command
+from ppmcal.api import validate as validate_command
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.fit.secondary_analyses import NOTE, secondary
-from ppmcal.calibration.validation import summary
+from ppmcal.calibration.sessions import change_detection, day_noise
+from ppmcal.calibration.validation import frozen_models, summary
 from ppmcal.diagnosis import diagnose as diagnosis
+from ppmcal.diagnosis import from_evidence as by_evidence
 from ppmcal.errors import BadInput, LinearAlgebraError
 from ppmcal.io import read_mechanism, read_scenario
 
 OF_A_FIT = ("find_gross_errors", "flats", "honest", "held_out", "left_out", "identifiability",
-            "unidentifiable", "doubtful_stretches")
-OF_IDENTIFY = ("with_chosen_freedoms", "weak_campaign", "registration_hints", "left_over")
-OF_DIAGNOSE = ("with_chosen_freedoms", "weak_campaign", "left_over")
+            "unidentifiable", "doubtful_stretches", "against_tolerances", "considered", "before",
+            "observability", "branch_findings", "in_words", "far_from_nominal")
+OF_IDENTIFY = ("with_chosen_freedoms", "weak_campaign", "registration_hints", "left_over",
+               "too_few", "noise_beyond_tolerances", "pulled_apart", "scale_sentences")
+OF_DIAGNOSE = ("with_chosen_freedoms", "weak_campaign", "left_over", "noise_beyond_tolerances",
+               "pulled_apart")
 OF_A_DIAGNOSIS = ("block_gaps", "with_sessions", "other_days", "_places", "_others", "next_step")
+OF_EVIDENCE = ("held_out_gap", "left_out", "other_days", "learned_beyond", "_readings", "localise",
+               "_next")
+OF_VALIDATION = ("_compared", "in_other_assembly", "_intervals")
 
 
 def planar() -> Any:
@@ -73,6 +83,20 @@ def test_two_machines_of_exact_values_disagree_and_have_a_result() -> None:
     assert not any(f.startswith(NOTE) for f in found.findings)
 
 
+@pytest.mark.parametrize("stated", [1e-9, 1e-12], ids=["1 nm", "1 pm"])
+@pytest.mark.parametrize("true", [2e-5, 0.0], ids=["too small", "as it is"])
+def test_a_delta_measured_once_has_a_result_at_any_sigma(stated: float, true: float) -> None:
+    """How far sessions differ cannot be told from one of them, which had ended the command."""
+    printer = read_mechanism(ROOT / "configs" / "delta-linear.yaml")
+    scenario = read_scenario(ROOT / "configs" / "scenarios" / "delta-linear.yaml", printer)
+    data = run(printer, replace(scenario, sigma_position=true or stated), 36).data
+    found = ppmcal.identify(printer, [replace(
+        data, sigma_position=np.full_like(data.sigma_position, stated))])
+    assert found.converged and np.isfinite(found.mechanism.values).all()
+    for note in (f for f in found.findings if f.startswith(NOTE)):
+        assert "how far sessions, or stretches of rows, differ" in note
+
+
 def test_identify_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch,
                                             tmp_path: Path) -> None:
     made = planar()
@@ -103,3 +127,58 @@ def test_diagnose_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch,
     notes = [f for f in found.findings if f.startswith(NOTE)]
     assert len(notes) >= len(OF_DIAGNOSE) + 3
     found.save(tmp_path / "out")
+
+
+def test_diagnose_by_probabilities_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch,
+                                                             tmp_path: Path) -> None:
+    made = planar()
+    for module, names in ((summary, OF_A_FIT), (diagnose_command, OF_DIAGNOSE),
+                          (by_evidence, OF_EVIDENCE)):
+        for name in names:
+            monkeypatch.setattr(module, name, fails)
+    found = ppmcal.diagnose(made.mechanism, [made.data], evidence=True)
+    notes = [f for f in found.findings if f.startswith(NOTE)]
+    for what in ("the gap on held-out poses", "what left-out rows have in common",
+                 "the prediction of each session", "where residuals are",
+                 "which measurements come next"):
+        assert any(what in n for n in notes), what
+    found.save(tmp_path / "out")
+
+
+def test_validate_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+                                            ) -> None:
+    made, other = planar(), planar()
+    model = ppmcal.identify(made.mechanism, [made.data])
+    whole = ppmcal.validate(model, [other.data])
+    for module, names in ((frozen_models, OF_VALIDATION), (day_noise, ("day_noise",)),
+                          (validate_command, ("_fitted_to",))):
+        for name in names:
+            monkeypatch.setattr(module, name, fails)
+    bare = ppmcal.validate(model, [other.data])
+    assert bare.record.datasets[0].errors[0].position.rms == pytest.approx(
+        whole.record.datasets[0].errors[0].position.rms)
+    notes = [f for f in bare.findings if f.startswith(NOTE)]
+    for what in ("how much closer", "another assembly mode", "errors of position", "the noise that",
+                 "fitted to these measurements"):
+        assert any(what in n for n in notes), what
+    assert bare.headline() and all(e.closer is None for e in bare.record.datasets[0].errors[1:])
+    bare.save(tmp_path / "out")
+
+
+def test_compare_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    made = planar()
+    for name, seed in (("old", 3), ("new", 4)):     # two machines
+        data = run(made.mechanism, read_scenario(
+            ROOT / "configs" / "scenarios" / "3-RPR.yaml", made.mechanism), seed).data
+        ppmcal.identify(made.mechanism, [data]).save(tmp_path / name)
+    whole = ppmcal.compare(tmp_path / "old", tmp_path / "new")
+    assert whole.comparison.changed
+    monkeypatch.setattr(change_detection, "explanations", fails)
+    monkeypatch.setattr(change_detection, "pose_difference", fails)
+    monkeypatch.setattr(compare_command, "with_equal_freedoms", fails)
+    bare = ppmcal.compare(tmp_path / "old", tmp_path / "new")
+    assert bare.comparison.changed and bare.comparison.p_value == whole.comparison.p_value
+    notes = [f for f in bare.findings if f.startswith(NOTE)]
+    for what in ("what has changed", "how far the platform has moved", "one fit to the rows"):
+        assert any(what in n for n in notes), what
+    bare.save(tmp_path / "out")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pytest
 from helpers.paths import ROOT
 
 import ppmcal
@@ -12,9 +14,11 @@ from ppmcal.calibration.compensation.commands import Compensation, Knowledge, co
 from ppmcal.calibration.compensation.model_averaging import Reading, Readings, Targets, averaged
 from ppmcal.calibration.compensation.safe_commands import sent
 from ppmcal.calibration.validation.left_out_rows import DoubtfulStretch
+from ppmcal.io.effects import with_effects
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.units import SI
 
 
 def machine() -> Mechanism:
@@ -69,3 +73,30 @@ def test_a_row_that_a_rival_machine_cannot_reach_is_refused() -> None:
     assert np.isfinite(result.sigma_position[sent(result)]).all()
     assert all("does not take these joint values" in r
                for r in np.array(result.reason)[~sent(result)])
+
+
+@pytest.mark.parametrize("effect", [
+    {"kind": "friction", "parameters": {"static": 2e-3, "dynamic": 1e-3, "speed": 0.02}},
+    {"kind": "lag", "parameters": {"tau": 5e-3}}])
+def test_a_rival_that_needs_velocities_counts_as_at_rest(effect: dict[str, Any]) -> None:
+    """Targets are places, seldom with velocities; all of them had been refused."""
+    mechanism = machine()
+    known = knowledge(mechanism)
+    found = commands(mechanism, known)
+    first, joint = f"{effect['kind']} on one", mechanism.actuators[0]
+    rival = Reading(first, "", 2.0, with_effects(
+        mechanism, [{**effect, "on": [joint]}], SI, "test"), (first,))
+    columns = {f"dir_{a}": np.ones(5) for a in mechanism.actuators}
+    result, notes = averaged(mechanism, found, Readings((rival,), None), known,
+                             Targets(targets(mechanism), "", columns))
+    assert sent(result).all()
+    assert any(first in n and "at rest" in n and f"vel_{joint}" in n for n in notes)
+    resting = columns | {f"vel_{joint}": np.zeros(5)}
+    same, notes = averaged(mechanism, found, Readings((rival,), None), known,
+                           Targets(targets(mechanism), "", resting))
+    np.testing.assert_array_equal(result.sigma_position, same.sigma_position)
+    assert not any("at rest" in n for n in notes)
+    moving = columns | {f"vel_{joint}": np.full(5, 0.5)}
+    other, _ = averaged(mechanism, found, Readings((rival,), None), known,
+                        Targets(targets(mechanism), "", moving))
+    assert not np.allclose(other.sigma_position, same.sigma_position)

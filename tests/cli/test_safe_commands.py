@@ -25,6 +25,8 @@ seed: 5
 """
 TARGETS = "x,y,rz\n480,280,28\n490,285,29\n505,290,30\n520,300,32\n"
 
+LINES = [["compensate", "MODEL", "targets.csv", "--frame", "base"],
+         ["export", "grid", "MODEL"], ["export", "joints", "MODEL"]]
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -60,8 +62,7 @@ def test_a_model_file_says_how_well_it_fits_and_what_was_measured(bench: Path) -
     assert ranges["q_leg2"] == pytest.approx([min(joint), max(joint)])  # type: ignore[index]
 
 
-@pytest.mark.parametrize("line", [["compensate", "MODEL", "targets.csv", "--frame", "base"],
-                                  ["export", "grid", "MODEL"], ["export", "joints", "MODEL"]])
+@pytest.mark.parametrize("line", LINES)
 @pytest.mark.parametrize("copied", [False, True], ids=["folder", "yaml alone"])
 def test_a_model_that_misses_its_data_is_refused_with_exit_3(bench: Path, tmp_path: Path,
                                                              line: list[str], copied: bool) -> None:
@@ -88,7 +89,8 @@ def test_the_file_beside_says_it_of_older_models(bench: Path, tmp_path: Path) ->
     shutil.copytree(bench / "bad", tmp_path / "old")
     path = tmp_path / "old" / "identified.yaml"
     tree = yaml.safe_load(path.read_text())
-    del tree["measurement"]["noise"], tree["measurement"]["ranges"]
+    for name in ("noise", "ranges", "converged"):
+        del tree["measurement"][name]
     path.write_text(yaml.safe_dump(tree))
     ppmcal("compensate", tmp_path / "old", "targets.csv", "--frame", "base", "--out",
            tmp_path / "o", cwd=bench, expect=3)
@@ -96,6 +98,49 @@ def test_the_file_beside_says_it_of_older_models(bench: Path, tmp_path: Path) ->
     run = ppmcal("compensate", tmp_path / "alone.yaml", "targets.csv", "--frame", "base", "--out",
                  tmp_path / "o", cwd=bench, expect=0)
     assert "uncertainties are unknown" in " ".join(run.out.split())
+
+
+@pytest.fixture(scope="module")
+def unfinished(bench: Path) -> Path:
+    """The model of a fit that was stopped after one step, though it fits its data well."""
+    run = ppmcal("identify", "m.yaml", "s_good/measurements.csv", "--keep-outliers",
+                 "--iterations", "1", "--out", "unfinished", cwd=bench, expect=1)
+    assert "had not converged" in run.out
+    assert block(bench / "unfinished/identified.yaml")["converged"] is False
+    return bench / "unfinished"
+
+
+@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("known_by", ["folder", "yaml alone", "older folder"])
+def test_a_model_whose_fit_had_not_converged_is_refused_with_exit_3(
+        bench: Path, unfinished: Path, tmp_path: Path, line: list[str], known_by: str) -> None:
+    model = tmp_path / "machine.yaml"
+    if known_by == "yaml alone":
+        shutil.copy(unfinished / "identified.yaml", model)
+    else:
+        model = tmp_path / "model"
+        shutil.copytree(unfinished, model)
+    if known_by == "older folder":      # whose model file does not say it
+        path = model / "identified.yaml"
+        path.write_text(path.read_text().replace("converged: false", ""))
+    args = [str(model) if a == "MODEL" else a for a in line]
+    run = ppmcal(*args, "--out", str(tmp_path / "o"), cwd=bench, expect=3)
+    said = " ".join(run.err.split())
+    assert "the fit of this model had not converged" in said and "--iterations" in said
+    assert str(model) in run.err.replace("\n", "") and "--regardless" in said
+    assert not (tmp_path / "o").exists()
+    run = ppmcal(*args, "--out", str(tmp_path / "o"), "--regardless", cwd=bench, expect=1)
+    assert "had not converged" in " ".join(run.out.split())
+
+
+@pytest.mark.parametrize(("more", "code"), [([], 0), (["--iterations", "2"], 3)])
+def test_a_damped_fit_is_taken_that_ended_at_the_noise(bench: Path, tmp_path: Path,
+                                                       more: list[str], code: int) -> None:
+    run = ppmcal("identify", "m.yaml", "s_good/measurements.csv", "--method", "damped", *more,
+                 "--out", tmp_path / "i", cwd=bench, expect=1)
+    assert "the fit was stopped" in run.out
+    ppmcal("compensate", tmp_path / "i", "targets.csv", "--frame", "base", "--out",
+           tmp_path / "o", cwd=bench, expect=code)
 
 
 def test_noise_that_was_stated_too_small_is_mended_as_the_message_says(bench: Path, tmp_path: Path

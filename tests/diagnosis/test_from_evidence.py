@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from helpers.commands import ppmcal, rows
 from wild_diagnosis import write
 
 import ppmcal as api
+from ppmcal.diagnosis.cause_sizes import in_proportion
 
 
 def campaign(folder: Path, case: str, machine: str, seed: int, eta: float, count: int = 90
@@ -109,3 +111,16 @@ def test_what_is_not_linear_leaves_nothing_that_has_a_name(
     found = diagnosed(tmp_path)
     assert {e["kind"] for e in found["effects"]} == kinds and not found["unknown"]
     assert all(not e["alternatives"] for e in found["effects"])
+
+
+@pytest.mark.parametrize(("carried", "ratio"), [(2.0, 0.5), (0.0, 1.0), (None, 1.0)])
+def test_in_proportion_to_nothing_is_no_number(carried: float | None, ratio: float) -> None:
+    """An effect that another leans on may have no size, or no place in the set."""
+    base = SimpleNamespace(kind="base_compliance", on=(), leans=None)
+    wrong = SimpleNamespace(kind="tilt", on=(), leans=("base_compliance", ()))
+    given: Any = [(wrong, np.ones(1), np.full(1, 3.0))]
+    if carried is not None:
+        given.append((base, np.full(1, carried), np.ones(1)))
+    with np.errstate(all="raise"):
+        (_, value, sigma), *_ = in_proportion(given)
+    assert value == ratio and sigma == 3.0 * ratio

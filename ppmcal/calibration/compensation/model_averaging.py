@@ -17,10 +17,11 @@ from ppmcal.calibration.compensation.commands import Compensation, Knowledge, co
 from ppmcal.calibration.compensation.safe_commands import refused, sent
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
+from ppmcal.kinematics.needed_columns import missing_columns
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array
-from ppmcal.model.dataset import environment
+from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
 
 UNREACHED = ("where it leads is not known: a machine that the measurements do not tell from this "
@@ -89,6 +90,7 @@ def averaged(model: Mechanism, result: Compensation, readings: Readings,
     """
     if not readings.others:
         return result, ()
+    targets, notes = _at_rest(readings.others, result, targets)
     machines = [model, *(r.mechanism for r in readings.others)]
     weight = np.array(probabilities(readings.others))
     own = _expected(machines, weight, result.q, result, targets)
@@ -110,7 +112,29 @@ def averaged(model: Mechanism, result: Compensation, readings: Readings,
     before = _expected(machines, weight, result.q_nominal, result, targets)
     return replace(result, position_before=before[0], rotation_before=before[1],
                    sigma_position=np.hypot(result.sigma_position, own[0]),
-                   sigma_rotation=np.hypot(result.sigma_rotation, own[1])), (note,)
+                   sigma_rotation=np.hypot(result.sigma_rotation, own[1])), (note, *notes)
+
+
+def _at_rest(others: Sequence[Reading], result: Compensation, targets: Targets
+             ) -> tuple[Targets, list[str]]:
+    """Return the targets with joints at rest where only readings need velocities, and notes.
+
+    The model needs none, or the targets would have them.
+    """
+    needed = {name: r for r in others for name in missing_columns(
+        r.mechanism, _environment(r.mechanism, result, targets)) if name.startswith("vel_")}
+    if not needed:
+        return targets, []
+    names = ", ".join(dict.fromkeys(r.effect for r in needed.values()))
+    still = dict.fromkeys(needed, np.zeros(len(targets.wanted)))
+    return replace(targets, columns={**targets.columns, **still}), [
+        f"{names}: depends on joint velocities, which the targets do not have, and counts as at "
+        f"rest; add the columns {', '.join(needed)} if the machine is to be right on the way"]
+
+
+def _environment(mechanism: Mechanism, result: Compensation, targets: Targets) -> Environment:
+    return environment(targets.columns, mechanism.actuators, mechanism.gravity, result.q_nominal,
+                       targets.sequence)
 
 
 def _untold(others: Sequence[Reading]) -> list[str]:
@@ -163,9 +187,7 @@ def _errors(mechanism: Mechanism, q: Array, result: Compensation, targets: Targe
     it shows, or, about the middle of the targets, off the truth. The larger of both counts.
     """
     registration = mechanism.registration(targets.dataset)
-    rows = environment(targets.columns, mechanism.actuators, mechanism.gravity, result.q_nominal,
-                       targets.sequence)
-    reached = reached_poses(Model(mechanism), q, rows)
+    reached = reached_poses(Model(mechanism), q, _environment(mechanism, result, targets))
     point, turn = predict(registration, reached.pose)
     wanted = result.seen[:, :3]
     miss = point - wanted

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtrc
 
 from ppmcal.calibration.fit.linearisation import QRFactor, seen_directions, to_prior
 from ppmcal.calibration.fit.problem import Problem, State
@@ -13,6 +14,8 @@ from ppmcal.linalg import Array, Bools, finite_rows, svd
 ITERATIONS = 60
 OUTLIER = "outlier"
 """How the reason begins for which such a row is left out."""
+LIKE_NOISE = 0.05
+"""Residuals are no more than the noise where chance gives a larger chi-squared this often."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,11 @@ class Fit:
     summed: int = 0
 
     @property
+    def ended(self) -> bool:
+        """Whether it is at its minimum, or was stopped where residuals are like noise."""
+        return self.converged or (bool(self.stopped) and like_noise(self.reduced))
+
+    @property
     def reached(self) -> str:
         """How far a fit got that did not converge, in words."""
         rms = (self.reduced.square / max(self.reduced.count, 1)) ** 0.5
@@ -99,6 +107,11 @@ class Fit:
             mask[[n for n, reason in reasons.items() if reason.startswith(OUTLIER)]] = True
             out.append(mask & finite_rows(pose) & ~keep)
         return out
+
+
+def like_noise(rows: QRFactor) -> bool:
+    """Return whether residuals are no more than the noise (Morozov's discrepancy principle)."""
+    return bool(chdtrc(rows.count, rows.square) > LIKE_NOISE)
 
 
 def data_rows(fit: Fit) -> tuple[Array, Array]:

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtrc
 
 from ppmcal import linalg
-from ppmcal.calibration.fit.fit_result import Fit, FitOptions
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions, like_noise
 from ppmcal.calibration.fit.linearisation import column_scale, normal_step, qr_factor
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.calibration.fit.rank import RANK_TOLERANCE
@@ -34,8 +33,6 @@ DAMPED_ITERATIONS, SOON = 6000, 60
 residuals are no more than the noise."""
 MOST_LOST = 0.5
 """A step after which more than this part of the rows has no pose leads nowhere."""
-LIKE_NOISE = 0.05
-"""Residuals are no more than the noise where chance gives a larger chi-squared this often."""
 
 
 def gcv_scale(fit: Fit, base: Array) -> float:
@@ -107,7 +104,7 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
         if away < 0.01:
             converged = True
             break
-        if chdtrc(reduced.count, reduced.square) > LIKE_NOISE and _hopeless(away, before, SOON):
+        if like_noise(reduced) and _hopeless(away, before, SOON):
             stopped = f"at the noise, after {counted(iteration, 'iteration')}"
             break
         if not options.iterations and iteration >= 20 and _hopeless(away, before, limit):

@@ -9,6 +9,7 @@ from ppmcal.lazy import on_first_use
 if TYPE_CHECKING:
     from ppmcal.calibration.knowledge.consider_parameters import Considered as Considered
     from ppmcal.calibration.knowledge.consider_parameters import considered as considered
+    from ppmcal.calibration.knowledge.consider_parameters import none_considered as none_considered
     from ppmcal.calibration.knowledge.disagreement import Disagreement as Disagreement
     from ppmcal.calibration.knowledge.distance_from_nominal import farthest as farthest
     from ppmcal.calibration.knowledge.extrapolation import OUTSIDE as OUTSIDE

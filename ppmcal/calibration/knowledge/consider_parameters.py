@@ -54,6 +54,11 @@ def held(mechanism: Mechanism, free: Sequence[int]) -> tuple[int, ...]:
                  if i not in free and np.isfinite(tolerance) and tolerance > 0.0)
 
 
+def none_considered(fit: Fit) -> Considered:
+    """Return that a fit held nothing that may be off."""
+    return Considered((), np.zeros(0), np.zeros((len(fit.problem.columns), 0)))
+
+
 def considered(fit: Fit) -> Considered:
     """Return what a fit held, and how its columns err with that.
 
@@ -63,7 +68,7 @@ def considered(fit: Fit) -> Considered:
     problem, mechanism = fit.problem, fit.problem.mechanism
     own = held(mechanism, problem.free)
     if not own:
-        return Considered((), np.zeros(0), np.zeros((len(problem.columns), 0)))
+        return none_considered(fit)
     wide = replace(problem, free=(*problem.free, *own),
                    pivots=tuple(o.about for o in problem.opens))
     rows = qr_factor(wide, fit.state, fit.keep).triangle / fit.noise

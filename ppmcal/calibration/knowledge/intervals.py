@@ -34,6 +34,8 @@ BLOCKS, LEAST_ROWS = 8, 3
 """Blocks of a session, and rows in each at least."""
 STRETCHES = 1.0
 """Blocks, of one machine, differ by no more than so many tolerances."""
+APART = "identify each alone, and `ppmcal compare` tells what changed"
+"""What to do about sessions that differ."""
 
 
 BETWEEN = 9
@@ -188,15 +190,16 @@ def in_words(fit: Fit, found: Disagreement | None, alone: Array) -> list[str]:
     wide = float(np.median(found.half[:alone.size][known] / alone[known])) if known.any() else 1.0
     if not found.sessions:
         return [f"what the model leaves is smooth over {found.labels[0].rsplit(' ', 1)[0]}: "
-                f"rows there are not independent, and intervals count it{_longer(wide)}"]
+                f"rows there are not independent, and intervals count it{_longer(wide)}; `ppmcal "
+                "diagnose` looks for a cause"]
     if not found.disagree.any():
         return [f"{len(found.labels)} sessions differ by more than their noise: intervals count it"
-                f"{_longer(wide)}"]
+                f"{_longer(wide)}; {APART}"]
     worst = np.argsort(found.p_value, kind="stable")[:int(found.disagree.sum())]
     each = "; ".join(_values(fit, found, c) for c in worst[:SHOWN].tolist())
     more = f"; and {len(worst) - SHOWN} more" if len(worst) > SHOWN else ""
     return [f"sessions disagree about {len(worst)} of {found.p_value.size} parameters, each fitted "
-            f"alone: {each}{more}; intervals count it"]
+            f"alone: {each}{more}; intervals count it; {APART}"]
 
 
 def _longer(times: float) -> str:

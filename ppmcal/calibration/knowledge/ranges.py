@@ -1,4 +1,4 @@
-"""What a fit saw, to be kept in the machine's file: the noise check, and ranges of its rows."""
+"""What a fit saw, to be kept in the machine's file: noise check, how it ended, ranges of rows."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CONDITIONS = ("temperature", "payload", "time", *WRENCH)
 
 
 def measured_by(fit: Fit, noise: Noise) -> MeasurementBasis:
-    """Return the noise check of a fit, and the ranges of the rows that it used, SI.
+    """Return the noise check of a fit, the ranges of the rows that it used, SI, and how it ended.
 
     Carried on from an earlier calibration, with what that one had measured, as its machine says.
     """
@@ -41,4 +41,4 @@ def measured_by(fit: Fit, noise: Noise) -> MeasurementBasis:
         values = values[np.isfinite(values)]
         if values.size:
             ranges[name] = (float(values.min()), float(values.max()))
-    return MeasurementBasis(noise.sigma_ratio, noise.chi2_p, ranges)
+    return MeasurementBasis(noise.sigma_ratio, noise.chi2_p, ranges, fit.ended)

@@ -140,7 +140,7 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
     both = sorted(set(old.inputs) & set(new.inputs))
     if both:
         notes.append(f"{new.inputs[both[0]]} is in both calibrations: they are not independent, "
-                     "and changes look smaller than they are")
+                     "and changes look smaller than they are; identify each from its own files")
     found = _compared(mechanism, old, new, common, notes)
     if not found.freedom:
         return Comparison.impossible("the two sessions have no direction in common that both "
@@ -251,7 +251,8 @@ def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:
     fixed = [fit.problem.mechanism.names[p] for p in before.places if p not in free]
     if fixed:
         return [f"parameters that the earlier calibration had found are fixed now: "
-                f"{', '.join(fixed[:4])}{' ...' if len(fixed) > 4 else ''}"]
+                f"{', '.join(fixed[:4])}{' ...' if len(fixed) > 4 else ''}; free them with --free, "
+                "or leave out --keep"]
     # what only the new rows have free is where the earlier calibration held it
     problem, g = replace(fit.problem, free=before.places, earlier=None), fit.state.g.copy()
     held = sorted(free - set(before.places))

@@ -41,6 +41,8 @@ from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.wording import where
 
 FEWEST = 3
+OPEN_ENDS = dict.fromkeys(("rms_low", "rms_high", "p95_low", "p95_high"), float("nan"))
+"""Intervals of errors that are not known."""
 
 
 @dataclass(frozen=True)
@@ -157,20 +159,24 @@ def validated(models: Sequence[FrozenModel], datasets: Sequence[Dataset],
 def _with_the_others(models: Sequence[FrozenModel], data: Dataset, register: Sequence[str] | None,
                      seed: int, notes: list[str] | None) -> Validated:
     """Return a data set as predicted by the first machine, and by those others that can."""
+    said = list[str]()
     try:
-        return _validated(models, data, register, seed)
+        found = _validated(models, data, register, seed, said)
     except FAILURES:
         if notes is None:
             raise
         # judged by the same rows, any of them can be the reason: each is tried with the first
         able = [m for m in models[1:] if secondary(
             f"{m.label}, as a prediction of {data.name}",
-            partial(_validated, (models[0], m), data, register, seed), None, notes) is not None]
-        return _validated((models[0], *able), data, register, seed)
+            partial(_validated, (models[0], m), data, register, seed, []), None, notes) is not None]
+        return _validated((models[0], *able), data, register, seed, notes)
+    if notes is not None:
+        notes += said
+    return found
 
 
 def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[str] | None,
-               seed: int) -> Validated:
+               seed: int, notes: list[str]) -> Validated:
     asked = tuple(w for w in OPEN if is_open(data, w)) if register is None else tuple(
         w for w in OPEN if w in register)
     whole, data = data, _typed_right(models, opened(data, asked, register is not None))
@@ -185,10 +191,15 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
         raise BadInput(f"only {int(rows.sum())} of {len(whole)} rows can be predicted by every "
                        "machine", data.source, "Check that these are measurements of this machine")
     found = [residuals(f.problem, f.state) for f in fits]
-    errors = tuple(_error(m.label, r, rows, f) for m, r, f in zip(models, found, fits, strict=True))
+    errors = tuple(_error(m.label, r, rows, f, notes)
+                   for m, r, f in zip(models, found, fits, strict=True))
+    compared = secondary("how much closer each machine is", lambda: _compared(
+        errors, data.groups[rows], seed), (errors[0], *(replace(
+            e, closer=np.nan, interval=(np.nan, np.nan)) for e in errors[1:])), notes)
+    elsewhere = secondary("rows in another assembly mode", lambda: int(
+        (in_other_assembly(fits[0]) & rows).sum()), 0, notes)
     return Validated(data.name, data.source, (int(rows.sum()), len(whole)), (*asked, *demanded),
-                     demanded, _compared(errors, data.groups[rows], seed),
-                     int((in_other_assembly(fits[0]) & rows).sum()),
+                     demanded, compared, elsewhere,
                      tuple(np.setdiff1d(whole.rows, data.rows).tolist()))
 
 
@@ -256,7 +267,7 @@ def _gain(before: Fit, after: Fit) -> float:
     return fall(narrow, square, count, taken, taken - values_taken(before))
 
 
-def _error(label: str, found: Residuals, rows: Bools, fit: Fit) -> ModelError:
+def _error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[str]) -> ModelError:
     figures = found.figures([rows])
     position = np.nan_to_num(found.position[0][rows])
     squares = position**2
@@ -266,7 +277,10 @@ def _error(label: str, found: Residuals, rows: Bools, fit: Fit) -> ModelError:
     noise = float(np.sqrt(np.nanmean(white**2))) if np.isfinite(white).any() else np.nan
     kept = 1.0 - values_taken(fit) / max(int(np.isfinite(white).sum()), 1)
     groups = fit.problem.datasets[0].groups[rows]
-    sizes = [figures.get(kind, {}) | _intervals(errors[0][rows], groups, kept)
+    sizes = [figures.get(kind, {}) | secondary(
+        f"the intervals of {label}'s errors of {kind}",
+        partial(_intervals, errors[0][rows], groups, kept),
+        OPEN_ENDS if kind in figures else {}, notes)
              for kind, errors in (("position", found.position), ("rotation", found.rotation))]
     return ModelError(label, sizes[0], sizes[1], noise, squares)
 

@@ -53,19 +53,19 @@ def before(problem: Problem, keep: Sequence[Bools]) -> Before:
     try:
         state = register_only(bare, robust=False).state
     except PpmcalError:
-        return Before(_unknown(problem), {})
+        return nothing_before(problem)
     whole = replace(bare, datasets=sets)
     found = {d.name: Registration(s.frame, s.target, s.target_rotation, scale=s.scale)
              for d, s in zip(sets, state.registrations, strict=True)}
     return Before(residuals(whole, fresh_state(whole, state)), found)
 
 
-def _unknown(problem: Problem) -> Residuals:
-    """Return errors that are all nan, of the right shapes."""
+def nothing_before(problem: Problem) -> Before:
+    """Return errors that are all nan, of the right shapes, and no registration."""
     motion = problem.mechanism.motion
     rows = [len(d) for d in problem.datasets]
     vectors = tuple(np.full((n, len(coordinates(d, motion))), np.nan)
                     for n, d in zip(rows, problem.datasets, strict=True))
     norms = tuple(np.full(n, np.nan) for n in rows)
     gaps = tuple(np.full((n, problem.mechanism.equations), np.nan) for n in rows)
-    return Residuals(vectors, vectors, norms, norms, gaps)
+    return Before(Residuals(vectors, vectors, norms, norms, gaps), {})

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from ppmcal.calibration.fit import (
     BENT,
     LEAST,
     RANK_TOLERANCE,
+    STATED,
     Fit,
     FitOptions,
     Flat,
@@ -52,6 +54,7 @@ from ppmcal.calibration.knowledge import (
     identifiability,
     in_words,
     measured_by,
+    none_considered,
     registered,
     with_estimates,
 )
@@ -61,7 +64,7 @@ from ppmcal.calibration.validation.left_out_rows import (
     doubtful_stretches,
     left_out,
 )
-from ppmcal.calibration.validation.nominal_machine import before
+from ppmcal.calibration.validation.nominal_machine import before, nothing_before
 from ppmcal.calibration.validation.residual_vectors import Residuals, held_out, on_other, residuals
 from ppmcal.calibration.validation.session_validation import sessions_left_out
 from ppmcal.linalg import Array
@@ -73,6 +76,9 @@ from ppmcal.wording import chance, counted
 BEYOND = 1e3
 """Residuals are no more than so many times the noise within sessions: what a smaller one would say
 of their differences drowns in round-off."""
+
+DIAGNOSE = "`ppmcal diagnose` looks for what the model lacks"
+"""What to do about residuals that noise does not explain."""
 
 
 @dataclass(frozen=True)
@@ -188,21 +194,25 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     wrong = (secondary("what left-out rows would change", lambda: find_gross_errors(raw, fit),
                        GrossErrors((), {}, (), ()), notes),
              secondary("the shape of the flat", lambda: tuple(flats(raw)), (), notes))
-    noise = against_tolerances(noise, fit)
+    noise = secondary("the errors against the tolerances",
+                      partial(against_tolerances, noise, fit), noise, notes)
     sessions, blocks = _differences(fit, noise, notes)
     wider = sessions or blocks
-    kept = considered(fit)
+    kept = secondary("what held parameters may be off by", lambda: considered(fit),
+                     none_considered(fit), notes)
     more = np.diagonal(kept.more(chosen))
     found = estimates(fit, rank, wider, by_noise(fit, options, more), more)
     mechanism = replace(with_estimates(fit, found), measured=measured_by(fit, noise))
-    was = before(fit.problem, fit.keep)
+    was = secondary("the errors before calibration", lambda: before(fit.problem, fit.keep),
+                    nothing_before(fit.problem), notes)
     stood = {**registered(fit.problem, fit.state), **was.registrations}
     held, note = _held(fit, options, holdout, seed, other, leave_out, inflation, notes)
     after = residuals(fit.problem, fit.state)
     out = secondary("what left-out rows have in common", lambda: left_out(fit),
                     LeftOut(0, 0, False, "", 0.0, 1.0), notes)
-    index = observability(rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep))
-    told = _findings(fit, noise, inflation, found, out, wider)
+    index = secondary("the observability indices", lambda: observability(
+        rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep)), {}, notes)
+    told = _findings(fit, noise, inflation, found, out, wider, notes)
     open_ = secondary("what the data leave open", lambda: identifiability(fit, coverage(fit)),
                       Identifiability(None, ()), notes)
     sets = secondary("what the data see only together",
@@ -256,24 +266,26 @@ def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict
 
 
 def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate], gone: LeftOut,
-              wider: Disagreement | None) -> tuple[str, ...]:
+              wider: Disagreement | None, notes: list[str]) -> tuple[str, ...]:
     out = [f for d in fit.problem.datasets for f in d.findings]
     if fit.taken_back:
         out.append(f"{counted(fit.taken_back, 'row')} had no pose at the nominal machine, have one "
                    "at the fitted machine, and are in use")
     if gone.sentence:
-        out.append(gone.sentence)
+        out.append(f"{gone.sentence}; {DIAGNOSE}")
     if noise.failed:
         out.append(f"the residuals are {noise.sigma_ratio:.2f} times the {noise.source} noise "
                    f"({chance(noise.chi2_p)}): something is missing in the model, or sigma is too "
                    f"small; every measurement counts as {inflation:.2f} times as noisy as "
-                   f"{noise.source}")
+                   f"{noise.source}; {DIAGNOSE}"
+                   + ", --sigma estimated takes the residuals for noise" * (noise.source == STATED))
     if noise.overstated:
         out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the {noise.source} "
                    "noise: sigma is too large, in a wrong unit perhaps, so intervals are too wide"
                    + (" and the data count too little against the tolerances" if fit.by_tolerances
                       else "") + "; correct it, or use --sigma estimated")
-    out += branch_findings(fit.problem, fit.state)
+    out += secondary("limbs that rows show the other way round",
+                     lambda: branch_findings(fit.problem, fit.state), [], notes)
     if noise.tight:
         times = (noise.prior_chi2 / noise.prior_degrees) ** 0.5
         out.append(f"the machine's errors are {times:.2g} times what tolerances and noise allow "
@@ -281,15 +293,19 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    "missing in the model, so 95 % intervals hold less often; widen the tolerances "
                    "or use --prior flat")
     alone = [np.nan if (h := found[p].half_by_noise) is None else h for p in fit.problem.free]
-    out += in_words(fit, wider, np.array(alone))
-    far = far_from_nominal(found, fit.problem.mechanism.units)
+    out += secondary("which parameters sessions disagree about",
+                     lambda: in_words(fit, wider, np.array(alone)), [], notes)
+    far = secondary("parameters far from nominal", lambda: far_from_nominal(
+        found, fit.problem.mechanism.units), "", notes)
     if far:
         out.append(far)
     if fit.stopped:
         out.append(f"the fit was stopped {fit.stopped}: what these data see weakly is still near "
-                   "its nominal value, which the intervals do not count")
+                   "its nominal value, which the intervals do not count; --method prior counts it")
     elif not fit.converged:
-        out.append(f"the fit had not converged after {fit.iterations} iterations")
+        out.append(f"the fit had not converged after {counted(fit.iterations, 'iteration')}: use "
+                   "more --iterations, free fewer parameters, or measure poses that tell them "
+                   "apart")
     # the last: what is wrong with the rows is told below it
     for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
         if reasons:

@@ -90,16 +90,18 @@ def _considered(entry: HeldParameters | None, count: int) -> Considered:
     return Considered(entry.names, sigma, _matrix(entry.moved, count, len(entry.names)))
 
 
-def read_noise(path: Path) -> MeasurementBasis | None:
-    """Return the noise check of an identification.json, None where it does not say.
+def read_basis(path: Path) -> MeasurementBasis:
+    """Return the noise check of an identification.json, and how the fit ended; no ranges.
 
     Raises:
         BadInput: not readable, or not such a file.
     """
-    noise = read_identification(path).noise
-    if noise.sigma_ratio is None or noise.chi2_p is None:
-        return None
-    return MeasurementBasis(noise.sigma_ratio, noise.chi2_p)
+    record = read_identification(path)
+    ratio, p = (np.nan if v is None else v
+                for v in (record.noise.sigma_ratio, record.noise.chi2_p))
+    # the damped scheme may have ended at the noise, which is not said
+    return MeasurementBasis(ratio, p, converged=None if record.method == "damped" else
+                            record.converged)
 
 
 def _doubtful(part: DoubtfulPart, mechanism: Mechanism, units: Units, path: Path

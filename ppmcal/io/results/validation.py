@@ -281,14 +281,16 @@ def _missed(data: ValidatedDataset) -> list[str]:
     one = _of_one_row(data)
     return [f"{data.name}: {number(times, 2)} times the noise: " + (
         f"{one}, a value typed wrong perhaps: `identify` names the row" if one else
-        "measurements of another machine, or of one that has changed")]
+        "measurements of another machine, or of one that has changed: calibrate it with them, and "
+        "`ppmcal compare` tells what changed")]
 
 
 def _unlike(data: ValidatedDataset) -> list[str]:
     """Return which rows do not fit with the others, empty where all do."""
     out = [f"{data.name}: row{'s' * (len(data.left_out) > 1)} "
            f"{', '.join(map(str, data.left_out[:SHOWN]))}{' ...' * (len(data.left_out) > SHOWN)} "
-           "left out: no machine comes near the values there"] if data.left_out else []
+           "left out: no machine comes near the values there; look for a value typed "
+           "wrong"] if data.left_out else []
     if not data.unlike or data.elsewhere:
         return out
     each = ", ".join(f"row {r.row} ({number(r.times, 2)} times the noise)"
@@ -311,9 +313,11 @@ def misled(datasets: Sequence[ValidatedDataset]) -> list[str]:
                 size = f"by {number(abs(e.closer), 2)} {e.unit} rms{ends}"
                 what = e.model.removeprefix("without ")
                 verb = "make" if what == "all effects" else "makes"
-                out.append(f"{data.name}: {what} {verb} the prediction worse {size}"
+                out.append(f"{data.name}: {what} {verb} the prediction worse {size}: "
+                           "leave it out of the model, or diagnose this day too"
                            if e.model.startswith("without ") else
-                           f"{data.name}: {e.model} predicts better than the model {size}")
+                           f"{data.name}: {e.model} predicts better than the model {size}: "
+                           "use it, or calibrate again")
     return out
 
 
