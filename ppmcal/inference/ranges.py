@@ -78,7 +78,7 @@ def together_between(freedom: float, low: Array, high: Array, covariance: Array)
 
 
 def _moments(a: Array, b: Array, chance: Array) -> tuple[Array, Array]:
-    """Return mean and variance of standard normal values between a and b, whose ``chance`` is so."""
+    """Return mean and variance of standard normal values between a and b; ``chance``: of these."""
     at_a, at_b = (np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi) for x in (a, b))
     seen = np.maximum(chance, LEAST)
     mean = np.clip((at_a - at_b) / seen, a, b)
