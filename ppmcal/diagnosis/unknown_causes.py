@@ -72,7 +72,7 @@ class UnknownCauses:
         self.system = system
         self._columns: list[Array] = []
         self.causes: list[UnknownCause] = []
-        inputs = [*self._of_inputs(everywhere), *self._of_ways()]
+        inputs = [*self._of_inputs(everywhere), *self._of_ways(), *self._of_loads()]
         courses = list(self._of_time())
         groups = [g for g in (inputs, courses) if g]
         for group in groups:
@@ -194,6 +194,28 @@ class UnknownCauses:
                 yield (f"a function of the way from the row before"
                        f"{' by direction' if signed else ''} acting on {acted}",
                        columns, kernels, len(on) > 1, None, (), "")
+
+    def _of_loads(self) -> Iterator[Made]:
+        """Yield what gives way to the load in no way that the library has.
+
+        Whatever is elastic answers the joints' loads by lengths of theirs, each load by all of
+        them, and any two each other alike (Maxwell 1864).
+        """
+        parts, mechanism = self.system.parts, self.system.problem.mechanism
+        loads = [p.setting.load for p in parts]
+        count = len(mechanism.actuators)
+        if (count < 2 or len(set(mechanism.actuator_quantity)) > 1
+                or not all(np.isfinite(load).all() for load in loads)):
+            return
+        each = np.eye(count, dtype=bool)
+        answers = [[self.system.column([
+            p.setting.at_joints(np.repeat(load[:, [j]], count, axis=1), each[i])
+            for p, load in zip(parts, loads, strict=True)]) * self.system.observed
+            for j in range(count)] for i in range(count)]
+        columns = [answers[i][j] + (answers[j][i] if i != j else 0.0)
+                   for i in range(count) for j in range(i, count)]
+        yield ("something that gives way to the load", np.stack(
+            [c.reshape(-1) for c in columns], axis=1), [np.eye(len(columns))], True, None, (), "")
 
     def _of_time(self) -> Iterator[Made]:
         """Yield slow courses of zeros, base and target, from row to row and in recorded time."""
