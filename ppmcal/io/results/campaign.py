@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
 
 from ppmcal.calibration.fit import WeakCampaign
-from ppmcal.io.results.record import Finite, Part, Text, Whole
+from ppmcal.io.results.codec import Finite, Part, Text, Whole
 from ppmcal.units import Units
 from ppmcal.wording import counted
 
@@ -32,7 +33,7 @@ class CampaignSummary(Part):
     unknown: tuple[Text, ...] = ()
     parameters: tuple[Text, ...] = ()
     poses: Whole = 0
-    where: Mapping[Text, PoseRange] = {}
+    where: Mapping[Text, PoseRange] = field(default_factory=dict)
     file: Text | None = None
     text: Text = ""
 

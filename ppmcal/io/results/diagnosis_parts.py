@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from ppmcal.calibration.fit import half_interval
 from ppmcal.calibration.knowledge import coverage
@@ -24,7 +24,7 @@ from ppmcal.diagnosis.result import (
     Survival,
     Swallowed,
 )
-from ppmcal.io.results.record import Flag, Part, Shown, Text, UnitText, Whole
+from ppmcal.io.results.codec import Flag, Part, Shown, Text, UnitText, Whole
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.units import Units
 
@@ -89,7 +89,7 @@ class EffectInSession(Part):
     """The size of an effect in one session, all else shared."""
 
     session: Text = ""
-    parameters: Mapping[str, EffectValue] = Field(default_factory=dict)
+    parameters: Mapping[str, EffectValue] = field(default_factory=dict)
 
     @classmethod
     def each(cls, result: Diagnosis, found: SessionEffect | None) -> tuple[EffectInSession, ...]:
@@ -155,7 +155,7 @@ class DiagnosedEffect(CalledKind):
     """
 
     on: tuple[Text, ...] = ()
-    parameters: Mapping[str, EffectValue] = Field(default_factory=dict)
+    parameters: Mapping[str, EffectValue] = field(default_factory=dict)
     p_value: Shown | None = None
     log10_p: Shown | None = None
     survival: Shown | None = None
@@ -165,7 +165,7 @@ class DiagnosedEffect(CalledKind):
     probability: Shown | None = None
     probabilities: tuple[Shown | None, ...] = ()
     mid_stroke: EffectValue | None = None
-    derived: Mapping[str, EffectValue] = Field(default_factory=dict)
+    derived: Mapping[str, EffectValue] = field(default_factory=dict)
     row: EventRow | None = None
     sessions: tuple[EffectInSession, ...] = ()
     same_in_sessions_p: Shown | None = None
@@ -230,7 +230,7 @@ class ResidualAfter(Part):
     rms_ratio: Shown | None = None
     noise_reference: Text = ""
     noise_ratio: Shown | None = None
-    by_input: Mapping[str, Shown | None] = Field(default_factory=dict)
+    by_input: Mapping[str, Shown | None] = field(default_factory=dict)
 
 
 class HeldOutGap(Part):

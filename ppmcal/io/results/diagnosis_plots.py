@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.diagnosis.plot_data import ActuatorError, PlotData, Ranked, SelectionStep
 from ppmcal.diagnosis.residual_series import Series
-from ppmcal.io.results.record import Part, Shown, Text, Whole
+from ppmcal.io.results.codec import Part, Shown, Text, Whole
 from ppmcal.linalg import Array
 from ppmcal.units import Units
 

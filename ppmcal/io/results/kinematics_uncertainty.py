@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ppmcal.io.results.record import Finite, Part, Text
+from ppmcal.io.results.codec import Finite, Part, Text
 from ppmcal.io.results.tables import unit_map
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -35,7 +35,7 @@ class KinematicsUncertainty(Part):
 
     source: Text = NONE
     frame: Text = ""
-    sizes: Mapping[Text, SigmaSize] = {}
+    sizes: Mapping[Text, SigmaSize] = field(default_factory=dict)
 
     def words(self) -> str:
         """Return one sentence."""

@@ -15,6 +15,7 @@ from ppmcal.calibration.knowledge import Considered
 from ppmcal.calibration.sessions import SESSION
 from ppmcal.calibration.validation import DoubtfulStretch
 from ppmcal.errors import BadInput
+from ppmcal.io.results.codec import Part
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
     CovarianceEntry,
@@ -23,7 +24,6 @@ from ppmcal.io.results.identification_parts import (
     HeldParameters,
     ResidualSummary,
 )
-from ppmcal.io.results.record import Part
 from ppmcal.io.results.session_parts import SessionInformation, SessionRows, rest_factors
 from ppmcal.io.results.units import Numbers, column_factor
 from ppmcal.linalg import Array, eigh
@@ -201,7 +201,7 @@ P = TypeVar("P", bound=Part)
 
 def _part(part: P | None, *names: str) -> P:
     """Return a part that must have these keys."""
-    if part is None or any(n not in part.model_fields_set or getattr(part, n) is None
+    if part is None or any(n not in part.given or getattr(part, n) is None
                            for n in names):
         raise _Incomplete
     return part

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from ppmcal.calibration.interpretation import Misreading
-from ppmcal.io.results.record import Part, Shown, Text, Whole
+from ppmcal.io.results.codec import Part, Shown, Text, Whole
 from ppmcal.units import Units
 
 FORMAT = "ppmcal/misread/1"
@@ -36,7 +35,7 @@ class MisreadingEntry(Part):
     columns: tuple[Text, ...] = ()
     rows: tuple[Whole, ...] | None = None
     read: Mapping[str, Any] | None = None
-    residual: MedianMiss | None = Field(default=None)
+    residual: MedianMiss | None = None
     text: Text = ""
     sigma: Mapping[str, float] | None = None
 

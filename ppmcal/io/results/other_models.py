@@ -10,7 +10,8 @@ from ppmcal.diagnosis.effect_sets import labels
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
-from ppmcal.io.results.record import Finite, Part, Record, Shown, Text
+from ppmcal.io.results.codec import Finite, Part, Shown, Text
+from ppmcal.io.results.record import Record
 from ppmcal.model.mechanism import Mechanism
 
 

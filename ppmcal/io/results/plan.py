@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import Any, ClassVar, Self
 
 from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.plan.result import Plan
 from ppmcal.io import csv_text
+from ppmcal.io.results.codec import Flag, Part, Shown, Text, Whole
 from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.plan_tables import (
     accuracy_picture,
@@ -18,7 +20,7 @@ from ppmcal.io.results.plan_tables import (
     pose_table,
 )
 from ppmcal.io.results.plan_wording import findings, sentences
-from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole, table_text
+from ppmcal.io.results.record import Provenance, Record, table_text
 
 PICTURE = "accuracy.png"
 CAPTION = ("Standard deviation of the calibrated machine's position at the tasks against the "
@@ -36,7 +38,7 @@ class CandidatePoses(Part):
     """How many candidates there were, and why others were left out."""
 
     count: Whole = 0
-    left_out: Mapping[str, Whole] = {}
+    left_out: Mapping[str, Whole] = field(default_factory=dict)
 
 
 class RouteLength(Part):
@@ -58,7 +60,7 @@ class PlanRecord(Record):
 
     name: Text = ""
     said: tuple[Text, ...] = ()
-    units: Mapping[str, Text] = {}
+    units: Mapping[str, Text] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     pictures: Mapping[str, Text] | None = None
     tables: tuple[ShownTable, ...] = ()
@@ -69,7 +71,7 @@ class PlanRecord(Record):
     reaches_accuracy: Whole | None = None
     extrapolated: Flag = False
     limit: AccuracyLimit = AccuracyLimit()
-    observability: Mapping[str, Mapping[str, Shown | None]] = {}
+    observability: Mapping[str, Mapping[str, Shown | None]] = field(default_factory=dict)
     efficiency: Shown | None = None
     candidates: CandidatePoses = CandidatePoses()
     not_told: tuple[Text, ...] = ()

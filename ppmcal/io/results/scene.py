@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.calibration.interpretation import home_gaps
-from ppmcal.io.results.record import Finite, Flag, Part, Text, UnitNames
+from ppmcal.io.results.codec import Finite, Flag, Part, Text
+from ppmcal.io.results.record import UnitNames
 from ppmcal.io.results.scene_machine import MachineStand, machine_frames, unit_of
 from ppmcal.io.results.scene_parts import (
     MeasuredPose,
@@ -149,7 +150,7 @@ def _with_frame(m: MeasuredPose, kept: Array, about: int) -> MeasuredPose:
     if m.frame is None:
         return m
     frame = int(kept[m.frame]) if m.frame < len(kept) else -1
-    return m.model_copy(update={"frame": about + frame, "own": m.own} if frame >= 0
+    return m.changed(**{"frame": about + frame, "own": m.own} if frame >= 0
                         else {"frame": None, "own": False})
 
 

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ppmcal.design.sensitivity import Sensitivity
+from ppmcal.io.results.codec import Flag, Part, Shown, Text, Whole
 from ppmcal.io.results.design import Quantity, ShownTable, geometry_note
-from ppmcal.io.results.record import (
-    Flag,
-    Part,
-    Provenance,
-    Record,
-    Shown,
-    Text,
-    Whole,
-    in_units,
-    table_text,
-)
+from ppmcal.io.results.record import Provenance, Record, in_units, table_text
 from ppmcal.io.results.sensitivity_tables import (
     captions,
     jacobian_table,
@@ -133,14 +125,14 @@ class SensitivityRecord(Record):
 
     name: Text = ""
     said: tuple[Text, ...] = ()
-    units: Mapping[str, Text] = {}
+    units: Mapping[str, Text] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     errors: Whole = 0
-    poses: Mapping[str, Whole] = {}
+    poses: Mapping[str, Whole] = field(default_factory=dict)
     metric: Quantity = Quantity()
     tool: ToolPoint = ToolPoint()
     home: HomeErrors = HomeErrors()
-    groups: Mapping[str, tuple[GroupShare, ...]] = {}
+    groups: Mapping[str, tuple[GroupShare, ...]] = field(default_factory=dict)
     together: ErrorsTogether | None = None
     linear_to: LinearLimit = LinearLimit()
     tables: tuple[ShownTable, ...] = ()

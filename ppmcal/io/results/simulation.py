@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
 from typing import Any, ClassVar
 
 import numpy as np
 import yaml
-from pydantic import Field
 
 from ppmcal.calibration.fit import coordinates_of
 from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.effects import effects_tree
-from ppmcal.io.results.record import Provenance, Record, Shown, Text, UnitNames, Whole
+from ppmcal.io.results.codec import Shown, Text, Whole
+from ppmcal.io.results.record import Provenance, Record, UnitNames
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.io.yaml import printable
 from ppmcal.model.dataset import ZERO_CELSIUS
@@ -33,9 +34,9 @@ class TruthRecord(Record):
     FILE: ClassVar[str] = "truth.json"
     FORMAT: ClassVar[str] = "ppmcal/truth/1"
 
-    errors: Mapping[Text, Shown] = Field(default_factory=dict)
-    parameters: Mapping[Text, Shown] = Field(default_factory=dict)
-    frame: Mapping[Text, Shown] = Field(default_factory=dict)
+    errors: Mapping[Text, Shown] = field(default_factory=dict)
+    parameters: Mapping[Text, Shown] = field(default_factory=dict)
+    frame: Mapping[Text, Shown] = field(default_factory=dict)
     target: tuple[Shown, ...] = ()
     target_rotation: tuple[Shown, ...] = ()
     outliers: tuple[Whole, ...] = ()
@@ -65,7 +66,7 @@ class TruthRecord(Record):
                    target_rotation=tuple((scenario.target_rotation / angle).tolist()),
                    outliers=tuple((np.flatnonzero(campaign.outlier) + 1).tolist()),
                    effects=tuple(effects_tree(campaign.with_effects)), left_out=campaign.left_out,
-                   units=UnitNames.of(units), provenance=Provenance.model_validate(provenance))
+                   units=UnitNames.of(units), provenance=Provenance(**provenance))
 
 
 def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: str,

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import Any, ClassVar
 
 from ppmcal.calibration.sessions import REPEATS, STATED, DayNoise
 from ppmcal.calibration.validation import ModelError, Validated
 from ppmcal.io import csv_text
-from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, UnitNames, Whole
+from ppmcal.io.results.codec import Finite, Part, Text, Whole
+from ppmcal.io.results.record import Provenance, Record, UnitNames
 from ppmcal.model.measured import MISSED
 from ppmcal.units import Units
 from ppmcal.wording import number
@@ -149,7 +151,7 @@ class ValidationRecord(Record):
 
     name: Text = ""
     units: UnitNames = UnitNames()
-    column_units: Mapping[Text, Text] = {}
+    column_units: Mapping[Text, Text] = field(default_factory=dict)
     datasets: tuple[ValidatedDataset, ...] = ()
     findings: tuple[Text, ...] = ()
     provenance: Provenance = Provenance()
@@ -165,7 +167,7 @@ class ValidationRecord(Record):
             format=cls.FORMAT, name=name, units=UnitNames.of(units), datasets=datasets,
             column_units=_column_units(units, datasets),
             findings=(*findings, *misled(datasets)),
-            provenance=Provenance.model_validate(provenance))
+            provenance=Provenance(**provenance))
 
     def files(self) -> dict[str, str]:
         """Return file name -> text of everything that validate writes."""

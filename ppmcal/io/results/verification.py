@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import ClassVar
 
-from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
+from ppmcal.io.results.codec import Flag, Part, Shown, Text, Whole
+from ppmcal.io.results.record import Record
 from ppmcal.wording import counted, number
 
 SAME, WITHIN, DIFFERS, OPEN = "same", "within bounds", "differs", "not compared"
@@ -108,7 +110,7 @@ class VerificationRecord(Record):
     FILE: ClassVar[str] = "verification.json"
     FORMAT: ClassVar[str] = "ppmcal/verification/1"
 
-    bounds: Mapping[Text, Shown] = {}
+    bounds: Mapping[Text, Shown] = field(default_factory=dict)
     runs: tuple[RunCheck, ...] = ()
     exit_code: Whole = 0
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ppmcal.design.workspace import Workspace
+from ppmcal.io.results.codec import Flag, Part, Shown, Text, Whole
 from ppmcal.io.results.design import Quantity, ShownTable
-from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
+from ppmcal.io.results.record import Provenance, Record
 from ppmcal.io.results.tables import pose_columns, unit_map
 from ppmcal.io.results.workspace_tables import (
     ModeRow,
@@ -83,7 +85,7 @@ class SingularPose(Part):
 
     distance: Shown | None = None
     unit: Text = ""
-    pose: Mapping[str, Shown | None] = {}
+    pose: Mapping[str, Shown | None] = field(default_factory=dict)
     grid_ends_at: Shown | None = None
 
     @classmethod
@@ -135,10 +137,10 @@ class WorkspaceRecord(Record):
     FORMAT: ClassVar[str] = "ppmcal/workspace/1"
 
     name: Text = ""
-    grid: Mapping[str, GridAxis] = {}
+    grid: Mapping[str, GridAxis] = field(default_factory=dict)
     poses: Whole = 0
-    status: Mapping[str, Whole] = {}
-    left_out: Mapping[str, Whole] = {}
+    status: Mapping[str, Whole] = field(default_factory=dict)
+    left_out: Mapping[str, Whole] = field(default_factory=dict)
     reachable: ReachableSpace = ReachableSpace()
     conditioning_index: ConditioningIndex = ConditioningIndex()
     home: HomeConditioning = HomeConditioning()
@@ -148,8 +150,8 @@ class WorkspaceRecord(Record):
     findings: tuple[Text, ...] = ()
     pictures: Mapping[str, Text] | None = None
     tables: tuple[ShownTable, ...] = ()
-    columns: Mapping[str, Text] = {}
-    units: Mapping[str, Text] = {}
+    columns: Mapping[str, Text] = field(default_factory=dict)
+    units: Mapping[str, Text] = field(default_factory=dict)
     length_scale: Quantity = Quantity()
     provenance: Provenance = Provenance()
 

@@ -1,0 +1,436 @@
+"""The codec: dataclasses to and from JSON, and their JSON Schema, by their annotations alone.
+
+A finding is one frozen dataclass, where it is computed. What its numbers are stands in its
+annotations (:class:`ppmcal.units.Quantity`): :func:`in_units` brings them from SI into the units of
+a file, :func:`encoded` writes them, :func:`decoded` reads them again with file, place and hint,
+:func:`schema` describes them.
+
+A file may be cut off, edited by hand or written by another version: keys that are missing or
+unknown pass, and so does null, which counts as missing where a field knows no null; a value of the
+wrong kind is refused with file and place.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from inspect import cleandoc
+from pathlib import Path
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Self,
+    TypeVar,
+    Union,
+    dataclass_transform,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from ppmcal.errors import BadInput
+from ppmcal.io.json import AGAIN, LARGEST
+from ppmcal.io.output import plain
+from ppmcal.units import Quantity, Units, as_now
+
+T = TypeVar("T")
+Json = dict[str, Any]
+LARGEST_WHOLE = 2 ** 53
+
+
+class Misfit(TypeError):
+    """A value of another kind than its annotation says."""
+
+    def __init__(self, wanted: str, value: object) -> None:
+        """Say what should be there."""
+        self.wanted, self.place = wanted if value is not None else "something, not null", ""
+
+    def at(self, key: str | int) -> Misfit:
+        """Return it as a misfit within ``key``."""
+        inner = f".{self.place}" if self.place and self.place[0] != "[" else self.place
+        self.place = f"[{key}]{inner}" if isinstance(key, int) else f"{key}{inner}"
+        return self
+
+    def __str__(self) -> str:
+        """Return where it is and what should be there."""
+        return f"{self.place}: should be {self.wanted}"
+
+
+@dataclass(frozen=True)
+class Key:
+    """The key of a field in the file, where it cannot be its name."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The largest size of a number that is read; none for one that is only shown."""
+
+    largest: float
+
+
+@dataclass(frozen=True)
+class Reader:
+    """What an annotation reads.
+
+    ``read`` takes plain data, and whether they come from a file, so that bounds hold; it raises
+    :class:`Misfit`. ``schema`` takes the definitions, to which it may add. ``blank`` stands where
+    a key is missing and the class has no default.
+    """
+
+    read: Callable[[Any, bool], Any]
+    schema: Callable[[Json], Json]
+    blank: Any = None
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of a class: its name, key in a file, how it is read, default, and quantity."""
+
+    name: str
+    key: str
+    reader: Reader
+    default: Callable[[], Any]
+    quantity: Quantity | None
+
+
+def shape(kind: Any) -> tuple[Field, ...]:
+    """Return the fields of a dataclass by their annotations."""
+    return _shape(kind)
+
+
+@cache
+def _shape(kind: Any) -> tuple[Field, ...]:
+    hints, out = get_type_hints(kind, include_extras=True), []
+    for f in dataclasses.fields(kind):
+        reader, marks = reader_of(hints[f.name]), _marks(hints[f.name])
+        default = f.default_factory if f.default_factory is not dataclasses.MISSING else (
+            _always(reader.blank if f.default is dataclasses.MISSING else f.default))
+        key = next((m.name for m in marks if isinstance(m, Key)), f.name)
+        quantity = next((m for m in marks if isinstance(m, Quantity)), None)
+        out.append(Field(f.name, key, reader, default, quantity))
+    return tuple(out)
+
+
+def _always(value: T) -> Callable[[], T]:
+    return lambda: value
+
+
+def _marks(hint: Any) -> tuple[Any, ...]:
+    return tuple(get_args(hint)[1:]) if get_origin(hint) is Annotated else ()
+
+
+def reader_of(hint: Any) -> Reader:
+    """Return how what an annotation says is read.
+
+    Raises:
+        TypeError: JSON cannot hold it.
+    """
+    for mark in _marks(hint):
+        if isinstance(mark, Reader):
+            return mark
+        if isinstance(mark, Limit):
+            return _number(mark.largest)
+    if get_origin(hint) is Annotated:
+        hint = get_args(hint)[0]
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        (one,) = (a for a in inner if a is not type(None))
+        return _or_none(reader_of(one))
+    if origin is tuple:
+        return _list(reader_of(inner[0])) if inner[1:] == (...,) else _several(
+            [reader_of(a) for a in inner])
+    if origin is not None and issubclass(origin, Mapping):
+        return _mapping(reader_of(inner[1]))
+    if dataclasses.is_dataclass(hint):
+        return _object(hint)
+    if hint not in _PLAIN:
+        raise TypeError(f"no JSON holds {hint}")
+    return _PLAIN[hint]
+
+
+def _number(largest: float) -> Reader:
+    bounds = {"maximum": largest, "minimum": -largest} if largest < math.inf else {}
+
+    def read(value: Any, bounded: bool) -> float:
+        if type(value) is not float and (isinstance(value, bool)
+                                         or not isinstance(value, int | float)):
+            raise Misfit("a number", value)
+        if bounded and not abs(value) <= largest:
+            raise Misfit(f"a number, {largest:g} at most", value)
+        return float(value)
+
+    return Reader(read, lambda _: {**bounds, "type": "number"}, math.nan)
+
+
+def _whole(value: Any, bounded: bool) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise Misfit("a whole number", value)
+    if bounded and abs(value) > LARGEST_WHOLE:
+        raise Misfit(f"a whole number, {LARGEST_WHOLE} at most", value)
+    return value
+
+
+def _is(kind: type[T], wanted: str, name: str) -> Reader:
+    def read(value: Any, bounded: bool) -> T:
+        if not isinstance(value, kind):
+            raise Misfit(wanted, value)
+        return value
+
+    return Reader(read, lambda _: {"type": name}, kind())
+
+
+def _cell(value: Any, bounded: bool) -> Any:
+    if isinstance(value, list | tuple | Mapping):
+        raise Misfit("a number or text", value)
+    return value
+
+
+def _read_at(key: str | int, reader: Reader, value: Any, bounded: bool) -> Any:
+    try:
+        return reader.read(value, bounded)
+    except Misfit as error:
+        raise error.at(key) from None
+
+
+def _or_none(one: Reader) -> Reader:
+    return Reader(lambda value, bounded: None if value is None else one.read(value, bounded),
+                  lambda known: {"anyOf": [one.schema(known), {"type": "null"}]})
+
+
+def _list(item: Reader) -> Reader:
+    def read(value: Any, bounded: bool) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple):
+            raise Misfit("a list", value)
+        return tuple(_read_at(n, item, v, bounded) for n, v in enumerate(value))
+
+    return Reader(read, lambda known: {"items": item.schema(known), "type": "array"}, ())
+
+
+def _several(items: list[Reader]) -> Reader:
+    """Return how a list of so many is read."""
+    size = len(items)
+
+    def read(value: Any, bounded: bool) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple):
+            raise Misfit("a list", value)
+        found = tuple(_read_at(n, one, v, bounded)
+                      for n, (one, v) in enumerate(zip(items, value, strict=False)))
+        if len(value) != size:
+            wrong = Misfit("something else", value)
+            raise wrong.at(len(value)) if len(value) < size else wrong
+        return found
+
+    return Reader(read, lambda known: {
+        "maxItems": size, "minItems": size, "prefixItems": [i.schema(known) for i in items],
+        "type": "array"}, tuple(i.blank for i in items))
+
+
+def _mapping(item: Reader) -> Reader:
+    def read(value: Any, bounded: bool) -> dict[str, Any]:
+        if not isinstance(value, Mapping):
+            raise Misfit("an object", value)
+        return {k: _read_at(k, item, v, bounded) for k, v in value.items()}
+
+    return Reader(read, lambda known: {
+        "additionalProperties": item.schema(known) or True, "type": "object"},
+        types.MappingProxyType({}))
+
+
+def _object(kind: Any) -> Reader:
+    def read(value: Any, bounded: bool) -> Any:
+        if isinstance(value, kind):
+            return value
+        if not isinstance(value, Mapping):
+            raise Misfit("an object", value)
+        found, unknown = {}, {k: v for k, v in value.items() if v is not None}
+        for f in shape(kind):
+            one = unknown.pop(f.key, None)
+            if one is not None:
+                found[f.name] = _read_at(f.key, f.reader, one, bounded)
+            elif f.key in value and f.default() is None:
+                found[f.name] = None
+        if issubclass(kind, Part):
+            return kind._made(found, unknown)
+        return kind(**{f.name: found[f.name] if f.name in found else f.default()
+                       for f in shape(kind)})
+
+    def refer(known: Json) -> Json:
+        if kind.__name__ not in known:
+            known[kind.__name__] = {}
+            known[kind.__name__] = _described(kind, known)
+        return {"$ref": f"#/$defs/{kind.__name__}"}
+
+    return Reader(read, refer, None)
+
+
+def _described(kind: type, known: Json) -> Json:
+    properties = {}
+    for f in shape(kind):
+        own, default = f.reader.schema(known), f.default()
+        named = "$ref" in own or "$ref" in own.get("anyOf", [{}])[0]
+        title = {} if named else {"title": f.key.replace("_", " ").title()}
+        own |= {"default": encoded(default, whole=True), **title}
+        properties[f.key] = dict(sorted(own.items()))
+    return {"additionalProperties": True, "description": cleandoc(kind.__doc__ or ""),
+            "properties": properties, "title": kind.__name__, "type": "object"}
+
+
+def schema(kind: type) -> Json:
+    """Return the JSON Schema of what a class reads and writes."""
+    known: Json = {}
+    own = _described(kind, known)
+    return {"$defs": dict(sorted(known.items())), **own} if known else own
+
+
+def decoded(kind: type[T], data: Any, path: Path, mend: str = AGAIN) -> T:
+    """Return plain data, read from a file, as a class.
+
+    Raises:
+        BadInput: a value of another kind.
+    """
+    try:
+        found: T = _object(kind).read(data, True)
+    except Misfit as error:
+        raise BadInput(f"should be {error.wanted}", f"{path}: {error.place}", mend) from None
+    return found
+
+
+def encoded(value: Any, whole: bool = False) -> Any:
+    """Return what JSON can hold; of a :class:`Part` the keys that were given, or the ``whole``."""
+    if isinstance(value, Part):
+        return {f.key: encoded(getattr(value, f.name), whole) for f in shape(type(value))
+                if whole or f.name in value.given} | plain(value.more)
+    if dataclasses.is_dataclass(value):
+        return {f.key: encoded(getattr(value, f.name), whole) for f in shape(type(value))}
+    if isinstance(value, Mapping):
+        return {str(k): encoded(v, whole) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [encoded(v, whole) for v in value]
+    return plain(value)
+
+
+def in_units(value: T, units: Units) -> T:
+    """Return a finding, SI, in the units of a file; what is in them already stays as it is.
+
+    A field that says of what quantity others are (:attr:`Quantity.of`) then says their unit.
+    """
+    if isinstance(value, tuple):
+        return tuple(in_units(v, units) for v in value)  # type: ignore[return-value]
+    if not dataclasses.is_dataclass(value) or isinstance(value, type | Part):
+        return value
+    changed: dict[str, Any] = {}
+    for f in shape(type(value)):
+        own = getattr(value, f.name)
+        if f.quantity is None:
+            changed.setdefault(f.name, in_units(own, units))
+            continue
+        name = getattr(value, f.quantity.of) if f.quantity.of else f.quantity.name
+        changed[f.name] = f.quantity.of_file(own, units.factor(name))
+        if f.quantity.of:
+            changed[f.quantity.of] = units.name(name)
+    return dataclasses.replace(value, **changed)
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True,
+                     field_specifiers=(dataclasses.field,))
+class Part:
+    """An object of a file: its subclasses are frozen dataclasses that hold what JSON can hold.
+
+    What they are given becomes plain data: nan and inf are None. Keys that nobody gave are not
+    written.
+
+    Attributes:
+        given: names of the fields that were given.
+        more: what a file held beside the fields.
+    """
+
+    given: ClassVar[frozenset[str]] = frozenset()
+    more: ClassVar[Mapping[str, Any]] = {}
+
+    def __init_subclass__(cls) -> None:
+        """Make a dataclass of a subclass."""
+        dataclass(frozen=True, kw_only=True)(cls)
+
+    def __new__(cls, **given: Any) -> Self:
+        """Note what is given."""
+        self = super().__new__(cls)
+        self.__dict__["given"] = frozenset(given)
+        return self
+
+    def __post_init__(self) -> None:
+        """Make plain data of what is given.
+
+        Raises:
+            Misfit: a value of another kind.
+        """
+        data = {f.key: _parts(getattr(self, f.name)) for f in shape(type(self))
+                if f.name in self.given}
+        made = _object(type(self)).read(data, False)
+        self.__dict__.update(made.__dict__)
+
+    @classmethod
+    def _made(cls, found: Json, more: Json) -> Self:
+        """Return the object of values that fit, and of what a file held beside them."""
+        self = cls.__new__(cls, **found)
+        self.__dict__.update({f.name: found[f.name] if f.name in found else f.default()
+                              for f in shape(cls)}, more=more)
+        return self
+
+    @classmethod
+    def checked(cls, data: Mapping[str, Any], path: Path = Path(), mend: str = AGAIN) -> Self:
+        """Return plain data, read from a file, as an object.
+
+        Raises:
+            BadInput: a value of another kind.
+        """
+        return decoded(cls, data, path, mend)
+
+    def changed(self, **values: Any) -> Self:
+        """Return the object with other values."""
+        own = type(self)(**{n: getattr(self, n) for n in self.given} | values)
+        own.__dict__["more"] = self.more
+        return own
+
+    def entries(self, whole: bool = False) -> Json:
+        """Return what was given as plain data, or the ``whole`` with what is as it was."""
+        out: Json = encoded(self, whole)
+        return out
+
+
+def _parts(value: Any) -> Any:
+    """Return what the engine hands over as plain data, but objects as they are."""
+    if dataclasses.is_dataclass(value):
+        return value
+    if isinstance(value, Mapping):
+        return {str(k): _parts(v) for k, v in value.items()}
+    if isinstance(value, list | tuple) and value and not isinstance(value[0], float | int):
+        return [_parts(v) for v in value]
+    return plain(value)
+
+
+Shown = float
+"""A number that is only shown: of any size."""
+Finite = Annotated[float, Limit(LARGEST)]
+"""A number that is calculated with: of what is read, :data:`LARGEST` at most."""
+Text = str
+"""A text; of a file's name it may hold what UTF-8 cannot, as ``\\udcff``."""
+UnitText = Annotated[str, Reader(lambda value, bounded: as_now(_PLAIN[str].read(value, bounded)),
+                                 lambda _: {"type": "string"}, "")]
+"""A unit's name, whichever version wrote it."""
+Whole = int
+"""A whole number; of what is read one that a float holds exactly."""
+Flag = bool
+PlainCell = Annotated[Any, Reader(_cell, lambda _: {})]
+"""A cell of a table: a number, text, true, false or nothing."""
+
+_PLAIN: dict[Any, Reader] = {
+    float: _number(math.inf), int: Reader(_whole, lambda _: {"type": "integer"}, 0),
+    str: _is(str, "text", "string"), bool: _is(bool, "true or false", "boolean"),
+    Any: Reader(lambda value, bounded: value, lambda _: {})}
