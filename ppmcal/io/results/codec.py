@@ -274,6 +274,8 @@ def _described(kind: type, known: Json) -> Json:
     properties = {}
     for f in shape(kind):
         own, default = f.reader.schema(known), f.default()
+        if default != default:    # nan is null in the file
+            own = {"anyOf": [own, {"type": "null"}]}
         named = "$ref" in own or "$ref" in own.get("anyOf", [{}])[0]
         title = {} if named else {"title": f.key.replace("_", " ").title()}
         own |= {"default": encoded(default, whole=True), **title}
@@ -319,7 +321,8 @@ def encoded(value: Any, whole: bool = False) -> Any:
 def in_units(value: T, units: Units) -> T:
     """Return a finding, SI, in the units of a file; what is in them already stays as it is.
 
-    A field that says of what quantity others are (:attr:`Quantity.of`) then says their unit.
+    It is what will be read again. A field that says of what quantity others are
+    (:attr:`Quantity.of`) then says their unit.
     """
     if isinstance(value, tuple):
         return tuple(in_units(v, units) for v in value)  # type: ignore[return-value]
@@ -335,7 +338,8 @@ def in_units(value: T, units: Units) -> T:
         changed[f.name] = f.quantity.of_file(own, units.factor(name))
         if f.quantity.of:
             changed[f.quantity.of] = units.name(name)
-    return dataclasses.replace(value, **changed)
+    found: T = _object(type(value)).read(encoded(dataclasses.replace(value, **changed)), False)
+    return found
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True,

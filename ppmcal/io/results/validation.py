@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import Any, ClassVar
 
-from ppmcal.calibration.sessions import REPEATS, STATED, DayNoise
+from ppmcal.calibration.sessions import REPEATS, STATED, DayNoise, UnlikeRow
 from ppmcal.calibration.validation import ModelError, Validated
 from ppmcal.io import csv_text
 from ppmcal.io.results.codec import Finite, Part, Text, Whole
@@ -100,13 +100,6 @@ class NoiseUsed(Part):
                    factor=found.factor, source=found.source)
 
 
-class UnlikeRowEntry(Part):
-    """A row that does not fit with the others by so many ``times`` their noise, bare."""
-
-    row: Whole = 0
-    times: Finite | None = None
-
-
 class ValidatedDataset(Part):
     """One data set; ``fitted``: what of the registration, ``demanded`` by the data alone.
 
@@ -124,7 +117,7 @@ class ValidatedDataset(Part):
     noise: NoiseUsed | None = None
     errors: tuple[PredictedError, ...] = ()
     elsewhere: Whole = 0
-    unlike: tuple[UnlikeRowEntry, ...] = ()
+    unlike: tuple[UnlikeRow, ...] = ()
     left_out: tuple[Whole, ...] = ()
 
     @classmethod
@@ -136,8 +129,7 @@ class ValidatedDataset(Part):
                    noise=None if noise is None else NoiseUsed.of(noise, units),
                    errors=tuple(PredictedError.of(e, units, n == 0)
                                 for n, e in enumerate(found.errors)),
-                   unlike=tuple(UnlikeRowEntry(row=r.row, times=r.times)
-                                for r in (noise.unlike if noise else ())
+                   unlike=tuple(r for r in (noise.unlike if noise else ())
                                 if r.row not in found.left_out),
                    left_out=found.left_out,
                    **({"elsewhere": found.elsewhere} if found.elsewhere else {}))
