@@ -166,8 +166,8 @@ def test_what_is_written_reads_back_equal(tmp_path: Path) -> None:
     found = DiagnosisRecord.read(path)
     assert wording.headline(found) == "The missing effect is named: drift."
     assert found.entries() == {
-        "verdict": "named", "effects": ({"kind": "drift"},),
-        "plot_data": {"series": ({"x": (1.0, None)},)}}
+        "verdict": "named", "effects": [{"kind": "drift"}],
+        "plot_data": {"series": [{"x": [1.0, None]}]}}
 
 
 @pytest.mark.parametrize(("record", "place"), [

@@ -8,11 +8,10 @@ from typing import ClassVar
 
 from ppmcal.calibration.validation import Identification
 from ppmcal.io.parquet import parquet_bytes
-from ppmcal.io.results.codec import Part, Shown, Text, UnitText, Whole
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate, summaries
-from ppmcal.io.results.record import Record
+from ppmcal.io.results.record import Part, Record, Shown, Text, UnitText, Whole
 from ppmcal.wording import MOST, counted, some
 
 TABLE = "campaigns.parquet"

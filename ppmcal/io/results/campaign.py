@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import field
 
 from ppmcal.calibration.fit import WeakCampaign
-from ppmcal.io.results.codec import Finite, Part, Text, Whole
+from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.units import Units
 from ppmcal.wording import counted
 

@@ -20,23 +20,12 @@ from dataclasses import dataclass
 from functools import cache
 from inspect import cleandoc
 from pathlib import Path
-from typing import (
-    Annotated,
-    Any,
-    ClassVar,
-    Self,
-    TypeVar,
-    Union,
-    dataclass_transform,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from ppmcal.errors import BadInput
-from ppmcal.io.json import AGAIN, LARGEST
+from ppmcal.io.json import AGAIN
 from ppmcal.io.output import plain
-from ppmcal.units import Quantity, Units, as_now
+from ppmcal.units import Quantity, Units
 
 T = TypeVar("T")
 Json = dict[str, Any]
@@ -149,7 +138,7 @@ def reader_of(hint: Any) -> Reader:
     if origin is not None and issubclass(origin, Mapping):
         return _mapping(reader_of(inner[1]))
     if dataclasses.is_dataclass(hint):
-        return _object(hint)
+        return reader_of_class(hint)
     if hint not in _PLAIN:
         raise TypeError(f"no JSON holds {hint}")
     return _PLAIN[hint]
@@ -184,12 +173,6 @@ def _is(kind: type[T], wanted: str, name: str) -> Reader:
         return value
 
     return Reader(read, lambda _: {"type": name}, kind())
-
-
-def _cell(value: Any, bounded: bool) -> Any:
-    if isinstance(value, list | tuple | Mapping):
-        raise Misfit("a number or text", value)
-    return value
 
 
 def _read_at(key: str | int, reader: Reader, value: Any, bounded: bool) -> Any:
@@ -243,7 +226,8 @@ def _mapping(item: Reader) -> Reader:
         types.MappingProxyType({}))
 
 
-def _object(kind: Any) -> Reader:
+def reader_of_class(kind: Any) -> Reader:
+    """Return how an object of a dataclass is read; it knows which keys were there, and others."""
     def read(value: Any, bounded: bool) -> Any:
         if isinstance(value, kind):
             return value
@@ -254,12 +238,12 @@ def _object(kind: Any) -> Reader:
             one = unknown.pop(f.key, None)
             if one is not None:
                 found[f.name] = _read_at(f.key, f.reader, one, bounded)
-            elif f.key in value and f.default() is None:
-                found[f.name] = None
-        if issubclass(kind, Part):
-            return kind._made(found, unknown)
-        return kind(**{f.name: found[f.name] if f.name in found else f.default()
-                       for f in shape(kind)})
+            elif f.key in value and plain(f.default()) is None:
+                found[f.name] = f.default()
+        made = object.__new__(kind)
+        made.__dict__.update({f.name: found[f.name] if f.name in found else f.default()
+                              for f in shape(kind)}, given=frozenset(found), more=unknown)
+        return made
 
     def refer(known: Json) -> Json:
         if kind.__name__ not in known:
@@ -298,19 +282,18 @@ def decoded(kind: type[T], data: Any, path: Path, mend: str = AGAIN) -> T:
         BadInput: a value of another kind.
     """
     try:
-        found: T = _object(kind).read(data, True)
+        found: T = reader_of_class(kind).read(data, True)
     except Misfit as error:
         raise BadInput(f"should be {error.wanted}", f"{path}: {error.place}", mend) from None
     return found
 
 
 def encoded(value: Any, whole: bool = False) -> Any:
-    """Return what JSON can hold; of a :class:`Part` the keys that were given, or the ``whole``."""
-    if isinstance(value, Part):
-        return {f.key: encoded(getattr(value, f.name), whole) for f in shape(type(value))
-                if whole or f.name in value.given} | plain(value.more)
+    """Return what JSON can hold; where keys were given or read those alone, or the ``whole``."""
     if dataclasses.is_dataclass(value):
-        return {f.key: encoded(getattr(value, f.name), whole) for f in shape(type(value))}
+        given = None if whole else getattr(value, "given", None)
+        return {f.key: encoded(getattr(value, f.name), whole) for f in shape(type(value))
+                if given is None or f.name in given} | plain(getattr(value, "more", {}))
     if isinstance(value, Mapping):
         return {str(k): encoded(v, whole) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -326,7 +309,7 @@ def in_units(value: T, units: Units) -> T:
     """
     if isinstance(value, tuple):
         return tuple(in_units(v, units) for v in value)  # type: ignore[return-value]
-    if not dataclasses.is_dataclass(value) or isinstance(value, type | Part):
+    if not dataclasses.is_dataclass(value) or hasattr(value, "given"):
         return value
     changed: dict[str, Any] = {}
     for f in shape(type(value)):
@@ -338,101 +321,11 @@ def in_units(value: T, units: Units) -> T:
         changed[f.name] = f.quantity.of_file(own, units.factor(name))
         if f.quantity.of:
             changed[f.quantity.of] = units.name(name)
-    found: T = _object(type(value)).read(encoded(dataclasses.replace(value, **changed)), False)
+    there: Any = value
+    found: T = reader_of_class(type(value)).read(
+        encoded(dataclasses.replace(there, **changed)), False)
     return found
 
-
-@dataclass_transform(frozen_default=True, kw_only_default=True,
-                     field_specifiers=(dataclasses.field,))
-class Part:
-    """An object of a file: its subclasses are frozen dataclasses that hold what JSON can hold.
-
-    What they are given becomes plain data: nan and inf are None. Keys that nobody gave are not
-    written.
-
-    Attributes:
-        given: names of the fields that were given.
-        more: what a file held beside the fields.
-    """
-
-    given: ClassVar[frozenset[str]] = frozenset()
-    more: ClassVar[Mapping[str, Any]] = {}
-
-    def __init_subclass__(cls) -> None:
-        """Make a dataclass of a subclass."""
-        dataclass(frozen=True, kw_only=True)(cls)
-
-    def __new__(cls, **given: Any) -> Self:
-        """Note what is given."""
-        self = super().__new__(cls)
-        self.__dict__["given"] = frozenset(given)
-        return self
-
-    def __post_init__(self) -> None:
-        """Make plain data of what is given.
-
-        Raises:
-            Misfit: a value of another kind.
-        """
-        data = {f.key: _parts(getattr(self, f.name)) for f in shape(type(self))
-                if f.name in self.given}
-        made = _object(type(self)).read(data, False)
-        self.__dict__.update(made.__dict__)
-
-    @classmethod
-    def _made(cls, found: Json, more: Json) -> Self:
-        """Return the object of values that fit, and of what a file held beside them."""
-        self = cls.__new__(cls, **found)
-        self.__dict__.update({f.name: found[f.name] if f.name in found else f.default()
-                              for f in shape(cls)}, more=more)
-        return self
-
-    @classmethod
-    def checked(cls, data: Mapping[str, Any], path: Path = Path(), mend: str = AGAIN) -> Self:
-        """Return plain data, read from a file, as an object.
-
-        Raises:
-            BadInput: a value of another kind.
-        """
-        return decoded(cls, data, path, mend)
-
-    def changed(self, **values: Any) -> Self:
-        """Return the object with other values."""
-        own = type(self)(**{n: getattr(self, n) for n in self.given} | values)
-        own.__dict__["more"] = self.more
-        return own
-
-    def entries(self, whole: bool = False) -> Json:
-        """Return what was given as plain data, or the ``whole`` with what is as it was."""
-        out: Json = encoded(self, whole)
-        return out
-
-
-def _parts(value: Any) -> Any:
-    """Return what the engine hands over as plain data, but objects as they are."""
-    if dataclasses.is_dataclass(value):
-        return value
-    if isinstance(value, Mapping):
-        return {str(k): _parts(v) for k, v in value.items()}
-    if isinstance(value, list | tuple) and value and not isinstance(value[0], float | int):
-        return [_parts(v) for v in value]
-    return plain(value)
-
-
-Shown = float
-"""A number that is only shown: of any size."""
-Finite = Annotated[float, Limit(LARGEST)]
-"""A number that is calculated with: of what is read, :data:`LARGEST` at most."""
-Text = str
-"""A text; of a file's name it may hold what UTF-8 cannot, as ``\\udcff``."""
-UnitText = Annotated[str, Reader(lambda value, bounded: as_now(_PLAIN[str].read(value, bounded)),
-                                 lambda _: {"type": "string"}, "")]
-"""A unit's name, whichever version wrote it."""
-Whole = int
-"""A whole number; of what is read one that a float holds exactly."""
-Flag = bool
-PlainCell = Annotated[Any, Reader(_cell, lambda _: {})]
-"""A cell of a table: a number, text, true, false or nothing."""
 
 _PLAIN: dict[Any, Reader] = {
     float: _number(math.inf), int: Reader(_whole, lambda _: {"type": "integer"}, 0),

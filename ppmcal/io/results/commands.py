@@ -9,8 +9,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.calibration.compensation import KINDS, Compensation
-from ppmcal.io.results.codec import Finite, Part, Text, Whole
-from ppmcal.io.results.record import Column, Provenance, Record, table_text
+from ppmcal.io.results.record import (
+    Column,
+    Finite,
+    Part,
+    Provenance,
+    Record,
+    Text,
+    Whole,
+    table_text,
+)
 from ppmcal.io.results.tables import column_units, filled_columns, joint_columns, pose_columns
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted, number

@@ -18,8 +18,7 @@ from ppmcal.calibration.sessions import (
     PoseDifference,
 )
 from ppmcal.io import csv_text
-from ppmcal.io.results.codec import Finite, Flag, Part, Text, Whole
-from ppmcal.io.results.record import Provenance, Record
+from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Text, Whole
 from ppmcal.io.results.units import column_factor, column_unit, parameter_unit
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units

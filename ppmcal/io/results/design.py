@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ppmcal.io.results.codec import Part, PlainCell, Shown, Text
+from ppmcal.io.results.record import Part, PlainCell, Shown, Text
 from ppmcal.model.mechanism import Mechanism
 
 

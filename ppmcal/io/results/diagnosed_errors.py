@@ -6,8 +6,8 @@ from dataclasses import field
 
 from ppmcal.calibration.validation import DEFINITION, residuals
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.io.results.codec import Part, Text
 from ppmcal.io.results.identification_parts import Summaries, before_words, summaries
+from ppmcal.io.results.record import Part, Text
 from ppmcal.wording import number
 
 

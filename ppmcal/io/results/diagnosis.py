@@ -15,7 +15,7 @@ from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import PlotData, plot_data
 from ppmcal.diagnosis.result import Diagnosis, Swallowed, UnknownFound
 from ppmcal.io.results.campaign import CampaignSummary
-from ppmcal.io.results.codec import Flag, Shown, Text, in_units
+from ppmcal.io.results.codec import in_units
 from ppmcal.io.results.diagnosed_errors import DiagnosedErrors
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
@@ -30,7 +30,7 @@ from ppmcal.io.results.diagnosis_parts import (
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.misreading import MisreadingEntry, misreading_entries
 from ppmcal.io.results.other_models import OtherModel, TriedSet, other_files
-from ppmcal.io.results.record import Provenance, Record, UnitNames
+from ppmcal.io.results.record import Flag, Provenance, Record, Shown, Text, UnitNames
 from ppmcal.io.results.validation import ValidatedDataset
 
 CHOSEN = ("effects", "learned terms")

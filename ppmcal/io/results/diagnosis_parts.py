@@ -22,7 +22,7 @@ from ppmcal.diagnosis.result import (
     SessionEffect,
     Survival,
 )
-from ppmcal.io.results.codec import Flag, Part, Shown, Text, UnitText, Whole
+from ppmcal.io.results.record import Flag, Part, Shown, Text, UnitText, Whole
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.units import Units
 

@@ -10,8 +10,7 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import Any, ClassVar
 
-from ppmcal.io.results.codec import Flag, Part, Shown, Text, Whole
-from ppmcal.io.results.record import Provenance, Record
+from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
 from ppmcal.wording import MOST
 
 NO_GAIN = 1e-6

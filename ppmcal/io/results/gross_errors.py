@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import field
 
 from ppmcal.calibration.fit import GrossError, GrossErrors, HomingShift, half_or
-from ppmcal.io.results.codec import Finite, Part, Text, Whole
+from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.io.results.units import column_factor, parameter_unit
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 from ppmcal.calibration.fit import Z95, Flat, Unidentifiable
 from ppmcal.calibration.knowledge import CALIPER, CollinearParameters, Identifiability, Scale
-from ppmcal.io.results.codec import Finite, Flag, Part, Text, Whole
+from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 from ppmcal.wording import MOST, some

@@ -13,7 +13,6 @@ from ppmcal.calibration.validation import DEFINITION, Identification
 from ppmcal.io import write_mechanism
 from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.campaign import CampaignSummary
-from ppmcal.io.results.codec import Finite, Flag, Text, Whole
 from ppmcal.io.results.gross_errors import GrossErrorSummary
 from ppmcal.io.results.identifiability import (
     FlatShape,
@@ -42,7 +41,7 @@ from ppmcal.io.results.identification_tables import (
     table_units,
 )
 from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
-from ppmcal.io.results.record import Provenance, Record, UnitNames
+from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, UnitNames, Whole
 from ppmcal.io.results.units import Numbers
 from ppmcal.model.mechanism import POSE_COORDINATES
 

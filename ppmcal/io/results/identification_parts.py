@@ -20,7 +20,7 @@ from ppmcal.calibration.fit import (
 from ppmcal.calibration.knowledge import Considered, Estimate, FreedomChoice
 from ppmcal.calibration.sessions import session_knowledge
 from ppmcal.calibration.validation import Dependence, DoubtfulStretch, Identification
-from ppmcal.io.results.codec import Finite, Flag, Part, Text, Whole
+from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.io.results.session_parts import SessionInformation
 from ppmcal.io.results.units import Numbers, column_factor, numbers
 from ppmcal.linalg import Array

@@ -9,9 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.io import csv_text
-from ppmcal.io.results.codec import Finite, Flag, Part, Shown, Text, Whole
 from ppmcal.io.results.kinematics_uncertainty import KinematicsUncertainty, ModelSigma
-from ppmcal.io.results.record import Provenance, Record
+from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import column_units, filled_columns, joint_columns, pose_columns
 from ppmcal.io.rotations import EULER, columns_of
 from ppmcal.kinematics.rotations import euler_like, to_quaternion

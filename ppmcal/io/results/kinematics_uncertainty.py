@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ppmcal.io.results.codec import Finite, Part, Text
+from ppmcal.io.results.record import Finite, Part, Text
 from ppmcal.io.results.tables import unit_map
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism

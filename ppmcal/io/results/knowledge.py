@@ -15,7 +15,6 @@ from ppmcal.calibration.knowledge import Considered
 from ppmcal.calibration.sessions import SESSION
 from ppmcal.calibration.validation import DoubtfulStretch
 from ppmcal.errors import BadInput
-from ppmcal.io.results.codec import Part
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
     CovarianceEntry,
@@ -24,6 +23,7 @@ from ppmcal.io.results.identification_parts import (
     HeldParameters,
     ResidualSummary,
 )
+from ppmcal.io.results.record import Part
 from ppmcal.io.results.session_parts import SessionInformation, SessionRows, rest_factors
 from ppmcal.io.results.units import Numbers, column_factor
 from ppmcal.linalg import Array, eigh

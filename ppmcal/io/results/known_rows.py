@@ -9,7 +9,7 @@ import numpy as np
 from ppmcal.calibration.validation import Identification
 from ppmcal.io.copies import known_rows
 from ppmcal.io.json import LARGEST
-from ppmcal.io.results.codec import Finite, Part, Text, Whole
+from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.same_rows import CARRIED, KnownRows

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ppmcal.diagnosis.equation_forms import Equation, InputForm, Product
-from ppmcal.io.results.codec import Part, Shown, Text
+from ppmcal.io.results.record import Part, Shown, Text
 from ppmcal.model.effects.inputs import DIRECTION
 from ppmcal.model.effects.learned import INPUTS
 from ppmcal.model.effects.learned_curve import si_factor

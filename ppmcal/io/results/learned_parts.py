@@ -8,9 +8,9 @@ import numpy as np
 
 from ppmcal.diagnosis.learned_shapes import LearnedShape, shapes
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.io.results.codec import Part, Shown, Text
 from ppmcal.io.results.diagnosis_parts import HeldOutGap
 from ppmcal.io.results.learned_equation import LearnedEquation
+from ppmcal.io.results.record import Part, Shown, Text
 from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import INPUTS, JOINT
 from ppmcal.model.effects.learned_curve import si_factor

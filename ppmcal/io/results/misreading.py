@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.calibration.interpretation import Misreading
-from ppmcal.io.results.codec import Part, Shown, Text, Whole
+from ppmcal.io.results.record import Part, Shown, Text, Whole
 from ppmcal.units import Units
 
 FORMAT = "ppmcal/misread/1"

@@ -10,8 +10,7 @@ from ppmcal.diagnosis.effect_sets import labels
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
-from ppmcal.io.results.codec import Finite, Part, Shown, Text
-from ppmcal.io.results.record import Record
+from ppmcal.io.results.record import Finite, Part, Record, Shown, Text
 from ppmcal.model.mechanism import Mechanism
 
 

@@ -9,7 +9,6 @@ from typing import Any, ClassVar, Self
 from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.plan.result import Plan
 from ppmcal.io import csv_text
-from ppmcal.io.results.codec import Flag, Part, Shown, Text, Whole
 from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.plan_tables import (
     accuracy_picture,
@@ -20,7 +19,7 @@ from ppmcal.io.results.plan_tables import (
     pose_table,
 )
 from ppmcal.io.results.plan_wording import findings, sentences
-from ppmcal.io.results.record import Provenance, Record, table_text
+from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole, table_text
 
 PICTURE = "accuracy.png"
 CAPTION = ("Standard deviation of the calibrated machine's position at the tasks against the "

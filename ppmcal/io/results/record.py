@@ -8,16 +8,108 @@ that what is read back is what was written.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self, dataclass_transform
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import LongText, csv_lines
-from ppmcal.io.json import AGAIN, read_object
-from ppmcal.io.output import json_text
-from ppmcal.io.results.codec import Part, Text, Whole
-from ppmcal.units import Units
+from ppmcal.io.json import AGAIN, LARGEST, read_object
+from ppmcal.io.output import json_text, plain
+from ppmcal.io.results import codec
+from ppmcal.io.results.codec import Limit, Misfit, Reader, reader_of
+from ppmcal.units import Units, as_now
+
+
+def _cell(value: Any, bounded: bool) -> Any:
+    if isinstance(value, list | tuple | Mapping):
+        raise Misfit("a number or text", value)
+    return value
+
+
+Shown = float
+"""A number that is only shown: of any size."""
+Finite = Annotated[float, Limit(LARGEST)]
+"""A number that is calculated with: of what is read, :data:`LARGEST` at most."""
+Text = str
+"""A text; of a file's name it may hold what UTF-8 cannot, as ``\\udcff``."""
+UnitText = Annotated[str, Reader(lambda value, bounded: as_now(reader_of(str).read(value, bounded)),
+                                 lambda _: {"type": "string"}, "")]
+"""A unit's name, whichever version wrote it."""
+Whole = int
+"""A whole number; of what is read one that a float holds exactly."""
+Flag = bool
+PlainCell = Annotated[Any, Reader(_cell, lambda _: {})]
+"""A cell of a table: a number, text, true, false or nothing."""
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True,
+                     field_specifiers=(field,))
+class Part:
+    """An object of a file: its subclasses are frozen dataclasses that hold what JSON can hold.
+
+    What they are given becomes plain data: nan and inf are None. Keys that nobody gave are not
+    written.
+
+    Attributes:
+        given: names of the fields that were given.
+        more: what a file held beside the fields.
+    """
+
+    given: ClassVar[frozenset[str]] = frozenset()
+    more: ClassVar[Mapping[str, Any]] = {}
+
+    def __init_subclass__(cls) -> None:
+        """Make a dataclass of a subclass."""
+        dataclass(frozen=True, kw_only=True)(cls)
+
+    def __new__(cls, **given: Any) -> Self:
+        """Note what is given."""
+        self = super().__new__(cls)
+        self.__dict__["given"] = frozenset(given)
+        return self
+
+    def __post_init__(self) -> None:
+        """Make plain data of what is given.
+
+        Raises:
+            Misfit: a value of another kind.
+        """
+        data = {f.key: _parts(getattr(self, f.name)) for f in codec.shape(type(self))
+                if f.name in self.given}
+        made = codec.reader_of_class(type(self)).read(data, False)
+        self.__dict__.update(made.__dict__)
+
+    @classmethod
+    def checked(cls, data: Mapping[str, Any], path: Path = Path(), mend: str = AGAIN) -> Self:
+        """Return plain data, read from a file, as an object.
+
+        Raises:
+            BadInput: a value of another kind.
+        """
+        return codec.decoded(cls, data, path, mend)
+
+    def changed(self, **values: Any) -> Self:
+        """Return the object with other values."""
+        own = type(self)(**{n: getattr(self, n) for n in self.given} | values)
+        own.__dict__["more"] = self.more
+        return own
+
+    def entries(self, whole: bool = False) -> dict[str, Any]:
+        """Return what was given as plain data, or the ``whole`` with what is as it was."""
+        out: dict[str, Any] = codec.encoded(self, whole)
+        return out
+
+
+def _parts(value: Any) -> Any:
+    """Return what the engine hands over as plain data, but objects as they are."""
+    if is_dataclass(value):
+        return value
+    if isinstance(value, Mapping):
+        return {str(k): _parts(v) for k, v in value.items()}
+    if isinstance(value, list | tuple) and value and not isinstance(value[0], float | int):
+        return [_parts(v) for v in value]
+    return plain(value)
 
 
 class Provenance(Part):

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.calibration.interpretation import home_gaps
-from ppmcal.io.results.codec import Finite, Flag, Part, Text
-from ppmcal.io.results.record import UnitNames
+from ppmcal.io.results.record import Finite, Flag, Part, Text, UnitNames
 from ppmcal.io.results.scene_machine import MachineStand, machine_frames, unit_of
 from ppmcal.io.results.scene_parts import (
     MeasuredPose,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ppmcal.io.results.codec import Finite, Flag, Part, Text, Whole
+from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 
 Point = tuple[Finite, Finite, Finite]
 

@@ -9,9 +9,18 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ppmcal.design.sensitivity import Sensitivity
-from ppmcal.io.results.codec import Flag, Part, Shown, Text, Whole
 from ppmcal.io.results.design import Quantity, ShownTable, geometry_note
-from ppmcal.io.results.record import Provenance, Record, in_units, table_text
+from ppmcal.io.results.record import (
+    Flag,
+    Part,
+    Provenance,
+    Record,
+    Shown,
+    Text,
+    Whole,
+    in_units,
+    table_text,
+)
 from ppmcal.io.results.sensitivity_tables import (
     captions,
     jacobian_table,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ppmcal.calibration.fit import SessionKnowledge, Sight
-from ppmcal.io.results.codec import Finite, Flag, Part, Text, Whole
+from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.io.results.units import Numbers, column_factor, numbers
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism

@@ -12,8 +12,7 @@ import yaml
 from ppmcal.calibration.fit import coordinates_of
 from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.effects import effects_tree
-from ppmcal.io.results.codec import Shown, Text, Whole
-from ppmcal.io.results.record import Provenance, Record, UnitNames
+from ppmcal.io.results.record import Provenance, Record, Shown, Text, UnitNames, Whole
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.io.yaml import printable
 from ppmcal.model.dataset import ZERO_CELSIUS

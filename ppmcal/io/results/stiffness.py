@@ -11,9 +11,8 @@ import numpy as np
 
 from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.stiffness import Principal
-from ppmcal.io.results.codec import Flag, Part, Shown, Text, Whole
 from ppmcal.io.results.design import ShownTable
-from ppmcal.io.results.record import Provenance, Record
+from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
 from ppmcal.io.results.stiffness_tables import (
     Load,
     StiffnessStudy,

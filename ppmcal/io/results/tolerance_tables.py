@@ -12,9 +12,8 @@ from ppmcal.design.error_sources import Source
 from ppmcal.design.monte_carlo import Fleet, MachineErrors, MonteCarloErrors
 from ppmcal.design.tolerance_allocation import AccuracyCheck, Allocation, Demand, count
 from ppmcal.io import write_mechanism
-from ppmcal.io.results.codec import Part, Shown, Text, Whole
 from ppmcal.io.results.design import ShownTable
-from ppmcal.io.results.record import Column, in_units
+from ppmcal.io.results.record import Column, Part, Shown, Text, Whole, in_units
 from ppmcal.io.results.tables import pose_columns
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array

@@ -7,9 +7,9 @@ from dataclasses import field
 from typing import Annotated, Any, ClassVar, Self
 
 from ppmcal.calibration.fit import pictures_beside
-from ppmcal.io.results.codec import Key, Part, Shown, Text, Whole
+from ppmcal.io.results.codec import Key
 from ppmcal.io.results.design import ShownTable, geometry_note
-from ppmcal.io.results.record import Provenance, Record, table_text
+from ppmcal.io.results.record import Part, Provenance, Record, Shown, Text, Whole, table_text
 from ppmcal.io.results.tables import unit_map
 from ppmcal.io.results.tolerance_tables import (
     StageYield,

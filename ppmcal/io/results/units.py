@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ppmcal.io.results.codec import Finite
+from ppmcal.io.results.record import Finite
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 

@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 from ppmcal.calibration.sessions import REPEATS, STATED, DayNoise, UnlikeRow
 from ppmcal.calibration.validation import ModelError, Validated
 from ppmcal.io import csv_text
-from ppmcal.io.results.codec import Finite, Part, Text, Whole
-from ppmcal.io.results.record import Provenance, Record, UnitNames
+from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, UnitNames, Whole
 from ppmcal.model.measured import MISSED
 from ppmcal.units import Units
 from ppmcal.wording import number

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import ClassVar
 
-from ppmcal.io.results.codec import Flag, Part, Shown, Text, Whole
-from ppmcal.io.results.record import Record
+from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
 from ppmcal.wording import counted, number
 
 SAME, WITHIN, DIFFERS, OPEN = "same", "within bounds", "differs", "not compared"

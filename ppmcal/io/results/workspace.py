@@ -10,9 +10,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ppmcal.design.workspace import Workspace
-from ppmcal.io.results.codec import Flag, Part, Shown, Text, Whole
 from ppmcal.io.results.design import Quantity, ShownTable
-from ppmcal.io.results.record import Provenance, Record
+from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import pose_columns, unit_map
 from ppmcal.io.results.workspace_tables import (
     ModeRow,
