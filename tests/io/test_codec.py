@@ -14,7 +14,7 @@ import pytest
 
 from ppmcal.errors import BadInput
 from ppmcal.io.output import json_text
-from ppmcal.io.results.codec import Key, Limit, Misfit, decoded, encoded, in_units, schema
+from ppmcal.io.results.codec import AtMost, Key, WrongKind, decoded, encoded, in_units, schema
 from ppmcal.io.results.record import Part, Whole
 from ppmcal.units import Quantity, Units
 
@@ -31,7 +31,7 @@ class Bend:
     turn: Annotated[float, Quantity("angle")]
     unit: str
     ends: Annotated[tuple[float | None, ...], Quantity(of="unit", digits=3)] = ()
-    share: Annotated[float, Limit(1e30), Key("part of")] = 0.0
+    share: Annotated[float, AtMost(1e30), Key("part of")] = 0.0
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def test_a_part_makes_plain_data_of_what_it_is_given() -> None:
     assert (part.size, part.many, part.named) == (None, (0, 1), {"a": 1.0})
     assert Given(many=(1,)).entries() == {"many": [1]}
     assert Given(many=(1,)).changed(size=2.0).entries() == {"size": 2.0, "many": [1]}
-    with pytest.raises(Misfit, match=r"many\[0\]: should be a whole number"):
+    with pytest.raises(WrongKind, match=r"many\[0\]: should be a whole number"):
         Given(many=("one",))
 
 

@@ -32,15 +32,15 @@ Json = dict[str, Any]
 LARGEST_WHOLE = 2 ** 53
 
 
-class Misfit(TypeError):
+class WrongKind(TypeError):
     """A value of another kind than its annotation says."""
 
     def __init__(self, wanted: str, value: object) -> None:
         """Say what should be there."""
         self.wanted, self.place = wanted if value is not None else "something, not null", ""
 
-    def at(self, key: str | int) -> Misfit:
-        """Return it as a misfit within ``key``."""
+    def at(self, key: str | int) -> WrongKind:
+        """Return it with its place, now within ``key``."""
         inner = f".{self.place}" if self.place and self.place[0] != "[" else self.place
         self.place = f"[{key}]{inner}" if isinstance(key, int) else f"{key}{inner}"
         return self
@@ -58,7 +58,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Limit:
+class AtMost:
     """The largest size of a number that is read; none for one that is only shown."""
 
     largest: float
@@ -69,8 +69,8 @@ class Reader:
     """What an annotation reads.
 
     ``read`` takes plain data, and whether they come from a file, so that bounds hold; it raises
-    :class:`Misfit`. ``schema`` takes the definitions, to which it may add. ``blank`` stands where
-    a key is missing and the class has no default.
+    :class:`WrongKind`. ``schema`` takes the definitions, to which it may add. ``blank`` stands
+    where a key is missing and the class has no default.
     """
 
     read: Callable[[Any, bool], Any]
@@ -124,7 +124,7 @@ def reader_of(hint: Any) -> Reader:
     for mark in _marks(hint):
         if isinstance(mark, Reader):
             return mark
-        if isinstance(mark, Limit):
+        if isinstance(mark, AtMost):
             return _number(mark.largest)
     if get_origin(hint) is Annotated:
         hint = get_args(hint)[0]
@@ -150,9 +150,9 @@ def _number(largest: float) -> Reader:
     def read(value: Any, bounded: bool) -> float:
         if type(value) is not float and (isinstance(value, bool)
                                          or not isinstance(value, int | float)):
-            raise Misfit("a number", value)
+            raise WrongKind("a number", value)
         if bounded and not abs(value) <= largest:
-            raise Misfit(f"a number, {largest:g} at most", value)
+            raise WrongKind(f"a number, {largest:g} at most", value)
         return float(value)
 
     return Reader(read, lambda _: {**bounds, "type": "number"}, math.nan)
@@ -160,16 +160,16 @@ def _number(largest: float) -> Reader:
 
 def _whole(value: Any, bounded: bool) -> int:
     if isinstance(value, bool) or not isinstance(value, int):
-        raise Misfit("a whole number", value)
+        raise WrongKind("a whole number", value)
     if bounded and abs(value) > LARGEST_WHOLE:
-        raise Misfit(f"a whole number, {LARGEST_WHOLE} at most", value)
+        raise WrongKind(f"a whole number, {LARGEST_WHOLE} at most", value)
     return value
 
 
 def _is(kind: type[T], wanted: str, name: str) -> Reader:
     def read(value: Any, bounded: bool) -> T:
         if not isinstance(value, kind):
-            raise Misfit(wanted, value)
+            raise WrongKind(wanted, value)
         return value
 
     return Reader(read, lambda _: {"type": name}, kind())
@@ -178,7 +178,7 @@ def _is(kind: type[T], wanted: str, name: str) -> Reader:
 def _read_at(key: str | int, reader: Reader, value: Any, bounded: bool) -> Any:
     try:
         return reader.read(value, bounded)
-    except Misfit as error:
+    except WrongKind as error:
         raise error.at(key) from None
 
 
@@ -190,7 +190,7 @@ def _or_none(one: Reader) -> Reader:
 def _list(item: Reader) -> Reader:
     def read(value: Any, bounded: bool) -> tuple[Any, ...]:
         if not isinstance(value, list | tuple):
-            raise Misfit("a list", value)
+            raise WrongKind("a list", value)
         return tuple(_read_at(n, item, v, bounded) for n, v in enumerate(value))
 
     return Reader(read, lambda known: {"items": item.schema(known), "type": "array"}, ())
@@ -202,11 +202,11 @@ def _several(items: list[Reader]) -> Reader:
 
     def read(value: Any, bounded: bool) -> tuple[Any, ...]:
         if not isinstance(value, list | tuple):
-            raise Misfit("a list", value)
+            raise WrongKind("a list", value)
         found = tuple(_read_at(n, one, v, bounded)
                       for n, (one, v) in enumerate(zip(items, value, strict=False)))
         if len(value) != size:
-            wrong = Misfit("something else", value)
+            wrong = WrongKind("something else", value)
             raise wrong.at(len(value)) if len(value) < size else wrong
         return found
 
@@ -218,7 +218,7 @@ def _several(items: list[Reader]) -> Reader:
 def _mapping(item: Reader) -> Reader:
     def read(value: Any, bounded: bool) -> dict[str, Any]:
         if not isinstance(value, Mapping):
-            raise Misfit("an object", value)
+            raise WrongKind("an object", value)
         return {k: _read_at(k, item, v, bounded) for k, v in value.items()}
 
     return Reader(read, lambda known: {
@@ -232,7 +232,7 @@ def reader_of_class(kind: Any) -> Reader:
         if isinstance(value, kind):
             return value
         if not isinstance(value, Mapping):
-            raise Misfit("an object", value)
+            raise WrongKind("an object", value)
         found, unknown = {}, {k: v for k, v in value.items() if v is not None}
         for f in shape(kind):
             one = unknown.pop(f.key, None)
@@ -283,7 +283,7 @@ def decoded(kind: type[T], data: Any, path: Path, mend: str = AGAIN) -> T:
     """
     try:
         found: T = reader_of_class(kind).read(data, True)
-    except Misfit as error:
+    except WrongKind as error:
         raise BadInput(f"should be {error.wanted}", f"{path}: {error.place}", mend) from None
     return found
 

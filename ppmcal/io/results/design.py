@@ -15,7 +15,7 @@ class ShownTable(Part):
     note: Text = ""
 
 
-class Quantity(Part):
+class NumberWithUnit(Part):
     """A number with its unit."""
 
     value: Shown | None = None

@@ -17,19 +17,19 @@ from ppmcal.io.csv_writer import LongText, csv_lines
 from ppmcal.io.json import AGAIN, LARGEST, read_object
 from ppmcal.io.output import json_text, plain
 from ppmcal.io.results import codec
-from ppmcal.io.results.codec import Limit, Misfit, Reader, reader_of
+from ppmcal.io.results.codec import AtMost, Reader, WrongKind, reader_of
 from ppmcal.units import Units, as_now
 
 
 def _cell(value: Any, bounded: bool) -> Any:
     if isinstance(value, list | tuple | Mapping):
-        raise Misfit("a number or text", value)
+        raise WrongKind("a number or text", value)
     return value
 
 
 Shown = float
 """A number that is only shown: of any size."""
-Finite = Annotated[float, Limit(LARGEST)]
+Finite = Annotated[float, AtMost(LARGEST)]
 """A number that is calculated with: of what is read, :data:`LARGEST` at most."""
 Text = str
 """A text; of a file's name it may hold what UTF-8 cannot, as ``\\udcff``."""
@@ -73,7 +73,7 @@ class Part:
         """Make plain data of what is given.
 
         Raises:
-            Misfit: a value of another kind.
+            WrongKind: a value of another kind.
         """
         data = {f.key: _parts(getattr(self, f.name)) for f in codec.shape(type(self))
                 if f.name in self.given}

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ppmcal.design.workspace import Workspace
-from ppmcal.io.results.design import Quantity, ShownTable
+from ppmcal.io.results.design import NumberWithUnit, ShownTable
 from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import pose_columns, unit_map
 from ppmcal.io.results.workspace_tables import (
@@ -151,7 +151,7 @@ class WorkspaceRecord(Record):
     tables: tuple[ShownTable, ...] = ()
     columns: Mapping[str, Text] = field(default_factory=dict)
     units: Mapping[str, Text] = field(default_factory=dict)
-    length_scale: Quantity = Quantity()
+    length_scale: NumberWithUnit = NumberWithUnit()
     provenance: Provenance = Provenance()
 
     @classmethod
@@ -178,7 +178,7 @@ class WorkspaceRecord(Record):
             tables=tuple(t for t in (left_table(found), modes_table(found, rows)) if t),
             columns=MEANING,
             units=unit_map(machine, header) | {"singularity_distance": distance_unit(found)[1]},
-            length_scale=Quantity(value=machine.length_scale / machine.units.factor("length"),
+            length_scale=NumberWithUnit(value=machine.length_scale / machine.units.factor("length"),
                                   unit=machine.units.length),
             provenance=Provenance(**provenance))
 
