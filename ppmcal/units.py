@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from ppmcal.errors import unknown
 
@@ -75,3 +76,26 @@ def to_file(value: float, factor: float) -> float:
         low, high = math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
         candidates += [low, high]
     return min(candidates, key=lambda f: abs(f * factor - value))
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a number of a finding is, SI: ``Annotated[float, Quantity("length")]``.
+
+    Attributes:
+        name: as :meth:`Units.factor` knows it, empty for a bare number.
+        of: the field beside it that says so, in place of ``name``.
+        digits: with which a file has it, where that is for pictures; 0 for all.
+    """
+
+    name: str = ""
+    of: str = ""
+    digits: int = 0
+
+    def of_file(self, value: Any, factor: float) -> Any:
+        """Return a number, an array (N,) or None in units of which one is ``factor`` in SI."""
+        if value is None:
+            return None
+        if not isinstance(value, int | float):
+            return tuple(self.of_file(float(v), factor) for v in value)
+        return float(f"{value / factor:.{self.digits}g}") if self.digits else value / factor

@@ -81,7 +81,7 @@ def finished(at: BatchPlace, campaign: CampaignJob) -> CampaignRecord | None:
             and all(digest_of(Path(p)) == d for p, d in record.inputs.items())
             and all(digest_of(place / name) == d for name, d in record.outputs.items()))
     # machines may have been put into another design since
-    return record.model_copy(update={"design": campaign.design or record.design}) if same else None
+    return record.changed(design=campaign.design or record.design) if same else None
 
 
 def recalled(path: Path) -> CampaignRecord:
@@ -112,15 +112,15 @@ def run_campaign(at: BatchPlace, campaign: CampaignJob) -> int:
         run = Run()
         try:
             with running(campaign.command, Path(place), at.force, typed) as run:
-                record = own.model_copy(update=_result(campaign, place))
+                record = own.changed(**_result(campaign, place))
         except Exception as error:
-            record = own.model_copy(update=_failure(error))
+            record = own.changed(**_failure(error))
         seen = {*run.read.values(), *_named(campaign)}
         written = read_record(Path(place)) or {}
-        record = record.model_copy(update={
-            "inputs": {p: content_of(p, run) for p in sorted(seen)},
-            "outputs": {} if record.failed else {
-                n: w.digest for n, w in written.items() if w.command == campaign.command}})
+        record = record.changed(
+            inputs={p: content_of(p, run) for p in sorted(seen)},
+            outputs={} if record.failed else {
+                n: w.digest for n, w in written.items() if w.command == campaign.command})
         _keep(kept, record)
     return record.exit_code
 

@@ -211,7 +211,7 @@ def save_misread(refused: Misread, mechanism: Machine, data: Measurements, folde
         return None
     machine, datasets = prepared(mechanism, data)
     record = misread_record(refused, machine, [*machine.inputs, *data_files(datasets)], seed)
-    current().source.update(record.provenance.model_dump())
+    current().source.update(record.provenance.entries(whole=True))
     output = Output(folder)
     output.add(record.FILE, record.text())
     output.write()

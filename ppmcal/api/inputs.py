@@ -28,7 +28,7 @@ from ppmcal.io.folder import current, reading
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.input_files import path_errors
 from ppmcal.io.read_block import ReadFile
-from ppmcal.io.results.record import LARGEST_WHOLE
+from ppmcal.io.results.codec import LARGEST_WHOLE
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
 from ppmcal.io.stage import settle
 from ppmcal.io.tables import read_table

@@ -7,6 +7,7 @@ from typing import Any
 
 from ppmcal.errors import unknown
 from ppmcal.io.json_schema import DIALECT, FILES, file_schema
+from ppmcal.io.results import codec
 from ppmcal.io.results.record import Record
 
 RESULTS = {"identification": "identification.IdentificationRecord",
@@ -40,4 +41,4 @@ def schema(name: str) -> dict[str, Any]:
         raise unknown("file", name, [*FILES, *RESULTS])
     module, _, found = RESULTS[name].partition(".")
     record: type[Record] = getattr(import_module(f"ppmcal.io.results.{module}"), found)
-    return {"$schema": DIALECT, **record.model_json_schema()}
+    return {"$schema": DIALECT, **codec.schema(record)}

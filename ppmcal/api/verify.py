@@ -190,7 +190,7 @@ def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sa
         return FileCheck(file=name)
     found = compared(name, there.read_bytes(), again.read_bytes(), exact, os.fsencode(box.root))
     if digest and then != digest:
-        return found.model_copy(update={"edited": True, "status": DIFFERS})
+        return found.changed(edited=True, status=DIFFERS)
     return found
 
 

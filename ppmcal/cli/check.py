@@ -99,10 +99,10 @@ def command(mech: Path, data: tuple[Path, ...], draw: Path | None, console: Cons
             "columns": result.columns,
             "unseen": list(result.unseen),
             "redundant": list(result.redundant),
-            "unidentifiable": [s.model_dump() for s in sets],
+            "unidentifiable": [s.entries(whole=True) for s in sets],
             "identifiability": None if identifiability is None else
-            identifiability.model_dump(exclude_unset=True),
-            "misreadings": [m.model_dump() for m in
+            identifiability.entries(),
+            "misreadings": [m.entries(whole=True) for m in
                             misreading_entries(result.misreadings, mechanism.units)],
             **({} if drawn is None else {"drawing": str(drawn)}),
         }

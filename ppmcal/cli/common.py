@@ -276,7 +276,7 @@ class Console:
             entries = misreading_entries(error.found, error.units) if isinstance(
                 error, Misread) else ()
             self.summary({"format": FORMAT, "exit_code": error.exit_code, "reason": str(error),
-                          "misreadings": [e.model_dump() for e in entries]})
+                          "misreadings": [e.entries(whole=True) for e in entries]})
             raise
 
 

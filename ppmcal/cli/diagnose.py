@@ -27,9 +27,10 @@ from ppmcal.wording import number, rate, some, where
 
 if TYPE_CHECKING:
     from ppmcal.calibration.interpretation import Misread
+    from ppmcal.diagnosis.hypotheses import Untestable
     from ppmcal.diagnosis.result import Diagnosis
     from ppmcal.io.results.diagnosis import DiagnosisRecord
-    from ppmcal.io.results.diagnosis_parts import EffectValue, UntestableKind
+    from ppmcal.io.results.diagnosis_parts import EffectValue
 
 
 @click.command("diagnose", epilog=examples("ppmcal diagnose mine.yaml run2.csv"))
@@ -131,7 +132,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
     console.warn(record.findings)
 
 
-def _lacking(untestable: Sequence[UntestableKind]) -> list[str]:
+def _lacking(untestable: Sequence[Untestable]) -> list[str]:
     """Return ``compliance, windup (need payload)``: the kinds by what they lack, and where."""
     kinds: dict[tuple[tuple[str, ...], str], list[str]] = {}
     for u in untestable:

@@ -33,7 +33,7 @@ def command(dirs: tuple[Path, ...], inputs: Path | None, console: Console) -> No
     result = verify(*dirs, inputs=inputs)
     for run in result.record.runs:
         _show(run, console)
-    console.summary(result.record.model_dump())
+    console.summary(result.record.entries(whole=True))
     raise click.exceptions.Exit(result.exit_code)
 
 

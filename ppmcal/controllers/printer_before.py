@@ -46,7 +46,7 @@ def printer_before(texts: Mapping[str, str]) -> dict[str, object]:
         rows = [np.full(len(d), i == j) for j, d in enumerate(sets)]
         found = summaries(errors.figures(rows), mechanism.units).get("position")
         if found is not None:
-            out[data.name] = found.model_dump()
+            out[data.name] = found.entries(whole=True)
     return {"definition": DEFINITION, **out} if out else {}
 
 

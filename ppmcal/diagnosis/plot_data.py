@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
@@ -15,35 +16,39 @@ from ppmcal.calibration.fit import Fit, Problem, least_squares, prior_weights
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.residual_profiles import ProfileErrors, gather
-from ppmcal.diagnosis.residual_series import Series, all_series
+from ppmcal.diagnosis.residual_series import OfUnit, Series, all_series
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.search import columns_of
 from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.stage import Stage, named_only
 from ppmcal.errors import PpmcalError
 from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.units import Quantity
 
 MOST_RANKED, OF_ONE_KIND = 14, 2
 """Hypotheses shown, and how many of one kind besides those named and their alternatives."""
 ITERATIONS = 60
+LN10 = np.log(10.0)
+SixDigits = Annotated[float, Quantity(digits=6)]
+"""A bare number of a picture."""
 MANY_OUT = 0.05
 """More rows left out than this part are likely what is missing itself, and are plotted."""
 
 
 @dataclass(frozen=True)
 class ActuatorError:
-    """Root mean square of one joint's error without and with the effects, and what noise gives."""
+    """Rms of one joint's error without and with the effects, and what noise gives, in ``unit``."""
 
     name: str
-    quantity: str
-    before: float
-    after: float
-    noise: float
+    unit: str
+    rms_before: OfUnit
+    rms_after: OfUnit
+    noise: OfUnit
 
 
 @dataclass(frozen=True)
 class Ranked:
-    """A hypothesis with the logs of its p-value, and of that before anything was named.
+    """A hypothesis by strength of evidence: log10 of its p-value, and of that alone.
 
     The two differ for what is named: its p-value is given the others that are named.
     ``form``: ``one value`` or ``one each`` where it acts on several actuators.
@@ -52,37 +57,37 @@ class Ranked:
     kind: str
     on: tuple[str, ...]
     form: str
-    log_p: float
-    log_p_alone: float
+    log10_p: SixDigits
+    log10_p_alone: SixDigits
     status: str
 
 
 @dataclass(frozen=True)
 class SelectionStep:
-    """One model and its residual: rms over the noise.
+    """One model, from the machine as given to the last effect: rms over the noise.
 
     ``what``: start, geometry, or the effect that was added (``kind``, ``on``).
     """
 
     what: str
-    ratio: float
     kind: str = ""
     on: tuple[str, ...] = ()
+    rms_ratio: SixDigits = np.nan
 
 
 @dataclass(frozen=True)
 class PlotData:
-    """All pictures' data.
+    """All pictures' data, every number with its unit beside it.
 
-    ``left_out``: rows that the fit left out as outliers and that are in ``actuators`` and
+    ``left_out_rows``: rows that the fit left out as outliers and that are in ``actuators`` and
     ``series`` all the same.
     """
 
-    actuators: tuple[ActuatorError, ...]
-    series: tuple[Series, ...]
-    ranking: tuple[Ranked, ...]
-    steps: tuple[SelectionStep, ...]
-    left_out: int = 0
+    actuators: tuple[ActuatorError, ...] = ()
+    series: tuple[Series, ...] = ()
+    ranking: tuple[Ranked, ...] = ()
+    steps: tuple[SelectionStep, ...] = ()
+    left_out_rows: int = 0
 
 
 def plot_data(result: Diagnosis) -> PlotData:
@@ -148,11 +153,11 @@ def _ranking(result: Diagnosis) -> tuple[Ranked, ...]:
         ]
     rest = [_ranked(c.hypothesis, c.log_p, c.log_p_alone, c.status) for c in result.candidates
             if c.status not in ("not testable", "named")]
-    rest = _one_alternative_each(result, sorted(rest, key=lambda r: r.log_p))
+    rest = _one_alternative_each(result, sorted(rest, key=lambda r: r.log10_p))
     first = [r for r in rest if r.status == "alternative"]
     others = _few_of_each([r for r in rest if r.status != "alternative"])
     room = max(MOST_RANKED - len(out) - len(first), 0)
-    return tuple(sorted([*out, *first, *others[:room]], key=lambda r: r.log_p_alone))
+    return tuple(sorted([*out, *first, *others[:room]], key=lambda r: r.log10_p_alone))
 
 
 def _few_of_each(ranked: Sequence[Ranked]) -> list[Ranked]:
@@ -165,7 +170,7 @@ def _one_alternative_each(result: Diagnosis, ranked: Sequence[Ranked]) -> list[R
     """Keep one hypothesis of each alternative as such; the others of it show the same thing."""
     wanted = {a for e in result.effects for a in e.alternatives}
     search = result.found.first.search
-    name = search.over_all(search.name)
+    name = search.over_all(search.name) / LN10
     out = []
     for r in ranked:
         label = f"{r.kind} on {', '.join(r.on)}" if r.on else r.kind
@@ -173,7 +178,7 @@ def _one_alternative_each(result: Diagnosis, ranked: Sequence[Ranked]) -> list[R
             wanted.discard(label)
             r = replace(r, status="alternative")
         elif r.status == "alternative":
-            r = replace(r, status="explained" if r.log_p < name else "not needed")
+            r = replace(r, status="explained" if r.log10_p < name else "not needed")
         out.append(r)
     return out
 
@@ -181,7 +186,7 @@ def _one_alternative_each(result: Diagnosis, ranked: Sequence[Ranked]) -> list[R
 def _ranked(hypothesis: Hypothesis, log_p: float, alone: float, status: str) -> Ranked:
     several = "" if len(hypothesis.on) < 2 else "one value" if hypothesis.shared else "one each"
     on = () if hypothesis.slot else hypothesis.on
-    return Ranked(hypothesis.family, on, several, log_p, alone, status)
+    return Ranked(hypothesis.family, on, several, log_p / LN10, alone / LN10, status)
 
 
 def _steps(result: Diagnosis) -> tuple[SelectionStep, ...]:
@@ -190,15 +195,15 @@ def _steps(result: Diagnosis) -> tuple[SelectionStep, ...]:
     out = []
     given = _as_given(result.found.first, result.start.reference)
     if given is not None:
-        out.append(SelectionStep("start", given))
-    out.append(SelectionStep("geometry", result.start.ratio))
+        out.append(SelectionStep("start", rms_ratio=given))
+    out.append(SelectionStep("geometry", rms_ratio=result.start.ratio))
     order = _by_gain(stage) if result.effects else []
     for count, _ in enumerate(order, 1):
         ratio = result.remainder.ratio if count == len(order) else _ratio(
             stage, order[:count], result.remainder.reference)
         hypothesis = stage.hypotheses[order[count - 1]]
-        out.append(SelectionStep("effect", ratio, hypothesis.family,
-                                 () if hypothesis.slot else hypothesis.on))
+        out.append(SelectionStep("effect", hypothesis.family,
+                                 () if hypothesis.slot else hypothesis.on, ratio))
     return tuple(out)
 
 

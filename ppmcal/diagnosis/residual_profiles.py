@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import Z95, Fit, Rows, coordinates, coverage_by
+from ppmcal.calibration.fit import Fit, Rows, coordinates, coverage_by
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE, ZERO_CELSIUS
@@ -55,15 +55,6 @@ class Binned:
     before_half: Array
     after: Array
     after_half: Array
-
-    def strength(self, after: bool = False) -> float:
-        """Return the mean square of the means over their standard errors: 1 for noise."""
-        mean, half = (self.after, self.after_half) if after else (self.before, self.before_half)
-        # values that are the same to the last digit say nothing of their noise
-        seen = half > 1e-9 * np.abs(mean)
-        if not seen.any():
-            return 0.0
-        return float(np.mean((Z95 * mean[seen] / half[seen]) ** 2))
 
 
 def gather(before: Fit, after: Fit, rows: Sequence[Bools]

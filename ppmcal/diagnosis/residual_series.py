@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
+from ppmcal.calibration.fit import Z95
 from ppmcal.diagnosis.residual_profiles import Binned, ProfileErrors, binned
 from ppmcal.diagnosis.result import Diagnosis, NamedEffect
 from ppmcal.linalg import Array, Ints
@@ -21,6 +23,7 @@ from ppmcal.model.effects.inputs import (
     VELOCITY,
 )
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, resolved
+from ppmcal.units import Quantity
 
 MOST_SERIES = 12
 EACH, NOTICEABLE = 2, 0.2
@@ -35,19 +38,20 @@ LEFT = {"direction": DIRECTION, "velocity": VELOCITY, "payload": LOAD, "position
 """Names of inputs in :mod:`ppmcal.diagnosis.adequacy` -> inputs."""
 
 
+OF_UNIT, OF_INPUT = Quantity(of="unit", digits=6), Quantity(of="input_unit", digits=6)
+OfUnit = Annotated[float, OF_UNIT]
+Means = tuple[float | None, ...]
+
+
 @dataclass(frozen=True)
 class Series:
-    """Mean residual against one input.
+    """Mean errors in bins of one input, with half of their 95 % intervals.
 
-    Attributes:
-        effect: index into the diagnosis's effects; None: what is left, or nothing was named.
-        role: ``effect``, ``left`` (what is left follows it) or ``recorded``.
-        on: actuators whose joint errors are shown together; empty: ``coordinate`` is shown.
-        coordinate: of the measured pose.
-        input: ``direction``, ``load``, ``temperature``...; which: its component or actuator.
-        input_quantity, quantity: of input and error, for units.
-        bins: the means.
-        period: of a folded input, 0 where it is not.
+    ``effect`` is an index into the diagnosis's effects; None: what is left, or nothing was named.
+    ``role``: ``effect``, ``left`` (what is left follows it) or ``recorded``. The errors are of the
+    joints ``on`` or, where there are none, of the measured ``coordinate``, in ``unit``; ``input``:
+    ``direction``, ``load``...; ``which``: its component or actuator; ``x`` and, of a folded input,
+    ``period`` are in ``input_unit``; ``names`` are those of classes.
     """
 
     effect: int | None
@@ -56,10 +60,34 @@ class Series:
     coordinate: str
     input: str
     which: str
-    input_quantity: str
-    quantity: str
-    bins: Binned
-    period: float = 0.0
+    input_unit: str
+    unit: str
+    period: Annotated[float | None, OF_INPUT]
+    x: Annotated[Means, OF_INPUT]
+    names: tuple[str, ...]
+    count: tuple[int, ...]
+    before: Annotated[Means, OF_UNIT]
+    before_95: Annotated[Means, OF_UNIT]
+    after: Annotated[Means, OF_UNIT]
+    after_95: Annotated[Means, OF_UNIT]
+
+    @classmethod
+    def of(cls, follows: EffectInput, input_unit: str, unit: str, bins: Binned, which: str = "",
+           on: tuple[str, ...] = (), coordinate: str = "", period: float = 0.0) -> Series:
+        """Return the series of some bins, SI."""
+        return cls(None, "", on, coordinate, follows.name, which, input_unit, unit, period or None,
+                   tuple(bins.x), bins.names, tuple(bins.count.tolist()), tuple(bins.before),
+                   tuple(bins.before_half), tuple(bins.after), tuple(bins.after_half))
+
+    def strength(self, after: bool = False) -> float:
+        """Return the mean square of the means over their standard errors: 1 for noise."""
+        mean, half = np.array((self.after, self.after_95) if after else
+                              (self.before, self.before_95), dtype=float)
+        # values that are the same to the last digit say nothing of their noise
+        seen = half > 1e-9 * np.abs(mean)
+        if not seen.any():
+            return 0.0
+        return float(np.mean((Z95 * mean[seen] / half[seen]) ** 2))
 
 
 class _Source:
@@ -95,8 +123,8 @@ class _Source:
                       self.after.joint[:, at].reshape(-1), np.repeat(self.row, len(at)), naming)
         if bins is None:
             return None
-        return Series(None, "", names, "", follows.name, "", resolved(follows.quantity, quantity),
-                      quantity, bins, period)
+        return Series.of(follows, resolved(follows.quantity, quantity), quantity, bins, on=names,
+                         period=period)
 
     def _input(self, follows: EffectInput, at: list[int], names: tuple[str, ...], period: float
                ) -> tuple[Array, Callable[[float], str] | None]:
@@ -119,8 +147,8 @@ class _Source:
             return None
         which, unit = follows.components[component] if follows.components else (
             "", follows.quantity)
-        return Series(None, "", (), POSE_COORDINATES[c], follows.name, which, unit,
-                      "length" if c < 3 else "angle", bins)
+        return Series.of(follows, unit, "length" if c < 3 else "angle", bins, which,
+                         coordinate=POSE_COORDINATES[c])
 
     def machine(self, follows: EffectInput, after: bool) -> list[Series]:
         """Return coordinates against a machine's input, those that follow it most.
@@ -136,9 +164,9 @@ class _Source:
 
 
 def _strongest(series: Sequence[Series], after: bool, count: int) -> list[Series]:
-    best = sorted(series, key=lambda s: -s.bins.strength(after))[:count]
+    best = sorted(series, key=lambda s: -s.strength(after))[:count]
     return [s for s in best
-            if s.bins.strength(after) >= NOTICEABLE * best[0].bins.strength(after)]
+            if s.strength(after) >= NOTICEABLE * best[0].strength(after)]
 
 
 def all_series(
@@ -148,18 +176,13 @@ def all_series(
     source = _Source(result.identification.mechanism, before, after, inputs, row)
     out: list[Series] = []
     for n, effect in enumerate(result.effects):
-        out += [_as(s, n, "effect") for s in _of_effect(source, effect, result)]
+        out += [replace(s, effect=n, role="effect") for s in _of_effect(source, effect, result)]
     left = result.remainder
     if left.p_value < FOLLOWED and not left.adequate:
-        out += [_as(s, None, "left") for s in _of_remainder(source, left.follows)]
+        out += [replace(s, role="left") for s in _of_remainder(source, left.follows)]
     if not out:
-        out = [_as(s, None, "recorded") for s in _recorded(source)]
+        out = [replace(s, role="recorded") for s in _recorded(source)]
     return tuple(out[:MOST_SERIES])
-
-
-def _as(s: Series, effect: int | None, role: str) -> Series:
-    return Series(effect, role, s.on, s.coordinate, s.input, s.which, s.input_quantity,
-                  s.quantity, s.bins, s.period)
 
 
 def _of_effect(source: _Source, effect: NamedEffect, result: Diagnosis) -> list[Series]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -23,7 +24,9 @@ from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.term_candidates import Visible
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import Quantity
 
+OfUnit = Annotated[float, Quantity(of="unit")]
 VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
 NAMED = ("named", "named-set", "partial")
 """Verdicts that name something."""
@@ -163,13 +166,13 @@ class UnknownFound:
 
 @dataclass(frozen=True)
 class Swallowed:
-    """A parameter that had moved to imitate an effect: error before and after, SI."""
+    """A parameter that had moved to imitate an effect: error without and with it, in ``unit``."""
 
     name: str
-    quantity: str
-    before: float
-    after: float
-    tolerance: float
+    before: OfUnit
+    after: OfUnit
+    tolerance: OfUnit
+    unit: str
 
 
 @dataclass(frozen=True, eq=False)

@@ -160,7 +160,6 @@ def swallowed(before: Fit, after: Fit) -> tuple[Swallowed, ...]:
         tau = parameter.tolerance
         moved = float(before.state.g[p] - after.state.g[p])
         if before is not after and tau and np.isfinite(tau) and abs(moved) > tau:
-            out.append(Swallowed(parameter.name, parameter.quantity,
-                                 float(before.state.g[p] - nominals[p]),
-                                 float(after.state.g[p] - nominals[p]), tau))
+            out.append(Swallowed(parameter.name, float(before.state.g[p] - nominals[p]),
+                                 float(after.state.g[p] - nominals[p]), tau, parameter.quantity))
     return tuple(sorted(out, key=lambda s: -abs(s.before - s.after) / s.tolerance))

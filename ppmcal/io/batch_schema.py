@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator
 
-from ppmcal.io.results.record import LARGEST_WHOLE
+from ppmcal.io.results.codec import LARGEST_WHOLE
 from ppmcal.io.schema import Count, Flag, Label, Number, Strict, choice, refuse, show
 
 FORMAT = "ppmcal/batch/1"

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from ppmcal.io.results.record import LARGEST_WHOLE
+from ppmcal.io.results.codec import LARGEST_WHOLE
 from ppmcal.io.schema import (
     Count,
     Label,

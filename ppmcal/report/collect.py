@@ -178,8 +178,8 @@ def _with_parameters(record: P, table_of: Callable[[], Columns | None]) -> P:
     table = [{**{k: v[i] for k, v in rows.text.items()},
               **{k: float(v[i]) if np.isfinite(v[i]) else None for k, v in rows.numbers.items()}}
              for i in range(rows.size)]
-    return record.model_copy(update={"parameters": type(record).checked(
-        {"parameters": table}, Path(rows.source)).parameters})
+    return record.changed(parameters=type(record).checked(
+        {"parameters": table}, Path(rows.source)).parameters)
 
 
 def _simulated(folder: Path) -> Simulated:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ppmcal.calibration.fit import pictures_beside
+from ppmcal.diagnosis.plot_data import SelectionStep
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_plots import PlottedStep
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
     gap_closed,
@@ -83,7 +83,7 @@ def times(ratio: float) -> str:
     return f"{sig(ratio, 3 if float(f'{ratio:.2f}') >= 1.0 else 2)} ×"
 
 
-def step_name(record: DiagnosisRecord, step: PlottedStep) -> str:
+def step_name(record: DiagnosisRecord, step: SelectionStep) -> str:
     """Return what one step adds to the model."""
     if step.what == "start":
         return "machine as in its file, only frames fitted"

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ppmcal.diagnosis.residual_series import Series
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_plots import PlottedSeries
 from ppmcal.io.results.diagnosis_wording import actuators, effect_name
 from ppmcal.linalg import Array
 from ppmcal.plotting.canvas import HEIGHT, Drawing
@@ -27,7 +27,7 @@ def input_pictures(record: DiagnosisRecord) -> list[Drawing]:
     return [p for p in out if p is not None]
 
 
-def _values(s: PlottedSeries) -> tuple[Array, Array] | None:
+def _values(s: Series) -> tuple[Array, Array] | None:
     """Return input (B,) and means and half intervals before and after (4, B), if drawable."""
     columns = [np.array([np.nan if (n := number(v)) is None else n for v in some])
                for some in (s.x, s.before, s.before_95, s.after, s.after_95)]
@@ -37,7 +37,7 @@ def _values(s: PlottedSeries) -> tuple[Array, Array] | None:
     return (x, table) if size > 1 and np.isfinite(x).all() and all(seen) else None
 
 
-def _panel(record: DiagnosisRecord, series: PlottedSeries) -> Drawing | None:
+def _panel(record: DiagnosisRecord, series: Series) -> Drawing | None:
     """Return one panel, None where there is too little to draw."""
     found = _values(series)
     if found is None:
@@ -85,20 +85,20 @@ def _plot(x: Array, table: Array, both: bool, classes: Sequence[str], names: tup
                          zip(x.tolist() if parts else (), parts, strict=True)])
 
 
-def _largest(series: PlottedSeries, x: Array) -> float:
+def _largest(series: Series, x: Array) -> float:
     """Return the size that decides an input's unit: positions keep that of the file."""
     keeps = series.input not in ("time", "phase", "velocity")
     return float("inf") if keeps else float(np.max(np.abs(x)))
 
 
-def _what(series: PlottedSeries, total: int) -> str:
+def _what(series: Series, total: int) -> str:
     if series.coordinate:
         return f"measured {series.coordinate}"
     on = series.on
     return where(on, total) if len(on) < 4 or len(on) == total else f"{len(on)} actuators"
 
 
-def _title(record: DiagnosisRecord, series: PlottedSeries, what: str) -> str:
+def _title(record: DiagnosisRecord, series: Series, what: str) -> str:
     n = series.effect
     if n is not None and 0 <= n < len(record.effects):
         place = f" ({what})" if series.coordinate else ""
@@ -108,6 +108,6 @@ def _title(record: DiagnosisRecord, series: PlottedSeries, what: str) -> str:
     return f"What is left: {against}" if series.role == "left" and record.effects else against
 
 
-def _input_name(series: PlottedSeries, unit: str) -> str:
+def _input_name(series: Series, unit: str) -> str:
     name = INPUTS.get(series.input, series.input or "input")
     return with_label(f"{name} {series.which}".strip(), unit)

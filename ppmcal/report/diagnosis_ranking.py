@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from ppmcal.diagnosis.plot_data import Ranked
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_plots import PlottedHypothesis
 from ppmcal.io.results.diagnosis_wording import name_of
 from ppmcal.plotting.bars import Chart, Row
 from ppmcal.plotting.canvas import Drawing
@@ -40,7 +40,7 @@ def ranking(record: DiagnosisRecord) -> Drawing | None:
         f"The {len(rows)} strongest hypotheses; first: {best}.")
 
 
-def _row(record: DiagnosisRecord, entry: PlottedHypothesis, value: float,
+def _row(record: DiagnosisRecord, entry: Ranked, value: float,
          limits: list[tuple[str, float, str]]) -> Row:
     """Return one hypothesis with its p-value and its bars."""
     kind, then = STATUS.get(entry.status, "other"), _given_others(entry, value)
@@ -55,7 +55,7 @@ def _p(value: float) -> str:
     return chance(-value).removeprefix("p = ")
 
 
-def _given_others(entry: PlottedHypothesis, value: float) -> float | None:
+def _given_others(entry: Ranked, value: float) -> float | None:
     """Return -log10 p of a named one given the others, None where it reads the same."""
     log10 = number(entry.log10_p)
     if entry.status != "named" or log10 is None:
@@ -63,7 +63,7 @@ def _given_others(entry: PlottedHypothesis, value: float) -> float | None:
     return -log10 if _p(-log10) != _p(value) else None
 
 
-def _caption(record: DiagnosisRecord, rows: list[tuple[PlottedHypothesis, float]],
+def _caption(record: DiagnosisRecord, rows: list[tuple[Ranked, float]],
              limits: list[tuple[str, float, str]]) -> str:
     """Return what the bars and lines say, and why what passes may not be named."""
     out = "Bars: how rarely noise alone looks so much like anything that was tried."
@@ -83,7 +83,7 @@ def _caption(record: DiagnosisRecord, rows: list[tuple[PlottedHypothesis, float]
     return out
 
 
-def _hypothesis(record: DiagnosisRecord, entry: PlottedHypothesis) -> str:
+def _hypothesis(record: DiagnosisRecord, entry: Ranked) -> str:
     name = name_of(record, entry.kind, entry.on)
     return f"{name}, {entry.form}" if entry.form else name
 

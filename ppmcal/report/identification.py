@@ -245,7 +245,7 @@ def excluded(one: Identified, index: int) -> Section | None:
 def excluded_rows(one: Identified) -> tuple[ExcludedRow, ...]:
     """Return the rows left out, from the JSON, else from residuals.csv."""
     t = one.residuals
-    if "excluded" in one.record.model_fields_set or t is None:
+    if "excluded" in one.record.given or t is None:
         return one.record.excluded
     row, names, reasons = t.number("row"), t.words("dataset"), t.words("reason")
     return tuple(ExcludedRow(dataset=names[i], reason=reasons[i],

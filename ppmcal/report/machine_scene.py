@@ -112,7 +112,7 @@ def _notes(scene: Scene) -> list[str]:
 def _content(scene: Scene) -> dict[str, Any]:
     """Return what the page holds of a scene: as many digits as are seen, nothing empty."""
     digits = DIGITS + math.ceil(math.log10(max(scene.magnification, 1.0)))
-    content = scene.model_dump()
+    content = scene.entries(whole=True)
     for key in ("machines", "measured", "effects"):
         content[key] = _short(content[key], min(digits, 15))
     return content

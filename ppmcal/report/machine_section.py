@@ -102,8 +102,8 @@ def _with_poses(mechanism: Mechanism, rows: PlacedRows, most: int
     worst = np.argsort([-(p.value or 0.0) if p.used else 1.0 for p in rows.points], kind="stable")
     chosen, nearest = spread_rows(place, worst[:WORST].tolist(), most)
     own = set(chosen)
-    points = tuple(p.model_copy(update={
-        "frame": chosen.index(n) if n in own else int(nearest[n]), "own": n in own})
+    points = tuple(p.changed(
+        frame=chosen.index(n) if n in own else int(nearest[n]), own=n in own)
         for n, p in enumerate(rows.points))
     return points, ScenePoses([rows.points[n].label for n in chosen],
                               [rows.points[n].key for n in chosen], rows.q[chosen])

@@ -164,7 +164,7 @@ def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
         return {"length": units.get("error_position_before", ""),
                 "angle": units.get("error_rotation_before", "")}
     found = [i.record.units for i in data.identified]
-    return found[0].model_dump() if found and all(f == found[0] for f in found) else {}
+    return found[0].entries(whole=True) if found and all(f == found[0] for f in found) else {}
 
 
 def records(data: ReportData) -> list[tuple[str, Mapping[str, Any]]]:
@@ -253,7 +253,7 @@ def _identified(one: Identified) -> dict[str, Any]:
         out["residuals"] = {
             "rows": one.residuals.size, "used": int(used(one.residuals).sum()),
             "white_rms": float(np.sqrt(np.mean(values**2))) if values.size else None,
-            "excluded": [e.model_dump() for e in excluded_rows(one)]}
+            "excluded": [e.entries(whole=True) for e in excluded_rows(one)]}
     return out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -80,7 +81,7 @@ def rate(unit: str, largest: float) -> tuple[float, str]:
 
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number for people, ``-`` for none."""
-    return "-" if value is None else f"{value:.{digits}g}"
+    return "-" if value is None or math.isnan(value) else f"{value:.{digits}g}"
 
 
 def chance(p: float) -> str:

@@ -228,7 +228,7 @@ def test_what_is_new_is_run_again(tmp_path):
     assert (out / first / "residuals.csv").exists()
     # a result that is not known, as of a run that an older version was killed in
     kept = (out / KEPT / second).with_suffix(".json")
-    kept.write_text(CampaignRecord.read(kept).model_copy(update={"outputs": {}}).text())
+    kept.write_text(CampaignRecord.read(kept).changed(outputs={}).text())
     assert finished_before(manifest, out) == {first}
 
 

@@ -15,12 +15,12 @@ from ppmcal.calibration.fit.secondary_analyses import NOTE
 from ppmcal.calibration.sessions import change_detection, day_noise
 from ppmcal.calibration.validation import frozen_models
 from ppmcal.design.plan import plan as planning
+from ppmcal.diagnosis.plot_data import PlotData, SelectionStep
 from ppmcal.errors import LinearAlgebraError
 from ppmcal.io.results import plan as plan_record
 from ppmcal.io.results import tolerances as tolerances_record
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import HeldOutGap
-from ppmcal.io.results.diagnosis_plots import DiagnosisPlots, PlottedStep
 from ppmcal.plotting import curves, maps
 from ppmcal.report import batch as batch_report
 from ppmcal.report import diagnosis_figures, figure_files, page
@@ -183,8 +183,8 @@ def test_results_are_written_without_a_picture_that_cannot_be_drawn(
 
 def test_a_diagnosis_keeps_the_pictures_that_can_be_drawn(break_, caplog):
     gap = HeldOutGap(noise=1.0, before=3.0, after=1.0, closed=0.9, interval=None)
-    record = DiagnosisRecord(verdict="named", gap=gap, plot_data=DiagnosisPlots(
-        steps=[PlottedStep(what="geometry", rms_ratio=3.0)]))
+    record = DiagnosisRecord(verdict="named", gap=gap, plot_data=PlotData(
+        steps=[SelectionStep(what="geometry", rms_ratio=3.0)]))
     whole = set(figure_files.diagnosis_files(record))
     assert "gap.svg" in whole
     break_((diagnosis_figures, "ranking"))

@@ -108,8 +108,8 @@ def test_a_tool_is_a_text_or_its_numbers(call):
     if isinstance(one, np.ndarray):
         np.testing.assert_array_equal(one, two)
     else:
-        assert {k: v for k, v in one.model_dump().items() if k != "provenance"} == {
-            k: v for k, v in two.model_dump().items() if k != "provenance"}
+        assert {k: v for k, v in one.entries(whole=True).items() if k != "provenance"} == {
+            k: v for k, v in two.entries(whole=True).items() if k != "provenance"}
     with pytest.raises(ppmcal.BadInput, match="is not a point"):
         call([1.0])
 

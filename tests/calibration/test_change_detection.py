@@ -360,7 +360,7 @@ def test_an_interval_of_a_difference_is_of_the_noise_as_it_is_known() -> None:
 
 
 def test_it_is_said_what_is_how_many_times_what() -> None:
-    record = ComparisonRecord.model_validate(
+    record = ComparisonRecord.checked(
         {"noise": {"old": 5.64, "new": 1.0, "alike": 0.0, "same_poses": False}})
     assert noise_sentence(record) == (
         "After the fit the residuals scatter 5.64 times what the files state in the old "

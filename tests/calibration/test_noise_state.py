@@ -77,7 +77,7 @@ def test_noise_that_nobody_stated_is_not_called_stated(hexapod: Mechanism) -> No
         check = NoiseCheck.of(found(hexapod, own)[1])
         assert check.source == source
         for ratio, p in ((3.0, 1e-9), (0.1, 1.0), (1.0, 0.4)):
-            words, _ = noise_verdict(check.model_copy(update={"sigma_ratio": ratio, "chi2_p": p}))
+            words, _ = noise_verdict(check.changed(sigma_ratio=ratio, chi2_p=p))
             assert f"the {source} noise" in words
     assert noise_source([data, replace(data, estimated=True)]) == "stated or estimated"
 

@@ -91,7 +91,7 @@ def test_rows_count_in_their_own_file(tmp_path: Path) -> None:
 def test_the_row_of_an_event_is_told() -> None:
     wide = DiagnosedEffect(kind="zero_shift", row=EventRow(value=76, low=60, high=77, dataset="b"))
     assert onset(wide) == "from row 76 of b on (95 %: 60 to 77)"
-    sure = wide.model_copy(update={"row": EventRow(value=7, low=7, high=7, dataset="b")})
+    sure = wide.changed(row=EventRow(value=7, low=7, high=7, dataset="b"))
     assert onset(sure) == "from row 7 of b on"
     assert onset(DiagnosedEffect(kind="gain")) == ""
 

@@ -113,8 +113,8 @@ def test_values_of_one_hypothesis_are_one_line() -> None:
     assert text == ("gain 0.01 to 0.03 (leg1 0.01, leg2 0.02, leg3 0.03; "
                     "+- 0.0059 at most)")
     assert own_values(record, group[:2]) == ""
-    near = [g.model_copy(update={"parameters": {"period": EffectValue(
-        value=v, sigma=0.004, unit="mm")}})
+    near = [g.changed(parameters={"period": EffectValue(
+        value=v, sigma=0.004, unit="mm")})
         for g, v in zip(group, (3.999, 4.005, 4.0), strict=True)]
     assert own_values(record, near).startswith("period 3.999 to 4.005 mm (")
-    assert own_values(record, [*group[:2], group[2].model_copy(update={"log10_p": -4.0})]) == ""
+    assert own_values(record, [*group[:2], group[2].changed(log10_p=-4.0)]) == ""

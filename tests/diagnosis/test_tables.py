@@ -166,8 +166,8 @@ def test_what_is_written_reads_back_equal(tmp_path: Path) -> None:
     found = DiagnosisRecord.read(path)
     assert wording.headline(found) == "The missing effect is named: drift."
     assert found.entries() == {
-        "verdict": "named", "effects": ({"kind": "drift"},),
-        "plot_data": {"series": ({"x": (1.0, None)},)}}
+        "verdict": "named", "effects": [{"kind": "drift"}],
+        "plot_data": {"series": [{"x": [1.0, None]}]}}
 
 
 @pytest.mark.parametrize(("record", "place"), [
@@ -235,7 +235,7 @@ def test_people_are_told_which_of_two_kinds_of_one_name(capsys: pytest.CaptureFi
     page = " ".join(unescape(html_of(diagnosis_section(Diagnosed("d", record, None)))).split())
     for said in (wording.headline(record), wording.not_named(record), _effects(record)[0], page):
         assert "base_compliance about base" in said
-    older = effect.model_copy(update={"label": ""})
+    older = effect.changed(label="")
     assert wording.effect_name(record, older) == "base_compliance"
 
 

@@ -44,7 +44,7 @@ def fit(**changes: Any) -> Identified:
     """Return an identification without any fault, and with what is given."""
     clean = identification()
     clean |= {"findings": [], "excluded": [], "parameters": clean["parameters"][:1]}
-    return Identified("fit", IdentificationRecord.model_validate(clean | changes))
+    return Identified("fit", IdentificationRecord.checked(clean | changes))
 
 
 @pytest.mark.parametrize("truth", [
@@ -55,13 +55,13 @@ def test_an_effect_without_a_nominal_value_is_compared_itself(truth: dict[str, A
     one = fit(parameters=[{"name": "compliance.stiffness", "value": 4478.0, "sigma": 11.0,
                            "unit": "N/mm", "status": "identified"}])
     parameters = {"leg1.offset": 0.1, **truth.pop("parameters", {})}
-    record = TruthRecord.model_validate({"parameters": parameters, **truth})
+    record = TruthRecord.checked({"parameters": parameters, **truth})
     row, = compared("s", one, record).rows
     assert (row.true, row.found, row.z) == (4500.0, 4478.0, -2.0)
 
 
 def diagnosis(**keys: Any) -> Diagnosed:
-    return Diagnosed("d", DiagnosisRecord.model_validate({"verdict": "named", **keys}), None)
+    return Diagnosed("d", DiagnosisRecord.checked({"verdict": "named", **keys}), None)
 
 
 EFFECT = {"kind": "backlash", "on": ["leg1"], "p_value": 1e-9}
@@ -95,15 +95,15 @@ WARNINGS: dict[str, Callable[[], dict[str, Any]]] = {
     "commands": lambda: {"compensated": (ResidualRows(
         "c", "commands", CommandsRecord(notes=("uncertainties are unknown",)), None),)},
     "check": lambda: {"others": (Other("c", "check", AnyRecord(findings=("odd",))),)},
-    "validation": lambda: {"validated": (OtherDays("v", ValidationRecord.model_validate(
+    "validation": lambda: {"validated": (OtherDays("v", ValidationRecord.checked(
         {"datasets": [{"name": "s", "errors": ERRORS}]})),)},
     "changed": lambda: {"compared": (ComparedCalibrations("c", ComparisonRecord(
         verdict="changed")),)},
     "compared": lambda: {"compared": (ComparedCalibrations("c", ComparisonRecord(
         findings=("odd",))),)},
-    "export": lambda: {"exported": (ControllerExport("e", ExportRecord.model_validate(
+    "export": lambda: {"exported": (ControllerExport("e", ExportRecord.checked(
         {"not_expressed": [{"what": "a leaning tower"}]})),)},
-    "worse": lambda: {"exported": (ControllerExport("e", ExportRecord.model_validate(
+    "worse": lambda: {"exported": (ControllerExport("e", ExportRecord.checked(
         {"gain": {"before": {"rms": 0.1}, "after": {"rms": 0.2}}})),)},
     "simulation": lambda: {"simulated": (Simulated("s", TruthRecord(left_out=("row 1",)), None),)},
     "truth": lambda: {"comparisons": (ComparedMachines("s", "f", (FAR,)),)},
@@ -153,7 +153,7 @@ def test_a_batch_is_calm_only_where_all_is_fine(record: CampaignRecord) -> None:
 
 def one_of(**parameter: Any) -> Identified:
     entry = {"name": "leg1.base.point.radius", "unit": "mm", "sigma": 0.1, "status": "identified"}
-    return Identified("fit", IdentificationRecord.model_validate({
+    return Identified("fit", IdentificationRecord.checked({
         "parameters": [entry | parameter], "provenance": {"inputs": {"m.csv": "x"}}}))
 
 
@@ -190,9 +190,9 @@ def test_an_effect_is_compared_with_the_one_simulated_there() -> None:
     (c,) = compare([found], [simulated(effects=effects)])
     assert c.rows[0].true == pytest.approx(0.03)
     wrong = one_of(name="backlash.leg1.width", nominal=0.0, value=0.031, error=0.031)
-    both = replace(wrong, record=wrong.record.model_copy(update={
-        "parameters": (*wrong.record.parameters, *found.record.parameters),
-        "provenance": Provenance(inputs={"m.csv": "x"})}))
+    both = replace(wrong, record=wrong.record.changed(
+        parameters=(*wrong.record.parameters, *found.record.parameters),
+        provenance=Provenance(inputs={"m.csv": "x"})))
     (c,) = compare([both], [simulated(effects=effects)])
     assert [r.name for r in c.rows] == ["backlash.leg2+leg5.width"]
     assert "Not in the simulated machine" in c.note

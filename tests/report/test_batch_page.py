@@ -86,9 +86,9 @@ def test_effects_that_came_went_or_grew_are_told():
 
 
 def test_a_unit_as_older_versions_wrote_it_is_the_same_unit():
-    old, new = (effect("windup", value).model_copy(update={"parameter": "give"})
+    old, new = (effect("windup", value).changed(parameter="give")
                 for value in (0.020, 0.030))
-    told = differences(*(diagnosed("m", CampaignQuantity(**{**q.model_dump(), "unit": unit}))
+    told = differences(*(diagnosed("m", CampaignQuantity(**{**q.entries(whole=True), "unit": unit}))
                          for q, unit in ((old, "deg/N m"), (new, "deg/(N m)"))))
     assert [t.endswith("0.0300 deg/(N m)") for t in told] == [True]
 

@@ -468,7 +468,7 @@ def test_inputs_picture(cases: Callable[[str], Case]) -> None:
 
 
 def section(record: Record) -> str:
-    (chapter,) = placed([diagnosis_section(Diagnosed("d", DiagnosisRecord.model_validate(record),
+    (chapter,) = placed([diagnosis_section(Diagnosed("d", DiagnosisRecord.checked(record),
                                                      None))])
     return re.sub(r"<style>.*?</style>|<[^>]*>", " ", chapter.html.replace("</p>", " "))
 
@@ -550,14 +550,14 @@ def test_records_cut_down_still_draw(cases: Callable[[str], Case]) -> None:
     record = cases("named").record
 
     def drawn(series: list[Record]) -> set[str]:
-        return set(pictures(DiagnosisRecord.model_validate(
+        return set(pictures(DiagnosisRecord.checked(
             {**record, "plot_data": {"series": series}})))
 
     assert pictures(DiagnosisRecord()) == {}
     assert section({"verdict": "none"})
     for part in ("actuators", "series", "ranking", "steps"):
         less = {**record, "plot_data": {k: v for k, v in record["plot_data"].items() if k != part}}
-        assert diagnosis_files(DiagnosisRecord.model_validate(less))
+        assert diagnosis_files(DiagnosisRecord.checked(less))
         assert section(less)
     for key in record:
         assert section({k: v for k, v in record.items() if k != key})

@@ -49,8 +49,8 @@ def folder(day, tmp_path):
 def test_words(day):
     assert registered_sentence(day) == ("may: 40 of 41 rows; fitted: the frame and the joints' "
                                         "zeros (the joints' zeros since the data demand it).")
-    turned = day.errors[0].model_copy(update={"rotation": ErrorSize(rms=0.1, unit="deg")})
-    both = day.model_copy(update={"errors": (turned, *day.errors[1:]), "demanded": ()})
+    turned = day.errors[0].changed(rotation=ErrorSize(rms=0.1, unit="deg"))
+    both = day.changed(errors=(turned, *day.errors[1:]), demanded=())
     assert registered_sentence(both) == (
         "may: 40 of 41 rows; fitted: the frame and the joints' zeros, to the least square of "
         "positions and rotations over their noise.")
@@ -61,8 +61,8 @@ def test_a_miss_that_is_one_row_is_not_told_as_another_machine(day):
     """One value typed wrong of 40: 0.8 mm off, the others within 0.01 mm."""
     def missing(largest):
         size = ErrorSize(rms=0.13, max=largest, unit="mm")
-        first = day.errors[0].model_copy(update={"position": size, "noise": 19.0})
-        return misled([day.model_copy(update={"errors": (first, *day.errors[1:])})])[0]
+        first = day.errors[0].changed(position=size, noise=19.0)
+        return misled([day.changed(errors=(first, *day.errors[1:]))])[0]
 
     assert "one row, off by 0.8 mm" in missing(0.8)
     assert "another machine" not in missing(0.8)
@@ -79,7 +79,7 @@ def test_the_picture_has_a_line_for_each_machine(day):
     assert drawn is not None
     svg = drawn.svg()
     assert all(e.model in svg for e in day.errors)
-    assert picture(day.model_copy(update={"errors": day.errors[:1]})) is None
+    assert picture(day.changed(errors=day.errors[:1])) is None
 
 
 def test_the_report_begins_with_it(folder, tmp_path):

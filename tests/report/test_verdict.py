@@ -12,13 +12,13 @@ from ppmcal.report.verdict import MOST, verdicts
 
 
 def one(folder="fit", name="bench", **change):
-    record = IdentificationRecord.model_validate({**identification(name), **change})
+    record = IdentificationRecord.checked({**identification(name), **change})
     return Identified(folder, record)
 
 
 def lines(found, diagnosis=None):
     diagnosed = () if diagnosis is None else (
-        Diagnosed(found.folder, DiagnosisRecord.model_validate(diagnosis), None),)
+        Diagnosed(found.folder, DiagnosisRecord.checked(diagnosis), None),)
     (verdict,) = verdicts(ReportData((), (found,), diagnosed))
     assert verdict.of == ""
     assert [line.question for line in verdict.lines] == ["Calibrated?", "How sure?", "Next?"]
@@ -81,10 +81,10 @@ def test_each_machine_has_its_lines_by_its_last_calibration():
 def test_a_diagnosis_of_the_same_measurements_counts():
     own = {"inputs": {"run.csv": "a" * 64}}
     fit = one(provenance=own)
-    other = Diagnosed("elsewhere", DiagnosisRecord.model_validate(
+    other = Diagnosed("elsewhere", DiagnosisRecord.checked(
         {"verdict": "unnamed", "provenance": own}), None)
     assert verdicts(ReportData((), (fit,), (other,)))[0].lines[0].word == "Not fully"
-    stray = Diagnosed("elsewhere", DiagnosisRecord.model_validate(
+    stray = Diagnosed("elsewhere", DiagnosisRecord.checked(
         {"verdict": "unnamed", "provenance": {"inputs": {"x.csv": "b" * 64}}}), None)
     assert verdicts(ReportData((), (fit,), (stray,)))[0].lines[0].word == "Yes"
 
@@ -94,7 +94,7 @@ def test_what_a_diagnosis_explains_is_not_open_whatever_the_order_of_folders(ord
     """Geometry alone misses; with the effect named in the same rows nothing is left."""
     own = {"inputs": {"run.csv": "a" * 64}}
     both = (one("plain", noise=NOISY, provenance=own), one("diagnosed", provenance=own))
-    diagnosis = Diagnosed("diagnosed", DiagnosisRecord.model_validate(
+    diagnosis = Diagnosed("diagnosed", DiagnosisRecord.checked(
         {"verdict": "named", "confirmed": True, "provenance": own}), None)
     (told,) = verdicts(ReportData((), tuple(both[i] for i in order), (diagnosis,)))
     assert told.lines[0].word == "Yes" and "compensate diagnosed" in told.lines[2].text
@@ -107,7 +107,7 @@ def test_shares_of_the_gap_are_of_squares_beyond_the_noise():
     steps = [{"what": "start", "rms_ratio": 11.0}, {"what": "geometry", "rms_ratio": 2.0},
              {"what": "effect", "kind": "backlash", "on": ["leg1"], "rms_ratio": 1.5},
              {"what": "effect", "kind": "windup", "on": ["leg2"], "rms_ratio": 0.9}]
-    html = ladder(DiagnosisRecord.model_validate({"plot_data": {"steps": steps}}))
+    html = ladder(DiagnosisRecord.checked({"plot_data": {"steps": steps}}))
     _, first, geometry, one_, two = cells(html, "The gap")
     assert first[1:] == ["11.0 ×", "–", "–"]
     assert geometry[1:] == ["2.00 ×", f"{117 / 120:.0%}".replace("%", " %"),

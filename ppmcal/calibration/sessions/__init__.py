@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.sessions.day_noise import REPEATS as REPEATS
     from ppmcal.calibration.sessions.day_noise import STATED as STATED
     from ppmcal.calibration.sessions.day_noise import DayNoise as DayNoise
+    from ppmcal.calibration.sessions.day_noise import UnlikeRow as UnlikeRow
     from ppmcal.calibration.sessions.day_noise import with_day_noise as with_day_noise
     from ppmcal.calibration.sessions.joint_fit import fitted_together as fitted_together
     from ppmcal.calibration.sessions.pose_difference import PoseDifference as PoseDifference

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import field, fields
 from typing import ClassVar
-
-from pydantic import Field
 
 from ppmcal.calibration.validation import Identification
 from ppmcal.io.parquet import parquet_bytes
@@ -70,8 +69,8 @@ class CampaignRecord(Record):
     findings: tuple[Text, ...] = ()
     quantities: tuple[CampaignQuantity, ...] = ()
     key: Text = ""
-    inputs: Mapping[Text, Text] = Field(default_factory=dict)
-    outputs: Mapping[Text, Text] = Field(default_factory=dict)
+    inputs: Mapping[Text, Text] = field(default_factory=dict)
+    outputs: Mapping[Text, Text] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:
@@ -131,8 +130,8 @@ def effect_quantities(record: DiagnosisRecord) -> Iterator[CampaignQuantity]:
         if not effect.parameters:
             yield own
         for name, v in effect.parameters.items():
-            yield own.model_copy(update={"parameter": name, "value": v.value, "sigma": v.sigma,
-                                         "half": v.half, "unit": v.unit})
+            yield own.changed(parameter=name, value=v.value, sigma=v.sigma,
+                                         half=v.half, unit=v.unit)
 
 
 def change_quantities(record: ComparisonRecord) -> Iterator[CampaignQuantity]:
@@ -154,9 +153,9 @@ def campaigns_table(records: Sequence[CampaignRecord]) -> bytes:
             for q in (CampaignQuantity(what="campaign", status=r.verdict), *r.quantities)]
     columns: dict[str, tuple[str, list[object]]] = {
         k: ("int" if k == "exit_code" else "text", [head[k] for head, _, _ in rows]) for k in own}
-    for name, field in CampaignQuantity.model_fields.items():
-        kind = "text" if field.default == "" else "float"
-        columns[name] = kind, [getattr(q, name) for _, _, q in rows]
+    for f in fields(CampaignQuantity):
+        kind = "text" if f.default == "" else "float"
+        columns[f.name] = kind, [getattr(q, f.name) for _, _, q in rows]
     columns["message"] = "text", [r.message if q.what == "campaign" else "" for _, r, q in rows]
     columns["run"] = "text", [r.typed if q.what == "campaign" else "" for _, r, q in rows]
     return parquet_bytes(columns)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
 
 from ppmcal.calibration.fit import WeakCampaign
 from ppmcal.io.results.record import Finite, Part, Text, Whole
@@ -32,7 +33,7 @@ class CampaignSummary(Part):
     unknown: tuple[Text, ...] = ()
     parameters: tuple[Text, ...] = ()
     poses: Whole = 0
-    where: Mapping[Text, PoseRange] = {}
+    where: Mapping[Text, PoseRange] = field(default_factory=dict)
     file: Text | None = None
     text: Text = ""
 

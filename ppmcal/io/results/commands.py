@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field
 
 from ppmcal.calibration.compensation import KINDS, Compensation
 from ppmcal.io.results.record import (
@@ -62,10 +62,10 @@ class CommandsRecord(Record):
     refused: Whole | None = None
     frame: Text = ""
     targets: Text = ""
-    predicted: Mapping[Text, TargetError] = Field(default_factory=dict)
+    predicted: Mapping[Text, TargetError] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     notes: tuple[Text, ...] = ()
-    units: Mapping[Text, Text] = Field(default_factory=dict)
+    units: Mapping[Text, Text] = field(default_factory=dict)
     provenance: Provenance = Provenance()
 
     @classmethod
@@ -79,7 +79,7 @@ class CommandsRecord(Record):
                    refused=sum(s != "ok" for s in result.status), findings=tuple(findings),
                    notes=tuple(notes),
                    units=column_units(mechanism, names),
-                   provenance=Provenance.model_validate(provenance))
+                   provenance=Provenance(**provenance))
 
     def summary(self) -> dict[str, Any]:
         """Return the content without the units."""

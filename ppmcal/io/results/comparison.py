@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any, ClassVar
 
 import numpy as np
@@ -200,7 +201,7 @@ class ComparisonRecord(Record):
         if found.why_not:
             return cls(format=cls.FORMAT, name=mechanism.name, verdict=NOT_COMPARED,
                        why_not=found.why_not, findings=tuple(notes),
-                       provenance=Provenance.model_validate(provenance))
+                       provenance=Provenance(**provenance))
         return cls(format=cls.FORMAT, name=mechanism.name,
                    verdict="changed" if found.changed else "unchanged", chi2=found.chi2,
                    degrees=found.freedom, p_value=found.p_value,
@@ -212,11 +213,11 @@ class ComparisonRecord(Record):
                    noise=NoiseOfDifference.of(found.noise),
                    parameters=tuple(_parameters(found, mechanism)), findings=tuple(notes),
                    fitted_anew=tuple(anew), again=again,
-                   provenance=Provenance.model_validate(provenance))
+                   provenance=Provenance(**provenance))
 
     def files(self) -> dict[str, str]:
         """Return file name -> text of everything that compare writes."""
-        header = list(ParameterDifference.model_fields)
+        header = [f.name for f in fields(ParameterDifference)]
         return {"compare.csv": csv_text(header, [[getattr(p, h) for p in self.parameters]
                                                  for h in header]),
                 self.FILE: self.text()}

@@ -2,24 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any
-
-from pydantic import AfterValidator
-from pydantic_core import PydanticCustomError
-
-from ppmcal.io.results.record import Part, Shown, Text
+from ppmcal.io.results.record import Part, PlainCell, Shown, Text
 from ppmcal.model.mechanism import Mechanism
-
-
-def _plain_cell(value: Any) -> Any:
-    if isinstance(value, list | tuple | Mapping):
-        raise PydanticCustomError("cell_type", "not plain")
-    return value
-
-
-PlainCell = Annotated[Any, AfterValidator(_plain_cell)]
-"""A cell of a table: a number, text, true, false or nothing."""
 
 
 class ShownTable(Part):
@@ -31,7 +15,7 @@ class ShownTable(Part):
     note: Text = ""
 
 
-class Quantity(Part):
+class NumberWithUnit(Part):
     """A number with its unit."""
 
     value: Shown | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from dataclasses import field
 
 from ppmcal.calibration.validation import DEFINITION, residuals
 from ppmcal.diagnosis.result import Diagnosis
@@ -15,9 +15,9 @@ class DiagnosedErrors(Part):
     """Errors by kind in the rows in use: as ``before_is`` says, of geometry alone, of the model."""
 
     before_is: Text = ""
-    before: Summaries = Field(default_factory=dict)
-    geometry: Summaries = Field(default_factory=dict)
-    after: Summaries = Field(default_factory=dict)
+    before: Summaries = field(default_factory=dict)
+    geometry: Summaries = field(default_factory=dict)
+    after: Summaries = field(default_factory=dict)
 
     @classmethod
     def of(cls, result: Diagnosis) -> DiagnosedErrors:

@@ -10,25 +10,23 @@ import numpy as np
 from ppmcal.calibration.interpretation import plain_mistakes
 from ppmcal.calibration.knowledge import coverage
 from ppmcal.diagnosis import other_days
-from ppmcal.diagnosis.plot_data import plot_data
-from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.hypotheses import Untestable
+from ppmcal.diagnosis.localization import Place
+from ppmcal.diagnosis.plot_data import PlotData, plot_data
+from ppmcal.diagnosis.result import Diagnosis, Swallowed, UnknownFound
 from ppmcal.io.results.campaign import CampaignSummary
+from ppmcal.io.results.codec import in_units
 from ppmcal.io.results.diagnosed_errors import DiagnosedErrors
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
     FitRatios,
     HeldOutGap,
-    LocalisedResidual,
     NextMeasurements,
     NoiseThresholds,
     ResidualAfter,
     SuspectedEffect,
-    SwallowedError,
     UnfittedRow,
-    UnnamedCause,
-    UntestableKind,
 )
-from ppmcal.io.results.diagnosis_plots import DiagnosisPlots
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.misreading import MisreadingEntry, misreading_entries
 from ppmcal.io.results.other_models import OtherModel, TriedSet, other_files
@@ -56,7 +54,7 @@ class DiagnosisRecord(Record):
     effects: tuple[DiagnosedEffect, ...] = ()
     possible: tuple[SuspectedEffect, ...] = ()
     nothing: Shown | None = None
-    unknown: tuple[UnnamedCause, ...] = ()
+    unknown: tuple[UnknownFound, ...] = ()
     learned: tuple[LearnedEntry, ...] = ()
     residual: DiagnosedErrors = DiagnosedErrors()
     remainder: ResidualAfter = ResidualAfter()
@@ -64,9 +62,9 @@ class DiagnosisRecord(Record):
     confirmed: Flag | None = None
     fit: FitRatios = FitRatios()
     noise: NoiseThresholds = NoiseThresholds()
-    localised: tuple[LocalisedResidual, ...] = ()
-    not_testable: tuple[UntestableKind, ...] = ()
-    swallowed: tuple[SwallowedError, ...] = ()
+    localised: tuple[Place, ...] = ()
+    not_testable: tuple[Untestable, ...] = ()
+    swallowed: tuple[Swallowed, ...] = ()
     next_measurements: NextMeasurements = NextMeasurements()
     excluded: tuple[UnfittedRow, ...] = ()
     findings: tuple[Text, ...] = ()
@@ -74,7 +72,7 @@ class DiagnosisRecord(Record):
     other_models: tuple[OtherModel, ...] = ()
     sets: tuple[TriedSet, ...] = ()
     validation: tuple[ValidatedDataset, ...] = ()
-    plot_data: DiagnosisPlots = DiagnosisPlots()
+    plot_data: PlotData = PlotData()
     coverage: Shown | None = None
     units: UnitNames = UnitNames()
     provenance: Provenance = Provenance()
@@ -93,10 +91,7 @@ class DiagnosisRecord(Record):
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
             possible=tuple(SuspectedEffect.of(c) for c in result.possible),
             nothing=result.nothing,
-            unknown=tuple(UnnamedCause(
-                looks_like=u.looks_like, probability=u.probability,
-                alternatives=u.alternatives, probabilities=u.probabilities)
-                for u in result.unknown),
+            unknown=result.unknown,
             learned=LearnedEntry.all_of(result),
             residual=DiagnosedErrors.of(result),
             remainder=ResidualAfter(
@@ -111,10 +106,8 @@ class DiagnosisRecord(Record):
                 covariance_ratio=noise.scale, serial_correlation=noise.rho,
                 detect_p=float(np.exp(search.over_all(search.detect))),
                 name_p=float(np.exp(search.over_all(search.name)))),
-            localised=tuple(LocalisedResidual.of(p) for p in result.localised),
-            not_testable=tuple(UntestableKind(kind=u.kind, missing=u.missing, reason=u.reason)
-                               for u in result.untestable),
-            swallowed=tuple(SwallowedError.of(s, units) for s in result.swallowed),
+            localised=result.localised, not_testable=result.untestable,
+            swallowed=in_units(result.swallowed, units),
             next_measurements=NextMeasurements(
                 reason=wanted.reason, file="next.csv" if wanted.rows else None, rows=wanted.rows,
                 odds_before=wanted.odds_before, odds_after=wanted.odds_after),
@@ -124,7 +117,7 @@ class DiagnosisRecord(Record):
             other_models=tuple(OtherModel.of(name, other) for name, other in other_files(result)),
             sets=TriedSet.each(result),
             validation=tuple(ValidatedDataset.of(d, units) for d in result.days),
-            plot_data=DiagnosisPlots.of(plot_data(result), units),
+            plot_data=in_units(plot_data(result), units),
             coverage=coverage(fit), units=UnitNames.of(units),
             provenance=Provenance(**provenance))
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from ppmcal.calibration.fit import half_interval
 from ppmcal.calibration.knowledge import coverage
@@ -14,7 +14,6 @@ from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.derived_errors import derived
 from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
-from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.result import (
     Candidate,
     Diagnosis,
@@ -22,7 +21,6 @@ from ppmcal.diagnosis.result import (
     Onset,
     SessionEffect,
     Survival,
-    Swallowed,
 )
 from ppmcal.io.results.record import Flag, Part, Shown, Text, UnitText, Whole
 from ppmcal.model.effects import GEOMETRY, effect_kinds
@@ -89,7 +87,7 @@ class EffectInSession(Part):
     """The size of an effect in one session, all else shared."""
 
     session: Text = ""
-    parameters: Mapping[str, EffectValue] = Field(default_factory=dict)
+    parameters: Mapping[str, EffectValue] = field(default_factory=dict)
 
     @classmethod
     def each(cls, result: Diagnosis, found: SessionEffect | None) -> tuple[EffectInSession, ...]:
@@ -155,7 +153,7 @@ class DiagnosedEffect(CalledKind):
     """
 
     on: tuple[Text, ...] = ()
-    parameters: Mapping[str, EffectValue] = Field(default_factory=dict)
+    parameters: Mapping[str, EffectValue] = field(default_factory=dict)
     p_value: Shown | None = None
     log10_p: Shown | None = None
     survival: Shown | None = None
@@ -165,7 +163,7 @@ class DiagnosedEffect(CalledKind):
     probability: Shown | None = None
     probabilities: tuple[Shown | None, ...] = ()
     mid_stroke: EffectValue | None = None
-    derived: Mapping[str, EffectValue] = Field(default_factory=dict)
+    derived: Mapping[str, EffectValue] = field(default_factory=dict)
     row: EventRow | None = None
     sessions: tuple[EffectInSession, ...] = ()
     same_in_sessions_p: Shown | None = None
@@ -210,18 +208,6 @@ class SuspectedEffect(CalledKind):
                    probability=c.probability)
 
 
-class UnnamedCause(Part):
-    """Something that is there and has no name, and its ``probability``.
-
-    ``alternatives``: what it may be instead, with their ``probabilities``.
-    """
-
-    looks_like: Text = ""
-    probability: Shown | None = None
-    alternatives: tuple[Text, ...] = ()
-    probabilities: tuple[Shown | None, ...] = ()
-
-
 class ResidualAfter(Part):
     """What is left: rms over the noise, and the input that it follows, if any."""
 
@@ -230,7 +216,7 @@ class ResidualAfter(Part):
     rms_ratio: Shown | None = None
     noise_reference: Text = ""
     noise_ratio: Shown | None = None
-    by_input: Mapping[str, Shown | None] = Field(default_factory=dict)
+    by_input: Mapping[str, Shown | None] = field(default_factory=dict)
 
 
 class HeldOutGap(Part):
@@ -278,47 +264,6 @@ class NoiseThresholds(Part):
     serial_correlation: Shown | None = None
     detect_p: Shown | None = None
     name_p: Shown | None = None
-
-
-class LocalisedResidual(Part):
-    """The residuals of one group of rows over what noise gives there, without and with effects."""
-
-    by: Text = ""
-    value: Text = ""
-    rms_ratio: Shown | None = None
-    p_value: Shown | None = None
-    rms_ratio_after: Shown | None = None
-
-    @classmethod
-    def of(cls, p: Place) -> LocalisedResidual:
-        """Return one group."""
-        return cls(by=p.by, value=p.value, rms_ratio=p.rms_ratio, p_value=p.p_value,
-                   rms_ratio_after=p.rms_ratio_after)
-
-
-class UntestableKind(Part):
-    """A kind of effect that the data cannot test, and the columns that they lack."""
-
-    kind: Text = ""
-    missing: tuple[Text, ...] = ()
-    reason: Text = ""
-
-
-class SwallowedError(Part):
-    """The error of a parameter that had imitated an effect, without and with it, in ``unit``."""
-
-    name: Text = ""
-    before: Shown | None = None
-    after: Shown | None = None
-    tolerance: Shown | None = None
-    unit: Text = ""
-
-    @classmethod
-    def of(cls, s: Swallowed, units: Units) -> SwallowedError:
-        """Return one parameter in file units."""
-        f = units.factor(s.quantity)
-        return cls(name=s.name, before=s.before / f, after=s.after / f, tolerance=s.tolerance / f,
-                   unit=units.name(s.quantity))
 
 
 class NextMeasurements(Part):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import field
 from typing import Any, ClassVar
 
 from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
@@ -133,10 +134,10 @@ class ExportRecord(Record):
 
     controller: Text = ""
     name: Text = ""
-    units: Mapping[str, Text] = {}
-    parameters: Mapping[str, Shown | None] = {}
-    old: Mapping[str, Shown | None] = {}
-    number_units: Mapping[str, Text] = {}
+    units: Mapping[str, Text] = field(default_factory=dict)
+    parameters: Mapping[str, Shown | None] = field(default_factory=dict)
+    old: Mapping[str, Shown | None] = field(default_factory=dict)
+    number_units: Mapping[str, Text] = field(default_factory=dict)
     title: Text = ""
     said: Text = ""
     over: Text = ""
@@ -153,11 +154,11 @@ class ExportRecord(Record):
     type: Whole = 0
     seed: Whole = 0
     rows: Whole = 0
-    tables: Mapping[str, Any] = {}
-    left_out: Mapping[str, Whole] = {}
-    columns: Mapping[str, Text] = {}
-    grid: Mapping[str, Any] = {}
-    tried: Mapping[str, Any] = {}
+    tables: Mapping[str, Any] = field(default_factory=dict)
+    left_out: Mapping[str, Whole] = field(default_factory=dict)
+    columns: Mapping[str, Text] = field(default_factory=dict)
+    grid: Mapping[str, Any] = field(default_factory=dict)
+    tried: Mapping[str, Any] = field(default_factory=dict)
     provenance: Provenance = Provenance()
 
     @property

@@ -6,8 +6,7 @@ A sentence about an entry in which a number is missing is empty.
 from __future__ import annotations
 
 from collections.abc import Mapping
-
-from pydantic import Field
+from dataclasses import field
 
 from ppmcal.calibration.fit import GrossError, GrossErrors, HomingShift, half_or
 from ppmcal.io.results.record import Finite, Part, Text, Whole
@@ -103,7 +102,7 @@ class GrossErrorSummary(Part):
     """What does not belong; ``would_be``: parameters that the rows left out would change."""
 
     rows: tuple[LeftOutRow, ...] = ()
-    would_be: Mapping[Text, ChangedEstimate] = Field(default_factory=dict)
+    would_be: Mapping[Text, ChangedEstimate] = field(default_factory=dict)
     homing_shifts: tuple[HomingShiftEntry, ...] = ()
     unchecked: tuple[UncheckedRows, ...] = ()
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field
 
 from ppmcal.calibration.knowledge import FreedomChoice
 from ppmcal.calibration.validation import DEFINITION, Identification
@@ -79,10 +79,10 @@ class IdentificationRecord(Record):
     converged: Flag | None = None
     prior_scale: Finite | None = None
     residual: ResidualStages = ResidualStages()
-    unexplained: Summaries = Field(default_factory=dict)
+    unexplained: Summaries = field(default_factory=dict)
     holdout_note: Text = ""
     noise: NoiseCheck = NoiseCheck()
-    observability: Mapping[Text, Finite | None] = Field(default_factory=dict)
+    observability: Mapping[Text, Finite | None] = field(default_factory=dict)
     correlations: tuple[CorrelatedPair, ...] = ()
     flats: tuple[FlatShape, ...] = ()
     gross_errors: GrossErrorSummary = GrossErrorSummary()
@@ -91,13 +91,13 @@ class IdentificationRecord(Record):
     findings: tuple[Text, ...] = ()
     datasets: tuple[FittedDataset, ...] = ()
     units: UnitNames = UnitNames()
-    column_units: Mapping[Text, Mapping[Text, Text]] = Field(default_factory=dict)
+    column_units: Mapping[Text, Mapping[Text, Text]] = field(default_factory=dict)
     doubtful: tuple[DoubtfulPart, ...] = ()
     campaign: CampaignSummary | None = None
     freedoms: FreedomChoiceEntry | None = None
-    measured_volume: Mapping[Text, Numbers] = Field(default_factory=dict)
+    measured_volume: Mapping[Text, Numbers] = field(default_factory=dict)
     provenance: Provenance = Provenance()
-    earlier: Mapping[Text, Text] = Field(default_factory=dict)
+    earlier: Mapping[Text, Text] = field(default_factory=dict)
     known_rows: tuple[RowsOfTable, ...] = ()
     covariance: CovarianceEntry | None = None
 
@@ -134,7 +134,7 @@ class IdentificationRecord(Record):
             freedoms=None if freedoms is None else FreedomChoiceEntry.of(freedoms),
             units=UnitNames.of(units), column_units=table_units(fit.problem),
             measured_volume=_volume(result),
-            provenance=Provenance.model_validate(provenance), **carried,
+            provenance=Provenance(**provenance), **carried,
             known_rows=tuple(RowsOfTable.of_rows(k, mechanism) for k in rows_behind(result)),
             covariance=CovarianceEntry.of(result))
 

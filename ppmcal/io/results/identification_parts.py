@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
 
 import numpy as np
-from pydantic import Field
 
 from ppmcal.calibration.fit import (
     FAILED_NOISE,
@@ -113,7 +113,7 @@ class Combination(Part):
     """A redundant quantity: one file unit of it acts like these amounts of the others."""
 
     name: Text = ""
-    depends_on: Mapping[Text, Finite | None] = Field(default_factory=dict)
+    depends_on: Mapping[Text, Finite | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, d: Dependence, mechanism: Mechanism) -> Combination:
@@ -141,9 +141,9 @@ class ResidualStages(Part):
     """Errors before the fit, after it, and on what was held out; ``before_is``: of what machine."""
 
     before_is: Text = ""
-    before: Summaries = Field(default_factory=dict)
-    after: Summaries = Field(default_factory=dict)
-    holdout: Summaries = Field(default_factory=dict)
+    before: Summaries = field(default_factory=dict)
+    after: Summaries = field(default_factory=dict)
+    holdout: Summaries = field(default_factory=dict)
 
 
 def before_words(before_is: str) -> str:
@@ -163,7 +163,7 @@ class NoiseCheck(Part):
     chi2_p: Finite | None = None
     repeat_ratio: Finite | None = None
     repeat_degrees: Whole | None = None
-    by_dataset: Mapping[Text, Finite | None] = Field(default_factory=dict)
+    by_dataset: Mapping[Text, Finite | None] = field(default_factory=dict)
     prior_chi2: Finite | None = None
     prior_degrees: Finite | None = None
     prior_p: Finite | None = None
@@ -279,7 +279,7 @@ class CovarianceEntry(Part):
     data: DataInformation | None = None
     session: SessionInformation | None = None
     matrix: tuple[Numbers, ...] = ()
-    frames_turn_about: Mapping[Text, Numbers] = Field(default_factory=dict)
+    frames_turn_about: Mapping[Text, Numbers] = field(default_factory=dict)
     held: HeldParameters | None = None
 
     @classmethod

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field
 
 from ppmcal.io import csv_text
 from ppmcal.io.results.kinematics_uncertainty import KinematicsUncertainty, ModelSigma
@@ -123,12 +122,12 @@ class KinematicsRecord(Record):
 
     which: Text = ""
     rows: Whole | None = None
-    status: Mapping[Text, Whole] = Field(default_factory=dict)
-    units: Mapping[Text, Text] = Field(default_factory=dict)
+    status: Mapping[Text, Whole] = field(default_factory=dict)
+    units: Mapping[Text, Text] = field(default_factory=dict)
     rotation: Text = ""
     tool: PosePoint | None = None
     method: Text = ""
-    limits: Mapping[Text, tuple[Finite | None, Finite | None]] = Field(default_factory=dict)
+    limits: Mapping[Text, tuple[Finite | None, Finite | None]] = field(default_factory=dict)
     conditioning: Conditioning = Conditioning()
     modes: AssemblyModes | None = None
     uncertainty: KinematicsUncertainty = KinematicsUncertainty()
@@ -155,7 +154,7 @@ class KinematicsRecord(Record):
                    units=column_units(mechanism, names), **chosen, limits=_limits(mechanism),
                    uncertainty=uncertainty or KinematicsUncertainty(),
                    conditioning=Conditioning(home=home, singular=SINGULAR * home),
-                   provenance=Provenance.model_validate(provenance))
+                   provenance=Provenance(**provenance))
 
 
 def _limits(mechanism: Mechanism) -> dict[str, tuple[float | None, float | None]]:

@@ -35,7 +35,7 @@ class KinematicsUncertainty(Part):
 
     source: Text = NONE
     frame: Text = ""
-    sizes: Mapping[Text, SigmaSize] = {}
+    sizes: Mapping[Text, SigmaSize] = field(default_factory=dict)
 
     def words(self) -> str:
         """Return one sentence."""

@@ -203,7 +203,7 @@ P = TypeVar("P", bound=Part)
 
 def _part(part: P | None, *names: str) -> P:
     """Return a part that must have these keys."""
-    if part is None or any(n not in part.model_fields_set or getattr(part, n) is None
+    if part is None or any(n not in part.given or getattr(part, n) is None
                            for n in names):
         raise _Incomplete
     return part

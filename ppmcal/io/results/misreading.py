@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from ppmcal.calibration.interpretation import Misreading
 from ppmcal.io.results.record import Part, Shown, Text, Whole
@@ -36,7 +35,7 @@ class MisreadingEntry(Part):
     columns: tuple[Text, ...] = ()
     rows: tuple[Whole, ...] | None = None
     read: Mapping[str, Any] | None = None
-    residual: MedianMiss | None = Field(default=None)
+    residual: MedianMiss | None = None
     text: Text = ""
     sigma: Mapping[str, float] | None = None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import Any, ClassVar, Self
 
 from ppmcal.calibration.fit import pictures_beside
@@ -36,7 +37,7 @@ class CandidatePoses(Part):
     """How many candidates there were, and why others were left out."""
 
     count: Whole = 0
-    left_out: Mapping[str, Whole] = {}
+    left_out: Mapping[str, Whole] = field(default_factory=dict)
 
 
 class RouteLength(Part):
@@ -58,7 +59,7 @@ class PlanRecord(Record):
 
     name: Text = ""
     said: tuple[Text, ...] = ()
-    units: Mapping[str, Text] = {}
+    units: Mapping[str, Text] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     pictures: Mapping[str, Text] | None = None
     tables: tuple[ShownTable, ...] = ()
@@ -69,7 +70,7 @@ class PlanRecord(Record):
     reaches_accuracy: Whole | None = None
     extrapolated: Flag = False
     limit: AccuracyLimit = AccuracyLimit()
-    observability: Mapping[str, Mapping[str, Shown | None]] = {}
+    observability: Mapping[str, Mapping[str, Shown | None]] = field(default_factory=dict)
     efficiency: Shown | None = None
     candidates: CandidatePoses = CandidatePoses()
     not_told: tuple[Text, ...] = ()

@@ -1,102 +1,109 @@
-"""What every result has in common: typed parts, written to and read from JSON by themselves.
+"""What every result has in common: the JSON of a command, where it comes from, and its tables.
 
 A record is the content of one JSON file of a command, in the units that it names. The engine's
 result is turned into it once (``Record.of``); console, report and later commands use it alike, so
-that what is read back is what was written. A file may be cut off, edited by hand or written by
-another version: keys that are missing or unknown pass, and so does null, which counts as missing
-where a field knows no null; a value of the wrong kind is refused with file and place.
+that what is read back is what was written.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
-
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    InstanceOf,
-    ValidationError,
-    ValidationInfo,
-    model_validator,
-)
-from pydantic_core import PydanticCustomError
+from typing import Annotated, Any, ClassVar, Self, dataclass_transform
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import LongText, csv_lines
 from ppmcal.io.json import AGAIN, LARGEST, read_object
 from ppmcal.io.output import json_text, plain
+from ppmcal.io.results import codec
+from ppmcal.io.results.codec import AtMost, Reader, WrongKind, reader_of
 from ppmcal.units import Units, as_now
 
-LARGEST_WHOLE = 2 ** 53
-_READ = "read"
-"""The context in which data come out of JSON, as they are."""
 
-Shown = Annotated[float, Field(strict=True)]
+def _cell(value: Any, bounded: bool) -> Any:
+    if isinstance(value, list | tuple | Mapping):
+        raise WrongKind("a number or text", value)
+    return value
+
+
+Shown = float
 """A number that is only shown: of any size."""
-
-
-def _bounded(value: float, info: ValidationInfo) -> float:
-    if info.context == _READ and not abs(value) <= LARGEST:
-        raise PydanticCustomError("too_large", "too large")
-    return value
-
-
-def _exact(value: int, info: ValidationInfo) -> int:
-    if info.context == _READ and not abs(value) <= LARGEST_WHOLE:
-        raise PydanticCustomError("too_large_whole", "too large")
-    return value
-
-
-Finite = Annotated[float, Field(strict=True, json_schema_extra={
-    "minimum": -LARGEST, "maximum": LARGEST}), AfterValidator(_bounded)]
+Finite = Annotated[float, AtMost(LARGEST)]
 """A number that is calculated with: of what is read, :data:`LARGEST` at most."""
-Text = InstanceOf[str]
+Text = str
 """A text; of a file's name it may hold what UTF-8 cannot, as ``\\udcff``."""
-UnitText = Annotated[Text, AfterValidator(as_now)]
+UnitText = Annotated[str, Reader(lambda value, bounded: as_now(reader_of(str).read(value, bounded)),
+                                 lambda _: {"type": "string"}, "")]
 """A unit's name, whichever version wrote it."""
-Whole = Annotated[int, Field(strict=True), AfterValidator(_exact)]
+Whole = int
 """A whole number; of what is read one that a float holds exactly."""
-Flag = Annotated[bool, Field(strict=True)]
-
-_KINDS = {"float_type": "a number", "int_type": "a whole number",
-          "int_from_float": "a whole number", "is_instance_of": "text",
-          "bool_type": "true or false", "cell_type": "a number or text", "dict_type": "an object",
-          "mapping_type": "an object",
-          "list_type": "a list", "tuple_type": "a list", "model_type": "an object",
-          "model_attributes_type": "an object",
-          "too_large": f"a number, {LARGEST:g} at most",
-          "too_large_whole": f"a whole number, {LARGEST_WHOLE} at most"}
+Flag = bool
+PlainCell = Annotated[Any, Reader(_cell, lambda _: {})]
+"""A cell of a table: a number, text, true, false or nothing."""
 
 
-class Part(BaseModel):
-    """A part of a record: plain data, nothing but what JSON can hold; nan and inf are None."""
+@dataclass_transform(frozen_default=True, kw_only_default=True,
+                     field_specifiers=(field,))
+class Part:
+    """An object of a file: its subclasses are frozen dataclasses that hold what JSON can hold.
 
-    model_config = ConfigDict(frozen=True, extra="allow")
+    What they are given becomes plain data: nan and inf are None. Keys that nobody gave are not
+    written.
 
-    @model_validator(mode="before")
+    Attributes:
+        given: names of the fields that were given.
+        more: what a file held beside the fields.
+    """
+
+    given: ClassVar[frozenset[str]] = frozenset()
+    more: ClassVar[Mapping[str, Any]] = {}
+
+    def __init_subclass__(cls) -> None:
+        """Make a dataclass of a subclass."""
+        dataclass(frozen=True, kw_only=True)(cls)
+
+    def __new__(cls, **given: Any) -> Self:
+        """Note what is given."""
+        self = super().__new__(cls)
+        self.__dict__["given"] = frozenset(given)
+        return self
+
+    def __post_init__(self) -> None:
+        """Make plain data of what is given.
+
+        Raises:
+            WrongKind: a value of another kind.
+        """
+        data = {f.key: _parts(getattr(self, f.name)) for f in codec.shape(type(self))
+                if f.name in self.given}
+        made = codec.reader_of_class(type(self)).read(data, False)
+        self.__dict__.update(made.__dict__)
+
     @classmethod
-    def _plain(cls, data: Any, info: ValidationInfo) -> Any:
-        """Turn what the engine hands over into plain data; JSON is plain already."""
-        if not isinstance(data, Mapping):
-            return data
-        if info.context != _READ:
-            data = {k: _parts(v) for k, v in data.items()}
-        return {k: v for k, v in data.items() if v is not None or cls._nullable(k)}
+    def checked(cls, data: Mapping[str, Any], path: Path = Path(), mend: str = AGAIN) -> Self:
+        """Return plain data, read from a file, as an object.
 
-    @classmethod
-    def _nullable(cls, key: str) -> bool:
-        """Whether null says something else than that a key is missing."""
-        field = cls.model_fields.get(key)
-        return field is not None and field.default is None and field.default_factory is None
+        Raises:
+            BadInput: a value of another kind.
+        """
+        return codec.decoded(cls, data, path, mend)
+
+    def changed(self, **values: Any) -> Self:
+        """Return the object with other values."""
+        own = type(self)(**{n: getattr(self, n) for n in self.given} | values)
+        own.__dict__["more"] = self.more
+        return own
+
+    def entries(self, whole: bool = False) -> dict[str, Any]:
+        """Return what was given as plain data, or the ``whole`` with what is as it was."""
+        out: dict[str, Any] = codec.encoded(self, whole)
+        return out
 
 
 def _parts(value: Any) -> Any:
-    if isinstance(value, Part):
+    """Return what the engine hands over as plain data, but objects as they are."""
+    if is_dataclass(value):
         return value
     if isinstance(value, Mapping):
         return {str(k): _parts(v) for k, v in value.items()}
@@ -109,12 +116,12 @@ class Provenance(Part):
     """Where results come from: version, SHA-256 of each input, command, options, arithmetic."""
 
     version: Text = ""
-    inputs: Mapping[Text, Text] = Field(default_factory=dict)
+    inputs: Mapping[Text, Text] = field(default_factory=dict)
     command: Text = ""
     seed: Whole | None = None
     function: Text = ""
-    options: Mapping[Text, Any] = Field(default_factory=dict)
-    environment: Mapping[Text, Any] = Field(default_factory=dict)
+    options: Mapping[Text, Any] = field(default_factory=dict)
+    environment: Mapping[Text, Any] = field(default_factory=dict)
     numpy: Text = ""
     python: Text = ""
 
@@ -149,11 +156,7 @@ class Record(Part):
 
     def text(self) -> str:
         """Return the JSON, keys in the order of the class."""
-        return json_text(self.model_dump(exclude_unset=True, by_alias=True))
-
-    def entries(self) -> dict[str, Any]:
-        """Return the content as plain data."""
-        return self.model_dump(exclude_unset=True, by_alias=True)
+        return json_text(self.entries())
 
     @classmethod
     def read(cls, path: Path, mend: str = AGAIN) -> Self:
@@ -165,16 +168,13 @@ class Record(Part):
         return cls.checked(read_object(path, mend), path, mend)
 
     @classmethod
-    def checked(cls, data: Mapping[str, Any], path: Path, mend: str = AGAIN) -> Self:
+    def checked(cls, data: Mapping[str, Any], path: Path = Path(), mend: str = AGAIN) -> Self:
         """Return plain data, read from a file, as a record.
 
         Raises:
             BadInput: another format, or a value of another kind.
         """
-        try:
-            found = cls.model_validate(data, context=_READ)
-        except ValidationError as error:
-            raise _refusal(error, path, mend) from None
+        found = super().checked(data, path, mend)
         if cls.FORMAT and found.format not in ("", cls.FORMAT):
             raise BadInput(f"is no {cls.FILE} of this version of ppmcal", str(path), mend)
         return found
@@ -188,20 +188,8 @@ class AnyRecord(Record):
 
     name: Text = ""
     findings: tuple[Any, ...] | None = None
-    units: Mapping[Text, Text] = Field(default_factory=dict)
+    units: Mapping[Text, Text] = field(default_factory=dict)
     provenance: Provenance = Provenance()
-
-
-def _refusal(error: ValidationError, path: Path, mend: str) -> BadInput:
-    """Return the first problem in our own words."""
-    first = error.errors()[0]
-    place = ""
-    for part in first["loc"]:
-        place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else part
-    kind = _KINDS.get(first["type"], "something else")
-    if first.get("input") is None:
-        kind = "something, not null"
-    return BadInput(f"should be {kind}", f"{path}: {place}", mend)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from ppmcal.errors import BadInput
 from ppmcal.io.folder_record import RECORD, digest_of, read_record, read_runs
 from ppmcal.io.limits import FOLDERS
@@ -49,13 +47,13 @@ class RecordedRun:
     @property
     def working_folder(self) -> str:
         """The folder that its paths begin in, as far as that is recorded."""
-        way = str((self.source.model_extra or {}).get("from") or "..")
+        way = str(self.source.more.get("from") or "..")
         return os.path.abspath(self.folder / way)
 
     @property
     def name(self) -> str:
         """The name that its folder had: data sets may be called after it."""
-        name = str((self.source.model_extra or {}).get("name") or "")
+        name = str(self.source.more.get("name") or "")
         return name if Path(name).name == name and name else self.folder.resolve().name
 
 
@@ -149,6 +147,6 @@ def _runs_of_results(folder: Path) -> Iterator[RecordedRun]:
 def _provenance(content: Any) -> Provenance:
     """Return a recorded provenance, an empty one of what is none."""
     try:
-        return Provenance.model_validate(content or {}, context="read")
-    except ValidationError:
+        return Provenance.checked(content or {})
+    except BadInput:
         return Provenance()

@@ -149,7 +149,7 @@ def _with_frame(m: MeasuredPose, kept: Array, about: int) -> MeasuredPose:
     if m.frame is None:
         return m
     frame = int(kept[m.frame]) if m.frame < len(kept) else -1
-    return m.model_copy(update={"frame": about + frame, "own": m.own} if frame >= 0
+    return m.changed(**{"frame": about + frame, "own": m.own} if frame >= 0
                         else {"frame": None, "own": False})
 
 

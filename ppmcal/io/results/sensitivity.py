@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ppmcal.design.sensitivity import Sensitivity
-from ppmcal.io.results.design import Quantity, ShownTable, geometry_note
+from ppmcal.io.results.design import NumberWithUnit, ShownTable, geometry_note
 from ppmcal.io.results.record import (
     Flag,
     Part,
@@ -133,14 +134,14 @@ class SensitivityRecord(Record):
 
     name: Text = ""
     said: tuple[Text, ...] = ()
-    units: Mapping[str, Text] = {}
+    units: Mapping[str, Text] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     errors: Whole = 0
-    poses: Mapping[str, Whole] = {}
-    metric: Quantity = Quantity()
+    poses: Mapping[str, Whole] = field(default_factory=dict)
+    metric: NumberWithUnit = NumberWithUnit()
     tool: ToolPoint = ToolPoint()
     home: HomeErrors = HomeErrors()
-    groups: Mapping[str, tuple[GroupShare, ...]] = {}
+    groups: Mapping[str, tuple[GroupShare, ...]] = field(default_factory=dict)
     together: ErrorsTogether | None = None
     linear_to: LinearLimit = LinearLimit()
     tables: tuple[ShownTable, ...] = ()
@@ -158,7 +159,7 @@ class SensitivityRecord(Record):
             said=(*sentences(found, grid), *geometry_note(mechanism)),
             units=_units(found, grid), findings=tuple(findings(found, mechanism, grid)),
             errors=len(found.sources), poses={s: status.count(s) for s in sorted(set(status))},
-            metric=Quantity(value=found.asked.metric / length, unit=units.length),
+            metric=NumberWithUnit(value=found.asked.metric / length, unit=units.length),
             tool=ToolPoint(value=tuple((found.asked.tool / length).tolist()), unit=units.length),
             home=HomeErrors.of(found),
             groups={by: tuple(GroupShare(group=g, share_position=p, share_rotation=r)

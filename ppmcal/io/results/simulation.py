@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
 from typing import Any, ClassVar
 
 import numpy as np
 import yaml
-from pydantic import Field
 
 from ppmcal.calibration.fit import coordinates_of
 from ppmcal.io.csv_writer import Content, csv_lines
@@ -33,9 +33,9 @@ class TruthRecord(Record):
     FILE: ClassVar[str] = "truth.json"
     FORMAT: ClassVar[str] = "ppmcal/truth/1"
 
-    errors: Mapping[Text, Shown] = Field(default_factory=dict)
-    parameters: Mapping[Text, Shown] = Field(default_factory=dict)
-    frame: Mapping[Text, Shown] = Field(default_factory=dict)
+    errors: Mapping[Text, Shown] = field(default_factory=dict)
+    parameters: Mapping[Text, Shown] = field(default_factory=dict)
+    frame: Mapping[Text, Shown] = field(default_factory=dict)
     target: tuple[Shown, ...] = ()
     target_rotation: tuple[Shown, ...] = ()
     outliers: tuple[Whole, ...] = ()
@@ -65,7 +65,7 @@ class TruthRecord(Record):
                    target_rotation=tuple((scenario.target_rotation / angle).tolist()),
                    outliers=tuple((np.flatnonzero(campaign.outlier) + 1).tolist()),
                    effects=tuple(effects_tree(campaign.with_effects)), left_out=campaign.left_out,
-                   units=UnitNames.of(units), provenance=Provenance.model_validate(provenance))
+                   units=UnitNames.of(units), provenance=Provenance(**provenance))
 
 
 def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: str,

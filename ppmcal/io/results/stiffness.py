@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import field
 from functools import partial
 from typing import Any, ClassVar, Self
 
@@ -80,7 +81,7 @@ class AppliedLoad(Part):
 class HomeStiffness(Part):
     """All numbers at home; lengths and angles in the machine's units."""
 
-    pose: Mapping[str, Shown | None] = {}
+    pose: Mapping[str, Shown | None] = field(default_factory=dict)
     status: Text = ""
     tool: tuple[Shown, ...] = ()
     translational: PrincipalStiffness = PrincipalStiffness()
@@ -124,13 +125,13 @@ class StiffnessRecord(Record):
 
     name: Text = ""
     said: tuple[Text, ...] = ()
-    units: Mapping[str, Text] = {}
+    units: Mapping[str, Text] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     pictures: Mapping[str, Text] | None = None
     tables: tuple[ShownTable, ...] = ()
     home: HomeStiffness = HomeStiffness()
     poses: Whole = 0
-    status: Mapping[str, Whole] = {}
+    status: Mapping[str, Whole] = field(default_factory=dict)
     provenance: Provenance = Provenance()
 
     @classmethod

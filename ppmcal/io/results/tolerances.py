@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
-
-from pydantic import ConfigDict, Field
+from dataclasses import field
+from typing import Annotated, Any, ClassVar, Self
 
 from ppmcal.calibration.fit import pictures_beside
+from ppmcal.io.results.codec import Key
 from ppmcal.io.results.design import ShownTable, geometry_note
 from ppmcal.io.results.record import Part, Provenance, Record, Shown, Text, Whole, table_text
 from ppmcal.io.results.tables import unit_map
@@ -53,17 +53,14 @@ class TolerancesRecord(Record):
     FILE: ClassVar[str] = "tolerances.json"
     FORMAT: ClassVar[str] = "ppmcal/tolerances/1"
 
-    model_config = ConfigDict(validate_by_name=True)
-
     name: Text = ""
     said: tuple[Text, ...] = ()
-    units: Mapping[str, Text] = {}
+    units: Mapping[str, Text] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     demand: DemandedAccuracy = DemandedAccuracy()
     method: Text = ""
-    stages: tuple[StageYield, ...] = Field(default=(), validation_alias="yield",
-                                           serialization_alias="yield")
-    costs: Mapping[str, Shown | None] = {}
+    stages: Annotated[tuple[StageYield, ...], Key("yield")] = ()
+    costs: Mapping[str, Shown | None] = field(default_factory=dict)
     errors: Whole = 0
     mean_deviation: Shown | None = None
     linear: LinearCheck = LinearCheck()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import Any, ClassVar
 
-from ppmcal.calibration.sessions import REPEATS, STATED, DayNoise
+from ppmcal.calibration.sessions import REPEATS, STATED, DayNoise, UnlikeRow
 from ppmcal.calibration.validation import ModelError, Validated
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, UnitNames, Whole
@@ -98,13 +99,6 @@ class NoiseUsed(Part):
                    factor=found.factor, source=found.source)
 
 
-class UnlikeRowEntry(Part):
-    """A row that does not fit with the others by so many ``times`` their noise, bare."""
-
-    row: Whole = 0
-    times: Finite | None = None
-
-
 class ValidatedDataset(Part):
     """One data set; ``fitted``: what of the registration, ``demanded`` by the data alone.
 
@@ -122,7 +116,7 @@ class ValidatedDataset(Part):
     noise: NoiseUsed | None = None
     errors: tuple[PredictedError, ...] = ()
     elsewhere: Whole = 0
-    unlike: tuple[UnlikeRowEntry, ...] = ()
+    unlike: tuple[UnlikeRow, ...] = ()
     left_out: tuple[Whole, ...] = ()
 
     @classmethod
@@ -134,8 +128,7 @@ class ValidatedDataset(Part):
                    noise=None if noise is None else NoiseUsed.of(noise, units),
                    errors=tuple(PredictedError.of(e, units, n == 0)
                                 for n, e in enumerate(found.errors)),
-                   unlike=tuple(UnlikeRowEntry(row=r.row, times=r.times)
-                                for r in (noise.unlike if noise else ())
+                   unlike=tuple(r for r in (noise.unlike if noise else ())
                                 if r.row not in found.left_out),
                    left_out=found.left_out,
                    **({"elsewhere": found.elsewhere} if found.elsewhere else {}))
@@ -149,7 +142,7 @@ class ValidationRecord(Record):
 
     name: Text = ""
     units: UnitNames = UnitNames()
-    column_units: Mapping[Text, Text] = {}
+    column_units: Mapping[Text, Text] = field(default_factory=dict)
     datasets: tuple[ValidatedDataset, ...] = ()
     findings: tuple[Text, ...] = ()
     provenance: Provenance = Provenance()
@@ -165,7 +158,7 @@ class ValidationRecord(Record):
             format=cls.FORMAT, name=name, units=UnitNames.of(units), datasets=datasets,
             column_units=_column_units(units, datasets),
             findings=(*findings, *misled(datasets)),
-            provenance=Provenance.model_validate(provenance))
+            provenance=Provenance(**provenance))
 
     def files(self) -> dict[str, str]:
         """Return file name -> text of everything that validate writes."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import ClassVar
 
 from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
@@ -108,7 +109,7 @@ class VerificationRecord(Record):
     FILE: ClassVar[str] = "verification.json"
     FORMAT: ClassVar[str] = "ppmcal/verification/1"
 
-    bounds: Mapping[Text, Shown] = {}
+    bounds: Mapping[Text, Shown] = field(default_factory=dict)
     runs: tuple[RunCheck, ...] = ()
     exit_code: Whole = 0
 

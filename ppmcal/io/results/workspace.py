@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import field
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ppmcal.design.workspace import Workspace
-from ppmcal.io.results.design import Quantity, ShownTable
+from ppmcal.io.results.design import NumberWithUnit, ShownTable
 from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import pose_columns, unit_map
 from ppmcal.io.results.workspace_tables import (
@@ -83,7 +84,7 @@ class SingularPose(Part):
 
     distance: Shown | None = None
     unit: Text = ""
-    pose: Mapping[str, Shown | None] = {}
+    pose: Mapping[str, Shown | None] = field(default_factory=dict)
     grid_ends_at: Shown | None = None
 
     @classmethod
@@ -135,10 +136,10 @@ class WorkspaceRecord(Record):
     FORMAT: ClassVar[str] = "ppmcal/workspace/1"
 
     name: Text = ""
-    grid: Mapping[str, GridAxis] = {}
+    grid: Mapping[str, GridAxis] = field(default_factory=dict)
     poses: Whole = 0
-    status: Mapping[str, Whole] = {}
-    left_out: Mapping[str, Whole] = {}
+    status: Mapping[str, Whole] = field(default_factory=dict)
+    left_out: Mapping[str, Whole] = field(default_factory=dict)
     reachable: ReachableSpace = ReachableSpace()
     conditioning_index: ConditioningIndex = ConditioningIndex()
     home: HomeConditioning = HomeConditioning()
@@ -148,9 +149,9 @@ class WorkspaceRecord(Record):
     findings: tuple[Text, ...] = ()
     pictures: Mapping[str, Text] | None = None
     tables: tuple[ShownTable, ...] = ()
-    columns: Mapping[str, Text] = {}
-    units: Mapping[str, Text] = {}
-    length_scale: Quantity = Quantity()
+    columns: Mapping[str, Text] = field(default_factory=dict)
+    units: Mapping[str, Text] = field(default_factory=dict)
+    length_scale: NumberWithUnit = NumberWithUnit()
     provenance: Provenance = Provenance()
 
     @classmethod
@@ -177,7 +178,7 @@ class WorkspaceRecord(Record):
             tables=tuple(t for t in (left_table(found), modes_table(found, rows)) if t),
             columns=MEANING,
             units=unit_map(machine, header) | {"singularity_distance": distance_unit(found)[1]},
-            length_scale=Quantity(value=machine.length_scale / machine.units.factor("length"),
+            length_scale=NumberWithUnit(value=machine.length_scale / machine.units.factor("length"),
                                   unit=machine.units.length),
             provenance=Provenance(**provenance))
 

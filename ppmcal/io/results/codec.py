@@ -1,0 +1,333 @@
+"""The codec: dataclasses to and from JSON, and their JSON Schema, by their annotations alone.
+
+A finding is one frozen dataclass, where it is computed. What its numbers are stands in its
+annotations (:class:`ppmcal.units.Quantity`): :func:`in_units` brings them from SI into the units of
+a file, :func:`encoded` writes them, :func:`decoded` reads them again with file, place and hint,
+:func:`schema` describes them.
+
+A file may be cut off, edited by hand or written by another version: keys that are missing or
+unknown pass, and so does null, which counts as missing where a field knows no null; a value of the
+wrong kind is refused with file and place.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from inspect import cleandoc
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from ppmcal.errors import BadInput
+from ppmcal.io.json import AGAIN
+from ppmcal.io.output import plain
+from ppmcal.units import Quantity, Units
+
+T = TypeVar("T")
+Json = dict[str, Any]
+LARGEST_WHOLE = 2 ** 53
+
+
+class WrongKind(TypeError):
+    """A value of another kind than its annotation says."""
+
+    def __init__(self, wanted: str, value: object) -> None:
+        """Say what should be there."""
+        self.wanted, self.place = wanted if value is not None else "something, not null", ""
+
+    def at(self, key: str | int) -> WrongKind:
+        """Return it with its place, now within ``key``."""
+        inner = f".{self.place}" if self.place and self.place[0] != "[" else self.place
+        self.place = f"[{key}]{inner}" if isinstance(key, int) else f"{key}{inner}"
+        return self
+
+    def __str__(self) -> str:
+        """Return where it is and what should be there."""
+        return f"{self.place}: should be {self.wanted}"
+
+
+@dataclass(frozen=True)
+class Key:
+    """The key of a field in the file, where it cannot be its name."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class AtMost:
+    """The largest size of a number that is read; none for one that is only shown."""
+
+    largest: float
+
+
+@dataclass(frozen=True)
+class Reader:
+    """What an annotation reads.
+
+    ``read`` takes plain data, and whether they come from a file, so that bounds hold; it raises
+    :class:`WrongKind`. ``schema`` takes the definitions, to which it may add. ``blank`` stands
+    where a key is missing and the class has no default.
+    """
+
+    read: Callable[[Any, bool], Any]
+    schema: Callable[[Json], Json]
+    blank: Any = None
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of a class: its name, key in a file, how it is read, default, and quantity."""
+
+    name: str
+    key: str
+    reader: Reader
+    default: Callable[[], Any]
+    quantity: Quantity | None
+
+
+def shape(kind: Any) -> tuple[Field, ...]:
+    """Return the fields of a dataclass by their annotations."""
+    return _shape(kind)
+
+
+@cache
+def _shape(kind: Any) -> tuple[Field, ...]:
+    hints, out = get_type_hints(kind, include_extras=True), []
+    for f in dataclasses.fields(kind):
+        reader, marks = reader_of(hints[f.name]), _marks(hints[f.name])
+        default = f.default_factory if f.default_factory is not dataclasses.MISSING else (
+            _always(reader.blank if f.default is dataclasses.MISSING else f.default))
+        key = next((m.name for m in marks if isinstance(m, Key)), f.name)
+        quantity = next((m for m in marks if isinstance(m, Quantity)), None)
+        out.append(Field(f.name, key, reader, default, quantity))
+    return tuple(out)
+
+
+def _always(value: T) -> Callable[[], T]:
+    return lambda: value
+
+
+def _marks(hint: Any) -> tuple[Any, ...]:
+    return tuple(get_args(hint)[1:]) if get_origin(hint) is Annotated else ()
+
+
+def reader_of(hint: Any) -> Reader:
+    """Return how what an annotation says is read.
+
+    Raises:
+        TypeError: JSON cannot hold it.
+    """
+    for mark in _marks(hint):
+        if isinstance(mark, Reader):
+            return mark
+        if isinstance(mark, AtMost):
+            return _number(mark.largest)
+    if get_origin(hint) is Annotated:
+        hint = get_args(hint)[0]
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        (one,) = (a for a in inner if a is not type(None))
+        return _or_none(reader_of(one))
+    if origin is tuple:
+        return _list(reader_of(inner[0])) if inner[1:] == (...,) else _several(
+            [reader_of(a) for a in inner])
+    if origin is not None and issubclass(origin, Mapping):
+        return _mapping(reader_of(inner[1]))
+    if dataclasses.is_dataclass(hint):
+        return reader_of_class(hint)
+    if hint not in _PLAIN:
+        raise TypeError(f"no JSON holds {hint}")
+    return _PLAIN[hint]
+
+
+def _number(largest: float) -> Reader:
+    bounds = {"maximum": largest, "minimum": -largest} if largest < math.inf else {}
+
+    def read(value: Any, bounded: bool) -> float:
+        if type(value) is not float and (isinstance(value, bool)
+                                         or not isinstance(value, int | float)):
+            raise WrongKind("a number", value)
+        if bounded and not abs(value) <= largest:
+            raise WrongKind(f"a number, {largest:g} at most", value)
+        return float(value)
+
+    return Reader(read, lambda _: {**bounds, "type": "number"}, math.nan)
+
+
+def _whole(value: Any, bounded: bool) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise WrongKind("a whole number", value)
+    if bounded and abs(value) > LARGEST_WHOLE:
+        raise WrongKind(f"a whole number, {LARGEST_WHOLE} at most", value)
+    return value
+
+
+def _is(kind: type[T], wanted: str, name: str) -> Reader:
+    def read(value: Any, bounded: bool) -> T:
+        if not isinstance(value, kind):
+            raise WrongKind(wanted, value)
+        return value
+
+    return Reader(read, lambda _: {"type": name}, kind())
+
+
+def _read_at(key: str | int, reader: Reader, value: Any, bounded: bool) -> Any:
+    try:
+        return reader.read(value, bounded)
+    except WrongKind as error:
+        raise error.at(key) from None
+
+
+def _or_none(one: Reader) -> Reader:
+    return Reader(lambda value, bounded: None if value is None else one.read(value, bounded),
+                  lambda known: {"anyOf": [one.schema(known), {"type": "null"}]})
+
+
+def _list(item: Reader) -> Reader:
+    def read(value: Any, bounded: bool) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple):
+            raise WrongKind("a list", value)
+        return tuple(_read_at(n, item, v, bounded) for n, v in enumerate(value))
+
+    return Reader(read, lambda known: {"items": item.schema(known), "type": "array"}, ())
+
+
+def _several(items: list[Reader]) -> Reader:
+    """Return how a list of so many is read."""
+    size = len(items)
+
+    def read(value: Any, bounded: bool) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple):
+            raise WrongKind("a list", value)
+        found = tuple(_read_at(n, one, v, bounded)
+                      for n, (one, v) in enumerate(zip(items, value, strict=False)))
+        if len(value) != size:
+            wrong = WrongKind("something else", value)
+            raise wrong.at(len(value)) if len(value) < size else wrong
+        return found
+
+    return Reader(read, lambda known: {
+        "maxItems": size, "minItems": size, "prefixItems": [i.schema(known) for i in items],
+        "type": "array"}, tuple(i.blank for i in items))
+
+
+def _mapping(item: Reader) -> Reader:
+    def read(value: Any, bounded: bool) -> dict[str, Any]:
+        if not isinstance(value, Mapping):
+            raise WrongKind("an object", value)
+        return {k: _read_at(k, item, v, bounded) for k, v in value.items()}
+
+    return Reader(read, lambda known: {
+        "additionalProperties": item.schema(known) or True, "type": "object"},
+        types.MappingProxyType({}))
+
+
+def reader_of_class(kind: Any) -> Reader:
+    """Return how an object of a dataclass is read; it knows which keys were there, and others."""
+    def read(value: Any, bounded: bool) -> Any:
+        if isinstance(value, kind):
+            return value
+        if not isinstance(value, Mapping):
+            raise WrongKind("an object", value)
+        found, unknown = {}, {k: v for k, v in value.items() if v is not None}
+        for f in shape(kind):
+            one = unknown.pop(f.key, None)
+            if one is not None:
+                found[f.name] = _read_at(f.key, f.reader, one, bounded)
+            elif f.key in value and plain(f.default()) is None:
+                found[f.name] = f.default()
+        made = object.__new__(kind)
+        made.__dict__.update({f.name: found[f.name] if f.name in found else f.default()
+                              for f in shape(kind)}, given=frozenset(found), more=unknown)
+        return made
+
+    def refer(known: Json) -> Json:
+        if kind.__name__ not in known:
+            known[kind.__name__] = {}
+            known[kind.__name__] = _described(kind, known)
+        return {"$ref": f"#/$defs/{kind.__name__}"}
+
+    return Reader(read, refer, None)
+
+
+def _described(kind: type, known: Json) -> Json:
+    properties = {}
+    for f in shape(kind):
+        own, default = f.reader.schema(known), f.default()
+        if default != default:    # nan is null in the file
+            own = {"anyOf": [own, {"type": "null"}]}
+        named = "$ref" in own or "$ref" in own.get("anyOf", [{}])[0]
+        title = {} if named else {"title": f.key.replace("_", " ").title()}
+        own |= {"default": encoded(default, whole=True), **title}
+        properties[f.key] = dict(sorted(own.items()))
+    return {"additionalProperties": True, "description": cleandoc(kind.__doc__ or ""),
+            "properties": properties, "title": kind.__name__, "type": "object"}
+
+
+def schema(kind: type) -> Json:
+    """Return the JSON Schema of what a class reads and writes."""
+    known: Json = {}
+    own = _described(kind, known)
+    return {"$defs": dict(sorted(known.items())), **own} if known else own
+
+
+def decoded(kind: type[T], data: Any, path: Path, mend: str = AGAIN) -> T:
+    """Return plain data, read from a file, as a class.
+
+    Raises:
+        BadInput: a value of another kind.
+    """
+    try:
+        found: T = reader_of_class(kind).read(data, True)
+    except WrongKind as error:
+        raise BadInput(f"should be {error.wanted}", f"{path}: {error.place}", mend) from None
+    return found
+
+
+def encoded(value: Any, whole: bool = False) -> Any:
+    """Return what JSON can hold; where keys were given or read those alone, or the ``whole``."""
+    if dataclasses.is_dataclass(value):
+        given = None if whole else getattr(value, "given", None)
+        return {f.key: encoded(getattr(value, f.name), whole) for f in shape(type(value))
+                if given is None or f.name in given} | plain(getattr(value, "more", {}))
+    if isinstance(value, Mapping):
+        return {str(k): encoded(v, whole) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [encoded(v, whole) for v in value]
+    return plain(value)
+
+
+def in_units(value: T, units: Units) -> T:
+    """Return a finding, SI, in the units of a file; what is in them already stays as it is.
+
+    It is what will be read again. A field that says of what quantity others are
+    (:attr:`Quantity.of`) then says their unit.
+    """
+    if isinstance(value, tuple):
+        return tuple(in_units(v, units) for v in value)  # type: ignore[return-value]
+    if not dataclasses.is_dataclass(value) or hasattr(value, "given"):
+        return value
+    changed: dict[str, Any] = {}
+    for f in shape(type(value)):
+        own = getattr(value, f.name)
+        if f.quantity is None:
+            changed.setdefault(f.name, in_units(own, units))
+            continue
+        name = getattr(value, f.quantity.of) if f.quantity.of else f.quantity.name
+        changed[f.name] = f.quantity.of_file(own, units.factor(name))
+        if f.quantity.of:
+            changed[f.quantity.of] = units.name(name)
+    there: Any = value
+    found: T = reader_of_class(type(value)).read(
+        encoded(dataclasses.replace(there, **changed)), False)
+    return found
+
+
+_PLAIN: dict[Any, Reader] = {
+    float: _number(math.inf), int: Reader(_whole, lambda _: {"type": "integer"}, 0),
+    str: _is(str, "text", "string"), bool: _is(bool, "true or false", "boolean"),
+    Any: Reader(lambda value, bounded: value, lambda _: {})}

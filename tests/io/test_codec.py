@@ -1,0 +1,134 @@
+"""The codec: findings as they are computed, SI, to JSON in file units, back, and their schema."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import pytest
+
+from ppmcal.errors import BadInput
+from ppmcal.io.output import json_text
+from ppmcal.io.results.codec import AtMost, Key, WrongKind, decoded, encoded, in_units, schema
+from ppmcal.io.results.record import Part, Whole
+from ppmcal.units import Quantity, Units
+
+MM = Units("mm", "deg")
+Own = Annotated[float, Quantity(of="unit")]
+
+
+@dataclass(frozen=True)
+class Bend:
+    """How far a rod bends."""
+
+    name: str
+    size: Own
+    turn: Annotated[float, Quantity("angle")]
+    unit: str
+    ends: Annotated[tuple[float | None, ...], Quantity(of="unit", digits=3)] = ()
+    share: Annotated[float, AtMost(1e30), Key("part of")] = 0.0
+
+
+@dataclass(frozen=True)
+class Bends:
+    """All rods."""
+
+    rods: tuple[Bend, ...]
+    by_name: Mapping[str, Whole | None] = field(default_factory=dict)
+    corner: tuple[float, float] | None = None
+    sure: bool = False
+
+
+ROD = Bend("a", 0.0123, math.pi / 4.0, "length", (0.00123456, math.nan), 0.5)
+FILE = {"name": "a", "size": 0.0123 / 1e-3, "turn": math.pi / 4.0 / (math.pi / 180.0),
+        "unit": "mm", "ends": [1.23, None], "part of": 0.5}
+
+
+def read(data: Any, kind: type = Bends) -> Any:
+    return decoded(kind, data, Path("bends.json"), "Bend it again")
+
+
+def test_a_finding_is_written_in_file_units_and_reads_back() -> None:
+    told = in_units(Bends((ROD,), {"a": 3}, (1.0, 2.0), True), MM)
+    assert encoded(told) == {"rods": [FILE], "by_name": {"a": 3}, "corner": [1.0, 2.0],
+                             "sure": True}
+    again = read(json.loads(json_text(encoded(told))))
+    assert again == told and encoded(again) == encoded(told)
+    # what is in file units stays in them
+    assert in_units(told, MM) == told and in_units(told.rods[0], Units("m", "rad")) == told.rods[0]
+
+
+def test_nan_is_null_and_null_is_nan() -> None:
+    lost = in_units(replace(ROD, size=math.nan), MM)
+    assert encoded(lost)["size"] is None and math.isnan(read(encoded(lost), Bend).size)
+
+
+def test_what_was_not_there_is_neutral_and_is_not_written_again() -> None:
+    for data in ({"rods": [{"name": "a", "later": [1]}]}, {}):
+        found = read(data)
+        assert encoded(found) == data
+    rod = read({"rods": [{"name": "a"}]}).rods[0]
+    assert (rod.unit, rod.ends, rod.share) == ("", (), 0.0) and math.isnan(rod.size)
+    assert read({"rods": None, "corner": None}) == Bends((), {}, None, False)
+
+
+@pytest.mark.parametrize(("data", "what"), [
+    ({"rods": {}}, "rods: should be a list"),
+    ({"rods": [None]}, "rods[0]: should be something, not null"),
+    ({"rods": [{}, {"size": "1"}]}, "rods[1].size: should be a number"),
+    ({"rods": [{"part of": -1e31}]}, "rods[0].part of: should be a number, 1e+30 at most"),
+    ({"rods": [{"ends": [1, True]}]}, "rods[0].ends[1]: should be a number"),
+    ({"by_name": {"b": 1.0}}, "by_name.b: should be a whole number"),
+    ({"by_name": {"b": 2**60}}, f"by_name.b: should be a whole number, {2**53} at most"),
+    ({"corner": [1.0]}, "corner[1]: should be something else"),
+    ({"corner": [1.0, 2.0, 3.0]}, "corner: should be something else"),
+    ({"sure": 1}, "sure: should be true or false"), ({"rods": [{"name": 3}]}, "should be text"),
+    ({"by_name": []}, "by_name: should be an object")])
+def test_a_value_of_another_kind_is_refused_with_file_place_and_hint(data: Any, what: str) -> None:
+    with pytest.raises(BadInput) as refusal:
+        read(data)
+    assert str(refusal.value).startswith("bends.json: ") and what in str(refusal.value)
+    assert "Bend it again" in str(refusal.value)
+
+
+def test_the_schema_says_what_is_read() -> None:
+    found = schema(Bends)
+    assert set(found["properties"]) == {"rods", "by_name", "corner", "sure"}
+    rod = found["$defs"]["Bend"]
+    assert rod["description"] == "How far a rod bends." and set(rod["properties"]) == set(FILE)
+    assert rod["properties"]["part of"]["maximum"] == 1e30
+    assert {"type": "null"} in rod["properties"]["size"]["anyOf"]
+
+
+class Given(Part):
+    """A part with what it was given."""
+
+    size: float | None = None
+    many: tuple[int, ...] = ()
+    named: Mapping[str, float] = field(default_factory=dict)
+
+
+def test_a_part_makes_plain_data_of_what_it_is_given() -> None:
+    part = Given(size=np.float64("nan"), many=np.arange(2), named={"a": 1})
+    assert (part.size, part.many, part.named) == (None, (0, 1), {"a": 1.0})
+    assert Given(many=(1,)).entries() == {"many": [1]}
+    assert Given(many=(1,)).changed(size=2.0).entries() == {"size": 2.0, "many": [1]}
+    with pytest.raises(WrongKind, match=r"many\[0\]: should be a whole number"):
+        Given(many=("one",))
+
+
+@dataclass(frozen=True)
+class Odd:
+    """What JSON cannot hold."""
+
+    one: complex
+
+
+def test_what_json_cannot_hold_has_no_codec() -> None:
+    with pytest.raises(TypeError, match="no JSON holds"):
+        schema(Odd)
