@@ -45,7 +45,8 @@ class Study:
 
 
 UNDER_TRIAL = tuple(f"diagnosis/{name}.py" for name in (
-    "explanation", "from_evidence", "misread_columns", "question", "unknown_causes"))
+    "by_session", "cause_sizes", "explanation", "from_evidence", "misread_causes",
+    "misread_columns", "question", "unknown_causes"))
 """What `diagnose --evidence` alone runs, and the package `inference`."""
 AFTERWARDS = ("diagnosis/session_effects.py",)
 """What runs once the names stand: sizes by session, of which no rate is made."""
