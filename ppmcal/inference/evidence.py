@@ -58,8 +58,13 @@ def odds(given: Conditioned, batch: Batch) -> Array:
     out = np.where(np.sum(np.maximum(own, 0.0), axis=-1)[..., None] > 0.0, out, 0.0)
     if batch.bounded:
         lift = np.einsum("bgkq,bgqp->bgkp", batch.roots, turn, optimize=True)
-        ends = batch.low[:, None], batch.high[:, None]
-        out = out + within(given, lift, own, part, *ends) - batch.usual[:, None, None]
+        low, high = batch.low[:, None], batch.high[:, None]
+        out = out - batch.usual[:, None, None]
+        # what is no likelier wherever its coefficients are is not looked at closely
+        close = total(out) > 0.0
+        for mine, closely in ((close, True), (~close, False)):
+            out[mine] += within(given, lift[mine], own[mine], part[mine], low[mine], high[mine],
+                                closely=closely)
     return np.asarray(out)
 
 
@@ -70,10 +75,11 @@ def total(log_odds: Array) -> Array:
 
 
 def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array, high: Array,
-           gone: float = 0.0) -> Array:
+           gone: float = 0.0, closely: bool = True) -> Array:
     """Return the log probability that coefficients are between two ends each.
 
-    They are Student's, since the noise's scale is integrated.
+    They are Student's, since the noise's scale is integrated. Not ``closely``: the product of what
+    each has by itself, their correlation left out.
 
     Args:
         given: what is taken.
@@ -95,7 +101,7 @@ def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array,
     rest = np.maximum(given.spread - gone - np.sum(known * part**2, axis=-1), LEAST)
     mean = (known * part) @ np.swapaxes(lift, -1, -2)                   # (..., G, S, k)
     scale = (rest / given.freedom)[..., None]
-    if has.size == 1:
+    if has.size == 1 or not closely:
         square = known @ np.swapaxes(lift**2, -1, -2)
         return all_between(given.freedom, low - mean, high - mean, np.sqrt(scale * square))
     covariance = np.swapaxes(lift, -1, -2)[..., None, :, :]             # (..., G, 1, q, k)
