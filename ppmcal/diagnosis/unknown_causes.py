@@ -34,7 +34,7 @@ LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0)
 SECOND = 2.0
 """Length along a second input."""
 WAVES = 24
-"""Half waves of a course in time."""
+"""Half waves of a course in time; of a body, in all coordinates at once, half as many."""
 SETTLES = (0.05, 0.15, 0.4)
 """Time constants of what settles, in parts of the campaign."""
 ROUND_OFF = 1e-11
@@ -221,16 +221,14 @@ class UnknownCauses:
         """Yield slow courses of zeros, base and target, from row to row and in recorded time."""
         if np.unique(self._rows).size < WAVES:
             return
-        wave = np.pi * np.arange(1.0, WAVES + 1.0)
-        kernels = [np.diag((1.0 + (length * wave) ** 2 / 5.0) ** -3.0) for length in LENGTHS]
-        kernels.append(np.diag(wave**-2.0))    # a Wiener walk
-        kernels += [np.outer(c, c) for c in (_settling(tau, wave) for tau in SETTLES)]
+        moving = self._moving()
         for when, place in self._places().items():
-            waves = np.cos(place[:, None] * wave)
-            for way, units in self._moving().items():
-                columns = np.concatenate([(u[..., None] * waves[:, None, :]).reshape(-1, WAVES)
+            for way, units in moving.items():
+                wave = np.pi * np.arange(1.0, WAVES // min(len(units), 2) + 1.0)
+                waves = np.cos(place[:, None] * wave)
+                columns = np.concatenate([(u[..., None] * waves[:, None, :]).reshape(-1, wave.size)
                                           for u in units], axis=1)
-                each = [np.asarray(np.kron(np.eye(len(units)), k)) for k in kernels]
+                each = [np.asarray(np.kron(np.eye(len(units)), k)) for k in _courses(wave)]
                 together = way == "all zeros" or len(units) > 1
                 yield f"a slow course{when} of {way}", columns, each, together, None, (), way
 
@@ -266,6 +264,13 @@ class UnknownCauses:
             if own:
                 out[f"the {body}"] = own
         return out
+
+
+def _courses(wave: Array) -> list[Array]:
+    """Return kernels (k, k) of half waves: smooth, by length; a Wiener walk; what settles."""
+    smooth = [np.diag((1.0 + (length * wave) ** 2 / 5.0) ** -3.0) for length in LENGTHS]
+    settled = [_settling(tau, wave) for tau in SETTLES]
+    return [*smooth, np.diag(wave**-2.0), *(np.outer(c, c) for c in settled)]
 
 
 def _settling(tau: float, wave: Array) -> Array:

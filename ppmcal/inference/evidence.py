@@ -78,8 +78,7 @@ def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array,
            gone: float = 0.0, closely: bool = True) -> Array:
     """Return the log probability that coefficients are between two ends each.
 
-    They are Student's, since the noise's scale is integrated. Not ``closely``: the product of what
-    each has by itself, their correlation left out.
+    They are Student's, since the noise's scale is integrated.
 
     Args:
         given: what is taken.
@@ -89,6 +88,7 @@ def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array,
         low: one end of each coefficient (..., 1, k).
         high: the other (..., 1, k).
         gone: what other blocks than those taken have explained of y'My.
+        closely: whether of several at once; else the product of what each has by itself.
 
     Returns:
         (..., G, S).
