@@ -163,7 +163,7 @@ def _opposite(block: Block) -> tuple[Block, UnknownCause]:
     own = len(block.columns) - len(block.starts)
     log_prior = block.log_prior + float(np.log(float(MISREAD)))
     cause = UnknownCause(name, len(block.columns), (), float(np.exp(log_prior)) / float(UNKNOWN))
-    return replace(block, name=name, family=UNKNOWN_FAMILY, form=name, group="", gives="",
+    return replace(block, name=name, family=UNKNOWN_FAMILY, form=name, group="", where="", gives="",
                    log_prior=log_prior, low=low[:own], high=high[:own]), cause
 
 

@@ -35,8 +35,6 @@ SECOND = 2.0
 """Length along a second input."""
 WAVES = 24
 """Half waves of a course in time; of a body, in all coordinates at once, half as many."""
-SETTLES = (0.05, 0.15, 0.4)
-"""Time constants of what settles, in parts of the campaign."""
 ROUND_OFF = 1e-11
 
 
@@ -267,16 +265,9 @@ class UnknownCauses:
 
 
 def _courses(wave: Array) -> list[Array]:
-    """Return kernels (k, k) of half waves: smooth, by length; a Wiener walk; what settles."""
+    """Return kernels (k, k) of half waves: smooth, by length, and a Wiener walk."""
     smooth = [np.diag((1.0 + (length * wave) ** 2 / 5.0) ** -3.0) for length in LENGTHS]
-    settled = [_settling(tau, wave) for tau in SETTLES]
-    return [*smooth, np.diag(wave**-2.0), *(np.outer(c, c) for c in settled)]
-
-
-def _settling(tau: float, wave: Array) -> Array:
-    """Return the cosine series (k,) of exp(-t/tau) over 0 to 1 without its mean."""
-    sign = np.cos(wave)     # of the last end, +1 or -1
-    return np.asarray(2.0 * (1.0 - np.exp(-1.0 / tau) * sign) / (tau * (1.0 / tau**2 + wave**2)))
+    return [*smooth, np.diag(wave**-2.0)]
 
 
 def _root(kernel: Array) -> Array:

@@ -9,7 +9,7 @@ from itertools import chain, combinations
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.inference.block_sets import BlockSet, Numbers, state
+from ppmcal.inference.block_sets import NEGLIGIBLE, BlockSet, Numbers, state
 from ppmcal.inference.pairs import Events
 from ppmcal.inference.priors import MOST_GROSS
 from ppmcal.inference.question import Question
@@ -24,6 +24,8 @@ MOST = 40
 """Causes in a set at most."""
 DEEP = 3
 """Blocks that take the place of one at most."""
+FIRSTS = 3
+"""Forms of blocks from which others in the place of one begin, all but the first near to it."""
 MOST_FORMS = 6
 """Forms of blocks that are tried in the place of several."""
 LEAST_GAIN = 1e-6
@@ -256,18 +258,28 @@ class SetSearch:
                     yield self.visit(both)
 
     def _split(self, now: BlockSet) -> Iterator[BlockSet]:
-        """Yield sets with one block gone, and others, of other families, in its place."""
+        """Yield sets with one block gone, and others, of other families, in its place.
+
+        What does most by itself may be all that does anything: then two others are not come to
+        from there.
+        """
         blocks = self.question.blocks
         for i in now.causes:
-            at = self.settle(tuple(j for j in now.chosen if j != i))
+            rest = self.settle(tuple(j for j in now.chosen if j != i))
             gone = np.array([b.family == blocks[i].family for b in blocks])
-            for _ in range(DEEP):
-                log_p, chosen = self._best(at, gone)
-                if log_p <= at.log_p:
+            for n in range(FIRSTS):
+                at, (score, start) = rest, self._best(rest, gone)
+                if n and score < now.log_p - NEGLIGIBLE:
                     break
-                at = self.visit(chosen)
-                yield at
-            yield from self._pairs(self.settle(tuple(j for j in now.chosen if j != i)), now.log_p)
+                for _ in range(DEEP):
+                    log_p, chosen = self._best(at, gone)
+                    if log_p <= at.log_p:
+                        break
+                    at = self.visit(chosen)
+                    yield at
+                form = blocks[start[-1]].form or blocks[start[-1]].family if start else ""
+                gone = gone | np.array([(b.form or b.family) == form for b in blocks])
+            yield from self._pairs(rest, now.log_p)
 
     def _renamed(self, now: BlockSet) -> Iterator[BlockSet]:
         """Yield sets with two events of another group in the place of two of one.

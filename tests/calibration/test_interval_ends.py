@@ -34,7 +34,7 @@ KNOWN = {
     "report/learned_figures.py": "files that do not say",
     "controllers/printer_files.py": "printed parts, of which an interval is known, no noise",
     "diagnosis/result.py": "the default of no noise",
-    "diagnosis/residual_profiles.py": "a standard normal of the same chance, no interval",
+    "diagnosis/residual_series.py": "a standard normal of the same chance, no interval",
 }
 
 
