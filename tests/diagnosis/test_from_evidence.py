@@ -110,7 +110,9 @@ def test_what_is_not_linear_leaves_nothing_that_has_a_name(
     campaign(tmp_path, case, machine, seed, eta)
     found = diagnosed(tmp_path)
     assert {e["kind"] for e in found["effects"]} == kinds and not found["unknown"]
-    assert all(not e["alternatives"] for e in found["effects"])
+    # on three legs, what gives way in no listed way is nearly as likely as weight elsewhere
+    assert not [a for e in found["effects"] for a in e["alternatives"] if "unknown" not in a]
+    assert all(e["probability"] > 0.9 for e in found["effects"])
 
 
 @pytest.mark.parametrize(("carried", "ratio"), [(2.0, 0.5), (0.0, 1.0), (None, 1.0)])
