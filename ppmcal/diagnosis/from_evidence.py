@@ -55,6 +55,7 @@ from ppmcal.diagnosis.stage import Stage, bare_stage, without
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause
 from ppmcal.diagnosis.verdict import advice, findings, refuse_unconverged, refuse_unredundant
 from ppmcal.errors import PpmcalError
+from ppmcal.inference.block_sets import Numbers
 from ppmcal.inference.sets import Member
 from ppmcal.model.dataset import Dataset
 from ppmcal.wording.progress import begin
@@ -377,10 +378,17 @@ def _readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
 
 
 def _others(what: Told) -> list[tuple[CausePlace, Member, float]]:
-    """Return what may be in the place of what is named, likeliest first, and the odds against."""
+    """Return what may be in the place of what is named, likeliest first, and the odds against.
+
+    A set that has one cause in the place of several is told once.
+    """
     out = [(place, m, place.members[0].probability / m.probability)
            for place, _ in what.effects for m in place.members[1:]]
-    return sorted((o for o in out if o[2] <= LONG_ODDS), key=lambda o: o[2])
+    once = dict[Numbers, tuple[CausePlace, Member, float]]()
+    for other in sorted(out, key=lambda o: o[2]):
+        if other[2] <= LONG_ODDS:
+            once.setdefault(other[1].chosen, other)
+    return list(once.values())
 
 
 def _next(what: Told, stage: Stage, verdict: str, seed: int) -> Proposal:

@@ -12,12 +12,13 @@ from wild_diagnosis import write
 
 from ppmcal.calibration.fit import NOTE, Fit, Problem
 from ppmcal.diagnosis import from_evidence
-from ppmcal.diagnosis.explanation import Round
+from ppmcal.diagnosis.explanation import CausePlace, Round
 from ppmcal.diagnosis.from_evidence import diagnosed
 from ppmcal.diagnosis.question import ROW_FAMILY
 from ppmcal.diagnosis.search_rounds import DiagnosisOptions
 from ppmcal.errors import NoResult
 from ppmcal.inference.blocks import Block
+from ppmcal.inference.sets import Member
 from ppmcal.io import read_campaign, read_mechanism
 
 KINDS = DiagnosisOptions(kinds=("gain", "backlash"))
@@ -63,3 +64,15 @@ def test_rows_that_do_not_belong_are_those_of_the_file_whatever_a_system_has_los
     answer: Any = SimpleNamespace(best=SimpleNamespace(chosen=(1, 2)))
     rest: Any = None
     assert Round(rest, (), (), None, rest, asked, answer).rows == {(0, 2), (1, 0)}
+
+
+def test_a_set_that_stands_in_for_two_names_is_one_reading() -> None:
+    """All legs alike in the place of either of two: one machine, which counts once."""
+    def place(block: int, own: float) -> CausePlace:
+        return CausePlace((Member("backlash", own, frozenset({0, 1})),
+                           Member("backlash", 0.07, frozenset({2}))), block, block, "", None)
+
+    what: Any = SimpleNamespace(effects=((place(0, 0.92), ()), (place(1, 0.91), ())))
+    (told, member, odds), = from_evidence._others(what)
+    assert member.chosen == frozenset({2})
+    assert told.block == 1 and odds == pytest.approx(0.91 / 0.07)
