@@ -145,13 +145,14 @@ class UnknownCauses:
         whole = [_matern(curve.nodes, length) for length in LENGTHS]
         if not (curve.by or curve.signed):
             return whole
-        inputs = [curve.seen(p.setting) for p in self.system.firsts]
-        own = [np.concatenate([x[n].reshape(len(x[n]), -1)[:, list(on) if x[n].ndim > 1 else [0]]
-                               .ravel() for x in inputs]) for n in range(len(curve.inputs))]
-        rest = [_beyond_mean(kernel, curve.nodes, own[0]) for kernel in whole]
+        acted = np.array(on)
+        inputs = [[x if x.ndim == 1 else x[:, acted].ravel() for x in curve.seen(p.setting)]
+                  for p in self.system.firsts]
+        own = [np.concatenate(x) for x in zip(*inputs, strict=True)]
+        rest = _beyond_mean(whole, curve.nodes, own[0])
         if not curve.by:
             return rest
-        second = _beyond_mean(_matern(curve.by_nodes, SECOND), curve.by_nodes, own[1])
+        second, = _beyond_mean([_matern(curve.by_nodes, SECOND)], curve.by_nodes, own[1])
         return [np.asarray(np.kron(first, second)) for first in rest]
 
     def _of_ways(self) -> Iterator[Made]:
@@ -182,7 +183,7 @@ class UnknownCauses:
             whole = [_matern(nodes, length) for length in LENGTHS]
             reached = known[np.isfinite(known)]
             for signed in (False, True) if sided else (False,):
-                kernels = [_beyond_mean(k, nodes, reached) for k in whole] if signed else whole
+                kernels = _beyond_mean(whole, nodes, reached) if signed else whole
                 columns = np.zeros((system.observed.size, WAVES))
                 for a in on:
                     weight = spline_basis(nodes, np.nan_to_num(way[:, a])) * np.isfinite(
@@ -297,11 +298,12 @@ def _free(motion: str) -> tuple[str, ...]:
     return COORDINATES["planar" if motion == "planar" else "spatial"]
 
 
-def _beyond_mean(kernel: Array, nodes: Array, x: Array) -> Array:
-    """Return the kernel of values at nodes (n, n) of functions whose mean over inputs x is 0."""
+def _beyond_mean(kernels: Sequence[Array], nodes: Array, x: Array) -> list[Array]:
+    """Return kernels of values at nodes (n, n) for functions whose mean over inputs x is 0."""
     mean = spline_basis(nodes, x[np.isfinite(x)]).mean(axis=0)
-    along = kernel @ mean
-    return np.asarray(kernel - np.outer(along, along) / float(mean @ along))
+    along = [kernel @ mean for kernel in kernels]
+    return [np.asarray(kernel - np.outer(a, a) / float(mean @ a))
+            for kernel, a in zip(kernels, along, strict=True)]
 
 
 def _matern(nodes: Array, length: float) -> Array:

@@ -66,10 +66,10 @@ def together_between(freedom: float, low: Array, high: Array, covariance: Array)
         deviation = np.sqrt(np.maximum(left[..., j, j], LEAST))
         a, b = (np.clip((end[..., j] - mean[..., j]) / deviation, -FAR, FAR)
                 for end in (low, high))
-        chance = np.exp(all_between(freedom, a[..., None], b[..., None], np.ones((1,))))
-        total += np.log(np.maximum(chance, LEAST))
+        own = all_between(freedom, a[..., None], b[..., None], np.ones(1))
+        total += own
         if j + 1 < count:
-            shift, narrowed = _moments(a, b, chance)
+            shift, narrowed = _moments(a, b, np.exp(own))
             slope = left[..., j + 1:, j] / deviation[..., None]
             mean[..., j + 1:] += slope * shift[..., None]
             left[..., j + 1:, j + 1:] -= (slope[..., :, None] * slope[..., None, :]
@@ -80,9 +80,8 @@ def together_between(freedom: float, low: Array, high: Array, covariance: Array)
 def _moments(a: Array, b: Array, chance: Array) -> tuple[Array, Array]:
     """Return mean and variance of standard normal values between a and b; ``chance``: of these."""
     at_a, at_b = (np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi) for x in (a, b))
-    seen = np.maximum(chance, LEAST)
-    mean = np.clip((at_a - at_b) / seen, a, b)
-    variance = 1.0 + (a * at_a - b * at_b) / seen - mean**2
+    mean = np.clip((at_a - at_b) / chance, a, b)
+    variance = 1.0 + (a * at_a - b * at_b) / chance - mean**2
     # so far away that nothing is left of digits, all of it is at the nearer end
     far = chance < TINY
     near = np.where(np.abs(a) < np.abs(b), a, b)
