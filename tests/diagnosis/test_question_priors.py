@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.rounds import last_round
 from hidden import Options, hide
 
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.candidates import library
-from ppmcal.diagnosis.explanation import Round, explained
+from ppmcal.diagnosis.explanation import Round
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.question import Asked, question
@@ -55,9 +56,7 @@ def explanation(kind: str, on: str, change: Callable[[str, Array], Array | None]
     found = hide("delta-linear", 7, [kind], 1.0, Options(poses=90), on)
     columns = {name: change(name, values) for name, values in found.dataset.columns.items()}
     data = replace(found.dataset, columns={n: v for n, v in columns.items() if v is not None})
-    fit = identify(with_whole_rows(Problem(found.mechanism, (data,), found.mechanism.free)),
-                   FitOptions())
-    return explained(fit, FitOptions())[-1]
+    return last_round(found.mechanism, data)
 
 
 @pytest.mark.slow
@@ -135,9 +134,7 @@ def test_what_shrinks_where_it_should_grow_has_no_name() -> None:
         data = replace(found.dataset, columns={
             n: middle + turned * (v - middle) if n == "temperature" else v
             for n, v in found.dataset.columns.items()})
-        fit = identify(with_whole_rows(Problem(found.mechanism, (data,), found.mechanism.free)),
-                       FitOptions())
-        return explained(fit, FitOptions())[-1]
+        return last_round(found.mechanism, data)
 
     assert [p.label for p in around(1.0).places] == ["platform_thermal"]
     told = around(-1.0)
@@ -155,8 +152,6 @@ def test_a_leg_that_settles_over_breaks_has_no_name() -> None:
     q = found.dataset.q.copy()
     q[:, 0] += 6e-5 * found.mechanism.reach * np.exp(-(time - time[0]) / (0.3 * span))
     data = replace(found.dataset, q=q, columns={**found.dataset.columns, "time": time})
-    fit = identify(with_whole_rows(Problem(found.mechanism, (data,), found.mechanism.free)),
-                   FitOptions())
-    place, = explained(fit, FitOptions())[-1].places
+    place, = last_round(found.mechanism, data).places
     assert not place.named
     assert place.label == "a slow course in time of the zero of leg1"

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from helpers.rounds import last_round
 from hidden import Options, hide
 
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.diagnosis.explanation import Round, explained
+from ppmcal.diagnosis.explanation import Round
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.recorded import with_whole_rows
 
@@ -25,8 +26,7 @@ def found(answers: np.ndarray) -> Round:
     load = np.concatenate([p.setting.load for p in build(plain.problem, plain.state,
                                                          plain.keep).parts])
     data = replace(hidden.dataset, q=hidden.dataset.q - load @ answers.T)
-    return explained(identify(with_whole_rows(Problem(
-        hidden.mechanism, (data,), hidden.mechanism.free)), FitOptions()), FitOptions())[-1]
+    return last_round(hidden.mechanism, data)
 
 
 def test_what_yields_as_one_piece_is_no_compliance_of_joints() -> None:
