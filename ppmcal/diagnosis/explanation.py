@@ -14,7 +14,7 @@ from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.cause_sizes import LINEAR, CauseSizes, Sized, between_points, sizes
 from ppmcal.diagnosis.extended_model import Added, columns_added, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
-from ppmcal.diagnosis.linear_system import System, build
+from ppmcal.diagnosis.linear_system import System, Whitening, build
 from ppmcal.diagnosis.question import ROW_FAMILY, Asked, Source, question
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.stage import without
@@ -95,6 +95,15 @@ class Round:
     def keys(self) -> frozenset[object]:
         """What the best set is made of, by what is the same in the question of another round."""
         return frozenset(_key(self.asked.sources[i]) for i in self.answer.best.chosen)
+
+    @cached_property
+    def whitening(self) -> Whitening:
+        """The correlation of the noise beside the best set, with its standard deviation."""
+        rhos = np.array([self.asked.question.views[n].rho for n, _, _ in self.answer.best.views])
+        log_p = np.array([p for _, p, _ in self.answer.best.views])
+        weight = np.exp(log_p - log_p.max())
+        mean = float(rhos @ weight / weight.sum())
+        return Whitening(mean, float(np.sqrt((rhos - mean) ** 2 @ weight / weight.sum())))
 
     @cached_property
     def places(self) -> tuple[CausePlace, ...]:
@@ -262,7 +271,7 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
     moved = [a.hypothesis for a in added if between_points(a.hypothesis)]
     for system, columns in _systems(whole, fit, own, keep, bool(moved)):
         tried = [fit.problem.free[c] for c in columns]
-        found = library(system, kinds, tried, as_named=True, misread=True, apart=True)
+        found = library(system, kinds, tried, misread=True, apart=True)
         asked = question(system, found, UnknownCauses(system, everywhere), columns)
         # shapes without a cause have one name, and what a fit has stands in a grid twice
         first: dict[object, int] = {}

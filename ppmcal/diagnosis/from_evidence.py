@@ -15,8 +15,7 @@ from ppmcal.calibration.interpretation import (
     refuse_other_machine,
 )
 from ppmcal.calibration.validation import LeftOut, left_out, report
-from ppmcal.diagnosis import result_tables as tables
-from ppmcal.diagnosis.adequacy import Remainder, against_noise
+from ppmcal.diagnosis.adequacy import Remainder, remainder
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.explanation import (
     UNFITTED,
@@ -51,7 +50,8 @@ from ppmcal.diagnosis.result import (
 )
 from ppmcal.diagnosis.search_rounds import DiagnosisOptions, held_out_gap, training_part
 from ppmcal.diagnosis.session_effects import with_sessions
-from ppmcal.diagnosis.stage import Stage, bare_stage, without
+from ppmcal.diagnosis.stage import Stage, stage_of, without
+from ppmcal.diagnosis.swallowed import swallowed
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause
 from ppmcal.diagnosis.verdict import advice, findings, refuse_unconverged, refuse_unredundant
 from ppmcal.errors import PpmcalError
@@ -187,7 +187,7 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         gap = next((b.gap for b in blocks if b.by == SESSION), None)
     out = secondary("what left-out rows have in common", partial(left_out, final),
                     LeftOut(0, 0, False, "", 0.0, 1.0), beside)
-    said = [*taken_back, *what.given_up, *findings(whole, final, left, effects, gap, out, ())]
+    said = [*taken_back, *what.given_up, *findings(whole, final, left, effects, gap, out)]
     if effects:
         effects, apart = secondary("the size of effects in each session",
                                    partial(with_sessions, final, effects), (effects, []), beside)
@@ -219,7 +219,7 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     return Diagnosis(
         verdict, effects, _possible(listed, verdict), left, start, gap, places, listed,
         found.last.library.untestable,
-        tables.swallowed(whole, final), reported.fit if final is whole and not terms else whole,
+        swallowed(whole, final), reported.fit if final is whole and not terms else whole,
         reported, found, proposed, (*said, *beside), blocks, readings, terms, days,
         what.last.answer.nothing((ROW_FAMILY,)), tuple(
             _unknown(what, p) for p in what.last.unnamed))
@@ -252,9 +252,8 @@ def _candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:
         status = ("named" if there else "alternative" if named and best.family in families
                   else "not needed")
         out.append(Candidate(
-            best, np.nan, np.nan, _survival(found.last, best), status,
-            () if place is None else tuple(what.label(m, place) for m in place.members[1:]), 0.0,
-            min(sum(p for p, _ in some), 1.0)))
+            best, min(sum(p for p, _ in some), 1.0), _survival(found.last, best), status,
+            () if place is None else tuple(what.label(m, place) for m in place.members[1:])))
     return tuple(sorted(out, key=lambda c: (c.status != "named", -c.probability)))
 
 
@@ -305,14 +304,15 @@ def _stage(asked: Round, rows: Container[tuple[int, int]], chosen: Sequence[Hypo
     found = library(system, asked.kinds, [asked.fit.problem.free[c] for c in asked.columns],
                     apart=True)
     there = [_nearest(h, found.hypotheses) for h in chosen if h is not None]
-    return bare_stage(system, found, [i for i in there if i is not None], asked.columns)
+    return stage_of(system, found, [i for i in there if i is not None], asked.whitening,
+                    asked.columns)
 
 
 def _survival(stage: Stage, h: Hypothesis) -> float:
     """Return the part of a hypothesis that the geometry of a stage leaves, nan of what it lacks."""
     own = stage.library.hypotheses
     at = _nearest(h, own)
-    return np.nan if at is None else stage.search.test.survival(own[at].columns)
+    return np.nan if at is None else stage.survival(own[at].columns)
 
 
 def _nearest(h: Hypothesis, some: Sequence[Hypothesis]) -> int | None:
@@ -330,7 +330,7 @@ def _left(stage: Stage, asked: Round) -> Remainder:
     unknown = asked.unnamed
     chance = float(np.prod([1.0 - sum(m.probability for m in p.members
                                       if UNKNOWN_FAMILY in m.family) for p in unknown]))
-    return Remainder(*against_noise(stage), unknown[0].label if unknown else "", chance, {})
+    return remainder(stage, unknown[0].label if unknown else "", chance)
 
 
 def _effects(what: Told, stage: Stage) -> tuple[NamedEffect, ...]:
@@ -340,11 +340,9 @@ def _effects(what: Told, stage: Stage) -> tuple[NamedEffect, ...]:
         assert place.hypothesis is not None
         survival = _survival(stage, place.hypothesis)
         out += [NamedEffect(
-            place.hypothesis.kind, a.on, a.parameters, np.nan, np.nan, survival,
+            place.hypothesis.kind, a.on, a.parameters, survival, first.probability,
             tuple(what.label(m, place) for m in others),
-            tuple(first.probability / m.probability for m in others), place.hypothesis,
-            probability=first.probability,
-            probabilities=tuple(m.probability for m in others)) for a in added]
+            tuple(m.probability for m in others), place.hypothesis) for a in added]
     return tuple(out)
 
 

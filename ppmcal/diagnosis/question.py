@@ -171,7 +171,7 @@ def _prior(h: Hypothesis) -> float:
     """Return the prior that one of the families of a sort acts."""
     if h.anonymous:
         return float(UNKNOWN) * SHAPES
-    seldom = h.effect is not None and h.effect.seldom > 0.0
+    seldom = h.effect is not None and h.effect.seldom
     return float(FAMILY) * (float(SELDOM) if seldom else 1.0) * (
         float(GOES_WITH) if h.effect and h.kind == PRODUCT.name else 1.0)
 

@@ -14,7 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.diagnosis.linear_system import System, plain
+from ppmcal.diagnosis.linear_system import System, Whitening
 from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
@@ -125,7 +125,7 @@ class UnknownCauses:
 
     def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
         mechanism = self.system.problem.mechanism
-        seen = Visible(self.system, plain(self.system), np.zeros((self.system.observed.size, 0)),
+        seen = Visible(self.system, Whitening(), np.zeros((self.system.observed.size, 0)),
                        self.system.residual.reshape(-1))
         for curve, on in forms(seen, everywhere, (), every=True):
             kernels = self._kernels(curve, on)

@@ -29,6 +29,7 @@ class NoiseView:
     """The data as they are for one correlation of the noise."""
 
     log_prior: float
+    rho: float
     start: Conditioned
     blocks: tuple[Block, ...]
     _with_rows: dict[frozenset[tuple[int, int]], Conditioned] = field(default_factory=dict,
@@ -103,7 +104,7 @@ class Question:
         values = noise.apply(self.values[:, None])[:, 0]
         start = Conditioned.nothing(columns, values, count, self.known).taking(
             noise.apply(self.geometry))
-        return NoiseView(log_prior - noise.log_det, start, self.blocks)
+        return NoiseView(log_prior - noise.log_det, rho, start, self.blocks)
 
     @cached_property
     def groups(self) -> dict[str, list[int]]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import (
@@ -21,14 +19,12 @@ from ppmcal.io.results.diagnosis_wording import (
     rivals,
     side,
     stages,
-    survives,
     together,
     tried_sets,
     unconfirmed,
     unknown_causes,
     worst_block,
 )
-from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_format import amounts, in_unit, odds_to
 from ppmcal.report.diagnosis_tables import ladder, next_poses, tried
@@ -51,7 +47,7 @@ def diagnosis_section(d: Diagnosed) -> Section:
     return Section("The missing effect", body, d.folder, parts=filled([
         Section("What the residuals follow, before and after", figures(shown)),
         Section("What these data cannot tell apart", figures(drawn.get("alternatives", []))),
-        _days(r), _next(d), _refused(d, drawn.get("ranking", [])), _swallowed(r), _places(r),
+        _days(r), _next(d), _refused(d), _swallowed(r), _places(r),
         Section("Residuals", figures([
             *residual_figures(d.residuals, r.units, d.folder),
             *coordinate_figures(d.residuals, r.units, fit=d.folder)]),
@@ -85,19 +81,17 @@ def _effects(r: DiagnosisRecord) -> str:
                                    for name, text in amounts(e) or [("", "–")])
             rows.append([
                 words(e.called), words(where(on, actuators(r)) or "machine"), words(own, "wrap"),
-                amount(e.p_value if e.probability is None else e.probability,
-                       probable(e.probability) or probability(e.p_value) or "–"),
+                amount(e.probability, probable(e.probability) or "–"),
                 amount(survival, "–" if survival is None else f"{survival:.0%}".replace("%", " %")),
                 words(_rivals(r, e), "wrap")])
-    stand = [f"{effect_name(r, g[0])}: {text}" for g in together(r) if (text := survives(g[0]))]
     sides = [f"{effect_name(r, g[0]) if len(g) == 1 else g[0].called}: {text}"
              for g in together(r) for text in side(g)]
-    told = bullets([*sides, *stand]) + paragraph(unknown_causes(r)) + paragraph(tried_sets(r))
+    told = bullets(sides) + paragraph(unknown_causes(r)) + paragraph(tried_sets(r))
     if not rows:
         return told
     return table("What is missing in the model, with 95 % intervals; visible: the part that "
                  "geometry cannot imitate",
-                 ["effect", "on", "size ± 95 %", "probability, or chance of noise alone", "visible",
+                 ["effect", "on", "size ± 95 %", "probability", "visible",
                   "cannot be told from"], rows) + told
 
 
@@ -109,23 +103,21 @@ def _rivals(r: DiagnosisRecord, e: DiagnosedEffect) -> str:
                      for n, o in zip(names, odds, strict=False)) or "nothing else"
 
 
-def _refused(d: Diagnosed, ranking: Sequence[Drawing]) -> Section:
+def _refused(d: Diagnosed) -> Section:
     """Return what was tried and not named, and what could not be tried."""
     r = d.record
     size = count(d.effects.size, "hypothesis", "hypotheses") if d.effects is not None else ""
-    return Section("What was tried and refused", figures(ranking) + _suspects(r)
-                   + tried(d.effects) + _untestable(r), size, folded=True)
+    return Section("What was tried and refused", _suspects(r) + tried(d.effects)
+                   + _untestable(r), size, folded=True)
 
 
 def _suspects(r: DiagnosisRecord) -> str:
     """Return what may be there but cannot be named."""
     lines = []
     for e in r.possible:
-        p = probable(e.probability) or probability(e.p_value)
-        why = {"imitation": "explains part of it, but is probably only an imitation",
-               "consistent": "consistent with it, but would not stand if the rest were explained"
-               }.get(e.status, "suspected, too weak to be named")
-        lines.append(f"{name_of(r, e.called, e.on)}: {why}" + (f" ({p})." if p else "."))
+        p = probable(e.probability)
+        lines.append(f"{name_of(r, e.called, e.on)}: suspected, too weak to be named"
+                     + (f" ({p})." if p else "."))
     return bullets(lines)
 
 
@@ -137,12 +129,7 @@ def _remainder(r: DiagnosisRecord) -> str:
     text = "" if ratio is None else (
         f"In the rows used, residuals are {sig(ratio)} times the {which}noise "
         f"{'with what is named' if r.effects else 'with geometry alone'}. ")
-    if r.unknown:
-        pass    # told with what is missing
-    elif rest.follows:
-        p = probability(rest.p_value)
-        text += f"What is left follows {rest.follows}" + (f" ({p})." if p else ".")
-    elif ratio is not None:
+    if ratio is not None and not r.unknown:    # which is told with what is missing
         text += "What is left follows nothing that was recorded."
     return paragraph(text)
 

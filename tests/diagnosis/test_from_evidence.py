@@ -23,7 +23,7 @@ def campaign(folder: Path, case: str, machine: str, seed: int, eta: float, count
 
 
 def diagnosed(folder: Path, *options: str) -> dict[str, Any]:
-    run = ppmcal("diagnose", "mechanism.yaml", "data.csv", "--evidence", *options, cwd=folder)
+    run = ppmcal("diagnose", "mechanism.yaml", "data.csv", *options, cwd=folder)
     assert run.code in (0, 1), run
     return json.loads((folder / "diagnosed" / "diagnosis.json").read_text()) | {"said": run.out}
 
@@ -95,7 +95,7 @@ def test_what_has_no_name_says_what_it_looks_like(tmp_path: Path) -> None:
 
 def test_a_batch_and_python_have_the_option(tmp_path: Path) -> None:
     campaign(tmp_path, "none-wrench", "hexapod", 3, 1.0)
-    result = api.diagnose(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"], evidence=True)
+    result = api.diagnose(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"])
     assert result.diagnosis.nothing > 0.5
     assert result.record.nothing == pytest.approx(result.diagnosis.nothing)
 

@@ -97,7 +97,7 @@ def own_values(record: DiagnosisRecord, group: Group) -> str:
     they are few, or not of one hypothesis.
     """
     names = [n for n, v in group[0].parameters.items() if v.sigma is not None]
-    if len(group) <= FEW or len({e.log10_p for e in group}) > 1 or any(
+    if len(group) <= FEW or len({e.probability for e in group}) > 1 or any(
             len(e.on) != 1 or set(e.parameters) != set(group[0].parameters) for e in group):
         return ""
     return ", ".join(_own(group, n) for n in names)
@@ -174,26 +174,6 @@ def _geometry(effect: DiagnosedEffect) -> list[str]:
 def actuators(record: DiagnosisRecord) -> int:
     """Return the number of actuators, 0 where the record does not say."""
     return len(record.plot_data.actuators)
-
-
-def survives(effect: DiagnosedEffect) -> str:
-    """Return whether a named effect would stand if the rest were explained, empty if unknown."""
-    found = effect.survives
-    if found is None or not found.stands:
-        return ""
-    shape = f" beside a shape in {found.follows}" if found.follows else ""
-    kept = finite(found.keeps)
-    size = "" if kept is None else f", with {_percent(kept)} of its size"
-    return f"It would stand if the rest were explained{shape}{size}."
-
-
-def not_named(record: DiagnosisRecord) -> str:
-    """Return what the data are consistent with and that would not stand; empty where nothing."""
-    names = [name_of(record, e.called, e.on) for e in record.possible
-             if e.status in ("consistent", "imitation")]
-    return "" if not names else (
-        f"Consistent with, not named: {'; '.join(dict.fromkeys(names))}: no more than an imitation "
-        "of what is left, perhaps.")
 
 
 LIKELY, FEW_SETS = 0.01, 4

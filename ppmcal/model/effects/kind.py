@@ -218,8 +218,6 @@ class EffectKind:
         follows: what its residuals are plotted against; None: the first column that it needs, or
             the travel.
         remedy: what to measure or record that tells it from what looks alike.
-        smooth: whether it is a slow function of the travel, so that two such kinds on one joint
-            may only make up another shape.
         period: name of the parameter that is a period of the travel.
         onset: name of the parameter that is the row from which on it holds, until the next of its
             kind.
@@ -238,14 +236,13 @@ class EffectKind:
         written: of a kind that was made so: units of the file -> its entries.
         variants: motion -> the kinds that a search tries in its place; None: itself.
         contains: kinds of which it is a more general one, which are enough where they do as well.
-        seldom: BIC that it must make up for, since machines seldom have it: 2 log of the odds.
+        seldom: whether machines seldom have it.
         known: the ranges of its inputs beyond which nothing is known of it; none: everywhere.
         spread: what it is uncertain by beside its parameters, if anything.
         unsettled: by how much du is another one since nobody knows what was before the first row:
             (setting, on, values, start) -> (N, k), unit of u; start -1 to 1, what was; at 1, the
             default, it is the most that may be. None: the first row is like any other.
         reversal: what its sign says of where the encoder sits, if anything.
-        one_sign: whether all its parameters have the same sign, whichever.
         nuisance: whether it is of what the machine is measured against: a search names it for
             nothing, and tells it as an alternative to what it explains as well.
         title: what people call it; empty: its name. Kinds made of one are told apart by it.
@@ -267,7 +264,6 @@ class EffectKind:
     derived: tuple[Derived, ...] = ()
     follows: EffectInput | None = None
     remedy: str = ""
-    smooth: bool = False
     period: str = ""
     onset: str = ""
     instrument: bool = False
@@ -281,14 +277,13 @@ class EffectKind:
     written: Callable[[Units], Mapping[str, object]] | None = None
     variants: Callable[[str], Sequence[EffectKind]] | None = None
     contains: tuple[str, ...] = ()
-    seldom: float = 0.0
+    seldom: bool = False
     known: tuple[KnownRange, ...] = ()
     spread: Spread | None = None
     unsettled: Unsettled | None = None
     title: str = ""
     body: str = ""
     reversal: Reversal | None = None
-    one_sign: bool = False
     nuisance: bool = False
 
     def __post_init__(self) -> None:
@@ -304,11 +299,6 @@ class EffectKind:
                                for m in self.motions):
             raise ValueError(f"effect '{self.name}': the period '{self.period}' is no parameter "
                              "with a scan")
-
-    @property
-    def may_be_plain(self) -> bool:
-        """Whether there are parameters that a search tries the kind without."""
-        return any(s.optional for m in self.motions for s in self.parameters(m))
 
     @property
     def label(self) -> str:
