@@ -26,6 +26,7 @@ from ppmcal.diagnosis.explanation import (
 )
 from ppmcal.diagnosis.extended_model import Added, extended
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
+from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.learned_terms import learned_beyond, with_learned
 from ppmcal.diagnosis.linear_system import build
@@ -212,7 +213,7 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         localise, replace(found.first, chosen=()), found.last if named else replace(
             found.first, chosen=()), options.seed), (), beside)
     proposed = secondary("which measurements come next", partial(
-        _next, what, found.last, verdict, options.seed),
+        _next, what, found.last, verdict, gap, options.seed),
         nothing("these measurements do not tell what to measure next",
                 len(whole.problem.mechanism.actuators)), beside)
     listed = _candidates(what, found, named)
@@ -389,7 +390,7 @@ def _others(what: Told) -> list[tuple[CausePlace, Member, float]]:
     return list(once.values())
 
 
-def _next(what: Told, stage: Stage, verdict: str, seed: int) -> Proposal:
+def _next(what: Told, stage: Stage, verdict: str, gap: Gap | None, seed: int) -> Proposal:
     """Return measurements that tell the likeliest two apart, or what else to do."""
     every = stage.library.hypotheses
     for place, member, odds in _others(what) if verdict in NAMED else ():
@@ -399,4 +400,4 @@ def _next(what: Told, stage: Stage, verdict: str, seed: int) -> Proposal:
             one, two = _nearest(place.hypothesis, every), _nearest(other[0], every)
             if one is not None and two is not None:
                 return propose(stage, every[one], every[two], odds, seed)
-    return advice(verdict, len(what.whole.problem.mechanism.actuators))
+    return advice(verdict, len(what.whole.problem.mechanism.actuators), gap)

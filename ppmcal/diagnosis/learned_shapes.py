@@ -11,9 +11,9 @@ from ppmcal import linalg
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.learning import Term
 from ppmcal.diagnosis.result import LearnedTerms
-from ppmcal.diagnosis.stage import VISIBLE, Stage
+from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.term_candidates import Visible, columns_of
-from ppmcal.linalg import Array, unit_columns
+from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
 from ppmcal.model.effects.setting import PLACE
 
@@ -182,8 +182,8 @@ def _near(stage: Stage, curve: LearnedCurve, on: Sequence[bool]) -> tuple[tuple[
     best: dict[str, float] = {}
     for h in stage.hypotheses:
         if not (h.anonymous or h.slot):
-            own = linalg.range_basis(unit_columns(stage.past(h.columns)), VISIBLE)
-            cosine = float(np.sqrt(np.sum((own.T @ free) ** 2) / square))
+            along = stage.plane(h.columns).T @ free
+            cosine = float(np.sqrt(along @ along / square))
             best[h.label] = max(best.get(h.label, 0.0), cosine)
     ranked = sorted(best.items(), key=lambda pair: -pair[1])
     return tuple((label, c) for label, c in ranked[:FEW] if c >= NEAR)

@@ -12,10 +12,10 @@ from ppmcal.calibration.fit import column_scale
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import INVISIBLE, System, Whitening, range_basis
 from ppmcal.diagnosis.whitening import PureError, pure_error
-from ppmcal.linalg import Array, column_lengths, unit_columns
+from ppmcal.linalg import Array, column_lengths, without_range
 
 VISIBLE = 1e-4
-"""Directions of columns below this part of the strongest are swallowed by the geometry."""
+"""Directions of unit columns of which the geometry leaves less than this are swallowed by it."""
 WEAK_SURVIVAL = 0.2
 """Effects of which the geometry leaves less than this are weakly testable."""
 
@@ -61,19 +61,25 @@ class Stage:
         """Return some whitened columns of the library (n, k)."""
         return self.noise.apply(self.library.some(which), self.system)
 
-    def past(self, which: Sequence[int]) -> Array:
-        """Return what the geometry leaves of some columns (n, k)."""
+    def past(self, which: Sequence[int]) -> tuple[Array, Array]:
+        """Return what the geometry leaves of some columns of unit length (n, k), and their lengths.
+        """
         columns = self.some(which)
-        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
+        length = column_lengths(columns)
+        return without_range(columns / length, self.basis), length
+
+    def plane(self, which: Sequence[int]) -> Array:
+        """Return a basis (n, r) of what the geometry leaves of some columns."""
+        return range_basis(self.past(which)[0], VISIBLE)
 
     def survival(self, which: Sequence[int]) -> float:
         """Return which part of the columns' length the geometry leaves."""
-        part = column_lengths(self.past(which)) / column_lengths(self.some(which))
-        return float(np.sqrt(np.mean(part**2)))
+        return float(np.sqrt(np.mean(column_lengths(self.past(which)[0]) ** 2)))
 
     def sizes(self, which: Sequence[int]) -> Array:
         """Return the coefficients (k,) of some columns that explain most beside the geometry."""
-        return np.asarray(linalg.lstsq(self.past(which), self.residual, rcond=VISIBLE)[0])
+        unit, length = self.past(which)
+        return np.asarray(linalg.lstsq(unit, self.residual, rcond=VISIBLE)[0] / length)
 
     def left(self, chosen: Sequence[int]) -> Array:
         """Return the residual (n,) without geometry and some hypotheses."""
@@ -83,9 +89,7 @@ class Stage:
     def explained(self, chosen: Sequence[int]) -> Array:
         """Return a basis (n, r) of the geometry and some hypotheses."""
         columns = [c for i in chosen for c in self.hypotheses[i].columns]
-        if not columns:
-            return self.basis
-        return np.concatenate([self.basis, range_basis(unit_columns(self.past(columns)))], axis=1)
+        return np.concatenate([self.basis, self.plane(columns)], axis=1) if columns else self.basis
 
 
 def stage_of(system: System, found: Library, chosen: Sequence[int], noise: Whitening,

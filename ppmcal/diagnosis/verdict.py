@@ -98,8 +98,11 @@ def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[str]:
             for kind, ways in joints.items() if len(ways) > 1]
 
 
-def advice(verdict: str, joints: int) -> Proposal:
-    """Return what to do where no measurements tell rivals apart."""
+def advice(verdict: str, joints: int, gap: Gap | None = None) -> Proposal:
+    """Return what to do where no measurements tell rivals apart; ``gap``: on held-out poses."""
+    if verdict == "named" and gap is not None and not gap.confirmed:
+        return nothing("repeat the campaign, or measure more poses: those held out do not confirm "
+                       "yet what is named", joints)
     return nothing({"none": "nothing more to measure: no missing effect is detectable",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
                     "named": "nothing more to measure: the named effects explain the residuals",

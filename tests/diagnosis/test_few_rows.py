@@ -21,7 +21,7 @@ def small_campaign(seed: int, times: float) -> Diagnosis:
     data = replace(made.dataset, sigma_position=made.dataset.sigma_position / times,
                    sigma_rotation=made.dataset.sigma_rotation / times)
     return diagnose(
-        Problem(made.mechanism, (data,), made.mechanism.free), DiagnosisOptions(draws=300)
+        Problem(made.mechanism, (data,), made.mechanism.free), DiagnosisOptions()
     )
 
 

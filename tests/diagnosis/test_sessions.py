@@ -63,7 +63,7 @@ def test_what_was_there_on_one_day_is_told_as_that(tmp_path: Path) -> None:
 def test_probabilities_name_what_was_there_on_one_day(tmp_path: Path) -> None:
     """As that effect, not the same in all sessions: no unknown cause has to do it."""
     two_days(tmp_path, [], BACKLASH)
-    _, found = diagnose(tmp_path, DATA, OTHER, "--evidence", "--kind", "backlash", "--kind",
+    _, found = diagnose(tmp_path, DATA, OTHER, "--kind", "backlash", "--kind",
                         "friction")
     (one,) = found["effects"]
     assert (one["kind"], one["on"]) == ("backlash", ["leg1"]) and not found["unknown"]

@@ -202,8 +202,6 @@ def test_first_rows_that_fall_short_have_a_pattern(tmp_path: Path, how: str) -> 
     assert run.code == 1 and found["verdict"] == "unnamed"
     assert any("left out as outliers" in f and "are the first row at their pose" in f
                for f in found["findings"])
-    assert "first row at their pose" in found["remainder"]["follows"]
-    assert found["remainder"]["p_value"] < 0.01
 
 
 @pytest.mark.slow
@@ -259,7 +257,7 @@ def test_a_pattern_is_told_as_what_it_is(plain: Fit, what: str) -> None:
     gone = np.zeros(n, dtype=bool)
     gone[np.random.default_rng(1).permutation(np.flatnonzero(has))[:15]] = True
     out = module.left_out(without(plain, gone))
-    assert out.suspicious and out.share == 1.0 and out.p_value < module.LEVEL
+    assert out.follows and out.share == 1.0 and out.p_value < module.LEVEL
     assert what in out.follows
     assert out.sentence.startswith(f"15 rows of {n} left out")
 
@@ -275,7 +273,7 @@ def test_a_place_is_told_as_what_it_is(plain: Fit, where: str) -> None:
     each = replace(plain, problem=replace(plain.problem, datasets=(
         replace(data, groups=np.arange(len(data))),)))
     out = module.left_out(without(each, has))
-    assert out.suspicious and out.share == 1.0 and out.p_value < module.LEVEL
+    assert out.follows and out.share == 1.0 and out.p_value < module.LEVEL
     words = {"corner": ("x above", "y up to"), "side": ("highest third by y",),
              "joint": ("lowest third by leg2",)}[where]
     assert all(w in out.follows for w in words)
@@ -376,7 +374,7 @@ def test_a_block_is_predicted_as_by_a_fit_without_it(tmp_path: Path) -> None:
     blocks = pytest.importorskip("ppmcal.diagnosis.held_out_blocks")
     simulate(tmp_path, "3-RPR", [effect("leg_thermal", ["leg2"], expansion=15e-6)], count=60,
              conditions={"temperature": {"mean": 24, "swing": 6}})
-    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.DiagnosisOptions(draws=500))
+    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.DiagnosisOptions())
     assert [e.kind for e in told.effects] == ["leg_thermal"]
     assert {b.by for b in told.blocks} == {"time", "temperature"}
     keep = [a & b for a, b in zip(told.before.keep, told.identification.fit.keep, strict=True)]
@@ -473,7 +471,7 @@ def test_gains_of_a_tenth_are_no_gains(tmp_path: Path, seed: int) -> None:
         for i, gain in enumerate(gains, 1):
             row[f"q_leg{i}"] = str(number(row, f"q_leg{i}") / (1.0 + gain))
     write_csv(tmp_path / DATA, table)
-    run = ppmcal("diagnose", "m.yaml", DATA, "--draws", "1000", "--out", "d", cwd=tmp_path)
+    run = ppmcal("diagnose", "m.yaml", DATA, "--out", "d", cwd=tmp_path)
     assert run.code in (1, 3), run.out
     if run.code == 1:
         found = found_in(tmp_path)
@@ -486,7 +484,7 @@ def test_what_a_later_search_made_is_compared_too(tmp_path: Path) -> None:
     """A later search has forms, and places for them, that the first one does not have."""
     simulate(tmp_path, "3-RPR", [effect("periodic", ["leg2"], cos=0.03, sin=0.01, period=19.0)],
              count=60, **SINGLE)
-    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.DiagnosisOptions(draws=500))
+    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.DiagnosisOptions())
     first, (named_one,) = told.found.first, told.effects
     # as if made later, and the first search had it last
     fewer = replace(first.search, hypotheses=first.library.hypotheses)
@@ -536,7 +534,7 @@ def test_a_flat_grid_shows_no_effect_that_is_not_there(
     ppmcal("simulate", own, "s.yaml", "--out", "s", cwd=tmp_path, expect=0)
     wide = {k: looser * v for k, v in drawn["tolerances"].items()}
     (tmp_path / "m.yaml").write_text(yaml.safe_dump(drawn | {"tolerances": wide}))
-    run = ppmcal("diagnose", "m.yaml", DATA, "--draws", "1000", "--out", "d", cwd=tmp_path)
+    run = ppmcal("diagnose", "m.yaml", DATA, "--out", "d", cwd=tmp_path)
     assert run.code in (0, 1) or (run.code == 3 and "converge" in run.err), run.err
     if run.code != 3:
         found = found_in(tmp_path)

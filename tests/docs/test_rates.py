@@ -8,18 +8,15 @@ from dataclasses import replace
 
 import pytest
 from diagnosis_study import reliability
-from helpers.campaigns_in_files import run
 from helpers.paths import ROOT
 from hidden import Options, hide
 from rates.digest import code_of
-from rates.studies import AFTERWARDS, STUDIES, UNDER_TRIAL, filled
+from rates.studies import AFTERWARDS, STUDIES, filled
 from rates.tables import FOLDER, TABLES
 from study_runner import read
 
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.diagnosis import candidates, diagnose
-from ppmcal.inference import block_sets, given
-from ppmcal.io import read_mechanism, read_scenario
+from ppmcal.diagnosis import diagnose, from_evidence
 
 BY_NAME = {s.name: s for s in STUDIES}
 MADE = re.compile(r"Version \S+, engine (\w{12}) \([\w/, ]+\), seeds? ([\d, ]+)")
@@ -74,23 +71,6 @@ def test_no_table_of_rates_of_another_version_stands_beside_them(page):
     assert not [line for line in text.splitlines() if line.startswith("|") and RATE.search(line)]
 
 
-def test_what_is_under_trial_decides_nothing_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its code is not in the digest of the rates; with the option it is run."""
-    def fails(*args: object, **options: object) -> object:
-        raise AssertionError("is run")
-
-    assert all((ROOT / "ppmcal" / path).exists() for path in UNDER_TRIAL)
-    for module, name in ((diagnose, "diagnosed"), (candidates, "misread_columns"),
-                         (block_sets, "state"), (given.Conditioned, "nothing")):
-        monkeypatch.setattr(module, name, fails)
-    stage = read_mechanism(ROOT / "configs" / "3-RPR.yaml")
-    scenario = read_scenario(ROOT / "configs" / "scenarios" / "3-RPR.yaml", stage)
-    problem = Problem(stage, (run(stage, scenario, 3).data,), stage.free)
-    assert diagnose.diagnose(problem).verdict
-    with pytest.raises(AssertionError, match="is run"):
-        diagnose.diagnose(problem, diagnose.DiagnosisOptions(evidence=True))
-
-
 @pytest.mark.slow
 def test_what_runs_afterwards_changes_no_verdict_and_no_name(monkeypatch: pytest.MonkeyPatch
                                                              ) -> None:
@@ -101,9 +81,9 @@ def test_what_runs_afterwards_changes_no_verdict_and_no_name(monkeypatch: pytest
     problem = Problem(made.mechanism, (replace(made.dataset, sessions=days),), made.mechanism.free)
     whole = diagnose.diagnose(problem)
     assert whole.effects and all(e.sessions is not None for e in whole.effects)
-    module = diagnose.with_sessions.__module__.removeprefix("ppmcal.").replace(".", "/")
+    module = from_evidence.with_sessions.__module__.removeprefix("ppmcal.").replace(".", "/")
     assert (f"{module}.py",) == AFTERWARDS
-    monkeypatch.setattr(diagnose, "with_sessions", lambda fit, effects: (effects, []))
+    monkeypatch.setattr(from_evidence, "with_sessions", lambda fit, effects: (effects, []))
     without = diagnose.diagnose(problem)
     assert without.verdict == whole.verdict and without.possible == whole.possible
     assert without.effects == tuple(replace(e, sessions=None) for e in whole.effects)

@@ -600,7 +600,7 @@ def test_parts_of_a_stroke_are_of_errors_of_a_drive() -> None:
 
 def test_traits_and_the_kinds_that_have_them() -> None:
     having: dict[str, set[str]] = {
-        "smooth": {"curvature", "eccentricity"}, "by_sign": {"clearance"},
+        "by_sign": {"clearance"},
         "under_weight": {"compliance"}, "one_by_one": {"plate_compliance"},
         "nuisance": {"bed_shape"}, "instrument": {"base_shift", "bed_shape", "sensor_scale",
                                                   "target_shift", "tilt"}}
