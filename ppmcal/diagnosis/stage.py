@@ -62,8 +62,7 @@ class Stage:
         return self.noise.apply(self.library.some(which), self.system)
 
     def past(self, which: Sequence[int]) -> tuple[Array, Array]:
-        """Return what the geometry leaves of some columns of unit length (n, k), and their lengths.
-        """
+        """Return what the geometry leaves of some columns, made unit (n, k), and their lengths."""
         columns = self.some(which)
         length = column_lengths(columns)
         return without_range(columns / length, self.basis), length
