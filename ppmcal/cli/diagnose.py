@@ -107,6 +107,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
         learned_gap,
         next_step,
         not_named,
+        predicted,
         stages,
         tried_sets,
         unknown_causes,
@@ -121,6 +122,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
         console.say(line)
     for line in (unknown_causes(record), tried_sets(record), not_named(record),
                  gap_closed(record) if record.effects else "", worst_block(record),
+                 predicted(record),
                  imitated(record), *learned(record), learned_gap(record)):
         if line:
             console.say(line)
