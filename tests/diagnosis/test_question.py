@@ -13,7 +13,6 @@ from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.candidates import library
-from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.question import ROW_FAMILY, UNKNOWN_FAMILY, LibrarySource, question
 from ppmcal.diagnosis.recorded import with_whole_rows
@@ -56,22 +55,6 @@ def test_columns_are_those_of_the_library() -> None:
     some = [5, 0, source.count - 1]
     values = np.random.default_rng(0).normal(size=(source.observed.size, 2))
     assert source.along(values)[some] == pytest.approx(source.some(some).T @ values)
-
-
-def test_a_screw_that_turns_more_often_than_there_are_poses_is_found() -> None:
-    """Poses are not evenly spaced: they tell a wave of 125 turns from all that are coarser."""
-    found = hide("3-RPR", 7, [], 1.0, Options(poses=40), "all")
-    q = found.dataset.q.copy()
-    q[:, 0] += 5.0 * found.dataset.sigma_position.min() * np.sin(2.0 * np.pi * q[:, 0] / 0.002)
-    data = (replace(found.dataset, q=q),)
-    fit = identify(with_whole_rows(Problem(found.mechanism, data, found.mechanism.free)),
-                   FitOptions())
-    system = build(fit.problem, fit.state, fit.keep)
-    what = question(system, library(system, ["periodic"]), UnknownCauses(system, all_settings(fit)))
-    (one,) = posterior(what.question).best.chosen
-    source = what.sources[one]
-    assert isinstance(source, Hypothesis)
-    assert (source.on, source.constants) == (("leg1",), {"period": 0.002})
 
 
 def test_a_kind_is_told_apart_by_its_joints_and_the_unknown_is_not() -> None:
