@@ -102,6 +102,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
         learned,
         learned_gap,
         next_step,
+        predicted,
         stages,
         tried_sets,
         unknown_causes,
@@ -116,6 +117,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
         console.say(line)
     for line in (unknown_causes(record), tried_sets(record),
                  gap_closed(record) if record.effects else "", worst_block(record),
+                 predicted(record),
                  imitated(record), *learned(record), learned_gap(record)):
         if line:
             console.say(line)

@@ -36,6 +36,7 @@ from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
 from ppmcal.diagnosis.onsets import refined, with_onsets
 from ppmcal.diagnosis.other_days import other_days, worse_days
 from ppmcal.diagnosis.other_models import beyond_physics, fitted
+from ppmcal.diagnosis.predictive_check import predictions
 from ppmcal.diagnosis.question import ROW_FAMILY
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import MOST_STEPS, with_mechanism
@@ -66,7 +67,7 @@ WEAK = 0.05
 LONG_ODDS = 1000.0
 """Odds beyond which a set of effects is not worth a fit."""
 MOST_READINGS = 8
-NOT_PREDICTED = ("{} would explain these rows, but poses held out are surely predicted worse with "
+NOT_PREDICTED = ("{} would explain these rows, but poses left out are surely predicted worse with "
                  "it than by geometry alone: it has no name here; measure more poses, or record "
                  "more of what might matter (load, temperature, time)")
 
@@ -166,8 +167,10 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     refuse_unredundant(found)
     gap = secondary("the gap on held-out poses", partial(held_out_gap, found, held, options), None,
                     beside)
+    predictive = secondary("how rows left out are predicted", partial(predictions, what.last), (),
+                           beside)
     verdict, taken_back = what.verdict, list[str]()
-    if verdict in NAMED and gap is not None and gap.worse:
+    if verdict in NAMED and predictive and predictive[0].surely_worse:
         verdict = "unnamed"    # what does surely not predict is no name
         taken_back.append(NOT_PREDICTED.format(", ".join(dict.fromkeys(
             p.label for p, _ in what.effects))))
@@ -223,7 +226,7 @@ def diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         swallowed(whole, final), reported.fit if final is whole and not terms else whole,
         reported, found, proposed, (*said, *beside), blocks, readings, terms, days,
         what.last.answer.nothing((ROW_FAMILY,)), tuple(
-            _unknown(what, p) for p in what.last.unnamed))
+            _unknown(what, p) for p in what.last.unnamed), predictive)
 
 
 def _unknown(what: Told, place: CausePlace) -> UnknownFound:

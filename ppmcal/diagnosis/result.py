@@ -31,6 +31,8 @@ NAMED = ("named", "named-set", "partial")
 """Verdicts that name something."""
 LEARNED_AFTER = ("unnamed", "partial")
 """Verdicts that leave something to learn."""
+SURELY = 2.0
+"""Standard errors by which a score has to be lower to be surely lower."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,40 @@ class UnknownFound:
 
 
 @dataclass(frozen=True)
+class Predictions:
+    """How well rows left out are predicted: ``score``, the logarithm of their density.
+
+    ``error``: rms over the stated noise; ``score_sigma``, ``error_sigma``: standard errors.
+    """
+
+    score: float
+    score_sigma: float
+    error: float
+    error_sigma: float
+
+
+@dataclass(frozen=True)
+class LeftOutBlocks:
+    """Rows left out in turn, so many ``blocks``, ``by`` pose, session, time, temperature or load.
+
+    Predicted by ``geometry`` alone, and by the model ``averaged`` over all sets of causes by their
+    probability; ``gain``: by how much the score of that is larger, with its standard error.
+    """
+
+    by: str
+    blocks: int
+    geometry: Predictions
+    averaged: Predictions
+    gain: float
+    gain_sigma: float
+
+    @property
+    def surely_worse(self) -> bool:
+        """Whether geometry alone surely predicts better."""
+        return self.gain + SURELY * self.gain_sigma < 0.0
+
+
+@dataclass(frozen=True)
 class Swallowed:
     """A parameter that had moved to imitate an effect: error without and with it, in ``unit``."""
 
@@ -201,6 +237,7 @@ class Diagnosis:
         learned: terms learned from what was left, which claim no cause; they are in the
             identification.
         days: each session as fits of the others predict it, with and without each effect.
+        predictive: rows left out, predicted by geometry alone and by all that may be there.
         nothing: probability that the geometry is all there is; nan where it was not asked.
         unknown: what is there without a name.
     """
@@ -226,3 +263,4 @@ class Diagnosis:
     days: tuple[Validated, ...] = ()
     nothing: float = np.nan
     unknown: tuple[UnknownFound, ...] = ()
+    predictive: tuple[LeftOutBlocks, ...] = ()

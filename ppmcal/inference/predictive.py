@@ -6,11 +6,12 @@ the others by e_g = (M_gg)^-1 (M y)_g, of covariance s^2 (M_gg)^-1: no fit is ma
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import gammaln
+from scipy.special import gammaln, logsumexp
 
 from ppmcal import linalg
 from ppmcal.inference.given import Conditioned
@@ -64,3 +65,44 @@ def predicted(given: Conditioned, group: Ints) -> Predicted:
                     + float(np.sum(np.log(np.diagonal(factor))))
                     - 0.5 * (freedom + at.size) * np.log1p(square / (freedom * scale)))
     return Predicted(error, spread, score)
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOutGroups:
+    """Groups of values as several models, each by its probability, predict them from all others.
+
+    Attributes:
+        log_score: logarithm of the density at each group's values (G,).
+        square: sum of squared errors of each group, in units of the stated noise (G,).
+        count: values of each group (G,).
+    """
+
+    log_score: Array
+    square: Array
+    count: Ints
+
+
+def averaged(models: Sequence[tuple[float, Conditioned]], group: Ints) -> LeftOutGroups:
+    """Return what models predict together, each as probable as the other groups make it.
+
+    What the values of a group add to a model's probability is its score there: p(y_g | rest) =
+    p(y) / p(rest), with p(rest) = sum of p_h / exp(score_h).
+
+    Args:
+        models: log p of each, up to what they have in common, and the data past what it has.
+        group: as of :func:`predicted`.
+
+    Raises:
+        LinearAlgebraError: as :func:`predicted`.
+    """
+    log_p = np.array([p for p, _ in models])
+    each = [predicted(given, group) for _, given in models]
+    without = log_p[:, None] - np.stack([e.log_score for e in each])
+    rest = logsumexp(without, axis=0)
+    known = group >= 0
+    weight = np.exp(without - rest)[:, group[known]]
+    error = np.sum(weight * np.stack([e.error[known] for e in each]), axis=0)
+    size = without.shape[1]
+    return LeftOutGroups(logsumexp(log_p) - rest,
+                         np.bincount(group[known], error**2, size).astype(float),
+                         np.bincount(group[known], minlength=size))

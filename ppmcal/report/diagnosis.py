@@ -15,6 +15,7 @@ from ppmcal.io.results.diagnosis_wording import (
     name_of,
     next_step,
     own_values,
+    predicted,
     probable,
     rivals,
     side,
@@ -57,7 +58,7 @@ def diagnosis_section(d: Diagnosed) -> Section:
 
 def _lead(r: DiagnosisRecord) -> str:
     text = paragraph(headline(r), "big")
-    facts = [stages(r), gap_closed(r), worst_block(r)]
+    facts = [stages(r), gap_closed(r), worst_block(r), predicted(r)]
     if r.confirmed is False and r.effects:
         facts.append(unconfirmed(r))
     return text + paragraph(" ".join(f for f in facts if f))

@@ -511,7 +511,7 @@ def test_sizes_defaults_and_ranges_of_every_number(name: str, motion: str, n: in
             kind.name, s.name) in {("bed_shape", "radius"), ("learned", "scale")}, s.name
         assert 0.0 < s.size <= {"s": 1.0, "1/joint": 0.1, "1/load": 1e-4}.get(s.quantity, 0.01)
         assert s.low in (-np.inf, 0.0) or s.low == -s.high or 0.0 < s.low <= 1e-6, s.name
-        assert s.high in (1.0, 0.1, 30e-6) or np.isinf(s.high), s.name
+        assert s.high in (1.0, 0.1, 120e-6) or np.isinf(s.high), s.name
         low, high = s.usual
         assert low in (-np.inf, 0.0, s.low) or low == -high or s.reciprocal or (
             s.quantity == "joint/load"), s.name

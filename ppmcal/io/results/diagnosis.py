@@ -11,7 +11,7 @@ from ppmcal.diagnosis import other_days
 from ppmcal.diagnosis.hypotheses import Untestable
 from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import PlotData, plot_data
-from ppmcal.diagnosis.result import Diagnosis, Swallowed, UnknownFound
+from ppmcal.diagnosis.result import Diagnosis, LeftOutBlocks, Swallowed, UnknownFound
 from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.codec import in_units
 from ppmcal.io.results.diagnosed_errors import DiagnosedErrors
@@ -58,6 +58,7 @@ class DiagnosisRecord(Record):
     remainder: ResidualAfter = ResidualAfter()
     gap: HeldOutGap = HeldOutGap()
     confirmed: Flag | None = None
+    predictive: tuple[LeftOutBlocks, ...] = ()
     fit: FitRatios = FitRatios()
     noise: RowNoiseFound = RowNoiseFound()
     localised: tuple[Place, ...] = ()
@@ -89,7 +90,7 @@ class DiagnosisRecord(Record):
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
             possible=tuple(SuspectedEffect.of(c) for c in result.possible),
             nothing=result.nothing,
-            unknown=result.unknown,
+            unknown=result.unknown, predictive=result.predictive,
             learned=LearnedEntry.all_of(result),
             residual=DiagnosedErrors.of(result),
             remainder=ResidualAfter(

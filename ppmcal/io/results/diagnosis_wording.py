@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ppmcal.diagnosis.held_out_blocks import SESSION
+from ppmcal.diagnosis.result import LeftOutBlocks
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
 from ppmcal.io.results.learned_parts import LearnedEntry
@@ -224,6 +225,26 @@ def gap_closed(record: DiagnosisRecord) -> str:
     if closed is None:
         return f"{text}; nothing exceeded the noise before."
     return f"{text}: {_percent(closed)} of what exceeds the noise is gone{_interval(gap)}."
+
+
+def predicted(record: DiagnosisRecord) -> str:
+    """Return how rows left out are predicted, empty where geometry is all that is likely."""
+    told = [b for b in record.predictive if b.gain_sigma > 0.0]
+    if not told:
+        return ""
+    first, least = told[0], min(told, key=lambda b: b.gain)
+    text = (f"With {_portion(first.by)} left out at a time, all that may be there together misses "
+            f"by {_ratio(first.averaged.error)} times the noise, geometry alone by "
+            f"{_ratio(first.geometry.error)}; log score {_gain(first)}")
+    return text + (f", by {least.by} {_gain(least)}" if least is not first else "") + "."
+
+
+def _portion(by: str) -> str:
+    return f"one {by}" if by in ("pose", SESSION) else f"a third of the rows by {by}"
+
+
+def _gain(found: LeftOutBlocks) -> str:
+    return f"{found.gain:+.1f} +- {found.gain_sigma:.1f}"
 
 
 def left_out_poses(gap: HeldOutGap) -> str:

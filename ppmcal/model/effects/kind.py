@@ -32,7 +32,7 @@ class ScanRange:
     N or N m; ``size``, ``near``: largest and smallest distance of two joint centres of a body, m;
     ``moves``: of the joints from row to row, m or rad, the shortest first; ``step``, ``duration``:
     median time from row to row, and of the whole, s; ``speed``: median speed of the joints at the
-    trigger, m/s or rad/s.
+    trigger, m/s or rad/s; ``joints``: what they measure, ``length``, ``angle`` or both.
     """
 
     stroke: float
@@ -45,6 +45,7 @@ class ScanRange:
     step: float = 60.0
     duration: float = 3600.0
     speed: float = 0.01
+    joints: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
