@@ -70,7 +70,7 @@ def _compared(by: str, bare: LeftOutGroups, whole: LeftOutGroups) -> LeftOutBloc
 
 
 def _told(found: LeftOutGroups) -> Predictions:
-    count = int(found.count.sum())
+    count = max(int(found.count.sum()), 1)
     mean = float(found.square.sum()) / count
     error = float(np.sqrt(mean))
     apart = _sigma(found.square - mean * found.count) / count

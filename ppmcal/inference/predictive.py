@@ -18,6 +18,10 @@ from ppmcal.inference.given import Conditioned
 from ppmcal.linalg import Array, Ints
 
 
+UNPREDICTED = 100.0
+"""Variance of a prediction over that of the noise, beyond which it is none."""
+
+
 @dataclass(frozen=True, eq=False)
 class Predicted:
     """Groups of values, each predicted from all others.
@@ -26,11 +30,16 @@ class Predicted:
         error: by which each value misses its prediction, in units of the stated noise (n,).
         spread: its standard deviation by noise and by what the others leave open (n,).
         log_score: logarithm of the density at each group's values (G,), Student's.
+        missed: the error in those directions of a group in which the others predict it at all: a
+            frame that nothing else tells of is fitted to the group's own values (n,).
+        directions: how many these are (G,).
     """
 
     error: Array
     spread: Array
     log_score: Array
+    missed: Array
+    directions: Ints
 
 
 def predicted(given: Conditioned, group: Ints) -> Predicted:
@@ -44,8 +53,9 @@ def predicted(given: Conditioned, group: Ints) -> Predicted:
         LinearAlgebraError: if a group's values are known exactly from the others.
     """
     past = given.values - given.basis @ (given.basis.T @ given.values)
-    error, spread = np.full(group.size, np.nan), np.full(group.size, np.nan)
+    error, spread, missed = (np.full(group.size, np.nan) for _ in range(3))
     score = np.full(int(group.max(initial=-1)) + 1, np.nan)
+    directions = np.zeros(score.size, dtype=np.int64)
     order = np.argsort(group, kind="stable")
     starts = np.searchsorted(group[order], np.arange(score.size + 1))
     for g, (begin, end) in enumerate(pairwise(starts)):
@@ -53,18 +63,22 @@ def predicted(given: Conditioned, group: Ints) -> Predicted:
         if at.size == 0:
             continue
         own = given.basis[at]
-        factor = linalg.cholesky(np.eye(at.size) - own @ own.T, "how well rows are predicted")
+        precision = np.eye(at.size) - own @ own.T
+        factor = linalg.cholesky(precision, "how well rows are predicted")
         back = linalg.solve(factor, np.column_stack([past[at], np.eye(at.size)]))
         square = float(back[:, 0] @ back[:, 0])
         freedom = given.freedom - at.size
         scale = max(given.spread - square, np.finfo(float).tiny) / freedom
         error[at] = back[:, 1:].T @ back[:, 0]
+        told, turn = linalg.eigh(precision)
+        seen = turn[:, told * UNPREDICTED > 1.0]
+        missed[at], directions[g] = seen @ (seen.T @ error[at]), seen.shape[1]
         spread[at] = np.sqrt(scale * np.sum(back[:, 1:] ** 2, axis=0))
         score[g] = (gammaln(0.5 * (freedom + at.size)) - gammaln(0.5 * freedom)
                     - 0.5 * at.size * np.log(np.pi * freedom * scale)
                     + float(np.sum(np.log(np.diagonal(factor))))
                     - 0.5 * (freedom + at.size) * np.log1p(square / (freedom * scale)))
-    return Predicted(error, spread, score)
+    return Predicted(error, spread, score, missed, directions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +87,9 @@ class LeftOutGroups:
 
     Attributes:
         log_score: logarithm of the density at each group's values (G,).
-        square: sum of squared errors of each group, in units of the stated noise (G,).
-        count: values of each group (G,).
+        square: sum of squared errors of each group, in units of the stated noise, as far as it is
+            predicted at all (G,).
+        count: in how many directions that is (G,).
     """
 
     log_score: Array
@@ -101,8 +116,7 @@ def averaged(models: Sequence[tuple[float, Conditioned]], group: Ints) -> LeftOu
     rest = logsumexp(without, axis=0)
     known = group >= 0
     weight = np.exp(without - rest)[:, group[known]]
-    error = np.sum(weight * np.stack([e.error[known] for e in each]), axis=0)
-    size = without.shape[1]
+    error = np.sum(weight * np.stack([e.missed[known] for e in each]), axis=0)
     return LeftOutGroups(logsumexp(log_p) - rest,
-                         np.bincount(group[known], error**2, size).astype(float),
-                         np.bincount(group[known], minlength=size))
+                         np.bincount(group[known], error**2, rest.size).astype(float),
+                         each[int(np.argmax(log_p))].directions)

@@ -117,3 +117,16 @@ def test_a_value_in_no_group_is_in_no_score() -> None:
     found = averaged([(0.0, given)], group)
     assert found.count.tolist() == [10] * 4
     assert found.log_score == pytest.approx(predicted(given, group).log_score)
+
+
+def test_a_frame_that_only_a_group_tells_of_is_no_error_of_its_prediction() -> None:
+    """Two sessions, each with an offset of its own that nobody knew."""
+    rng = np.random.default_rng(3)
+    session = np.repeat([0, 1], 25)
+    offsets = 1e3 * np.eye(2)[session]
+    values = rng.normal(size=50) + offsets @ [0.4, -0.7]
+    given = Conditioned.nothing(MatrixColumns(np.zeros((50, 1))), values).taking(offsets)
+    found = averaged([(0.0, given)], session)
+    own = [values[session == s] - values[session == s].mean() for s in (0, 1)]
+    assert found.count.tolist() == [24, 24]
+    assert found.square == pytest.approx([np.sum(v**2) for v in own], rel=1e-4)
