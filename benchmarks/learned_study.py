@@ -29,10 +29,13 @@ from wild_diagnosis import Job, jobs  # noqa: E402
 
 from ppmcal.api.diagnose import diagnose  # noqa: E402
 from ppmcal.diagnosis.diagnose import DiagnosisOptions  # noqa: E402
-from ppmcal.diagnosis.held_out_gap import Gap, measure_gap  # noqa: E402
+from ppmcal.diagnosis.held_out_gap import (  # noqa: E402
+    Gap,
+    measure_gap,
+    training_part,
+)
 from ppmcal.diagnosis.refit import with_mechanism  # noqa: E402
 from ppmcal.diagnosis.result import Diagnosis  # noqa: E402
-from ppmcal.diagnosis.search_rounds import training_part  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 from ppmcal.io import read_mechanism  # noqa: E402
 

@@ -26,10 +26,10 @@ CORE = {
         "calibration/compensation/commands.py", "calibration/compensation/safe_commands.py",
         "calibration/knowledge/extrapolation.py", "kinematics/ways.py"),
     "diagnosis": (
-        "diagnosis/adequacy.py", "diagnosis/cause_sizes.py", "diagnosis/explanation.py",
-        "diagnosis/hypotheses.py", "diagnosis/linear_system.py", "diagnosis/question.py",
-        "diagnosis/refit.py", "diagnosis/stage.py", "diagnosis/verdict.py",
-        "diagnosis/whitening.py"),
+        "diagnosis/cause_sizes.py", "diagnosis/explanation.py", "diagnosis/findings.py",
+        "diagnosis/hypotheses.py", "diagnosis/linear_system.py", "diagnosis/naming.py",
+        "diagnosis/question.py", "diagnosis/refit.py", "diagnosis/remainder.py",
+        "diagnosis/stage.py"),
 }
 """Files below ppmcal, by what they are of the theory."""
 

@@ -1,15 +1,39 @@
-"""The door: what is missing in a machine's model, and how sure that is."""
+"""The door: what is missing in a machine's model, and how probable that is."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
-from ppmcal.calibration.fit import Problem, bounded
-from ppmcal.diagnosis.from_evidence import diagnosed
+from ppmcal.calibration.fit import NOTE, Fit, Problem, bounded, identify, secondary
+from ppmcal.calibration.interpretation import refuse_after_fit, refuse_other_machine
+from ppmcal.calibration.knowledge import far_from_nominal
+from ppmcal.calibration.validation import LeftOut, left_out, report
+from ppmcal.diagnosis.findings import (
+    findings,
+    next_step,
+    refuse_unconverged,
+    refuse_unredundant,
+    swallowed,
+)
+from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
+from ppmcal.diagnosis.learned_terms import learned_beyond
+from ppmcal.diagnosis.localization import localise
+from ppmcal.diagnosis.misread_causes import refuse_misread
+from ppmcal.diagnosis.naming import HeldOut, Told, held_out, told
+from ppmcal.diagnosis.next_experiment import nothing
+from ppmcal.diagnosis.onsets import refined, with_onsets
+from ppmcal.diagnosis.options import DiagnosisOptions as DiagnosisOptions
+from ppmcal.diagnosis.other_days import other_days, worse_days
+from ppmcal.diagnosis.other_models import readings
+from ppmcal.diagnosis.question import ROW_FAMILY
+from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import MOST_STEPS as REFIT_STEPS
-from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.diagnosis.search_rounds import DiagnosisOptions as DiagnosisOptions
+from ppmcal.diagnosis.result import LEARNED_AFTER, Diagnosis, LearnedTerms, Onset
+from ppmcal.diagnosis.session_effects import with_sessions
+from ppmcal.diagnosis.told_places import candidates, effects, left, possible, unknown
 from ppmcal.wording import counted
+from ppmcal.wording.progress import begin
 
 MOST_STEPS = 4000
 """Steps that the fits of one search may try together: some times what any needs that ends by
@@ -23,9 +47,8 @@ CUT = ("{} with further effects wandered and went no farther than " + str(REFIT_
        + " steps: effects that only a longer one would show may be missing")
 
 
-def diagnose(problem: Problem, options: DiagnosisOptions | None = None
-             ) -> Diagnosis:
-    """Find what is missing in the machine's model, add it, and say how sure that is.
+def diagnose(problem: Problem, options: DiagnosisOptions | None = None) -> Diagnosis:
+    """Find what is missing in the machine's model, add it, and say how probable that is.
 
     Args:
         problem: machine, data and free geometry.
@@ -35,7 +58,80 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
         BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
     """
     with bounded(MOST_STEPS) as work:
-        options = options or DiagnosisOptions()
-        found = diagnosed(problem, options)
+        found = _diagnosed(problem, options or DiagnosisOptions())
     said = [ENDED] if work.ended else [CUT.format(counted(work.cut, "fit"))] if work.cut else []
     return replace(found, findings=(*found.findings, *said))
+
+
+def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
+    """Fit, ask, judge on held-out poses, tell: with as many steps of fits as there are."""
+    notes = list[str]()
+    begin("fitting geometry")
+    whole = identify(with_whole_rows(problem), options.fit)
+    refuse_unconverged(whole)
+    refuse_after_fit(whole)
+    begin("asking which causes are in the data")
+    what = told(whole, options.fit, options.kinds)
+    refuse_misread(what.last)
+    held = held_out(what, options, notes)
+    found, named = held.found, held.named
+    refuse_unredundant(found)
+    final, events = _with_events(what.fit, options, notes) if named else (whole, {})
+    own = with_onsets(effects(what, found.last), events) if named else ()
+    start = left(found.first, what.rounds[0])
+    rest = left(found.last, what.last) if named else start
+    blocks = secondary("the gap on stretches of rows", partial(
+        block_gaps, whole, final, found.noise, options.seed), (), notes) if own else ()
+    gap = held.gap if not options.by_session else next(
+        (b.gap for b in blocks if b.by == SESSION), None)
+    out = secondary("what left-out rows have in common", partial(left_out, final),
+                    LeftOut(0, 0, False, "", 0.0, 1.0), notes)
+    said = [*held.said, *what.given_up, *findings(whole, final, rest, own, gap, out)]
+    own, apart = secondary("the size of effects in each session", partial(
+        with_sessions, final, own), (own, []), notes) if own else (own, [])
+    days = secondary("the prediction of each session", partial(
+        other_days, final, options.fit, options.seed), (), notes)
+    terms = _learned(what, held, final, options, notes)
+    reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed,
+                      chosen=options.held)
+    if reported.fit.converged:  # where a fit that was given up has got to says nothing of a machine
+        refuse_other_machine(reported.fit)
+    far = "" if named else far_from_nominal(reported.estimates, problem.mechanism.units)
+    others = secondary("the machine under each other reading", partial(
+        readings, what, terms, options, notes), (), notes) if (
+            named or held.verdict == "weak") else ()
+    bare = replace(found.first, chosen=())
+    places = secondary("where residuals are", partial(
+        localise, bare, found.last if named else bare, options.seed), (), notes)
+    proposed = secondary("which measurements come next", partial(
+        next_step, what, found.last, held.verdict, gap, options.seed), nothing(
+            "these measurements do not tell what to measure next",
+            len(problem.mechanism.actuators)), notes)
+    notes += [f for f in reported.findings if f.startswith(NOTE)]
+    listed = candidates(what, found, named)
+    return Diagnosis(
+        held.verdict, own, possible(listed, held.verdict), rest, start, gap, places, listed,
+        found.last.library.untestable, swallowed(whole, final),
+        before=reported.fit if final is whole and not terms else whole, identification=reported,
+        found=found, proposal=proposed,
+        findings=(*said, *apart, *worse_days(days), *([far] if far else []), *notes),
+        blocks=blocks, others=others, learned=terms, days=days,
+        nothing=what.last.answer.nothing((ROW_FAMILY,)),
+        unknown=tuple(unknown(what, p) for p in what.last.unnamed), predictive=held.predictive)
+
+
+def _with_events(fit: Fit, options: DiagnosisOptions, notes: list[str]
+                 ) -> tuple[Fit, dict[str, Onset]]:
+    """Return the fit with every event in its likeliest row, and the rows."""
+    return secondary("the rows of events", partial(refined, fit, options.fit), (fit, {}), notes)
+
+
+def _learned(what: Told, held: HeldOut, final: Fit, options: DiagnosisOptions, notes: list[str]
+             ) -> LearnedTerms | None:
+    """Return what is learned of what has no name, None where nothing is left to learn."""
+    if held.verdict not in LEARNED_AFTER or not final.converged:
+        return None
+    begin("learning what is left")
+    return secondary("what is left, learned", partial(
+        learned_beyond, held.found, final, held.poses, held.named, what.wanders, options.seed,
+        options.fit), None, notes)

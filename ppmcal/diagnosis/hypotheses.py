@@ -115,12 +115,6 @@ class Hypothesis:
         pairs = [(self.constants.get(n, 0.0), other.constants.get(n, 0.0)) for n in names]
         return sum(abs(a - b) / (abs(a) + abs(b)) for a, b in pairs if a != b)
 
-    def alike(self, other: Hypothesis) -> bool:
-        """Whether the constants are the same; each joint may have a stroke of its own."""
-        mine, others = ({n: v for n, v in hypothesis.constants.items() if n not in self.strokes}
-                        for hypothesis in (self, other))
-        return mine == others
-
     @property
     def label(self) -> str:
         """Return words for people: ``backlash on leg2``."""

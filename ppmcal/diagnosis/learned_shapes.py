@@ -181,7 +181,7 @@ def _near(stage: Stage, curve: LearnedCurve, on: Sequence[bool]) -> tuple[tuple[
     square = max(float(free @ free), 1e-300)
     best: dict[str, float] = {}
     for h in stage.hypotheses:
-        if not (h.anonymous or h.slot):
+        if not (h.anonymous or h.slot or (h.effect and h.effect.onset)):
             along = stage.plane(h.columns).T @ free
             cosine = float(np.sqrt(along @ along / square))
             best[h.label] = max(best.get(h.label, 0.0), cosine)

@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ppmcal.calibration.fit import Problem, typical_noise, with_own_noise
+from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.diagnosis.search_rounds import DiagnosisOptions
 from ppmcal.wording.progress import begin
 
 LESS = 0.95

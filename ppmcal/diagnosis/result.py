@@ -10,7 +10,6 @@ import numpy as np
 from ppmcal.calibration.compensation import Reading
 from ppmcal.calibration.fit import ENOUGH_REPEATS, Z95, Fit
 from ppmcal.calibration.validation import Identification, Validated
-from ppmcal.diagnosis.adequacy import Remainder
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.held_out_blocks import BlockGap
@@ -19,6 +18,7 @@ from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
 from ppmcal.diagnosis.learning import Learned
 from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.next_experiment import Proposal
+from ppmcal.diagnosis.remainder import Remainder, pure_error
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.term_candidates import Visible
 from ppmcal.linalg import Array
@@ -191,7 +191,7 @@ class Found:
     @property
     def noise(self) -> float:
         """The noise over the stated one: that of repeats where there are enough."""
-        pure = self.first.pure
+        pure = pure_error(self.first.system)
         return pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0
 
 

@@ -11,7 +11,6 @@ from ppmcal import linalg
 from ppmcal.calibration.fit import column_scale
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import INVISIBLE, System, Whitening, range_basis
-from ppmcal.diagnosis.whitening import PureError, pure_error
 from ppmcal.linalg import Array, column_lengths, without_range
 
 VISIBLE = 1e-4
@@ -29,7 +28,6 @@ class Stage:
         basis: of the geometry, whitened (n, r); residual (n,) whitened, the contributions
             of effects that the state already has added back.
         chosen: indices of the hypotheses that are in the model.
-        pure: scatter of repeats, if there are any.
         added: columns of the problem that belong to effects under test.
     """
 
@@ -39,7 +37,6 @@ class Stage:
     basis: Array
     residual: Array
     chosen: tuple[int, ...]
-    pure: PureError | None
     added: tuple[int, ...] = ()
 
     @property
@@ -96,8 +93,7 @@ def stage_of(system: System, found: Library, chosen: Sequence[int], noise: White
     """Return the linear problem of a library with hypotheses in the model that were chosen."""
     basis = range_basis(noise.apply(system.jacobian, system), INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
-    return Stage(system, found, noise, basis, residual, tuple(chosen), pure_error(system),
-                 tuple(added))
+    return Stage(system, found, noise, basis, residual, tuple(chosen), tuple(added))
 
 
 def without(system: System, added: Sequence[int]) -> System:

@@ -17,7 +17,6 @@ from ppmcal import linalg
 from ppmcal.inference.given import Conditioned
 from ppmcal.linalg import Array, Ints
 
-
 UNPREDICTED = 100.0
 """Variance of a prediction over that of the noise, beyond which it is none."""
 

@@ -82,7 +82,8 @@ def _effects(r: DiagnosisRecord) -> str:
                                    for name, text in amounts(e) or [("", "–")])
             rows.append([
                 words(e.called), words(where(on, actuators(r)) or "machine"), words(own, "wrap"),
-                amount(e.probability, probable(e.probability) or "–"),
+                amount(e.p_value if e.probability is None else e.probability,
+                       probable(e.probability) or probability(e.p_value) or "–"),
                 amount(survival, "–" if survival is None else f"{survival:.0%}".replace("%", " %")),
                 words(_rivals(r, e), "wrap")])
     sides = [f"{effect_name(r, g[0]) if len(g) == 1 else g[0].called}: {text}"
@@ -130,7 +131,10 @@ def _remainder(r: DiagnosisRecord) -> str:
     text = "" if ratio is None else (
         f"In the rows used, residuals are {sig(ratio)} times the {which}noise "
         f"{'with what is named' if r.effects else 'with geometry alone'}. ")
-    if ratio is not None and not r.unknown:    # which is told with what is missing
+    if rest.follows and not r.unknown:      # of an older version: now told with what is missing
+        p = probability(rest.p_value)
+        text += f"What is left follows {rest.follows}" + (f" ({p})." if p else ".")
+    elif ratio is not None and not r.unknown:
         text += "What is left follows nothing that was recorded."
     return paragraph(text)
 

@@ -22,7 +22,8 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.fit.secondary_analyses import NOTE, secondary
 from ppmcal.calibration.sessions import change_detection, day_noise
 from ppmcal.calibration.validation import frozen_models, summary
-from ppmcal.diagnosis import from_evidence as by_evidence
+from ppmcal.diagnosis import diagnose as diagnosis
+from ppmcal.diagnosis import naming
 from ppmcal.errors import BadInput, LinearAlgebraError
 from ppmcal.io import read_mechanism, read_scenario
 
@@ -33,8 +34,7 @@ OF_IDENTIFY = ("with_chosen_freedoms", "weak_campaign", "registration_hints", "l
                "too_few", "noise_beyond_tolerances", "pulled_apart", "scale_sentences")
 OF_DIAGNOSE = ("with_chosen_freedoms", "weak_campaign", "left_over", "noise_beyond_tolerances",
                "pulled_apart")
-OF_EVIDENCE = ("held_out_gap", "left_out", "other_days", "learned_beyond", "_readings", "localise",
-               "_next")
+OF_A_DIAGNOSIS = ("left_out", "other_days", "learned_beyond", "readings", "localise", "next_step")
 OF_VALIDATION = ("_compared", "in_other_assembly", "_intervals")
 
 
@@ -118,7 +118,7 @@ def test_diagnose_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch,
                                             tmp_path: Path) -> None:
     made = planar()
     for module, names in ((summary, OF_A_FIT), (diagnose_command, OF_DIAGNOSE),
-                          (by_evidence, OF_EVIDENCE)):
+                          (diagnosis, OF_A_DIAGNOSIS), (naming, ("measure_gap",))):
         for name in names:
             monkeypatch.setattr(module, name, fails)
     found = ppmcal.diagnose(made.mechanism, [made.data])

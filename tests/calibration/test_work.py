@@ -57,7 +57,7 @@ def test_a_search_that_runs_out_of_steps_ends_with_a_result_that_says_so(monkeyp
     options = DiagnosisOptions()
     assert diagnosis.ENDED not in diagnosis.diagnose(problem, options).findings
     with bounded(10**6) as work:
-        diagnosis.diagnosed(problem, options)
+        diagnosis._diagnosed(problem, options)
     needed = work.most - work.left
     monkeypatch.setattr(diagnosis, "MOST_STEPS", max(needed - 1, 1))
     found = diagnosis.diagnose(problem, options)

@@ -15,10 +15,10 @@ from helpers.learned import ROBUST, WEATHER, campaign, dip, fitted, squared, war
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.equation_forms import Equation, InputForm, products_of, same_form, values_of
 from ppmcal.diagnosis.equations import chosen_products
+from ppmcal.diagnosis.held_out_gap import training_part
 from ppmcal.diagnosis.learned_terms import learned_terms
 from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.result import LearnedTerms
-from ppmcal.diagnosis.search_rounds import training_part
 from ppmcal.io.results.learned_equation import LearnedEquation
 from ppmcal.model.effects.learned import LearnedCurve, learned_kind
 from ppmcal.model.effects.setting import Setting

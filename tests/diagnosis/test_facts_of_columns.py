@@ -24,7 +24,7 @@ def made(geometry: Array, columns: Array, residual: Array) -> Stage:
     system: Any = SimpleNamespace(observed=np.ones((n, 1), dtype=bool), count=n,
                                   apart=np.ones(n - 1, dtype=int))
     library: Any = SimpleNamespace(hypotheses=every, some=lambda which: columns[:, None, which])
-    return Stage(system, library, Whitening(), np.linalg.qr(geometry)[0], residual, (), None)
+    return Stage(system, library, Whitening(), np.linalg.qr(geometry)[0], residual, ())
 
 
 @pytest.mark.parametrize("chosen", [(), (0,), (2, 0), (3, 1, 4)])

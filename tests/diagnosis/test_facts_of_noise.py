@@ -10,11 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from ppmcal.diagnosis import whitening
-from ppmcal.diagnosis.adequacy import remainder
+from ppmcal.diagnosis import remainder as module
 from ppmcal.diagnosis.linear_system import Whitening
+from ppmcal.diagnosis.remainder import PureError, pure_error, remainder
 from ppmcal.diagnosis.term_candidates import _varies
-from ppmcal.diagnosis.whitening import PureError, pure_error
 
 Array = NDArray[np.float64]
 
@@ -33,9 +32,9 @@ def against(left: Array, pure: PureError | None = None, rho: float = 0.0, off: f
     count = max(freedom or left.size, left.size)
     stage: Any = SimpleNamespace(
         system=SimpleNamespace(residual=left, count=count, problem=SimpleNamespace(datasets=())),
-        pure=pure, noise=Whitening(rho, off), chosen=(), left=lambda chosen: left.reshape(-1),
+        noise=Whitening(rho, off), chosen=(), left=lambda chosen: left.reshape(-1),
         explained=lambda chosen: np.zeros((left.size, count - (freedom or left.size))))
-    found = remainder(stage, "", 1.0)
+    found = remainder(stage, pure, "", 1.0)
     return found.ratio, found.excess, found.reference, found.source
 
 
@@ -112,7 +111,7 @@ def test_pure_error_is_the_scatter_about_the_means_of_repeats(monkeypatch: pytes
     system = rows(rng.normal(size=(8, 2)) + 7.0 * label[:, None])
     system.observed[0, 1] = system.observed[6, 1] = False
     system.residual[~system.observed] = 0.0
-    monkeypatch.setattr(whitening, "_environments", lambda system: label)
+    monkeypatch.setattr(module, "_environments", lambda system: label)
     found = pure_error(system)
     square, freedom = 0.0, 0
     for a in range(4):
@@ -134,10 +133,10 @@ def test_repeats_are_of_one_pose_and_one_environment() -> None:
                            directions=lambda: None)
     system: Any = SimpleNamespace(dataset=np.zeros(6, dtype=int), row=np.arange(6),
                                   problem=SimpleNamespace(datasets=(data,)))
-    label = whitening._environments(system)
+    label = module._environments(system)
     assert label is not None
     same = label[:, None] == label
     assert same[0].tolist() == [True, True, False, False, False, True]
     assert (same.sum(axis=1) == [3, 3, 1, 1, 1, 3]).all()
     data.groups = np.arange(6)
-    assert whitening._environments(system) is None
+    assert module._environments(system) is None

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from ppmcal.diagnosis.adequacy import Remainder
+from ppmcal.diagnosis.findings import advice, findings
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.verdict import advice, findings
+from ppmcal.diagnosis.remainder import Remainder
 
 
 def remainder(ratio: float = 1.0, excess: float = 0.0) -> Remainder:

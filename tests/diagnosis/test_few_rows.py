@@ -8,8 +8,8 @@ import hidden
 import pytest
 
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.diagnosis.adequacy import TOO_MUCH
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
+from ppmcal.diagnosis.remainder import TOO_MUCH
 from ppmcal.diagnosis.result import Diagnosis
 
 TIMES = 4.9

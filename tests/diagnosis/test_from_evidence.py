@@ -69,7 +69,7 @@ def test_what_predicts_worse_than_geometry_has_no_name(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     campaign(tmp_path, "gain-one", "3-RPR", 5, 2.0)
     worse = SimpleNamespace(surely_worse=True)
-    monkeypatch.setattr("ppmcal.diagnosis.from_evidence.predictions", lambda _: (worse,))
+    monkeypatch.setattr("ppmcal.diagnosis.naming.predictions", lambda _: (worse,))
     result = api.diagnose(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"]).diagnosis
     assert result.verdict == "unnamed" and not result.effects
     assert any("surely predicted worse" in f for f in result.findings)

@@ -15,10 +15,10 @@ from ppmcal.calibration.fit.fit_result import Fit, FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
+from ppmcal.diagnosis.held_out_gap import training_part
 from ppmcal.diagnosis.learned_terms import learned_terms, visible
 from ppmcal.diagnosis.learning import learn, shapes_of
 from ppmcal.diagnosis.linear_system import Whitening
-from ppmcal.diagnosis.search_rounds import training_part
 from ppmcal.diagnosis.term_candidates import all_settings, candidates
 from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model

@@ -20,12 +20,11 @@ from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
-from ppmcal.diagnosis.held_out_gap import measure_gap
+from ppmcal.diagnosis.held_out_gap import measure_gap, training_part
 from ppmcal.diagnosis.learned_terms import learned_terms, visible
 from ppmcal.diagnosis.learning import learn, relearned, shapes_of
 from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.refit import with_mechanism
-from ppmcal.diagnosis.search_rounds import training_part
 from ppmcal.diagnosis.term_candidates import Visible, all_settings, candidates, columns_from
 from ppmcal.io import read_mechanism
 from ppmcal.linalg import Array, without_range

@@ -11,8 +11,8 @@ import pytest
 import ppmcal
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis import own_noise
+from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
-from ppmcal.diagnosis.search_rounds import DiagnosisOptions
 from ppmcal.wording.progress import Watch, watching
 
 

@@ -18,8 +18,8 @@ from ppmcal.diagnosis.explanation import Round
 from ppmcal.diagnosis.grids import usual_range
 from ppmcal.diagnosis.hypotheses import Library
 from ppmcal.diagnosis.linear_system import System, Whitening, build
+from ppmcal.diagnosis.remainder import pure_error
 from ppmcal.diagnosis.stage import stage_of
-from ppmcal.diagnosis.whitening import pure_error
 from ppmcal.model.effects import EffectParameter, effect_kinds
 
 SMALL = hidden.Options(poses=30)

@@ -15,8 +15,8 @@ from ppmcal.diagnosis import cause_sizes, explanation
 from ppmcal.diagnosis.cause_sizes import _seen
 from ppmcal.diagnosis.explanation import Round, _key, explained
 from ppmcal.diagnosis.extended_model import extended
-from ppmcal.diagnosis.from_evidence import _nearest
 from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.naming import nearest as _nearest
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause

@@ -23,10 +23,10 @@ from ppmcal.calibration.validation.left_out_rows import LeftOut
 from ppmcal.cli.common import Console
 from ppmcal.cli.diagnose import _effects, describe
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
+from ppmcal.diagnosis.findings import advice, findings
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Candidate, Diagnosis, NamedEffect
-from ppmcal.diagnosis.verdict import advice, findings
 from ppmcal.errors import BadInput
 from ppmcal.io.results import diagnosis_wording as wording
 from ppmcal.io.results.diagnosis import DiagnosisRecord

@@ -16,7 +16,7 @@ from rates.tables import FOLDER, TABLES
 from study_runner import read
 
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.diagnosis import diagnose, from_evidence
+from ppmcal.diagnosis import diagnose
 
 BY_NAME = {s.name: s for s in STUDIES}
 MADE = re.compile(r"Version \S+, engine (\w{12}) \([\w/, ]+\), seeds? ([\d, ]+)")
@@ -81,9 +81,9 @@ def test_what_runs_afterwards_changes_no_verdict_and_no_name(monkeypatch: pytest
     problem = Problem(made.mechanism, (replace(made.dataset, sessions=days),), made.mechanism.free)
     whole = diagnose.diagnose(problem)
     assert whole.effects and all(e.sessions is not None for e in whole.effects)
-    module = from_evidence.with_sessions.__module__.removeprefix("ppmcal.").replace(".", "/")
+    module = diagnose.with_sessions.__module__.removeprefix("ppmcal.").replace(".", "/")
     assert (f"{module}.py",) == AFTERWARDS
-    monkeypatch.setattr(from_evidence, "with_sessions", lambda fit, effects: (effects, []))
+    monkeypatch.setattr(diagnose, "with_sessions", lambda fit, effects: (effects, []))
     without = diagnose.diagnose(problem)
     assert without.verdict == whole.verdict and without.possible == whole.possible
     assert without.effects == tuple(replace(e, sessions=None) for e in whole.effects)

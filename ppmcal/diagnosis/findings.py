@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ppmcal.calibration.fit import OVERSTATED, Fit
 from ppmcal.calibration.validation import LeftOut
-from ppmcal.diagnosis.adequacy import TOO_MUCH, Remainder
 from ppmcal.diagnosis.held_out_gap import Gap
-from ppmcal.diagnosis.next_experiment import Proposal, nothing
-from ppmcal.diagnosis.result import Found, NamedEffect
-from ppmcal.diagnosis.stage import WEAK_SURVIVAL
+from ppmcal.diagnosis.naming import Told, nearest
+from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
+from ppmcal.diagnosis.other_models import others
+from ppmcal.diagnosis.remainder import TOO_MUCH, Remainder
+from ppmcal.diagnosis.result import NAMED, Found, NamedEffect, Swallowed
+from ppmcal.diagnosis.stage import WEAK_SURVIVAL, Stage
 from ppmcal.errors import NoResult
 from ppmcal.wording import counted
 
@@ -98,6 +102,20 @@ def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[str]:
             for kind, ways in joints.items() if len(ways) > 1]
 
 
+def swallowed(before: Fit, after: Fit) -> tuple[Swallowed, ...]:
+    """Return the parameters that had moved by more than their tolerance to imitate effects."""
+    out = []
+    nominals = after.problem.mechanism.nominals
+    for p in before.problem.free:
+        parameter = before.problem.mechanism.parameters[p]
+        tau = parameter.tolerance
+        moved = float(before.state.g[p] - after.state.g[p])
+        if before is not after and tau and np.isfinite(tau) and abs(moved) > tau:
+            out.append(Swallowed(parameter.name, float(before.state.g[p] - nominals[p]),
+                                 float(after.state.g[p] - nominals[p]), tau, parameter.quantity))
+    return tuple(sorted(out, key=lambda s: -abs(s.before - s.after) / s.tolerance))
+
+
 def advice(verdict: str, joints: int, gap: Gap | None = None) -> Proposal:
     """Return what to do where no measurements tell rivals apart; ``gap``: on held-out poses."""
     if verdict == "named" and gap is not None and not gap.confirmed:
@@ -108,3 +126,16 @@ def advice(verdict: str, joints: int, gap: Gap | None = None) -> Proposal:
                     "named": "nothing more to measure: the named effects explain the residuals",
                     }.get(verdict, "record more of what might matter (load, temperature, time)"),
                    joints)
+
+
+def next_step(what: Told, stage: Stage, verdict: str, gap: Gap | None, seed: int) -> Proposal:
+    """Return measurements that tell the likeliest two apart, or what else to do."""
+    every = stage.library.hypotheses
+    for place, member, odds in others(what) if verdict in NAMED else ():
+        other = [h for h in what.hypotheses(member) if not any(
+            h is p.hypothesis for p, _ in what.effects)]
+        if place.hypothesis and not place.hypothesis.slot and len(other) == 1:
+            one, two = nearest(place.hypothesis, every), nearest(other[0], every)
+            if one is not None and two is not None:
+                return propose(stage, every[one], every[two], odds, seed)
+    return advice(verdict, len(what.whole.problem.mechanism.actuators), gap)
