@@ -29,8 +29,7 @@ def taus(data: ScanRange) -> list[float]:
 
 
 EXPANSION = EffectParameter("expansion", "1/K", low=-30e-6, high=30e-6, size=1e-6,
-                            named=(0.0, 30e-6))
-"""What is warmed grows; a search passes through values below 0 while tau is not in yet."""
+                            usual=(0.0, 30e-6), why="what is warmed grows")
 TAU = EffectParameter("tau", "s", 0.0, low=0.0, usual=(0.0, 1e6), size=1.0, scan=taus,
                       optional=True, needs=("past",),
                       why="what takes longer than a week does not heat within a campaign")
