@@ -92,7 +92,6 @@ class _Kinds(Collector):
         high = tuple(NEAR * constants[s.name] if s.scaling else s.high for s in specs)
         usual = tuple(usual_range(s, self.grids.stroke) for s in specs)
         usual, ratio = (usual, ()) if leans is None else ((), usual)
-        named = tuple(s.named for s in specs) if leans is None else ()
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
         names = tuple(s.name for s in specs)
@@ -102,7 +101,7 @@ class _Kinds(Collector):
 
         def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float],
                 starts: Sequence[tuple[int, int]] = ()) -> None:
-            self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual, named,
+            self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual,
                                            constants, starts=tuple(starts)))
 
         if not kind.per_actuator:
@@ -128,8 +127,7 @@ class _Kinds(Collector):
                 on_names, False,
                 tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
                 high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),
-                named * len(own), shown,
-                starts=tuple((c, n * len(names) + of) for n, a in enumerate(own)
+                shown, starts=tuple((c, n * len(names) + of) for n, a in enumerate(own)
                              for c, of in starts[a])))
 
     def _starts(self, kind: EffectKind, a: int, values: dict[str, float],

@@ -35,7 +35,6 @@ class Hypothesis:
         choices: logarithm of the number of stretches of rows that it was chosen from.
         low, high: physical range of each column's coefficient.
         usual: the range in which machines have it, by column; empty: any.
-        named: the range in which it is named at last, by column; empty: any.
         columns: where its columns are in the library.
         misread: how columns would have to be read for it; empty: as they are.
         stretch: of the system the rows in which they are, from the first to the one before the
@@ -61,7 +60,6 @@ class Hypothesis:
     high: tuple[float, ...]
     columns: tuple[int, ...]
     usual: tuple[tuple[float, float], ...] = ()
-    named: tuple[tuple[float, float], ...] = ()
     constants: dict[str, float] = field(default_factory=dict)
     slot: str = ""
     anonymous: bool = False

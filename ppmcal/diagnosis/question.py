@@ -239,5 +239,5 @@ def _shares(forms: Sequence[Form]) -> dict[Form, float]:
 def _range(h: Hypothesis) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return between which its coefficients are: as they may be, usually are, and are named."""
     free = ((-np.inf, np.inf),) * h.size
-    ends = np.array([tuple(zip(h.low, h.high, strict=True)), h.usual or free, h.named or free])
+    ends = np.array([tuple(zip(h.low, h.high, strict=True)), h.usual or free])
     return tuple(ends[..., 0].max(axis=0).tolist()), tuple(ends[..., 1].min(axis=0).tolist())

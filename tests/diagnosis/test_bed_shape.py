@@ -97,7 +97,7 @@ def test_touches_of_a_good_printer_miss_nothing(printer):
 @pytest.mark.parametrize("kind", ["leg_thermal", "base_thermal", "platform_thermal"])
 def test_what_is_warmed_grows(kind):
     (expansion, *_) = effect_kinds()[kind].parameters("translational")
-    assert expansion.name == "expansion" and expansion.named == (0.0, 120e-6)
+    assert expansion.name == "expansion" and expansion.usual == (0.0, 120e-6)
 
 
 @pytest.mark.slow

@@ -57,9 +57,8 @@ class EffectParameter:
     pure number. ``default`` None: the file must give it. ``low``, ``high``: the range in which
     it has a meaning, SI. ``usual``: the range in which machines have it, SI, or, with
     ``of_stroke``, in parts of the joint's stroke, with ``per_stroke``, of its inverse: a value
-    outside is not named as this effect (``why``: where the range is from). ``named``: the range in
-    which it is named at last, whatever a search passes through. ``size``: a change that counts,
-    SI. ``constant``: never fitted. ``reciprocal``: the effect is linear in its
+    outside is not named as this effect (``why``: where the range is from). ``size``: a change that
+    counts, SI. ``constant``: never fitted. ``reciprocal``: the effect is linear in its
     inverse, in which a fit takes its steps. ``scan``: the values that a search tries, SI, of a
     parameter in which the effect is not linear; a plan has to be given it. ``stroke_end``:
     ``low`` or ``high``, for a constant that is that end of the stroke where the file leaves it
@@ -78,7 +77,6 @@ class EffectParameter:
     low: float = -np.inf
     high: float = np.inf
     usual: tuple[float, float] = (-np.inf, np.inf)
-    named: tuple[float, float] = (-np.inf, np.inf)
     of_stroke: bool = False
     per_stroke: bool = False
     why: str = ""
@@ -236,7 +234,7 @@ class EffectKind:
         from_file: of a kind that is only made of what a file says.
         written: of a kind that was made so: units of the file -> its entries.
         variants: motion -> the kinds that a search tries in its place; None: itself.
-        contains: kinds of which it is a more general one, which are enough where they do as well.
+        contains: of a product, the kind whose size goes with a column.
         seldom: whether machines seldom have it.
         known: the ranges of its inputs beyond which nothing is known of it; none: everywhere.
         spread: what it is uncertain by beside its parameters, if anything.
