@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -171,3 +173,15 @@ def test_what_is_rare_or_frequent_is_how_often_a_family_acts() -> None:
             (len(blocks),), 0), ((1, len(blocks)), 1):
         more = asked.log_prior(some, 0.5) - asked.log_prior(some)
         assert more == pytest.approx(0.5 * families)
+
+
+def test_scores_that_matter_are_the_scores_and_the_others_are_no_more_than_what_matters() -> None:
+    plain = drawn(3, {0: 1.0, 1: 0.4}, rho=0.5)
+    signed = replace(plain, blocks=tuple(replace(b, low=0.0) for b in plain.blocks))
+    at = state(signed, (0,))
+    exact = at.scores
+    for least in (at.log_p - 5.0, at.log_p, at.log_p + 3.0):
+        again = state(signed, (0,)).scores_above(least)
+        matters = exact > least
+        np.testing.assert_allclose(again[matters], exact[matters], atol=1e-9)
+        assert (again[~matters] <= least).all()
