@@ -50,7 +50,8 @@ AFTERWARDS = ("diagnosis/session_effects.py",)
 
 STUDIES = (
     Study("diagnosis", DIAGNOSIS,
-          {"docs/diagnosis.md": ("rates", "rates-by-case"), "README.md": ("rates",)},
+          {"docs/diagnosis.md": ("rates", "beside", "reliability", "rates-by-case"),
+           "README.md": ("rates",)},
           but=AFTERWARDS),
     Study("next", DIAGNOSIS, {"docs/diagnosis.md": ("next",)},
           ("next_study.py", "--count", "20", "--minutes", "6"), but=AFTERWARDS),
