@@ -62,6 +62,16 @@ class LeftOut:
     stretch: tuple[int, float, float] | None = None
 
     @property
+    def of_travel(self) -> bool:
+        """Whether what they have in common is a stretch of a joint's travel."""
+        return self.stretch is not None
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether these were not gross errors only."""
+        return self.too_many or bool(self.follows)
+
+    @property
     def sentence(self) -> str:
         """What there is to say of them, "" if nothing."""
         rows = f"{counted(self.count, 'row')} of {self.rows} left out as outliers"
