@@ -47,8 +47,7 @@ def test_too_few_rows_to_hold_some_out_are_a_note(geared: Problem,
 
 def test_what_does_not_predict_loses_its_name_and_says_so(geared: Problem,
                                                           monkeypatch: pytest.MonkeyPatch) -> None:
-    worse = SimpleNamespace(worse=True, confirmed=False, closed=None)
-    monkeypatch.setattr(naming, "measure_gap", lambda *_: worse)
+    monkeypatch.setattr(naming, "predictions", lambda _: (SimpleNamespace(surely_worse=True),))
     found = diagnose(geared, KINDS)
     assert found.verdict == "unnamed" and not found.effects
     assert found.found.after is found.found.before and not found.found.added
