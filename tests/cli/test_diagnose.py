@@ -405,7 +405,7 @@ def test_diagnosis_json(made: Callable[[str], Path], name: str) -> None:
     folder = made(name)
     found = found_in(folder)
     assert set(tree(folder / "d")) >= WRITTEN
-    assert found["format"] == "ppmcal/diagnosis/1"
+    assert found["format"] == "ppmcal/diagnosis/2"
     assert found["verdict"] in VERDICTS
     assert bool(found["effects"]) == (found["verdict"] in ("named", "named-set", "partial"))
     assert (found["verdict"] == "named-set") == any(e["alternatives"] for e in found["effects"])

@@ -16,6 +16,7 @@ from typing import Any
 import hidden
 import numpy as np
 import pytest
+from helpers.paths import ROOT
 from helpers.report_files import html_of
 
 from ppmcal.calibration.fit.problem import Problem
@@ -322,3 +323,12 @@ def test_no_odds_are_told_where_there_are_no_two_readings() -> None:
     record = DiagnosisRecord(next_measurements=NextMeasurements(
         reason="4 poses", file="next.csv", rows=4, odds_before=1.0, odds_after=1.0))
     assert wording.next_step(record) == "4 poses. They are in next.csv (4 rows)."
+
+
+def test_records_of_the_format_before_are_read(tmp_path: Path) -> None:
+    old = ROOT / "tests" / "fuzz" / "corpus" / "results" / "diagnosis.json"
+    assert DiagnosisRecord.read(old).format == "ppmcal/diagnosis/1"
+    later = tmp_path / "diagnosis.json"
+    later.write_text(old.read_text().replace("ppmcal/diagnosis/1", "ppmcal/diagnosis/3"))
+    with pytest.raises(BadInput, match="is no diagnosis.json of this version"):
+        DiagnosisRecord.read(later)

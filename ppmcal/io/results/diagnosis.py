@@ -44,7 +44,8 @@ class DiagnosisRecord(Record):
     """
 
     FILE: ClassVar[str] = "diagnosis.json"
-    FORMAT: ClassVar[str] = "ppmcal/diagnosis/1"
+    FORMAT: ClassVar[str] = "ppmcal/diagnosis/2"
+    EARLIER: ClassVar[tuple[str, ...]] = ("ppmcal/diagnosis/1",)
 
     name: Text = ""
     verdict: Text = ""

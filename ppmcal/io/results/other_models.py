@@ -55,7 +55,8 @@ class OtherModels(Record):
     """The part of diagnosis.json that a compensation needs."""
 
     FILE: ClassVar[str] = "diagnosis.json"
-    FORMAT: ClassVar[str] = "ppmcal/diagnosis/1"
+    FORMAT: ClassVar[str] = "ppmcal/diagnosis/2"
+    EARLIER: ClassVar[tuple[str, ...]] = ("ppmcal/diagnosis/1",)
 
     other_models: tuple[OtherModel, ...] = ()
 
