@@ -330,5 +330,5 @@ def test_records_of_the_format_before_are_read(tmp_path: Path) -> None:
     assert DiagnosisRecord.read(old).format == "ppmcal/diagnosis/1"
     later = tmp_path / "diagnosis.json"
     later.write_text(old.read_text().replace("ppmcal/diagnosis/1", "ppmcal/diagnosis/3"))
-    with pytest.raises(BadInput, match="is no diagnosis.json of this version"):
+    with pytest.raises(BadInput, match=r"is no diagnosis\.json of"):
         DiagnosisRecord.read(later)
