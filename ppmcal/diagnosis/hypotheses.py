@@ -131,7 +131,7 @@ class Hypothesis:
                         for hypothesis in (self, other))
         return mine == others
 
-    @property
+    @cached_property
     def label(self) -> str:
         """Return words for people: ``backlash on leg2``."""
         if self.slot:
