@@ -113,7 +113,7 @@ class Hypothesis:
         pairs = [(self.constants.get(n, 0.0), other.constants.get(n, 0.0)) for n in names]
         return sum(abs(a - b) / (abs(a) + abs(b)) for a, b in pairs if a != b)
 
-    @property
+    @cached_property
     def label(self) -> str:
         """Return words for people: ``backlash on leg2``."""
         if self.slot:

@@ -200,5 +200,5 @@ def nearest(h: Hypothesis, some: Sequence[Hypothesis]) -> int | None:
     None where these rows do not tell it.
     """
     same = [i for i, f in enumerate(some)
-            if (f.label, f.shared, f.names) == (h.label, h.shared, h.names)]
+            if f.names == h.names and f.shared == h.shared and f.label == h.label]
     return min(same, key=lambda i: h.apart(some[i]), default=None)

@@ -373,13 +373,13 @@ class SetSearch:
     def _scores(self, at: BlockSet) -> Array:
         """Return the scores of a set (B,), those that matter to any move or to the posterior.
 
-        What is no likelier than the set matters to none, unless the set is part of the likeliest
-        and nearly as likely.
+        Of the likeliest all do. Beside others what is no likelier than the set does not, unless
+        that is part of the likeliest and nearly as likely.
         """
-        near = at.log_p
-        if frozenset(at.chosen) < self.best[0]:
-            near = min(near, self.best[1] - NEGLIGIBLE)
-        return at.scores_above(near)
+        key, (best, log_p) = frozenset(at.chosen), self.best
+        if key == best:
+            return at.scores
+        return at.scores_above(min(at.log_p, log_p - NEGLIGIBLE) if key < best else at.log_p)
 
     def _best(self, at: BlockSet, gone: Bools | None = None, surely: bool = False
               ) -> tuple[float, tuple[int, ...]]:

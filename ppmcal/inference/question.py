@@ -188,8 +188,13 @@ class Question:
         groups = {self.blocks[i].group for i in chosen} - {""}
         for group, own in self.groups.items():
             if group in groups or self.blocks[own[0]].family in families:
-                new = [i for i in own if i not in chosen]
-                out[new] = [self.log_prior((*chosen, i)) - base for i in new]
+                alike = dict[tuple[str, float], list[int]]()
+                for i in own:
+                    if i not in chosen:
+                        block = self.blocks[i]
+                        alike.setdefault((block.family, block.log_prior), []).append(i)
+                for some in alike.values():
+                    out[some] = self.log_prior((*chosen, some[0])) - base
         return out
 
     @cached_property
