@@ -162,7 +162,8 @@ def _scored(some: Iterable[BlockSet], best: BlockSet) -> dict[Numbers, float]:
         key, least = frozenset(at.chosen), best.log_p - NEGLIGIBLE
         if not key < frozenset(best.chosen):
             least = max(least, at.log_p)
-        for j in np.flatnonzero(at.scores > least).tolist():
+        scores = at.scores_above(least)
+        for j in np.flatnonzero(scores > least).tolist():
             more = key | {j}
-            found[more] = max(found.get(more, -np.inf), float(at.scores[j]))
+            found[more] = max(found.get(more, -np.inf), float(scores[j]))
     return found

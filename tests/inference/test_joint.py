@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers.dense import density, summed
+from helpers.odds import odds
 from scipy.special import logsumexp
 
 from ppmcal.inference.blocks import Block, batches
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.evidence import odds, total
+from ppmcal.inference.evidence import total
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import _System as system
 from ppmcal.inference.joint import joint, taken_blocks

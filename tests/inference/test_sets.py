@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -132,3 +134,15 @@ def test_correlated_noise_is_no_cause() -> None:
 def test_sizes_that_are_integrated_do_not_depend_on_the_order_of_a_set() -> None:
     asked = drawn(5, {3: 1.0, 7: 0.7})
     assert state(asked, (3, 7)).log_p == pytest.approx(state(asked, (7, 3)).log_p, abs=1e-9)
+
+
+def test_scores_that_matter_are_the_scores_and_the_others_are_no_more_than_what_matters() -> None:
+    plain = drawn(3, {0: 1.0, 1: 0.4}, rho=0.5)
+    signed = replace(plain, blocks=tuple(replace(b, low=0.0) for b in plain.blocks))
+    at = state(signed, (0,))
+    exact = at.scores
+    for least in (at.log_p - 5.0, at.log_p, at.log_p + 3.0):
+        again = state(signed, (0,)).scores_above(least)
+        matters = exact > least
+        np.testing.assert_allclose(again[matters], exact[matters], atol=1e-9)
+        assert (again[~matters] <= least).all()
