@@ -13,7 +13,7 @@ from ppmcal.inference.blocks import Block
 from ppmcal.inference.evidence import BatchOdds, most_of_all, odds_of_some
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.gross_rows import RowSize, sized_rows
-from ppmcal.inference.joint import JointBlocks, joint, taken_blocks
+from ppmcal.inference.joint import JointBlocks, joint, joint_of_each, taken_blocks
 from ppmcal.inference.question import Question
 from ppmcal.inference.ranges import LEAST, all_between, usual
 from ppmcal.linalg import Array
@@ -125,7 +125,8 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
     own = few[numbers[0]].sized(start, rows or {})
     sizes = {i: row.size for i, row in own.items()}
     prior = question.log_prior(chosen) + sum(row.slack for row in own.values())
-    found = [(n, joint(f.without(sizes), f.causes, start)) for n, f in few.items()]
+    found = list(zip(few, joint_of_each([f.without(sizes) for f in few.values()],
+                                        [f.causes for f in few.values()], start), strict=True))
     each = [question.views[n].log_prior + j.log_evidence for n, j in found]
     most = max(n for (n, _), log_z in zip(found, each, strict=True)
                if log_z > max(each) - NEGLIGIBLE)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from scipy.special import logsumexp
@@ -23,7 +24,19 @@ from ppmcal.inference.ranges import LEAST, SIZES, all_between, bounded, together
 from ppmcal.linalg import Array, Bools, Ints
 
 
-def odds_by_size(given: Conditioned, own: Array, part: Array, gone: Array | float = 0.0) -> Array:
+class NoiseScale(Protocol):
+    """What is known of the noise's scale, of several correlations where ``spread`` is (V, 1, 1)."""
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of its posterior."""
+
+    @property
+    def spread(self) -> Array | float:
+        """Sum of squares behind it."""
+
+
+def odds_by_size(given: NoiseScale, own: Array, part: Array, gone: Array | float = 0.0) -> Array:
     """Return log Z at each size over log Z without the block (..., S).
 
     Args:
@@ -102,8 +115,8 @@ def total(log_odds: Array) -> Array:
     return np.asarray(logsumexp(log_odds, axis=(1, 2)) - np.log(few))
 
 
-def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array, high: Array,
-           gone: float = 0.0, closely: bool = True) -> Array:
+def within(given: NoiseScale, lift: Array, own: Array, part: Array, low: Array, high: Array,
+           gone: Array | float = 0.0, closely: bool = True) -> Array:
     """Return the log probability that coefficients are between two ends each.
 
     They are Student's, since the noise's scale is integrated.
