@@ -35,6 +35,8 @@ SECOND = 2.0
 """Length along a second input."""
 WAVES = 24
 """Half waves of a course in time; of a body, in all coordinates at once, half as many."""
+MOST_POSES = 200
+"""Poses that may have a column each: so many take a tenth of the time of all other causes."""
 ROUND_OFF = 1e-11
 
 
@@ -70,7 +72,8 @@ class UnknownCauses:
         self.system = system
         self._columns: list[Array] = []
         self.causes: list[UnknownCause] = []
-        inputs = [*self._of_inputs(everywhere), *self._of_ways(), *self._of_loads()]
+        inputs = [*self._of_inputs(everywhere), *self._of_places(), *self._of_ways(),
+                  *self._of_loads()]
         courses = list(self._of_time())
         groups = [g for g in (inputs, courses) if g]
         for group in groups:
@@ -154,6 +157,22 @@ class UnknownCauses:
             return rest
         second, = _beyond_mean([_matern(curve.by_nodes, SECOND)], curve.by_nodes, own[1])
         return [np.asarray(np.kron(first, second)) for first in rest]
+
+    def _of_places(self) -> Iterator[Made]:
+        """Yield what a joint does at each pose by itself, the same at each visit.
+
+        That is a function of its travel too fine for its course to be seen, such as a wave of a
+        pitch that nobody listed. What is not visited twice does not tell it from noise.
+        """
+        group = self.system.group
+        poses, place = np.unique(group, return_inverse=True)
+        if not 1 < 2 * poses.size <= min(group.size, 2 * MOST_POSES):
+            return
+        for way, unit in self.zeros.items():
+            if way != "all zeros":
+                own = unit[..., None] * np.eye(poses.size)[place][:, None, :]
+                yield (f"a function of travel too fine to be seen acting on {way.split()[-1]}",
+                       own.reshape(-1, poses.size), [np.eye(poses.size)], False, None, (), "")
 
     def _of_ways(self) -> Iterator[Made]:
         """Yield functions of the way from the row before, where no file says how rows were reached.
