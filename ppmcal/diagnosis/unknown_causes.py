@@ -197,16 +197,18 @@ class UnknownCauses:
             known = way[:, list(on)]
             if np.isfinite(known).sum() < 3 * WAVES:
                 continue
-            low, high = float(np.nanmin(known)), float(np.nanmax(known))
-            nodes = np.linspace(low, high, WAVES)
-            whole = [_matern(nodes, length) for length in LENGTHS]
-            reached = known[np.isfinite(known)]
             for signed in (False, True) if sided else (False,):
-                kernels = _beyond_mean(whole, nodes, reached) if signed else whole
+                side = approach if signed else np.ones_like(way)
+                along = way * side
+                low, high = np.nanmin(along[:, list(on)]), np.nanmax(along[:, list(on)])
+                nodes = np.linspace(float(low), float(high), WAVES)
+                kernels = [_matern(nodes, length) for length in LENGTHS]
+                if signed:  # a reversal that short ways take up in part only
+                    kernels += [1.0 + kernel for kernel in kernels]
                 columns = np.zeros((system.observed.size, WAVES))
                 for a in on:
-                    weight = spline_basis(nodes, np.nan_to_num(way[:, a])) * np.isfinite(
-                        way[:, a])[:, None] * (approach[:, [a]] if signed else 1.0)
+                    weight = spline_basis(nodes, np.nan_to_num(along[:, a])) * np.isfinite(
+                        way[:, a])[:, None] * side[:, [a]]
                     columns += (own[a][..., None] * weight[:, None, :]).reshape(-1, WAVES)
                 acted = " ".join(mechanism.actuators[a] for a in on)
                 yield (f"a function of the way from the row before"
