@@ -31,6 +31,8 @@ SHAPES = 1 / 3
 """Part of the unknown that is a shape of one joint's travel without a width of its own."""
 LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0)
 """Lengths of a kernel, in parts of the input's range."""
+SHORT = LENGTHS[:2]
+"""Ways within which a reversal is taken up: over longer ones it is a slope and no reversal."""
 SECOND = 2.0
 """Length along a second input."""
 WAVES = 24
@@ -203,8 +205,10 @@ class UnknownCauses:
                 low, high = np.nanmin(along[:, list(on)]), np.nanmax(along[:, list(on)])
                 nodes = np.linspace(float(low), float(high), WAVES)
                 kernels = [_matern(nodes, length) for length in LENGTHS]
-                if signed:  # a reversal that short ways take up in part only
-                    kernels += [1.0 + kernel for kernel in kernels]
+                if signed:  # beyond a reversal, or a reversal that short ways take up in part
+                    known = along[:, list(on)]
+                    kernels = [*_beyond_mean(kernels, nodes, known[np.isfinite(known)]),
+                               *(1.0 + _matern(nodes, length) for length in SHORT)]
                 columns = np.zeros((system.observed.size, WAVES))
                 for a in on:
                     weight = spline_basis(nodes, np.nan_to_num(along[:, a])) * np.isfinite(
