@@ -11,7 +11,6 @@ import numpy as np
 
 from ppmcal.linalg import Array, Ints
 
-
 KEPT = 2**23
 """Numbers of columns that are kept: 64 MB."""
 

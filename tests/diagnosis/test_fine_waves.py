@@ -28,14 +28,6 @@ def found(period: float) -> Round:
     return last_round(hidden.mechanism, replace(hidden.dataset, q=q))
 
 
-def test_a_screw_of_a_standard_lead_is_named() -> None:
-    """Poses are not evenly spaced: they tell 100 turns from all that are fewer."""
-    place, = found(0.002).places
-    assert place.named and place.hypothesis is not None
-    assert (place.hypothesis.kind, place.hypothesis.on) == ("periodic", ("leg1",))
-    assert place.hypothesis.constants["period"] == pytest.approx(0.002, rel=1e-3)
-
-
 def test_a_pitch_that_nobody_listed_is_not_waves_of_other_periods() -> None:
     place, = found(0.0017).places
     assert place.label == FINE + "leg1"
