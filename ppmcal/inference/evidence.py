@@ -53,6 +53,34 @@ def odds_by_size(given: NoiseScale, own: Array, part: Array, gone: Array | float
                       - 0.5 * given.freedom * np.log(rest / given.spread))
 
 
+WIDE = 8
+"""Beyond so many columns eigenvectors cost more than a tridiagonal form."""
+
+
+def odds_of_narrow(given: Conditioned, square: Array, right: Array) -> Array:
+    """Return :func:`odds_by_size` (..., S) from G (..., q, q) and b (..., q) themselves."""
+    own, turn = small_eigh(square)
+    return odds_by_size(given, own, (right[..., None, :] @ turn)[..., 0, :] ** 2)
+
+
+def odds_of_wide(given: Conditioned, square: Array, right: Array) -> Array:
+    """Return the same without eigenvectors.
+
+    In a basis that begins with b and in which G is tridiagonal, pivots from its end are all that
+    the determinant and b'(G + 1/s^2)^-1 b need, and this the last of them alone.
+    """
+    diagonal, beside, length = linalg.tridiagonal(square, right)
+    grown = SIZES**2
+    pivot = 1.0 + grown * diagonal[..., -1:]
+    log_det = np.log(pivot)
+    for i in reversed(range(beside.shape[-1])):
+        pivot = np.maximum(1.0 + grown * (diagonal[..., i, None] - grown
+                                          * beside[..., i, None] ** 2 / pivot), 1.0)
+        log_det += np.log(pivot)
+    rest = np.maximum(given.spread - grown * length[..., None] ** 2 / pivot, LEAST)
+    return np.asarray(-0.5 * log_det - 0.5 * given.freedom * np.log(rest / given.spread))
+
+
 def small_eigh(square: Array) -> tuple[Array, Array]:
     """Return eigenvalues (..., q) and eigenvectors (..., q, q) of many small matrices at once."""
     if square.shape[-1] == 1:
@@ -64,30 +92,25 @@ def small_eigh(square: Array) -> tuple[Array, Array]:
 class BatchOdds:
     """How much more likely values are with each block of a batch, wherever its coefficients are.
 
-    ``free``: log odds (B, G, S); ``own``, ``turn``: eigenvalues and eigenvectors of G; ``part``: b
-    along these.
+    ``square``: G (B, G, q, q); ``right``: b (B, G, q); ``free``: log odds (B, G, S).
     """
 
     given: Conditioned
     batch: Batch
+    square: Array
+    right: Array
     free: Array
-    own: Array
-    turn: Array
-    part: Array
 
     @classmethod
     def of(cls, given: Conditioned, batch: Batch) -> BatchOdds:
         """Return what is known of the blocks of a batch, whatever their ends."""
-        seen = given.seen[batch.columns]                                   # (B, k, r)
-        inner = batch.gram - seen @ seen.transpose(0, 2, 1)
-        right = given.right[batch.columns]                                 # (B, k)
-        square = np.einsum("bgkq,bkl,bglp->bgqp", batch.roots, inner, batch.roots, optimize=True)
-        along = np.einsum("bgkq,bk->bgq", batch.roots, right)
-        own, turn = small_eigh(square)
-        part = np.einsum("bgqp,bgq->bgp", turn, along)
-        free = odds_by_size(given, own, part**2)
-        there = np.sum(np.maximum(own, 0.0), axis=-1)[..., None] > 0.0
-        return cls(given, batch, np.where(there, free, 0.0), own, turn, part)
+        seen = given.seen[batch.columns][:, None]                          # (B, 1, k, r)
+        inner = batch.gram[:, None] - seen @ np.swapaxes(seen, 2, 3)
+        square = np.swapaxes(batch.roots, 2, 3) @ inner @ batch.roots
+        right = (given.right[batch.columns][:, None, None] @ batch.roots)[..., 0, :]
+        free = odds_of_wide if square.shape[-1] > WIDE else odds_of_narrow
+        there = np.trace(square, axis1=2, axis2=3)[..., None] > 0.0
+        return cls(given, batch, square, right, np.where(there, free(given, square, right), 0.0))
 
     @cached_property
     def most(self) -> Array:
@@ -103,8 +126,9 @@ class BatchOdds:
         for mine, closely in ((ends & close, True), (ends & ~close, False)):
             some = which[mine]
             if some.size:
-                lift = batch.roots[some] @ self.turn[some]
-                out[mine] += within(self.given, lift, self.own[some], self.part[some],
+                own, turn = small_eigh(self.square[some])
+                part = (self.right[some][..., None, :] @ turn)[..., 0, :]
+                out[mine] += within(self.given, batch.roots[some] @ turn, own, part,
                                     batch.low[some, None], batch.high[some, None], closely=closely)
         return np.asarray(out)
 

@@ -152,7 +152,7 @@ class _System:
         left, along = self.inner - taken[..., :-1], self.right - taken[..., -1]
         lift, (low, high) = self.lifts[k], self.ends[k]
         own, turn = small_eigh(np.swapaxes(lift, 2, 3) @ left[:, None] @ lift)
-        part = np.einsum("vgqp,vgcq,vc->vgp", turn, lift, along, optimize=True)
+        part = (along[:, None, None] @ lift @ turn)[..., 0, :]
         out = base + odds_by_size(self, own, part**2, gone)
         if not bounded(low, high).size:
             return np.swapaxes(out, 1, 2), np.swapaxes(out, 1, 2)
