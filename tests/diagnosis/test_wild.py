@@ -361,7 +361,7 @@ def test_more_rows_than_gross_errors_explain(plain: Fit) -> None:
     out = module.left_out(without(plain, gone))
     assert out.too_many and "more than gross errors explain" in out.sentence
     nobody = module.left_out(without(plain, np.zeros(n, dtype=bool)))
-    assert not nobody.suspicious and nobody.sentence == ""
+    assert not nobody.too_many and not nobody.follows and nobody.sentence == ""
 
 
 # --- the gap on stretches of time and conditions --------------------------------------------------
