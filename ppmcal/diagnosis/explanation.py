@@ -44,9 +44,10 @@ MASS = 0.95
 class CausePlace:
     """One cause that is there, and what it may be.
 
-    ``members``: those that are needed for 95 %, first the one of the family that leads, with all
-    members in which it is; the others likeliest first. ``block``: of the best set; ``leader``: what
-    is told in its place; ``hypothesis``: what that stands for, None if it is unknown.
+    ``members``: those that are needed for 95 %, or would be at other priors, first the one of the
+    family that leads, with all members in which it is; the others likeliest first. ``block``: of
+    the best set; ``leader``: what is told in its place; ``hypothesis``: what that stands for, None
+    if it is unknown.
     ``only_misread``: whether all of the members are columns that are read wrongly.
     """
 
@@ -114,7 +115,7 @@ class Round:
         for n, i in enumerate(self.answer.best.chosen):
             if blocks[i].family == ROW_FAMILY:
                 continue
-            members, leader = self._leading(tuple(_likely(self.answer.members(n))), i)
+            members, leader = self._leading(self.answer.likely(n, MASS), i)
             source = self.asked.sources[leader]
             h = source if isinstance(source, Hypothesis) and not source.anonymous else None
             out.append(CausePlace(members, i, leader, blocks[leader].name, h,
@@ -201,15 +202,6 @@ def _key(source: Source) -> object:
         own = {n: v for n, v in source.constants.items() if n not in source.strokes}
         return (source.label, source.shared, source.names, source.follows, *sorted(own.items()))
     return source.label if isinstance(source, UnknownCause) else source
-
-
-def _likely(members: Sequence[Member]) -> Iterator[Member]:
-    total = 0.0
-    for member in members:
-        yield member
-        total += member.probability
-        if total >= MASS:
-            break
 
 
 def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None) -> list[Round]:

@@ -31,10 +31,14 @@ SHAPES = 1 / 3
 """Part of the unknown that is a shape of one joint's travel without a width of its own."""
 LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0)
 """Lengths of a kernel, in parts of the input's range."""
+SHORT = LENGTHS[:2]
+"""Ways within which a reversal is taken up: over longer ones it is a slope and no reversal."""
 SECOND = 2.0
 """Length along a second input."""
 WAVES = 24
 """Half waves of a course in time; of a body, in all coordinates at once, half as many."""
+MOST_POSES = 200
+"""Poses that may have a column each: so many take a tenth of the time of all other causes."""
 ROUND_OFF = 1e-11
 
 
@@ -70,7 +74,8 @@ class UnknownCauses:
         self.system = system
         self._columns: list[Array] = []
         self.causes: list[UnknownCause] = []
-        inputs = [*self._of_inputs(everywhere), *self._of_ways(), *self._of_loads()]
+        inputs = [*self._of_inputs(everywhere), *self._of_places(), *self._of_ways(),
+                  *self._of_loads()]
         courses = list(self._of_time())
         groups = [g for g in (inputs, courses) if g]
         for group in groups:
@@ -155,6 +160,22 @@ class UnknownCauses:
         second, = _beyond_mean([_matern(curve.by_nodes, SECOND)], curve.by_nodes, own[1])
         return [np.asarray(np.kron(first, second)) for first in rest]
 
+    def _of_places(self) -> Iterator[Made]:
+        """Yield what a joint does at each pose by itself, the same at each visit.
+
+        That is a function of its travel too fine for its course to be seen, such as a wave of a
+        pitch that nobody listed. What is not visited twice does not tell it from noise.
+        """
+        group = self.system.group
+        poses, place = np.unique(group, return_inverse=True)
+        if not 1 < 2 * poses.size <= min(group.size, 2 * MOST_POSES):
+            return
+        for way, unit in self.zeros.items():
+            if way != "all zeros":
+                own = unit[..., None] * np.eye(poses.size)[place][:, None, :]
+                yield (f"a function of travel too fine to be seen acting on {way.split()[-1]}",
+                       own.reshape(-1, poses.size), [np.eye(poses.size)], False, None, (), "")
+
     def _of_ways(self) -> Iterator[Made]:
         """Yield functions of the way from the row before, where no file says how rows were reached.
 
@@ -178,16 +199,20 @@ class UnknownCauses:
             known = way[:, list(on)]
             if np.isfinite(known).sum() < 3 * WAVES:
                 continue
-            low, high = float(np.nanmin(known)), float(np.nanmax(known))
-            nodes = np.linspace(low, high, WAVES)
-            whole = [_matern(nodes, length) for length in LENGTHS]
-            reached = known[np.isfinite(known)]
             for signed in (False, True) if sided else (False,):
-                kernels = _beyond_mean(whole, nodes, reached) if signed else whole
+                side = approach if signed else np.ones_like(way)
+                along = way * side
+                low, high = np.nanmin(along[:, list(on)]), np.nanmax(along[:, list(on)])
+                nodes = np.linspace(float(low), float(high), WAVES)
+                kernels = [_matern(nodes, length) for length in LENGTHS]
+                if signed:  # beyond a reversal, or a reversal that short ways take up in part
+                    known = along[:, list(on)]
+                    kernels = [*_beyond_mean(kernels, nodes, known[np.isfinite(known)]),
+                               *(1.0 + _matern(nodes, length) for length in SHORT)]
                 columns = np.zeros((system.observed.size, WAVES))
                 for a in on:
-                    weight = spline_basis(nodes, np.nan_to_num(way[:, a])) * np.isfinite(
-                        way[:, a])[:, None] * (approach[:, [a]] if signed else 1.0)
+                    weight = spline_basis(nodes, np.nan_to_num(along[:, a])) * np.isfinite(
+                        way[:, a])[:, None] * side[:, [a]]
                     columns += (own[a][..., None] * weight[:, None, :]).reshape(-1, WAVES)
                 acted = " ".join(mechanism.actuators[a] for a in on)
                 yield (f"a function of the way from the row before"

@@ -88,7 +88,8 @@ def answered(*members: tuple[float, set[int]]) -> Round:
     blocks = tuple(Block(f"{f} {n}", f, (n,), 0.0) for n, f in enumerate(families))
     likely = [Member(" and ".join(sorted({families[i] for i in own})), p, frozenset(own))
               for p, own in members]
-    answer = SimpleNamespace(best=SimpleNamespace(chosen=(0,)), members=lambda place: likely)
+    answer = SimpleNamespace(best=SimpleNamespace(chosen=(0,)),
+                             likely=lambda place, mass: tuple(likely))
     asked: Any = SimpleNamespace(question=SimpleNamespace(blocks=blocks), sources=sources)
     none: Any = None
     return Round(none, (), (), None, none, asked, cast(SetPosterior, answer))

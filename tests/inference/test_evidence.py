@@ -7,12 +7,12 @@ import itertools
 import numpy as np
 import pytest
 from helpers.dense import density, summed
+from helpers.odds import odds as odds_of_batch
+from helpers.odds import odds_of_all
 from scipy import integrate, special, stats
 
 from ppmcal.inference.blocks import Block, batches
 from ppmcal.inference.columns import JoinedColumns, MatrixColumns
-from ppmcal.inference.evidence import odds as odds_of_batch
-from ppmcal.inference.evidence import odds_of_all
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import joint
 from ppmcal.inference.priors import NOISE_FREEDOM, OWN_NOISE_FREEDOM
