@@ -145,7 +145,8 @@ def test_what_differs_between_sessions_names_its_own_actuator(
         parameters=[SimpleNamespace(quantity="number")] * 3,
         units=SimpleNamespace(factor=lambda q: 1.0, name=lambda q: ""))
     whole = SimpleNamespace(label="gain on leg1, leg2, leg3")
-    effects = [NamedEffect("gain", (leg,), (f"gain.{leg}.gain",), 0.9, 0.9, (), (), whole) for leg in legs[:2]]
+    effects = [NamedEffect("gain", (leg,), (f"gain.{leg}.gain",), 0.9, 0.9, (), (), whole)
+               for leg in legs[:2]]
     differs = [SessionEffect(("s", "t"), e.parameters, np.array([[0.1], [0.5]]),
                              np.full((2, 1), 0.01), 1e-6) for e in effects]
     monkeypatch.setattr(session_effects, "session_effects", lambda fit, named: differs)
