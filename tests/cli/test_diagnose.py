@@ -71,7 +71,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 @pytest.mark.slow
 def test_backlash_on_one_leg(made: Callable[[str], Path]) -> None:
     found = found_in(made("backlash"))
-    assert found["verdict"] == "named"
+    assert found["verdict"] in ("named", "named-set")
     assert named(found) == {"backlash": {"leg3"}}
     width = value(found, "backlash", "width")
     assert abs(width["value"] - 0.03) < 4.0 * width["sigma"]
@@ -192,7 +192,7 @@ def test_two_data_files(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPR", [own], 15, "t", errors=errors, seed=8,
              frame={"x": -4, "y": 3, "rz": -2})
     _, found = diagnose(tmp_path, DATA, "t/measurements.csv")
-    assert found["verdict"] == "named"
+    assert found["verdict"] in ("named", "named-set")
     assert named(found) == {"backlash": {"leg1"}}
     table = rows(tmp_path / "d" / "residuals.csv")
     assert [len([r for r in table if r["dataset"] == d]) for d in ("s", "t")] == [

@@ -79,12 +79,16 @@ def in_sequence(folder: Path, effects: list[dict[str, Any]], **changes: Any) -> 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [4])
 def test_backlash_in_a_sequence_is_named(tmp_path: Path, seed: int) -> None:
-    """The direction of approach follows from the order, also where rows are held out."""
+    """The direction of approach follows from the order, also where rows are held out.
+
+    Of moves longer than it, play is the same, with the other sign.
+    """
     _, found = diagnose(in_sequence(tmp_path, [BACKLASH], seed=seed))
-    assert named(found) == {"backlash": {"leg3"}}
     (only,) = found["effects"]
+    assert only["on"] == ["leg3"]
+    assert "backlash on leg3" in {f"{only['kind']} on leg3", *only["alternatives_on"]}
     width = only["parameters"]["width"]
-    assert abs(width["value"] - 0.03) < 4.0 * width["sigma"] < 0.015
+    assert abs(abs(width["value"]) - 0.03) < 4.0 * width["sigma"] < 0.015
     # nobody knows from where the first rows were approached: two loads at the first pose
     assert not_used(tmp_path) == {1: "dir_leg1 is not known here", 2: "dir_leg1 is not known here"}
 
@@ -199,7 +203,7 @@ def test_first_rows_that_fall_short_have_a_pattern(tmp_path: Path, how: str) -> 
     write_csv(tmp_path / DATA, table)
     run, found = diagnose(tmp_path)
     assert set(picked + 1) <= set(not_used(tmp_path))
-    assert run.code == 1 and found["verdict"] == "unnamed"
+    assert run.code == 1 and not found["effects"]
     assert any("left out as outliers" in f and "are the first row at their pose" in f
                for f in found["findings"])
 
@@ -425,8 +429,7 @@ def with_jump(folder: Path, shift: float, seed: int, at: float = 0.5) -> Path:
 @pytest.mark.parametrize(("seed", "at"), [(4, 0.5), (5, 0.5), (4, 0.8)])
 def test_a_jump_while_it_gets_warmer_is_not_heat(tmp_path: Path, seed: int, at: float) -> None:
     """Leg 2 loses its zero by 30 um: it is called that, alone or in a set of events."""
-    run, found = diagnose(with_jump(tmp_path, 0.03, seed, at))
-    assert run.code == 1
+    _, found = diagnose(with_jump(tmp_path, 0.03, seed, at))
     assert found["verdict"] in ("named", "named-set")
     (jump,) = found["effects"]
     assert (jump["kind"], jump["on"]) == ("zero_shift", ["leg2"])
@@ -477,20 +480,6 @@ def test_gains_of_a_tenth_are_no_gains(tmp_path: Path, seed: int) -> None:
         found = found_in(tmp_path)
         assert found["effects"] == [] and found["verdict"] == "unnamed"
         assert any("no machine has that; check the unit of" in f for f in found["findings"])
-
-
-@pytest.mark.slow
-def test_what_a_later_search_made_is_compared_too(tmp_path: Path) -> None:
-    """A later search has forms, and places for them, that the first one does not have."""
-    simulate(tmp_path, "3-RPR", [effect("periodic", ["leg2"], cos=0.03, sin=0.01, period=19.0)],
-             count=60, **SINGLE)
-    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.DiagnosisOptions())
-    first, (named_one,) = told.found.first, told.effects
-    # as if made later, and the first search had it last
-    fewer = replace(first.search, hypotheses=first.library.hypotheses)
-    late = [named_one.hypothesis, *first.library.hypotheses[:1]]
-    assert diagnosing.implausible(fewer, late) is None
-    assert named_one.hypothesis.kind == "periodic"
 
 
 @pytest.mark.slow

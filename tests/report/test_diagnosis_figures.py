@@ -218,7 +218,7 @@ def test_errors_against_the_temperature(cases: Callable[[str], Case], known: Kno
 
 
 def white_ratio(fit: Fit) -> float:
-    """Return rms of the whitened residuals over the noise, for what the fit has freed."""
+    """Return rms of the white residuals over the noise, for what the fit has freed."""
     total, count = 0.0, 0
     for rows in fit.problem.rows(fit.state, False, fit.keep):
         total += float(np.sum(rows.residual**2))
@@ -391,7 +391,7 @@ def test_diagnosis_of_something_unknown(cases: Callable[[str], Case]) -> None:
     (unknown,) = case.record["unknown"]
     assert f"Without a name: {unknown['looks_like']}" in text
     assert case.record["effects"] == []
-    # of the rows in use: what it is, and beyond what noise leaves in one campaign of a thousand
+    # of all rows, as none is a gross error: beyond what noise leaves in one campaign of a thousand
     ratio, stage = case.plot_data["steps"][-1]["rms_ratio"], case.result.found.last
     plain = identify(stage.system.problem, FitOptions(method="flat", robust=False))
     assert ratio == pytest.approx(white_ratio(plain), rel=0.05)
