@@ -15,6 +15,7 @@ from ppmcal.diagnosis.other_models import others
 from ppmcal.diagnosis.remainder import TOO_MUCH, Remainder
 from ppmcal.diagnosis.result import NAMED, Found, NamedEffect, Swallowed
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL, Stage
+from ppmcal.diagnosis.unknown_causes import UnknownCause
 from ppmcal.errors import NoResult
 from ppmcal.wording import counted
 
@@ -138,4 +139,9 @@ def next_step(what: Told, stage: Stage, verdict: str, gap: Gap | None, seed: int
             one, two = nearest(place.hypothesis, every), nearest(other[0], every)
             if one is not None and two is not None:
                 return propose(stage, every[one], every[two], odds, seed)
-    return advice(verdict, len(what.whole.problem.mechanism.actuators), gap)
+    joints = len(what.whole.problem.mechanism.actuators)
+    for p in what.last.unnamed:
+        source = what.last.asked.sources[p.leader]
+        if isinstance(source, UnknownCause) and source.remedy:
+            return nothing(source.remedy, joints)
+    return advice(verdict, joints, gap)

@@ -19,6 +19,9 @@ MOST_STEPS = 300
 def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
     """Fit a machine with further effects, or slots freed, to the rows of ``fit``.
 
+    A constant that leaves the range in which it has a meaning is held where it started, until the
+    others are found; where it leaves it again from there, it is not seen, and stays.
+
     Args:
         fit: of the machine without them.
         mechanism: with them, started at their estimates; its parameters begin with those of
@@ -28,7 +31,35 @@ def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
     Raises:
         BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
     """
-    return _near(*started(fit, mechanism), options)
+    problem, start = started(fit, mechanism)
+    found = _near(problem, start, options)
+    held = set[int]()
+    while gone := outside(found.problem, found.state):
+        g = found.state.g.copy()
+        g[gone] = start.g[gone]
+        near = _near(_holding(found.problem, gone), replace(found.state, g=g), options)
+        again = near if held & set(gone) else _near(found.problem, near.state, options)
+        found = near if outside(again.problem, again.state) else again
+        held.update(gone)
+    return found
+
+
+def _holding(problem: Problem, held: Sequence[int]) -> Problem:
+    """Return a problem in which some parameters stay where they are."""
+    parameters = list(problem.mechanism.parameters)
+    for p in held:
+        parameters[p] = replace(parameters[p], free=False)
+    free = tuple(p for p in problem.free if p not in held)
+    mechanism = replace(problem.mechanism, parameters=tuple(parameters), free=free)
+    return replace(problem, mechanism=mechanism, free=free)
+
+
+def outside(problem: Problem, state: State) -> list[int]:
+    """Return the free constants, by parameter, that have no meaning where a state has them."""
+    mechanism = problem.mechanism
+    return [p for e in mechanism.effects for spec in e.kind.parameters(mechanism.motion)
+            if (p := e.parameters[spec.name]) in problem.free and mechanism.parameters[p].nonlinear
+            and not spec.low <= state.g[p] <= spec.high]
 
 
 def started(fit: Fit, mechanism: Mechanism) -> tuple[Problem, State]:

@@ -14,13 +14,14 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ppmcal import linalg
+from ppmcal.diagnosis.grids import start_values
 from ppmcal.diagnosis.linear_system import System, Whitening
 from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.priors import UNKNOWN
+from ppmcal.inference.priors import FAMILY, UNKNOWN
 from ppmcal.linalg import Array
-from ppmcal.model.effects import Setting, Shift
+from ppmcal.model.effects import Setting, Shift, effect_kinds
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
 from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import COORDINATES, PLACE
@@ -51,6 +52,7 @@ class UnknownCause:
     """One block of columns ``number`` to ``number + width``, and what it looks like.
 
     ``curve``, ``on``: the learned term that it would be; None for a course in time of ``way``.
+    ``remedy``: what to measure to tell it from others.
     """
 
     label: str
@@ -60,6 +62,7 @@ class UnknownCause:
     curve: LearnedCurve | None = None
     on: tuple[bool, ...] = ()
     way: str = ""
+    remedy: str = ""
 
     def block(self, number: int) -> Block:
         """Return it as a block whose columns begin at a number."""
@@ -85,6 +88,9 @@ class UnknownCauses:
                 half = (1.0 - SHAPES) / len(groups) * (0.5 if singles and several else 1.0)
                 self._take(label, columns, kernels, half / (several if together else singles),
                            curve, on, way)
+        for label, columns, remedy in self._of_references():
+            self._take(label, columns, [np.eye(columns.shape[1])], float(FAMILY) / float(UNKNOWN),
+                       remedy=remedy)
 
     @cached_property
     def zeros(self) -> dict[str, Array]:
@@ -116,7 +122,8 @@ class UnknownCauses:
             first += cause.width
 
     def _take(self, label: str, columns: Array, kernels: Sequence[Array], share: float,
-              curve: LearnedCurve | None, on: tuple[bool, ...], way: str) -> None:
+              curve: LearnedCurve | None = None, on: tuple[bool, ...] = (), way: str = "",
+              remedy: str = "") -> None:
         gram = columns.T @ columns
         if not np.isfinite(gram).all() or not np.trace(gram) > self.least**2 * self.system.count:
             return
@@ -126,7 +133,7 @@ class UnknownCauses:
             roots.append(_root(kernel) / size)
         self._columns.append(columns)
         self.causes.append(UnknownCause(label, columns.shape[1], tuple(roots), share, curve, on,
-                                        way))
+                                        way, remedy))
 
     def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
         mechanism = self.system.problem.mechanism
@@ -240,6 +247,22 @@ class UnknownCauses:
                    for i in range(count) for j in range(i, count)]
         yield ("something that gives way to the load", np.stack(
             [c.reshape(-1) for c in columns], axis=1), [np.eye(len(columns))], True, None, (), "")
+
+    def _of_references(self) -> Iterator[tuple[str, Array, str]]:
+        """Yield errors of what the machine is measured against: label, columns, and what to do.
+
+        They are as usual as any kind of effect, and name nothing that the machine has.
+        """
+        motion = self.system.problem.mechanism.motion
+        for kind in effect_kinds().values():
+            if not kind.nuisance or motion not in kind.motions:
+                continue
+            values, none = start_values(kind, motion), np.zeros(0, dtype=bool)
+            terms = [kind.evaluate(p.setting, none, values) for p in self.system.parts]
+            columns = [self.system.column([t.by[name] for t in terms]) * self.system.observed
+                       for name in terms[0].by]
+            yield (f"an error of what the machine is measured against ({kind.label})",
+                   np.stack([c.reshape(-1) for c in columns], axis=1), kind.remedy)
 
     def _of_time(self) -> Iterator[Made]:
         """Yield slow courses of zeros, base and target, from row to row and in recorded time."""
