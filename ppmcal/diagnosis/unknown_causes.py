@@ -19,7 +19,7 @@ from ppmcal.diagnosis.linear_system import System, Whitening
 from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.priors import FAMILY, UNKNOWN
+from ppmcal.inference.priors import FAMILY, GOES_WITH, UNKNOWN
 from ppmcal.linalg import Array
 from ppmcal.model.effects import Setting, Shift, effect_kinds
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
@@ -81,11 +81,12 @@ class UnknownCauses:
         courses = list(self._of_time())
         groups = [g for g in (inputs, courses) if g]
         for group in groups:
-            singles = sum(1 for found in group if not found[3])
-            several = len(group) - singles
-            for label, columns, kernels, together, curve, on in group:
-                half = (1.0 - SHAPES) / len(groups) * (0.5 if singles and several else 1.0)
-                self._take(label, columns, kernels, half / (several if together else singles),
+            weights = {alike: sum(_simple(m) for m in group if m[3] == alike)
+                       for alike in (False, True)}
+            each = (1.0 - SHAPES) / len(groups) / sum(w > 0.0 for w in weights.values())
+            for made in group:
+                label, columns, kernels, together, curve, on = made
+                self._take(label, columns, kernels, each * _simple(made) / weights[together],
                            curve, on)
         for label, columns, remedy in self._of_references():
             self._take(label, columns, [np.eye(columns.shape[1])], float(FAMILY) / float(UNKNOWN),
@@ -327,6 +328,12 @@ def _root(kernel: Array) -> Array:
 def _roots(kernel: bytes, size: int) -> Array:
     w, v = linalg.eigh(np.frombuffer(kernel).reshape(size, size))
     return np.asarray(v * np.sqrt(np.maximum(w, 0.0)))
+
+
+def _simple(made: Made) -> float:
+    """Return how usual a cause is beside one that goes with no direction and no second input."""
+    curve = made[4]
+    return float(GOES_WITH) if curve is not None and (curve.by or curve.signed) else 1.0
 
 
 def _moved(body: str, coordinate: str, rows: int) -> Shift:
