@@ -156,11 +156,9 @@ def test_a_printer_calibrated_from_its_event_predicts_its_bed(name: str) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "there"), [
-    ("mesh26", True), ("mesh08", False), ("mesh20", False),
-    ("mesh10", False)])     # 0.25 mm that do not predict a third of its own touches
-def test_effects_of_the_approach_are_found_where_they_are(name: str, there: bool) -> None:
-    """Beds probed to and fro: what changes sign with the way is named, and only there."""
+@pytest.mark.parametrize("name", ["mesh08", "mesh10", "mesh20", "mesh26"])
+def test_one_bed_probed_to_and_fro_names_no_effect_of_the_approach(name: str) -> None:
+    """Of mesh26 something changes sign with the way: a slow course of the bed does as well there."""
     path, mesh, event = mesh_of(name)
     data = real_priors.bed_of(path, mesh, event)
     with path.with_suffix(".csv").open(encoding="utf-8") as stream:
@@ -169,7 +167,8 @@ def test_effects_of_the_approach_are_found_where_they_are(name: str, there: bool
     mechanism = real_priors.machine(event, "fixed")[0]
     found, _ = diagnose_with_own_noise(Problem(mechanism, (data,), mechanism.free),
                                        DiagnosisOptions())
-    assert any(e.kind == "backlash" for e in found.effects) == there
+    assert not found.effects
+    assert name != "mesh26" or found.verdict == "unnamed"
 
 
 def test_rods_and_step_scales_of_one_bed_are_one_direction() -> None:

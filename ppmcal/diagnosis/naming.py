@@ -18,6 +18,7 @@ from ppmcal.diagnosis.explanation import (
     what_is_fitted,
 )
 from ppmcal.diagnosis.extended_model import Added, extended
+from ppmcal.diagnosis.first_rows import first_rows, without_first_rows
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap, training_part
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
@@ -103,6 +104,7 @@ def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
             what = ", ".join(h.label for h, _, _ in sized)
             return Told(whole, rounds, whole, (), "unnamed",
                         (*ended, UNFITTED.format(what, error.what)))
+    fit = without_first_rows(fit, options)
     effects = tuple((p, tuple(a for a in added if a.hypothesis is p.hypothesis)) for p in named)
     return Told(whole, rounds, fit, effects, last.verdict, ended)
 
@@ -160,14 +162,15 @@ def _with_held_out(what: Told, options: DiagnosisOptions, beside: list[str]
 
 def _found(what: Told, training: Fit, options: DiagnosisOptions) -> Found:
     """Return the fits of the training rows, without and with what has a name, and the questions."""
-    first = _stage(what.rounds[0], what.last.rows, ())
+    rows = what.last.rows | first_rows(what.fit)
+    first = _stage(what.rounds[0], rows, ())
     if not what.added:
         return Found(training, training, first, first, ())
     last = what.last
     after = what.fit if training is what.whole else with_mechanism(
         training, what.fit.problem.mechanism.with_values(what.fit.state.g), options.fit)
     return Found(training, after, first,
-                 _stage(last, last.rows, [p.hypothesis for p, _ in what.effects]), what.added)
+                 _stage(last, rows, [p.hypothesis for p, _ in what.effects]), what.added)
 
 
 def _stage(asked: Round, rows: Container[tuple[int, int]], chosen: Sequence[Hypothesis | None]

@@ -32,14 +32,14 @@ def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
         BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
     """
     problem, start = started(fit, mechanism)
-    found = _near(problem, start, options)
+    found = near(problem, start, options)
     held = set[int]()
     while gone := outside(found.problem, found.state):
         g = found.state.g.copy()
         g[gone] = start.g[gone]
-        near = _near(_holding(found.problem, gone), replace(found.state, g=g), options)
-        again = near if held & set(gone) else _near(found.problem, near.state, options)
-        found = near if outside(again.problem, again.state) else again
+        without = near(_holding(found.problem, gone), replace(found.state, g=g), options)
+        again = without if held & set(gone) else near(found.problem, without.state, options)
+        found = without if outside(again.problem, again.state) else again
         held.update(gone)
     return found
 
@@ -81,10 +81,10 @@ def of_rows(fit: Fit, rows: Sequence[Bools], options: FitOptions) -> Fit:
     about = tuple(o.about for o in fit.problem.opens)
     problem = replace(fit.problem, datasets=datasets, pivots=about)
     poses = tuple(p[r] for p, r in zip(fit.state.poses, rows, strict=True))
-    return _near(problem, replace(fit.state, poses=poses), options)
+    return near(problem, replace(fit.state, poses=poses), options)
 
 
-def _near(problem: Problem, state: State, options: FitOptions) -> Fit:
+def near(problem: Problem, state: State, options: FitOptions) -> Fit:
     """Fit from a state near by, or from scratch where rows get lost on the way.
 
     A fit that has not converged by :data:`NEAR` iterations wanders along a valley; it is given up
