@@ -158,7 +158,7 @@ def test_a_printer_calibrated_from_its_event_predicts_its_bed(name: str) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["mesh08", "mesh10", "mesh20", "mesh26"])
 def test_one_bed_probed_to_and_fro_names_no_effect_of_the_approach(name: str) -> None:
-    """Of mesh26 something changes sign with the way: a slow course of the bed does as well there."""
+    """Of mesh26 something changes sign with the way, and a slow course of the bed does as well."""
     path, mesh, event = mesh_of(name)
     data = real_priors.bed_of(path, mesh, event)
     with path.with_suffix(".csv").open(encoding="utf-8") as stream:
