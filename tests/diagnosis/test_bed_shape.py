@@ -68,6 +68,8 @@ def test_the_shape_of_the_flat_is_no_leaning_tower(printer, shape):
         {"kind": "bed_shape", "parameters": {shape: 0.15}}]))
     assert found.verdict in ("none", "weak", "unnamed") and not found.diagnosis.effects
     if found.verdict == "unnamed":
+        (told,) = found.diagnosis.unknown
+        assert "bed_shape" in told.looks_like
         assert "touch" in found.diagnosis.proposal.reason
 
 

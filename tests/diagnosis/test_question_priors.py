@@ -23,6 +23,7 @@ from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.unknown_causes import UnknownCauses
 from ppmcal.inference.priors import FAMILY, FURTHER, GOES_WITH, MISREAD, PLAIN, SELDOM
 from ppmcal.linalg import Array
+from ppmcal.model.effects.learned import JOINT
 
 
 def asked(machine: str, kinds: list[str], eta: float = 1.0, frozen: tuple[str, ...] = (),
@@ -49,6 +50,17 @@ def test_frozen_slots_of_one_sort_share_a_prior_and_a_second_of_a_sort_costs_les
     assert prior([first, second]) - prior([second]) == pytest.approx(
         np.log(float(FURTHER)))  # two of three, in either order, are as many as one of three
     assert prior([first, other]) == pytest.approx(prior([first]) + prior([other]))
+
+
+def test_a_function_that_goes_with_more_is_a_tenth_as_usual_as_a_plain_one() -> None:
+    """With the direction of approach, or with a second input; all together have the same prior."""
+    system = asked("3-RRR-1", []).system
+    some = [c for c in UnknownCauses(system, [p.setting for p in system.parts]).causes
+            if c.curve is not None and c.curve.acts == JOINT and sum(c.on) == 1]
+    plain = {c.share for c in some if not (c.curve.by or c.curve.signed)}
+    more = {c.share for c in some if c.curve.by or c.curve.signed}
+    (one,), (other,) = plain, more
+    assert other == pytest.approx(float(GOES_WITH) * one)
 
 
 def explanation(kind: str, on: str, change: Callable[[str, Array], Array | None]) -> Round:
