@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ppmcal.diagnosis import refit
-from ppmcal.diagnosis.refit import _near
+from ppmcal.diagnosis.refit import near
 
 
 @pytest.mark.parametrize(("before", "after", "scratch"), [
@@ -33,7 +33,7 @@ def test_a_fit_starts_near_by_unless_a_row_is_lost(
     options: Any = SimpleNamespace(most=60)
     monkeypatch.setattr(refit, "replace", anew)
     monkeypatch.setattr(refit, "identify", lambda *known, **more: (known, more))
-    found: Any = _near(problem, state(before), options)
+    found: Any = near(problem, state(before), options)
     if scratch:
         assert found == ((("anew", {"pivots": None}), options), {})
     else:

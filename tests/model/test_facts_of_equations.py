@@ -335,6 +335,18 @@ def test_a_plate_moves_where_it_is_pushed_and_beside_it() -> None:
                         give * float(near @ force[:, c]), rel=1e-11, abs=1e-12)
 
 
+@pytest.mark.parametrize("reach", [1e-6, 1e-120, -1e-300])
+def test_a_plate_of_no_reach_moves_where_it_is_pushed_alone(reach: float) -> None:
+    """A fit may step there; no number is too small, and nothing depends on it any more."""
+    at, values = rows("planar"), {"base": 0.02, "platform": 0.0}
+    with np.errstate(all="raise", under="ignore"):
+        found = effect_kinds()["plate_compliance"].evaluate(at, ON, values | {"reach": reach})
+    near = effect_kinds()["plate_compliance"].evaluate(at, ON, values | {"reach": 1e-4})
+    for slot, moved in near.shift.slots.items():
+        np.testing.assert_allclose(found.shift.slots[slot], moved, atol=1e-15)
+    assert all(not du.any() for du in found.by["reach"].slots.values())
+
+
 def limb_part(at: Setting, i: int, body: str, c: str) -> float:
     return float(getattr(at.limbs[i], body)[f"{body}.point.{c}"])
 

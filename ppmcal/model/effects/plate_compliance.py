@@ -20,6 +20,8 @@ from ppmcal.model.effects.kind import (
 from ppmcal.model.effects.setting import Setting, Shift, total
 
 PARTS = ("base", "platform")
+BEYOND = 40.0
+"""So many reaches away nothing bends: exp(-800) is 0, and a reach may be as small as it likes."""
 
 
 def _pushed(setting: Setting, part: str, points: Array) -> Array:
@@ -46,10 +48,11 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     for part in PARTS:
         points = setting.points(part)
         push = _pushed(setting, part, points)
-        square = np.sum((points[:, :, None] - points[:, None]) ** 2, axis=-1)
-        field = np.exp(-0.5 * square / reach**2)
+        distance = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
+        apart = np.minimum(distance, BEYOND * abs(reach)) / abs(reach)
+        field = np.exp(-0.5 * apart**2)
         by[part] = _shift(setting, part, field @ push)
-        wider.append(_shift(setting, part, (field * square / reach**3) @ push).times(values[part]))
+        wider.append(_shift(setting, part, (field * apart**2 / reach) @ push).times(values[part]))
     return Terms(total([by[part].times(values[part]) for part in PARTS if values[part] != 0.0]),
                  {**by, "reach": total(wider)})
 
