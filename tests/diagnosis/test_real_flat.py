@@ -22,8 +22,9 @@ def test_touches_of_a_bed_teach_heights_only(tmp_path: Path) -> None:
     found = ppmcal.diagnose(tmp_path / "machine.yaml", tmp_path / "mesh_heightmap.csv")
     learned = [e for e in found.mechanism.effects if e.kind.name == "learned"]
     assert {e.kind.written(found.mechanism.units)["acts"] for e in learned} <= {"z"}
+    # touches of one bed hardly tell towers and waves apart: the fit of both may not come to its end
     sent = ppmcal.compensate(found, np.array([[0, 0, 0], [100, 0, 0], [-100, 0, 0], [0, 100, 0]]),
-                             frame="base").compensation
+                             frame="base", regardless=True).compensation
     # of a machine whose towers are known to 1 mm and half a degree
     assert np.nanmax(sent.position_before) < 5e-3
 

@@ -52,7 +52,7 @@ def test_the_sample_campaign(tmp_path: Path) -> None:
     # on which joints may be open; of which kind it is, is not
     assert all(set(e["alternatives"]) <= {e["kind"]} for e in found["effects"])
     out = " ".join(run.out.split())
-    for words in ("backlash on leg2, leg5: width", "compliance on all 6 actuators: stiffness",
+    for words in ("backlash on leg2, leg5: leg2 width", "compliance on all 6 actuators: stiffness",
                   "leg_thermal on all 6 actuators: expansion"):
         assert words in out
 
