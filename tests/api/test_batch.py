@@ -335,7 +335,7 @@ def test_a_diagnosis_and_a_compensation_are_run_too(tmp_path):
     content = read_yaml(manifest)
     content["campaigns"] = [
         {"data": "runs/{machine}/{date}/*.csv", "command": "diagnose",
-         "options": {"draws": 200, "kind": ["backlash", "gain"]}},
+         "options": {"seed": 1, "kind": ["backlash", "gain"]}},
         {"machine": "m00", "date": "2026-03-12", "command": "compensate", "data": "targets.csv",
          "model": f"out/{second}/identified.yaml", "options": {"path": False}}]
     manifest.write_text(dump_yaml(content))
