@@ -51,7 +51,7 @@ def test_what_does_not_predict_loses_its_name_and_says_so(geared: Problem,
     found = diagnose(geared, KINDS)
     assert found.verdict == "unnamed" and not found.effects
     assert found.found.after is found.found.before and not found.found.added
-    assert any("predicted worse" in f and "gain on" in f for f in found.findings)
+    assert any("surely predicted worse" in f and "gain on" in f for f in found.findings)
 
 
 def test_rows_that_do_not_belong_are_those_of_the_file_whatever_a_system_has_lost() -> None:

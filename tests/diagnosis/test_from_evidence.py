@@ -65,16 +65,6 @@ def test_rows_left_out_are_predicted_by_geometry_alone_and_by_all_that_may_be_th
     assert "log score" in next((folder / "told").glob("*.html")).read_text()
 
 
-def test_what_predicts_worse_than_geometry_has_no_name(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    campaign(tmp_path, "gain-one", "3-RPR", 5, 2.0)
-    worse = SimpleNamespace(surely_worse=True)
-    monkeypatch.setattr("ppmcal.diagnosis.naming.predictions", lambda _: (worse,))
-    result = api.diagnose(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"]).diagnosis
-    assert result.verdict == "unnamed" and not result.effects
-    assert any("surely predicted worse" in f for f in result.findings)
-
-
 def test_the_page_and_the_commands_use_the_same_probabilities(
         gain: tuple[Path, dict[str, Any]]) -> None:
     folder, found = gain

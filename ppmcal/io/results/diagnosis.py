@@ -27,7 +27,7 @@ from ppmcal.io.results.diagnosis_parts import (
 )
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.misreading import MisreadingEntry, misreading_entries
-from ppmcal.io.results.other_models import OtherModel, TriedSet, other_files
+from ppmcal.io.results.other_models import OtherModel, OtherModels, TriedSet, other_files
 from ppmcal.io.results.record import Flag, Provenance, Record, Shown, Text, UnitNames
 from ppmcal.io.results.validation import ValidatedDataset
 
@@ -43,9 +43,9 @@ class DiagnosisRecord(Record):
     name.
     """
 
-    FILE: ClassVar[str] = "diagnosis.json"
-    FORMAT: ClassVar[str] = "ppmcal/diagnosis/2"
-    EARLIER: ClassVar[tuple[str, ...]] = ("ppmcal/diagnosis/1",)
+    FILE: ClassVar[str] = OtherModels.FILE
+    FORMAT: ClassVar[str] = OtherModels.FORMAT
+    EARLIER: ClassVar[tuple[str, ...]] = OtherModels.EARLIER
 
     name: Text = ""
     verdict: Text = ""
