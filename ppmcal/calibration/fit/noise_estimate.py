@@ -58,7 +58,7 @@ def _squares(fit: Fit) -> tuple[Array, Array]:
     for rows in fit.problem.rows(fit.state, True, fit.keep):
         taken = float(np.sum((rows.jacobian @ covariance) * rows.jacobian))
         square[rows.dataset] += float(np.sum(rows.residual**2))
-        freedom[rows.dataset] += float(rows.observed.sum()) - taken
+        freedom[rows.dataset] += rows.count - taken
     return square, freedom
 
 
@@ -268,7 +268,7 @@ KNOWN = 0.1
 to the noise."""
 
 
-def _split(fit: Fit) -> tuple[float, int, float, int]:
+def _split(fit: Fit) -> tuple[float, float, float, float]:
     """Return chi-squared and degrees of freedom of the noise alone, then of the prior's part.
 
     What no error of the machine can explain is noise alone; the rest of the minimum is how far the
@@ -296,7 +296,7 @@ def known_part(rows: Array, right: Array, held: Array) -> tuple[float, int]:
     return float(np.sum((u[:, taken].T @ right) ** 2)), int(taken.sum())
 
 
-def noise_parts(fit: Fit) -> tuple[float, int]:
+def noise_parts(fit: Fit) -> tuple[float, float]:
     """Return chi-squared and degrees of freedom of what no error of the machine can explain."""
     return _split(fit)[:2]
 
@@ -307,7 +307,7 @@ def against_tolerances(noise: Noise, fit: Fit) -> Noise:
     return replace(noise, prior_chi2=chi2, prior_degrees=degrees, prior_p=_chance(chi2, degrees))
 
 
-def _chance(chi2: float, degrees: int) -> float:
+def _chance(chi2: float, degrees: float) -> float:
     return float(chdtrc(degrees, chi2)) if degrees > 0 else float("nan")
 
 

@@ -178,7 +178,7 @@ def _by_block(fit: Fit, wide: Problem) -> tuple[list[Array], float]:
     for part in wide.rows(fit.state, True, fit.keep):
         own = np.concatenate([part.jacobian * unit, part.residual[..., None]], axis=-1)
         mine = block[part.dataset][part.index]
-        values += float(part.observed.sum())
+        values += part.count
         for b in np.unique(mine).tolist():
             out.setdefault(b, []).append(own[mine == b].reshape(-1, unit.size + 1))
     return [np.concatenate(parts) for _, parts in sorted(out.items())], values
