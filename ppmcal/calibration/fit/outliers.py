@@ -87,7 +87,7 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
         solved = finite_rows(pose)
         if covariance is not None and covariance.size:
             for block in white_blocks(problem, state, i, solved):
-                weight = problem.weight(i)[block.index]
+                weight = problem.weights[i][block.index]
                 used = weight if keep is None else np.where(keep[i][block.index], weight, 0.0)
                 square[i][block.index] = _freed(block.rows / np.sqrt(weight)[:, None, None],
                                                 covariance, used)
@@ -96,12 +96,12 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
         own = row_squares(problem, state, i, solved)
         if own is not None:
             rows = np.flatnonzero(solved)
-            square[i][rows] = own / problem.weight(i)[rows]
+            square[i][rows] = own / problem.weights[i][rows]
             size[i][rows] = problem.measured(i, rows)[2]
             continue
         for part in problem.rows_of(i, state, False):
             square[i][part.index] = (np.sum(part.residual * part.residual, axis=1)
-                                     / problem.weight(i)[part.index])
+                                     / problem.weights[i][part.index])
             size[i][part.index] = part.observed.sum(axis=1)
     return Distances(tuple(square), tuple(size))
 

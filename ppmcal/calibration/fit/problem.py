@@ -106,10 +106,10 @@ class Problem:
             out.__dict__["environments"] = self.environments
         return out
 
-    def weight(self, index: int) -> Array:
-        """Return the weights of a data set's rows (N,)."""
-        data = self.datasets[index]
-        return np.ones(len(data)) if data.weight is None else data.weight
+    @property
+    def weights(self) -> list[Array]:
+        """The weights of rows, by data set (N,)."""
+        return [np.ones(len(d)) if d.weight is None else d.weight for d in self.datasets]
 
     def values(self, index: int, rows: Ints, each: Ints) -> float:
         """Return how many values some rows (n,) are, of which each has so many, by weight."""

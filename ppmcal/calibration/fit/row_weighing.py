@@ -47,11 +47,15 @@ def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
         weights = found.weights(rows, factor)
         keep = [r & finite_rows(pose) & (w >= float(NO_WEIGHT))
                 for r, pose, w in zip(rows, fit.state.poses, weights, strict=True)]
-        if all(np.array_equal(a, b) for a, b in zip(keep, fit.keep, strict=True)) and _moves(
-                fit, found, factor, weights) < SETTLED:
+        weights = [np.where(k, w, 1.0) for k, w in zip(keep, weights, strict=True)]
+        now, ones = fit.problem.weights, [np.ones(k.size) for k in keep]
+        whole = _moves(fit, found, factor, keep, weights, ones) < SETTLED
+        weights = ones if whole else weights
+        moved = _moves(fit, found, factor, keep, weights, now)
+        if (all(np.array_equal(a, b) for a, b in zip(keep, fit.keep, strict=True))
+                and moved < (SETTLED if not whole else np.finfo(float).tiny)):
             break
-        problem = fit.problem.weighted([np.where(k, w, 1.0)
-                                        for k, w in zip(keep, weights, strict=True)])
+        problem = fit.problem.weighted(weights)
         fit = fit_rows(problem, fit.state, keep, fit.reasons, fit.prior, short, fit.prior_scale)
     if not fit.converged and short.most < options.most:
         fit = fit_rows(fit.problem, fit.state, fit.keep, fit.reasons, fit.prior, options,
@@ -59,12 +63,13 @@ def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
     return _explained(fit, rows, found, factor)
 
 
-def _moves(fit: Fit, found: Distances, factor: float, weights: Sequence[Array]) -> float:
-    """Return by how many standard deviations new weights may move estimates, at most or so."""
-    lever = values_taken(fit) / max(sum(int(k.sum()) for k in fit.keep), 1)
-    return float(np.sqrt(lever)) * sum(
-        float(np.sum(np.abs(w - fit.problem.weight(i))[k] * np.sqrt(d[k]))) / factor
-        for i, (w, d, k) in enumerate(zip(weights, found.square, fit.keep, strict=True)))
+def _moves(fit: Fit, found: Distances, factor: float, keep: Sequence[Bools],
+           weights: Sequence[Array], others: Sequence[Array]) -> float:
+    """Return by how many standard deviations other weights may move estimates, at most or so."""
+    lever = values_taken(fit) / max(sum(int(k.sum()) for k in keep), 1)
+    return float(np.sqrt(lever)) / factor * sum(
+        float(np.sum(np.abs(w - o)[k] * np.sqrt(d[k])))
+        for w, o, d, k in zip(weights, others, found.square, keep, strict=True))
 
 
 def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: float) -> Fit:
