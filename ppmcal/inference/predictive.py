@@ -51,16 +51,31 @@ def predicted(given: Conditioned, group: Ints) -> Predicted:
         at = order[begin:end]
         if at.size == 0:
             continue
-        own = given.basis[at]
-        factor = linalg.cholesky(np.eye(at.size) - own @ own.T, "how well rows are predicted")
-        back = linalg.solve(factor, np.column_stack([past[at], np.eye(at.size)]))
-        square = float(back[:, 0] @ back[:, 0])
+        error[at], variance, half_log = _left_out(given.basis[at], past[at])
+        square = float(past[at] @ error[at])
         freedom = given.freedom - at.size
         scale = max(given.spread - square, np.finfo(float).tiny) / freedom
-        error[at] = back[:, 1:].T @ back[:, 0]
-        spread[at] = np.sqrt(scale * np.sum(back[:, 1:] ** 2, axis=0))
+        spread[at] = np.sqrt(scale * variance)
         score[g] = (gammaln(0.5 * (freedom + at.size)) - gammaln(0.5 * freedom)
-                    - 0.5 * at.size * np.log(np.pi * freedom * scale)
-                    + float(np.sum(np.log(np.diagonal(factor))))
+                    - 0.5 * at.size * np.log(np.pi * freedom * scale) + half_log
                     - 0.5 * (freedom + at.size) * np.log1p(square / (freedom * scale)))
     return Predicted(error, spread, score)
+
+
+def _left_out(own: Array, past: Array) -> tuple[Array, Array, float]:
+    """Return errors (k,), the diagonal of (M_gg)^-1 (k,), and half the log determinant of M_gg.
+
+    Of rows ``own`` (k, r) of the basis; ``past`` (k,) is M y there. The smaller of M_gg = I - W W'
+    and I - W'W is factored: (M_gg)^-1 = I + W (I - W'W)^-1 W'.
+    """
+    k, r = own.shape
+    what = "how well rows are predicted"
+    if k <= r:
+        factor = linalg.cholesky(np.eye(k) - own @ own.T, what)
+        back = linalg.solve(factor, np.column_stack([past, np.eye(k)]))
+        error, variance = back[:, 1:].T @ back[:, 0], np.sum(back[:, 1:] ** 2, axis=0)
+    else:
+        factor = linalg.cholesky(np.eye(r) - own.T @ own, what)
+        back = linalg.solve(factor, own.T)
+        error, variance = past + back.T @ (back @ past), 1.0 + np.sum(back**2, axis=0)
+    return error, variance, float(np.sum(np.log(np.diagonal(factor))))

@@ -1,4 +1,4 @@
-"""How much each row counts: how likely it belongs, the noise's size and the gross rows' integrated.
+"""How much a row counts: how likely it belongs, sizes of noise and of gross errors integrated.
 
 A row that belongs is off by noise; of the others, one in so many, by noise and an error of its own,
 whose size nobody knows. With d its squared distance, white by the noise that all rows show, and m
@@ -13,13 +13,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import expit, logit, logsumexp
 
-from ppmcal.inference.priors import GROSS_ROW, MOST_GROSS, NOISE_FREEDOM
+from ppmcal.inference.priors import GROSS_ROW, NOISE_FREEDOM
 from ppmcal.inference.ranges import SIZES
 from ppmcal.linalg import Array
 
 BEYOND_NOISE = SIZES[SIZES > 1.0]
 """Sizes of an error that is none of the noise's."""
-ROUNDS, SETTLED = 50, 1e-3
 AT_ONCE = 2**16
 
 
@@ -51,20 +50,13 @@ def improbability(square: Array, size: Array) -> Array:
         0.0, logit(float(GROSS_ROW)) + log_ratio(square, size, freedom)))
 
 
-def row_weights(square: Array, size: Array, freedom: float) -> Array:
+def row_weights(square: Array, size: Array, freedom: float, belong: int) -> Array:
     """Return the weight of each row (n,): how likely it belongs, over a row that is not off at all.
 
-    How many do not belong is found with it. Arguments as :func:`log_ratio`.
+    Arguments as :func:`log_ratio`; ``belong``: rows that do. With them one more belongs the surer;
+    those that do not have no say in the others.
     """
-    ratio = log_ratio(square, size, freedom)
-    share = float(GROSS_ROW)
-    for _ in range(ROUNDS):
-        gross = expit(logit(share) + ratio)
-        # as if one row in so many had been seen not to belong
-        now = min((1.0 + float(gross.sum())) / (1.0 / float(GROSS_ROW) + square.size),
-                  float(MOST_GROSS))
-        if abs(now / share - 1.0) < SETTLED:
-            break
-        share = now
-    at_noise = log_ratio(np.zeros(size.size), size, freedom)
-    return np.asarray(expit(-logit(share) - ratio) / expit(-logit(share) - at_noise))
+    odds = 1.0 / float(GROSS_ROW) + belong - 1.0
+    nowhere = log_ratio(np.zeros(size.size), size, freedom)
+    return np.asarray(expit(np.log(odds) - log_ratio(square, size, freedom))
+                      / expit(np.log(odds) - nowhere))

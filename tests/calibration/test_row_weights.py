@@ -146,7 +146,7 @@ def test_causes_are_asked_for_in_whole_rows(campaign: tuple[Problem, Fit]) -> No
 
 def test_repeats_that_weigh_less_scatter_as_others_do(campaign: tuple[Problem, Fit]) -> None:
     """Their noise over the stated one does not depend on what they weigh: 400 of them."""
-    problem, fit = campaign
+    problem, _ = campaign
     (data,) = problem.datasets
     many = data.take(np.tile(np.arange(len(data)), 20)[:400])
     noise = np.random.default_rng(1).normal(size=many.position.shape)

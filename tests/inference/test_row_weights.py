@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import gammaln, logsumexp
 
-from ppmcal.inference.priors import GROSS_ROW, MOST_GROSS, NO_WEIGHT
+from ppmcal.inference.priors import GROSS_ROW, NO_WEIGHT
 from ppmcal.inference.row_weights import BEYOND_NOISE, improbability, log_ratio, row_weights
 
 FREEDOM = 40.0
@@ -37,7 +37,7 @@ def rows(seed: int, count: int, values: int = 3) -> np.ndarray:
 
 def weights(square: np.ndarray, values: int = 3) -> np.ndarray:
     size = np.full(square.size, float(values))
-    return row_weights(square, size, 30.0 + size.sum())
+    return row_weights(square, size, 30.0 + size.sum(), square.size)
 
 
 @pytest.mark.parametrize(("count", "values"), [(20, 1), (60, 3), (60, 6), (2000, 6)])
@@ -57,13 +57,14 @@ def test_gross_rows_lose_theirs_however_many_they_are(share: float) -> None:
     assert (found[gross] < float(NO_WEIGHT)).all() and (found[~gross] > 0.5).all()
 
 
-def test_where_many_do_not_belong_a_doubtful_row_belongs_less() -> None:
-    square = rows(1, 200)
-    doubtful = np.concatenate([square, [25.0]])
-    among = np.concatenate([np.where(np.arange(200) < 40, 1e4, square), [25.0]])
-    assert weights(among)[-1] < 0.5 * weights(doubtful)[-1]
-    assert (weights(np.full(200, 1e4)) < float(NO_WEIGHT)).all()   # the share has a prior: 1/4
-    assert float(MOST_GROSS) < 0.5
+def test_the_more_rows_belong_the_surer_does_one_more() -> None:
+    """With no row seen it is one in a hundred that does not."""
+    one, three = np.array([25.0]), np.array([3.0])
+    found = [float(row_weights(one, three, 1e6, n)[0]) for n in (0, 1000, 100_000)]
+    assert found[0] < found[1] < found[2]
+    gross, none = (float(np.exp(log_ratio(d, three, 1e6))[0]) for d in (one, 0.0 * one))
+    odds = 1.0 / float(GROSS_ROW) - 1.0
+    assert found[0] == pytest.approx((odds + none) / (odds + gross))
 
 
 def test_what_a_row_weighs_falls_with_its_distance_and_is_whole_at_none() -> None:

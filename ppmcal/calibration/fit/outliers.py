@@ -57,7 +57,7 @@ class Distances:
         """Return the weight of each row (N,) by data set, 1 where its distance is not known.
 
         Args:
-            keep: rows that may belong (N,): how many of them do not is found with their weights.
+            keep: rows that belong so far (N,).
             factor: noise over the stated one.
         """
         known = [np.isfinite(d) & (m > 0) for d, m in zip(self.square, self.size, strict=True)]
@@ -65,7 +65,7 @@ class Distances:
             float(m[k].sum()) for m, k in zip(self.size, keep, strict=True))
         square, size = (np.concatenate([a[k] for a, k in zip(all_, known, strict=True)])
                         for all_ in (self.square, self.size))
-        found = row_weights(square / factor**2, size, freedom)
+        found = row_weights(square / factor**2, size, freedom, sum(int(k.sum()) for k in keep))
         out = [np.where(np.isinf(d), 0.0, 1.0) for d in self.square]
         ends = np.cumsum([int(k.sum()) for k in known])[:-1]
         for own, k, w in zip(out, known, np.split(found, ends), strict=True):

@@ -24,9 +24,10 @@ from ppmcal.linalg import Array, Bools, finite_rows
 
 BETWEEN_ROUNDS = 5
 """Iterations of the fit after each round, which starts next to its minimum."""
-ROUNDS = 20
-SETTLED = 0.05
-"""Weights stay that would move no estimate by so many of its standard deviations."""
+ROUNDS = 30
+WHOLE, SETTLED = 0.05, 1e-5
+"""Rows weigh alike where their weights would move no estimate by so many of its standard
+deviations; and weights stay that would move none by so many any more."""
 
 
 def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
@@ -44,16 +45,15 @@ def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
     for _ in range(ROUNDS):
         found = distances(fit.problem, fit.state, prediction_covariance(fit), fit.keep)
         factor = found.factor(fit.keep)
-        weights = found.weights(rows, factor)
+        weights = found.weights(fit.keep, factor)
         keep = [r & finite_rows(pose) & (w >= float(NO_WEIGHT))
                 for r, pose, w in zip(rows, fit.state.poses, weights, strict=True)]
         weights = [np.where(k, w, 1.0) for k, w in zip(keep, weights, strict=True)]
         now, ones = fit.problem.weights, [np.ones(k.size) for k in keep]
-        whole = _moves(fit, found, factor, keep, weights, ones) < SETTLED
+        whole = _moves(fit, found, factor, keep, weights, ones) < WHOLE
         weights = ones if whole else weights
-        moved = _moves(fit, found, factor, keep, weights, now)
-        if (all(np.array_equal(a, b) for a, b in zip(keep, fit.keep, strict=True))
-                and moved < (SETTLED if not whole else np.finfo(float).tiny)):
+        same = all(np.array_equal(a, b) for a, b in zip(keep, fit.keep, strict=True))
+        if same and _moves(fit, found, factor, keep, weights, now) < SETTLED:
             break
         problem = fit.problem.weighted(weights)
         fit = fit_rows(problem, fit.state, keep, fit.reasons, fit.prior, short, fit.prior_scale)
@@ -133,7 +133,7 @@ def _agreeing(found: Fit, index: int, poses: Array, options: FitOptions) -> Bool
         own = replace(own, state=_found_again(own, [out & ~keep], state.poses))
         covariance = prediction_covariance(own)
         away = distances(alone, own.state, covariance, [keep])
-        belongs = away.weights([keep | out], away.factor([keep]))[0] >= float(NO_WEIGHT)
+        belongs = away.weights([keep], away.factor([keep]))[0] >= float(NO_WEIGHT)
         more = out & ~keep & finite_rows(own.state.poses[0]) & belongs
         if not more.any():
             break

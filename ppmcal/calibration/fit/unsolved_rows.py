@@ -88,7 +88,7 @@ def _judged(fit: Fit, rows: Sequence[Bools]
     """Return rows to use, reasons for those left out, and how many of ``rows`` belong."""
     keep, reasons = [k.copy() for k in fit.keep], [dict(r) for r in fit.reasons]
     found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
-    weights = found.weights([k | r for k, r in zip(keep, rows, strict=True)], fit.noise_factor)
+    weights = found.weights(keep, fit.noise_factor)
     away, back = found.over_noise(fit.noise_factor), 0
     for i, some in enumerate(rows):
         for n in np.flatnonzero(some & (found.size[i] > 0)).tolist():
