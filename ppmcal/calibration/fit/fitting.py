@@ -26,7 +26,7 @@ from ppmcal.calibration.fit.linearisation import (
 )
 from ppmcal.calibration.fit.normal_equations import normal_sums
 from ppmcal.calibration.fit.observation import coordinates, shown
-from ppmcal.calibration.fit.outliers import huber_weights
+from ppmcal.calibration.fit.outliers import beyond_weight, distances, huber_weights
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.calibration.fit.registration_starts import loss, opened_in_turn
 from ppmcal.calibration.fit.regularization import damped, gcv_scale
@@ -120,6 +120,11 @@ def _fitted(problem: Problem, options: FitOptions, state: State, near: bool, at_
     elif not many:
         with stage("coming near"):
             state = _near(problem, state, keep, prior, options, near)
+    if options.robust:
+        # a third of wrong rows would pull a plain fit to themselves, and seem to belong there
+        aside = beyond_weight(distances(problem, state), keep)
+        suspects = [s | a for s, a in zip(suspects, aside, strict=True)]
+        keep = [k & ~a for k, a in zip(keep, aside, strict=True)]
     with stage("fitting all rows"):
         fit = fit_rows(problem, state, keep, reasons, prior, options)
     if options.robust:

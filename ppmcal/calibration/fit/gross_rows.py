@@ -6,13 +6,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from ppmcal.calibration.fit.fit_result import Fit
 from ppmcal.calibration.fit.linearisation import parameter_scale, prior_weights
 from ppmcal.calibration.fit.outliers import Distances, distances
 from ppmcal.calibration.fit.problem import Problem, State
-from ppmcal.inference.priors import MOST_GROSS, NO_WEIGHT
+from ppmcal.inference.priors import MOST_GROSS
 from ppmcal.linalg import Bools, reciprocals
+
+
+GROSS = 5.0
+"""Before a fit: a row so many times beyond what noise and tolerances explain waits aside."""
 
 
 def explained_distances(problem: Problem, state: State) -> Distances:
@@ -64,6 +69,7 @@ def rows_with_outliers(fit: Fit) -> list[Bools]:
 
 
 def beyond(found: Distances, keep: Sequence[Bools]) -> list[Bools]:
-    """Return which of the rows ``keep`` hardly have a weight, at the distance that half have."""
-    return [k & (w < float(NO_WEIGHT)) for k, w in
-            zip(keep, found.weights(keep, found.factor(keep)), strict=True)]
+    """Return the rows ``keep`` that are beyond :data:`GROSS` times what half of them are."""
+    limit = GROSS * max(1.0, found.times(keep))
+    return [k & (np.sqrt(np.where(np.isnan(d) | (m == 0), 0.0, d) / chdtri(np.maximum(m, 1.0), 0.5))
+                 > limit) for k, d, m in zip(keep, found.square, found.size, strict=True)]

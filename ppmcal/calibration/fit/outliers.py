@@ -14,13 +14,15 @@ from ppmcal.calibration.fit.homing_shift import HomingShift, homing_shifts
 from ppmcal.calibration.fit.normal_equations import row_squares, white_blocks
 from ppmcal.calibration.fit.observation import coordinates, shown
 from ppmcal.calibration.fit.problem import Problem, State
-from ppmcal.inference.priors import NOISE_FREEDOM
+from ppmcal.inference.priors import NO_WEIGHT, NOISE_FREEDOM
 from ppmcal.inference.row_weights import row_weights
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.linalg import Array, Bools, finite_rows, reciprocals
 from ppmcal.model.instruments import NUMBERS, SCALARS
 from ppmcal.wording.progress import stage
 
+HUBER = 1.5
+"""On the way rows farther than so many standard deviations (root mean square) count less."""
 ALONE = 1e-3
 """A row keeps less than this part of its own error where it alone fixes something."""
 
@@ -136,10 +138,21 @@ def _freed(rows: Array, covariance: Array, used: Array) -> Array:
     return np.asarray(squares)
 
 
+def beyond_weight(found: Distances, keep: Sequence[Bools]) -> list[Bools]:
+    """Return which of the rows ``keep`` (N,) hardly have a weight, by data set."""
+    return [k & (w < float(NO_WEIGHT)) for k, w in
+            zip(keep, found.weights(keep, found.factor(keep)), strict=True)]
+
+
 def huber_weights(problem: Problem, state: State, keep: Sequence[Bools]) -> list[Array]:
-    """Return the factor on each row's residual on the way to a minimum, by data set (N,)."""
+    """Return the factor on each row's residual on the way to a minimum, by data set (N,).
+
+    Huber's: with the weights of rows that may not belong, which fall with the square of their
+    distance, a search that begins far off may end anywhere.
+    """
     found = distances(problem, state)
-    return [np.sqrt(w) for w in found.weights(keep, found.factor(keep))]
+    away = found.over_noise(found.factor(keep))
+    return [np.sqrt(np.minimum(1.0, HUBER * reciprocals(np.nan_to_num(a), np.inf))) for a in away]
 
 
 UNCHECKED = 0.1
