@@ -15,7 +15,6 @@ from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.inference.priors import MOST_GROSS
 from ppmcal.linalg import Bools, reciprocals
 
-
 GROSS = 5.0
 """Before a fit: a row so many times beyond what noise and tolerances explain waits aside."""
 
