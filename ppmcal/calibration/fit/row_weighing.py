@@ -37,7 +37,7 @@ def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
     ``suspects`` (N,) by data set are out already and are judged with the others; ``poses``: where
     to look for theirs.
     """
-    rows = [k | s for k, s in zip(fit.keep, suspects, strict=True)]
+    first, rows = fit, [k | s for k, s in zip(fit.keep, suspects, strict=True)]
     if any(s.any() for s in suspects):
         fit = replace(fit, state=_found_again(fit, suspects, poses))
     # the next round judges by a new fit anyway: one that wanders is not followed to its end
@@ -60,7 +60,9 @@ def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
     if not fit.converged and short.most < options.most:
         fit = fit_rows(fit.problem, fit.state, fit.keep, fit.reasons, fit.prior, options,
                        fit.prior_scale)
-    return _explained(fit, rows, found, factor)
+    # the steps of the search: those after it follow the weights
+    return replace(_explained(fit, rows, found, factor), iterations=first.iterations,
+                   summed=first.summed)
 
 
 def _moves(fit: Fit, found: Distances, factor: float, keep: Sequence[Bools],

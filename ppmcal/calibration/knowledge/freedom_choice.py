@@ -199,4 +199,4 @@ def _left_out(rows: Sequence[Array], prior: Array, away: Array, columns: Array) 
     given = Conditioned.nothing(MatrixColumns(np.zeros((len(every), 0))),
                                 every[:, -1] - every[:, :-1] @ away)
     given = given.taking(every[:, columns] * reciprocals(prior, float(WIDE))[columns])
-    return np.bincount(block, predicted(given, block).error ** 2)
+    return np.asarray(np.bincount(block, predicted(given, block).error**2), dtype=float)
