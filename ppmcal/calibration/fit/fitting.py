@@ -30,7 +30,7 @@ from ppmcal.calibration.fit.outliers import beyond_weight, distances, huber_weig
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.calibration.fit.registration_starts import loss, opened_in_turn
 from ppmcal.calibration.fit.regularization import damped, gcv_scale
-from ppmcal.calibration.fit.row_weighing import weighed, weighed_by_files
+from ppmcal.calibration.fit.row_weighing import weighed
 from ppmcal.calibration.fit.unsolved_rows import NO_POSE, with_unsolved
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -129,7 +129,7 @@ def _fitted(problem: Problem, options: FitOptions, state: State, near: bool, at_
         fit = fit_rows(problem, state, keep, reasons, prior, options)
     if options.robust:
         with stage("judging each row"):
-            fit = weighed_by_files(fit, suspects, unused, options)
+            fit = weighed(fit, suspects, unused, options)
         log.info("%d rows left out as gross errors, the noise of the others %.3g times the stated "
                  "one", sum(int(o.sum()) for o in fit.outliers), fit.noise_factor)
     if options.method == "gcv":

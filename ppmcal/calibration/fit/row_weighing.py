@@ -15,8 +15,7 @@ from ppmcal.calibration.fit.fit_result import (
     values_taken,
 )
 from ppmcal.calibration.fit.fit_rows import fit_rows
-from ppmcal.calibration.fit.linearisation import prior_weights
-from ppmcal.calibration.fit.outliers import Distances, distances, unchecked
+from ppmcal.calibration.fit.outliers import Distances, distances
 from ppmcal.calibration.fit.problem import State
 from ppmcal.calibration.fit.unsolved_rows import NO_POSE
 from ppmcal.inference.priors import NO_WEIGHT
@@ -87,61 +86,6 @@ def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: float)
         reasons.append({**kept, **{n: f"{OUTLIER}: {away[n]:.1f} times the noise" if solved[n]
                                    else NO_POSE for n in gone}})
     return replace(fit, noise_factor=factor, reasons=tuple(reasons), times=tuple(times))
-
-
-def weighed_by_files(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
-                     options: FitOptions) -> Fit:
-    """Return the fit with each row by its weight; see :func:`weighed`.
-
-    Of several files one may be off as a whole (calipers of a part that shrank) and pull at the
-    others' rows. A row that agrees with its own file, in a fit of that alone in which an error
-    would show, is not the one that is wrong: it stays.
-    """
-    found = weighed(fit, suspects, poses, options)
-    if len(fit.problem.datasets) < 2 or not any(o.any() for o in found.outliers):
-        return found
-    pardoned = [_agreeing(found, i, poses[i], options) if o.any() else o
-                for i, o in enumerate(found.outliers)]
-    if not any(p.any() for p in pardoned):
-        return found
-    keep = [k | p for k, p in zip(found.keep, pardoned, strict=True)]
-    reasons = [{n: why for n, why in each.items() if not p[n]}
-               for each, p in zip(found.reasons, pardoned, strict=True)]
-    back = fit_rows(found.problem, _found_again(found, pardoned, poses), keep, reasons, found.prior,
-                    options, found.prior_scale)
-    return replace(back, noise_factor=found.noise_factor, times=found.times)
-
-
-def _agreeing(found: Fit, index: int, poses: Array, options: FitOptions) -> Bools:
-    """Return which rows (N,) that were left out of a data set agree with a fit of it alone.
-
-    The other rows of the file predict them, at the noise that those show: fitted with the others, a
-    wrong value would spread over them and pass for their noise. Rows that agree then predict too.
-    """
-    out = found.outliers[index]
-    data = found.problem.datasets[index]
-    if data.frame.same_as is not None or found.problem.earlier is not None:
-        return np.zeros_like(out)
-    alone = replace(found.problem, pivots=None, given=found.problem.environments[index:index + 1],
-                    datasets=(replace(data, homing="shared" if data.homing == "shared" or not index
-                                      else "alone"),))
-    pose = np.where(out[:, None], poses, found.state.poses[index])
-    state = alone.solve(State(found.state.g, (found.state.registrations[index],), (pose,)))
-    solved = finite_rows(state.poses[0])
-    keep = found.keep[index] & solved
-    prior = prior_weights(alone, options.method)
-    for _ in range(int((keep | out).sum())):
-        own = fit_rows(alone, state, [keep], [{}], prior, options)
-        own = replace(own, state=_found_again(own, [out & ~keep], state.poses))
-        covariance = prediction_covariance(own)
-        away = distances(alone, own.state, covariance, [keep])
-        belongs = away.weights([keep], away.factor([keep]))[0] >= float(NO_WEIGHT)
-        more = out & ~keep & finite_rows(own.state.poses[0]) & belongs
-        if not more.any():
-            break
-        keep, state = keep | more, own.state
-    hidden = [row for _, rows in unchecked(own, covariance) for row in rows]
-    return np.asarray(out & keep & ~np.isin(data.rows, hidden))
 
 
 def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) -> State:
