@@ -42,7 +42,7 @@ from ppmcal.calibration.fit import (
     prediction_covariance,
     with_noise,
 )
-from ppmcal.calibration.knowledge import estimates
+from ppmcal.calibration.knowledge import by_noise, estimates
 from ppmcal.calibration.validation import fresh_state
 from ppmcal.calibration.validation.summary import rank_of
 from ppmcal.io import read_mechanism, read_scenario
@@ -186,7 +186,7 @@ def run(task: tuple[str, int]) -> Outcome:
     seconds = time.perf_counter() - began
     noise = noise_check(fit)
     fit = with_noise(fit, noise.inflation, FitOptions())
-    found = estimates(fit, rank_of(fit)[0])
+    found = estimates(fit, rank_of(fit)[0], by_noise=by_noise(fit, FitOptions()))
     within = [found[p].interval for p in mechanism.free]
     inside = [low <= campaign.g[p] <= high for p, (low, high) in
               zip(mechanism.free, within, strict=True)]

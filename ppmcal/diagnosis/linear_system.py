@@ -109,8 +109,11 @@ class System:
 
 
 def build(problem: Problem, state: State, keep: Sequence[Bools]) -> System:
-    """Return the system of the rows ``keep`` (N,) of each data set at a state."""
-    chunks = list(problem.rows(state, True, keep))
+    """Return the system of the rows ``keep`` (N,) of each data set at a state.
+
+    Each counts whole: what a fit without the causes misses is what tells of them.
+    """
+    chunks = list(problem.weighted(None).rows(state, True, keep))
     width = max(c.residual.shape[1] for c in chunks)
     total = sum(c.residual.shape[0] for c in chunks)
     columns = len(problem.columns)

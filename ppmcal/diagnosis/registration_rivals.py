@@ -76,7 +76,7 @@ def _worse(found: Diagnosis, hint: RegistrationHint) -> float:
                  + (fitted - hint.fitted) * np.log(n))
 
 
-def _squares(fit: Fit, hint: RegistrationHint) -> tuple[float, int]:
+def _squares(fit: Fit, hint: RegistrationHint) -> tuple[float, float]:
     """Return the sum of white squares, by the stated noise, of the rows behind a hint."""
     keep = [k & finite_rows(p) for k, p in zip(hint.keep, fit.state.poses, strict=True)]
     square, count = white_squares(fit.problem, fit.state, keep)

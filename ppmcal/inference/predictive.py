@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import gammaln, logsumexp
 
 from ppmcal import linalg
+from ppmcal.errors import LinearAlgebraError
 from ppmcal.inference.given import Conditioned
 from ppmcal.linalg import Array, Ints
 
@@ -61,23 +62,36 @@ def predicted(given: Conditioned, group: Ints) -> Predicted:
         at = order[begin:end]
         if at.size == 0:
             continue
-        own = given.basis[at]
-        precision = np.eye(at.size) - own @ own.T
-        factor = linalg.cholesky(precision, "how well rows are predicted")
-        back = linalg.solve(factor, np.column_stack([past[at], np.eye(at.size)]))
-        square = float(back[:, 0] @ back[:, 0])
+        error[at], missed[at], variance, half_log, directions[g] = _left_out(given.basis[at],
+                                                                            past[at])
+        square = float(past[at] @ error[at])
         freedom = given.freedom - at.size
         scale = max(given.spread - square, np.finfo(float).tiny) / freedom
-        error[at] = back[:, 1:].T @ back[:, 0]
-        told, turn = linalg.eigh(precision)
-        seen = turn[:, told * UNPREDICTED > 1.0]
-        missed[at], directions[g] = seen @ (seen.T @ error[at]), seen.shape[1]
-        spread[at] = np.sqrt(scale * np.sum(back[:, 1:] ** 2, axis=0))
+        spread[at] = np.sqrt(scale * variance)
         score[g] = (gammaln(0.5 * (freedom + at.size)) - gammaln(0.5 * freedom)
-                    - 0.5 * at.size * np.log(np.pi * freedom * scale)
-                    + float(np.sum(np.log(np.diagonal(factor))))
+                    - 0.5 * at.size * np.log(np.pi * freedom * scale) + half_log
                     - 0.5 * (freedom + at.size) * np.log1p(square / (freedom * scale)))
     return Predicted(error, spread, score, missed, directions)
+
+
+def _left_out(own: Array, past: Array) -> tuple[Array, Array, Array, float, int]:
+    """Return errors (k,), those in directions that are predicted at all (k,), variances (k,).
+
+    And half the log determinant of M_gg = I - W W', and how many such directions there are, of rows
+    W = ``own`` (k, r) of the basis; ``past`` (k,) is M y there. The smaller of M_gg and I - W'W is
+    decomposed: (M_gg)^-1 = I + W (I - W'W)^-1 W'.
+    """
+    k, r = own.shape
+    told, turn = linalg.eigh(np.eye(min(k, r)) - (own @ own.T if k <= r else own.T @ own))
+    if told.size and told[0] <= 0.0:
+        raise LinearAlgebraError("how well rows are predicted could not be had: the others say "
+                                 "exactly what they are", mend=linalg.TOO_FEW)
+    part = turn * np.sqrt(np.maximum(1.0 - told, 0.0)) if k <= r else own @ turn
+    error = past + part @ ((part.T @ past) / told)
+    lost = told * UNPREDICTED <= 1.0
+    open_ = part[:, lost] / np.sqrt(1.0 - told[lost])
+    return (error, error - open_ @ (open_.T @ error), 1.0 + np.sum(part**2 / told, axis=1),
+            0.5 * float(np.sum(np.log(told))), k - int(lost.sum()))
 
 
 @dataclass(frozen=True, eq=False)

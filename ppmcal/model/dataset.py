@@ -85,6 +85,7 @@ class Dataset:
         campaign: what the files of one campaign have in common, a name; empty: it stands alone.
         whole: the data set before rows were taken out: they were visited all the same; None:
             itself. ``place``: where its rows are in that one (N,).
+        weight: the part of what each row tells that counts (N,); None: all of it.
     """
 
     name: str
@@ -127,6 +128,7 @@ class Dataset:
     campaign: str = ""
     whole: Dataset | None = None
     place: Ints | None = None
+    weight: Array | None = None
 
     @classmethod
     def of_poses(cls, name: str, q: Array, pose: Array, sigma: tuple[float, float],
@@ -174,7 +176,8 @@ class Dataset:
             visited=None if visited is None else visited[keep], unusable=unusable,
             moments=None if self.moments is None else self.moments[keep],
             whole=self if self.whole is None else self.whole,
-            place=np.arange(len(self))[keep] if self.place is None else self.place[keep])
+            place=np.arange(len(self))[keep] if self.place is None else self.place[keep],
+            weight=None if self.weight is None else self.weight[keep])
 
     def numbers(self) -> Ints:
         """Return the rows' numbers through all files (N,); at one moment they are the same."""

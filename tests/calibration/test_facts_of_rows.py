@@ -29,11 +29,13 @@ def test_one_triangle_is_all_rows_and_the_earlier_ones(monkeypatch: pytest.Monke
     before = rng.normal(size=(7, 3))
 
     def blocks(problem: Any, state: Any, i: int, keep: Any, weights: Any) -> Any:
-        yield SimpleNamespace(rows=pieces[i], values=np.full(len(pieces[i]), 2))
+        yield SimpleNamespace(index=np.arange(len(pieces[i])), rows=pieces[i],
+                              values=np.full(len(pieces[i]), 2))
 
     monkeypatch.setattr(least_squares, "white_blocks", blocks)
     problem: Any = SimpleNamespace(
         columns=range(3), datasets=sizes, free=(0, 1), mechanism=None,
+        values=lambda index, rows, each: int(each.sum()),
         earlier=SimpleNamespace(rows=lambda *known: (before[:, 2], before[:, :2])))
     state: Any = SimpleNamespace(g=None)
     found = qr_factor(problem, state, [np.ones(n, dtype=bool) for n in sizes])

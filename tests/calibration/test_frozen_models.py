@@ -14,10 +14,10 @@ from scipy.special import bdtrc
 
 import ppmcal
 from ppmcal.calibration.fit.noise_estimate import FAILED_NOISE
-from ppmcal.calibration.fit.outliers import REJECT
 from ppmcal.calibration.fit.problem import Problem, squares_by_noise_of, white_squares
 from ppmcal.calibration.fit.registration_freedoms import opened
 from ppmcal.calibration.sessions.day_noise import day_noise
+from ppmcal.calibration.sessions.session_posteriors import REJECT
 from ppmcal.calibration.validation.frozen_models import (
     FrozenModel,
     _registered,

@@ -2,8 +2,8 @@
 
 Minimised is  sum |W (measured - predicted)|^2 + sum ((g - g0)/tau)^2  over the free
 parameters and every open frame and target. Each iteration reduces all rows to one
-triangle R by accumulated QR; everything else happens on that small matrix. Rows that do
-not belong are down-weighted on the way and, at the end, left out and reported.
+triangle R by accumulated QR; everything else happens on that small matrix. Each row counts by
+how likely it belongs; those that hardly do are left out and reported.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from ppmcal.calibration.fit.linearisation import (
 )
 from ppmcal.calibration.fit.normal_equations import normal_sums
 from ppmcal.calibration.fit.observation import coordinates, shown
-from ppmcal.calibration.fit.outlier_rejection import left_out_by_files, without_outliers
-from ppmcal.calibration.fit.outliers import huber_weights
+from ppmcal.calibration.fit.outliers import beyond_weight, distances, huber_weights
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.calibration.fit.registration_starts import loss, opened_in_turn
 from ppmcal.calibration.fit.regularization import damped, gcv_scale
+from ppmcal.calibration.fit.row_weighing import weighed
 from ppmcal.calibration.fit.unsolved_rows import NO_POSE, with_unsolved
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -120,20 +120,25 @@ def _fitted(problem: Problem, options: FitOptions, state: State, near: bool, at_
     elif not many:
         with stage("coming near"):
             state = _near(problem, state, keep, prior, options, near)
+    if options.robust:
+        # a third of wrong rows would pull a plain fit to themselves, and seem to belong there
+        aside = beyond_weight(distances(problem, state), keep)
+        suspects = [s | a for s, a in zip(suspects, aside, strict=True)]
+        keep = [k & ~a for k, a in zip(keep, aside, strict=True)]
     with stage("fitting all rows"):
         fit = fit_rows(problem, state, keep, reasons, prior, options)
     if options.robust:
         with stage("judging each row"):
-            fit = left_out_by_files(fit, suspects, unused, options)
+            fit = weighed(fit, suspects, unused, options)
         log.info("%d rows left out as gross errors, the noise of the others %.3g times the stated "
                  "one", sum(int(o.sum()) for o in fit.outliers), fit.noise_factor)
     if options.method == "gcv":
         # gross errors would pass for a machine that is farther off than it is
         fit = _cross_validated(fit, options)
         if options.robust:
-            fit = without_outliers(fit, fit.outliers, fit.state.poses, options)
+            fit = weighed(fit, fit.outliers, fit.state.poses, options)
     return with_unsolved(fit, lambda at, rows, why: fit_rows(
-        problem, at.state, rows, why, at.prior, options, at.prior_scale))
+        at.problem, at.state, rows, why, at.prior, options, at.prior_scale))
 
 
 def _only(state: State, keep: Sequence[Bools]) -> State:
@@ -170,7 +175,7 @@ def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, o
     if not options.robust:
         return state if near else _approach(problem, state, keep, prior, None)
 
-    log.info("far rows are weighted down (Huber) on the way to the minimum")
+    log.info("far rows are weighted down on the way to the minimum")
 
     def weigh(at: State) -> Sequence[Array]:
         return huber_weights(problem, at, keep)

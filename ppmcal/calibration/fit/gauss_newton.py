@@ -74,7 +74,7 @@ class Linearised:
     """
 
     square: float
-    count: int
+    count: float
     small: NormalStep | SummedStep
     reduced: QRFactor | None
 

@@ -12,12 +12,11 @@ from ppmcal.calibration.fit.fit_result import Fit
 from ppmcal.calibration.fit.linearisation import parameter_scale, prior_weights
 from ppmcal.calibration.fit.outliers import Distances, distances
 from ppmcal.calibration.fit.problem import Problem, State
-from ppmcal.linalg import Array, Bools, reciprocals
+from ppmcal.inference.priors import MOST_GROSS
+from ppmcal.linalg import Bools, reciprocals
 
 GROSS = 5.0
-"""A gross error: a row so many times beyond what noise and tolerances explain."""
-MOST_GROSS = 1.0 / 3.0
-"""If more rows than this part are gross, it is not rows that are wrong."""
+"""Before a fit: a row so many times beyond what noise and tolerances explain waits aside."""
 
 
 def explained_distances(problem: Problem, state: State) -> Distances:
@@ -43,13 +42,13 @@ def toleranced(problem: Problem, fixed: bool = False) -> Problem:
 
 
 def gross_errors(problem: Problem, state: State, keep: Sequence[Bools]) -> list[Bools]:
-    """Return which of the rows ``keep`` are gross errors, by data set (N,).
+    """Return which of the rows ``keep`` do not belong whatever the geometry, by data set (N,).
 
     None where there are too many of them to be single mistakes.
     """
     out = beyond(explained_distances(problem, state), keep)
     total = sum(int(k.sum()) for k in keep)
-    if sum(int(o.sum()) for o in out) > MOST_GROSS * total:
+    if sum(int(o.sum()) for o in out) > float(MOST_GROSS) * total:
         return [np.zeros_like(o) for o in out]
     return out
 
@@ -71,10 +70,5 @@ def rows_with_outliers(fit: Fit) -> list[Bools]:
 def beyond(found: Distances, keep: Sequence[Bools]) -> list[Bools]:
     """Return the rows ``keep`` that are beyond :data:`GROSS` times what half of them are."""
     limit = GROSS * max(1.0, found.times(keep))
-    return [k & (away > limit) for k, away in zip(keep, times_away(found), strict=True)]
-
-
-def times_away(found: Distances) -> list[Array]:
-    """Return each row's distance over the median of noise, by data set (N,); 0 where unknown."""
-    return [np.sqrt(np.where(np.isnan(d) | (m == 0), 0.0, d) / chdtri(np.maximum(m, 1.0), 0.5))
-            for d, m in zip(found.square, found.size, strict=True)]
+    return [k & (np.sqrt(np.where(np.isnan(d) | (m == 0), 0.0, d) / chdtri(np.maximum(m, 1.0), 0.5))
+                 > limit) for k, d, m in zip(keep, found.square, found.size, strict=True)]

@@ -36,12 +36,13 @@ class QRFactor:
     """All rows as one triangle: ``triangle`` (C, C), ``right`` (C,), and the sum of squares.
 
     The least-squares problem of the rows is |triangle s - right|^2 + (square - |right|^2).
+    ``count``: of values, each by its row's weight.
     """
 
     triangle: Array
     right: Array
     square: float
-    count: int
+    count: float
 
 
 def prior_weights(problem: Problem, method: str, factor: float = 1.0) -> Array:
@@ -89,7 +90,7 @@ def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
     """
     size = len(problem.columns) + 1
     stack = np.zeros((0, size))
-    count = 0
+    count: float = 0
     for i in range(len(problem.datasets)):
         for part in white_blocks(problem, state, i, keep[i],
                                  None if weights is None else weights[i]):
@@ -98,7 +99,7 @@ def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
             for begin in range(0, len(flat), ROWS):
                 piece = np.concatenate([stack, flat[begin:begin + ROWS]])
                 stack = linalg.triangle(piece)
-            count += int(part.values.sum())
+            count += problem.values(i, part.index, part.values)
     if problem.earlier is not None:
         residual, jacobian = problem.earlier.rows(problem.mechanism, problem.free, state.g)
         block = np.zeros((residual.size, size))

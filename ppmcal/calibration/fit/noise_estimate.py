@@ -16,7 +16,7 @@ from ppmcal.calibration.fit.fit_result import (
     FitOptions,
     directions,
     prediction_covariance,
-    values_fitted,
+    values_taken,
 )
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.gauss_newton import least_squares, prior_square
@@ -58,7 +58,7 @@ def _squares(fit: Fit) -> tuple[Array, Array]:
     for rows in fit.problem.rows(fit.state, True, fit.keep):
         taken = float(np.sum((rows.jacobian @ covariance) * rows.jacobian))
         square[rows.dataset] += float(np.sum(rows.residual**2))
-        freedom[rows.dataset] += float(rows.observed.sum()) - taken
+        freedom[rows.dataset] += rows.count - taken
     return square, freedom
 
 
@@ -268,7 +268,7 @@ KNOWN = 0.1
 to the noise."""
 
 
-def _split(fit: Fit) -> tuple[float, int, float, int]:
+def _split(fit: Fit) -> tuple[float, float, float, float]:
     """Return chi-squared and degrees of freedom of the noise alone, then of the prior's part.
 
     What no error of the machine can explain is noise alone; the rest of the minimum is how far the
@@ -296,7 +296,7 @@ def known_part(rows: Array, right: Array, held: Array) -> tuple[float, int]:
     return float(np.sum((u[:, taken].T @ right) ** 2)), int(taken.sum())
 
 
-def noise_parts(fit: Fit) -> tuple[float, int]:
+def noise_parts(fit: Fit) -> tuple[float, float]:
     """Return chi-squared and degrees of freedom of what no error of the machine can explain."""
     return _split(fit)[:2]
 
@@ -307,24 +307,22 @@ def against_tolerances(noise: Noise, fit: Fit) -> Noise:
     return replace(noise, prior_chi2=chi2, prior_degrees=degrees, prior_p=_chance(chi2, degrees))
 
 
-def _chance(chi2: float, degrees: int) -> float:
+def _chance(chi2: float, degrees: float) -> float:
     return float(chdtrc(degrees, chi2)) if degrees > 0 else float("nan")
 
 
 def noise_check(fit: Fit) -> Noise:
     """Return chi-squared of noise and prior, the noise ratio, and the scatter of repeats."""
-    seen = int(np.sum(directions(fit)[2]))
-    covariance = prediction_covariance(fit)
-    effective = values_fitted(seen, np.diagonal(covariance), fit.prior)
-    square, count = fit.reduced.square, fit.reduced.count
+    square, left = fit.reduced.square, fit.reduced.count - values_taken(fit)
     if fit.problem.earlier is not None:
         # the ratio is that of the new rows
         problem, free = fit.problem, len(fit.problem.free)
         missed, slope = fit.problem.earlier.rows(problem.mechanism, problem.free, fit.state.g)
-        square, count = square - float(missed @ missed), count - missed.size
-        effective -= float(np.sum((slope @ covariance[:free, :free]) * slope))
+        covariance = prediction_covariance(fit)[:free, :free]
+        square -= float(missed @ missed)
+        left -= missed.size - float(np.sum((slope @ covariance) * slope))
     chi2, degrees, prior, prior_degrees = _split(fit)
-    left = max(count - effective, 1e-9)
+    left = max(left, 1e-9)
     ratio = float(np.sqrt(max(square, 0.0) / left))
     repeat, repeat_degrees = _repeats(fit)
     # one data set has the ratio of all; another pass over the rows tells several apart
@@ -346,25 +344,28 @@ def _repeated(groups: NDArray[np.int64], keep: Bools) -> Bools:
 
 def _repeats(fit: Fit) -> tuple[float | None, int]:
     """Scatter within repeats over the stated noise, and its degrees of freedom."""
-    square, degrees = 0.0, 0
-    white: list[tuple[int, NDArray[np.int64], Array, Bools]] = []
+    square, degrees = 0.0, 0.0
+    white: list[tuple[int, NDArray[np.int64], Array, Array]] = []
     same = [repeats(d) for d in fit.problem.datasets]
     again = [_repeated(g, k) for g, k in zip(same, fit.keep, strict=True)]
     for rows in fit.problem.rows(fit.state, False, again):
         groups = same[rows.dataset][rows.index]
-        white.append((rows.dataset, groups, rows.residual, rows.observed))
+        root = np.sqrt(fit.problem.weights[rows.dataset][rows.index])[:, None]
+        white.append((rows.dataset, groups, rows.residual, root * rows.observed))
     for i in range(len(fit.problem.datasets)):
         parts = [(g, r, o) for d, g, r, o in white if d == i]
         if not parts:
             continue
         groups = np.concatenate([g for g, _, _ in parts])
-        r, seen = (np.concatenate([p[j] for p in parts]) for j in (1, 2))
+        r, root = (np.concatenate([p[j] for p in parts]) for j in (1, 2))
         _, label = np.unique(groups, return_inverse=True)
         count = np.zeros((label.max() + 1, r.shape[1]))
-        total = np.zeros_like(count)
-        np.add.at(count, label, seen.astype(float))
-        np.add.at(total, label, np.where(seen, r, 0.0))
-        away = np.where(seen, r - (total / np.maximum(count, 1.0))[label], 0.0)
+        total, more = np.zeros_like(count), np.zeros_like(count)
+        np.add.at(count, label, root**2)
+        np.add.at(more, label, root**4)
+        np.add.at(total, label, root * r)
+        some = np.where(count > 0.0, count, 1.0)
+        away = np.where(root > 0.0, r - root * (total / some)[label], 0.0)
         square += float(np.sum(away**2))
-        degrees += int(np.sum(np.maximum(count - 1.0, 0.0)))
-    return (float(np.sqrt(square / degrees)), degrees) if degrees else (None, 0)
+        degrees += float(np.sum(count - more / some))
+    return (float(np.sqrt(square / degrees)), round(degrees)) if degrees else (None, 0)

@@ -33,14 +33,14 @@ class NormalSums:
     matrix: Array
     gradient: Array
     square: float
-    count: int
+    count: float
 
 
 def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
                 weights: Sequence[Array] | None = None) -> NormalSums:
     """Return the normal equations of all rows; arguments as :func:`least_squares.qr_factor`."""
     size = len(problem.columns) + 1
-    total, count = np.zeros((size, size)), 0
+    total, count = np.zeros((size, size)), 0.0
     for i in range(len(problem.datasets)):
         own = _compiled_sums(problem, state, i, keep[i], None if weights is None else weights[i])
         if own is not None:
@@ -51,7 +51,7 @@ def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
                                  None if weights is None else weights[i]):
             flat = part.rows.reshape(-1, size)
             total += flat.T @ flat
-            count += int(part.values.sum())
+            count += problem.values(i, part.index, part.values)
     if problem.earlier is not None:
         residual, jacobian = problem.earlier.rows(problem.mechanism, problem.free, state.g)
         block = np.zeros((residual.size, size))
@@ -145,16 +145,16 @@ def _pieces(rows: Ints) -> Iterator[Ints]:
 
 
 def _compiled_sums(problem: Problem, state: State, index: int, keep: Bools,
-                   weights: Array | None) -> tuple[Array, int] | None:
+                   weights: Array | None) -> tuple[Array, float] | None:
     """Return the sums (C + 1, C + 1) of a data set, None where it has no compiled form."""
-    upper, count, rows = None, 0, None
+    upper, count, rows = None, 0.0, None
     for rows in _compiled_rows(problem, state, index, keep, weights):
         from ppmcal.calibration.fit.compiled_rows import white_rows
 
         own = white_rows(rows.limbs, rows.entries, rows.sight, rows.columns, *rows.arrays,
                          np.zeros((0, 0, 0)))
         upper = own if upper is None else upper + own
-        count += int(rows.values.sum())
+        count += problem.values(index, rows.index, rows.values)
     if upper is None or rows is None:
         return None
     whole = np.triu(upper) + np.triu(upper, 1).T

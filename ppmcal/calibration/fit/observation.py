@@ -245,7 +245,7 @@ def white_measurements(data: Dataset, motion: str, rows: Ints | slice = slice(No
                        ) -> tuple[Array, Array, Ints]:
     """Return what was measured in some rows: x ... rz (n, 6), 1/sigma (n, m), how many (n,).
 
-    The first two are 0 where nothing was measured.
+    The first two are 0 where nothing was measured; a row of less weight has a larger sigma.
     """
     own = shown(data, rows)
     if motion != "planar":
@@ -253,6 +253,8 @@ def white_measurements(data: Dataset, motion: str, rows: Ints | slice = slice(No
     seen = np.isfinite(own[:, list(coordinates(data, motion))])
     with np.errstate(divide="ignore", invalid="ignore"):
         white = np.where(seen, 1.0 / noise(data, motion)[rows], 0.0)
+    if data.weight is not None:
+        white = np.sqrt(data.weight[rows])[:, None] * white
     return np.where(np.isfinite(own), own, 0.0), white, seen.sum(axis=1)
 
 

@@ -1,4 +1,4 @@
-"""Rows that do not belong: down-weighted on the way, named and left out at the end."""
+"""How far rows are off, what they weigh for it, and those that do not belong: gross errors."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtri
 
 from ppmcal import linalg
 from ppmcal.calibration.fit.fit_result import Fit, prediction_covariance
@@ -14,17 +14,17 @@ from ppmcal.calibration.fit.homing_shift import HomingShift, homing_shifts
 from ppmcal.calibration.fit.normal_equations import row_squares, white_blocks
 from ppmcal.calibration.fit.observation import coordinates, shown
 from ppmcal.calibration.fit.problem import Problem, State
+from ppmcal.inference.priors import NO_WEIGHT, NOISE_FREEDOM
+from ppmcal.inference.row_weights import row_weights
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.linalg import Array, Bools, finite_rows, reciprocals
 from ppmcal.model.instruments import NUMBERS, SCALARS
 from ppmcal.wording.progress import stage
 
 HUBER = 1.5
-"""Rows farther than this many standard deviations (root mean square) are down-weighted."""
+"""On the way rows farther than so many standard deviations (root mean square) count less."""
 ALONE = 1e-3
 """A row keeps less than this part of its own error where it alone fixes something."""
-REJECT = 0.05
-"""A row is left out when its p-value times the number of rows is below this."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,24 @@ class Distances:
         return [np.sqrt(d / np.maximum(m, 1.0)) / factor
                 for d, m in zip(self.square, self.size, strict=True)]
 
-    def p_values(self, factor: float) -> list[Array]:
-        """Return the chance of a larger distance, by data set (N,); 1 where unknown."""
-        return [np.where(~np.isnan(d) & (m > 0), chdtrc(np.maximum(m, 1), np.nan_to_num(
-            d, nan=0.0, posinf=np.inf) / factor**2), 1.0)
-            for d, m in zip(self.square, self.size, strict=True)]
+    def weights(self, keep: Sequence[Bools], factor: float) -> list[Array]:
+        """Return the weight of each row (N,) by data set, 1 where its distance is not known.
+
+        Args:
+            keep: rows that belong so far (N,).
+            factor: noise over the stated one.
+        """
+        known = [np.isfinite(d) & (m > 0) for d, m in zip(self.square, self.size, strict=True)]
+        freedom = float(NOISE_FREEDOM) + sum(
+            float(m[k].sum()) for m, k in zip(self.size, keep, strict=True))
+        square, size = (np.concatenate([a[k] for a, k in zip(all_, known, strict=True)])
+                        for all_ in (self.square, self.size))
+        found = row_weights(square / factor**2, size, freedom, sum(int(k.sum()) for k in keep))
+        out = [np.where(np.isinf(d), 0.0, 1.0) for d in self.square]
+        ends = np.cumsum([int(k.sum()) for k in known])[:-1]
+        for own, k, w in zip(out, known, np.split(found, ends), strict=True):
+            own[k] = w
+        return out
 
 
 def distances(problem: Problem, state: State, covariance: Array | None = None,
@@ -67,7 +80,8 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
     """Return every row's distance; with ``covariance`` (C, C) freed of its own leverage.
 
     A used row pulled the fit towards itself: its residual has covariance I - J C J^T. A row
-    that was left out is predicted: I + J C J^T.
+    that was left out is predicted: I + J C J^T. Of one that counts in part see :func:`_freed`.
+    Distances are those of whole rows, whatever they weigh.
     """
     square = [np.full(len(d), np.nan) for d in problem.datasets]
     size = [np.zeros(len(d)) for d in problem.datasets]
@@ -75,18 +89,21 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
         solved = finite_rows(pose)
         if covariance is not None and covariance.size:
             for block in white_blocks(problem, state, i, solved):
-                used = np.ones(len(block.index)) if keep is None else np.where(
-                    keep[i][block.index], 1.0, -1.0)
-                square[i][block.index] = _freed(block.rows, covariance, used)
+                weight = problem.weights[i][block.index]
+                used = weight if keep is None else np.where(keep[i][block.index], weight, 0.0)
+                square[i][block.index] = _freed(block.rows / np.sqrt(weight)[:, None, None],
+                                                covariance, used)
                 size[i][block.index] = block.values
             continue
         own = row_squares(problem, state, i, solved)
         if own is not None:
             rows = np.flatnonzero(solved)
-            square[i][rows], size[i][rows] = own, problem.measured(i, rows)[2]
+            square[i][rows] = own / problem.weights[i][rows]
+            size[i][rows] = problem.measured(i, rows)[2]
             continue
         for part in problem.rows_of(i, state, False):
-            square[i][part.index] = np.sum(part.residual * part.residual, axis=1)
+            square[i][part.index] = (np.sum(part.residual * part.residual, axis=1)
+                                     / problem.weights[i][part.index])
             size[i][part.index] = part.observed.sum(axis=1)
     return Distances(tuple(square), tuple(size))
 
@@ -94,22 +111,26 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
 def _freed(rows: Array, covariance: Array, used: Array) -> Array:
     """Return squared distances (n,) of white rows (n, m, C + 1), residual last, less leverage.
 
+    With H = J C J^T a row of weight w misses what the others say by (I - w H)^-1 r, of covariance
+    I + H (I - w H)^-1: its distance is r^T (I - w H)^-1 (I + (1 - w) H)^-1 r.
+
     Args:
         rows: Jacobian and residual.
         covariance: of the columns (C, C).
-        used: 1 where the fit used a row, -1 where not (n,).
+        used: weights that the fit used rows with, 0 where it did not (n,).
     """
     jacobian, r = rows[..., :-1], rows[..., -1]
     spread = (jacobian.reshape(-1, len(covariance)) @ covariance).reshape(jacobian.shape)
     hat = spread @ np.swapaxes(jacobian, -1, -2)
-    of_residual = np.eye(r.shape[1]) - used[:, None, None] * hat
+    one, used = np.eye(r.shape[1]), used[:, None, None]
+    of_residual = (one - used * hat) @ (one + (1.0 - used) * hat)
     singular = ~np.isfinite(of_residual).all(axis=(1, 2))
-    of_residual[singular] = np.eye(r.shape[1])
+    of_residual[singular] = one
     # a row that alone fixes a parameter has no residual to judge; none does whose leverage is small
-    heavy = np.flatnonzero((used > 0.0) & ~singular
+    heavy = np.flatnonzero((used[:, 0, 0] > 0.0) & ~singular
                            & (np.trace(hat, axis1=1, axis2=2) > 1.0 - ALONE))
     weak = heavy[linalg.eigvalsh(of_residual[heavy])[:, 0] < ALONE]
-    of_residual[weak] = np.eye(r.shape[1])
+    of_residual[weak] = one
     squares = np.sum(r * linalg.solve(of_residual, r[..., None])[..., 0], axis=1)
     # round-off of a covariance that spans too many digits: the residual as it is
     squares = np.where(squares < 0.0, np.sum(r * r, axis=1), squares)
@@ -117,24 +138,21 @@ def _freed(rows: Array, covariance: Array, used: Array) -> Array:
     return np.asarray(squares)
 
 
+def beyond_weight(found: Distances, keep: Sequence[Bools]) -> list[Bools]:
+    """Return which of the rows ``keep`` (N,) hardly have a weight, by data set."""
+    return [k & (w < float(NO_WEIGHT)) for k, w in
+            zip(keep, found.weights(keep, found.factor(keep)), strict=True)]
+
+
 def huber_weights(problem: Problem, state: State, keep: Sequence[Bools]) -> list[Array]:
-    """Return the factor on each row's residual, by data set (N,)."""
+    """Return the factor on each row's residual on the way to a minimum, by data set (N,).
+
+    Huber's: with the weights of rows that may not belong, which fall with the square of their
+    distance, a search that begins far off may end anywhere.
+    """
     found = distances(problem, state)
-    out = []
-    for away in found.over_noise(found.factor(keep)):
-        with np.errstate(invalid="ignore", divide="ignore"):
-            weight = np.minimum(1.0, HUBER / away)
-        out.append(np.sqrt(np.where(np.isfinite(weight), weight, 1.0)))
-    return out
-
-
-def worst(found: Distances, keep: Sequence[Bools], factor: float) -> list[tuple[int, int, float]]:
-    """Return the used rows that do not belong, worst first: (data set, row, p)."""
-    total = sum(int(k.sum()) for k in keep)
-    bad = [(i, int(n), float(p[n])) for i, (p, k) in
-           enumerate(zip(found.p_values(factor), keep, strict=True))
-           for n in np.flatnonzero(k & (p * total < REJECT))]
-    return sorted(bad, key=lambda b: (b[2], -found.square[b[0]][b[1]]))
+    away = found.over_noise(found.factor(keep))
+    return [np.sqrt(np.minimum(1.0, HUBER * reciprocals(np.nan_to_num(a), np.inf))) for a in away]
 
 
 UNCHECKED = 0.1

@@ -51,7 +51,7 @@ class State:
     poses: tuple[Array, ...]
 
 
-def white_squares(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[float, int]:
+def white_squares(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[float, float]:
     """Return the sum of white squares over rows (N,) of each data set, and how many values."""
     each = [rows.squares() for rows in problem.rows(state, False, keep)]
     return sum(square for square, _ in each), sum(count for _, count in each)
@@ -94,6 +94,27 @@ class Problem:
     def alone(self, data: Dataset) -> Problem:
         """Return the problem of one data set by itself, with a frame of its own."""
         return replace(self, datasets=(data.alone(),), pivots=None, given=None, earlier=None)
+
+    def weighted(self, weights: Sequence[Array] | None) -> Problem:
+        """Return the problem with a weight for each row (N,) of its data sets; None: all alike."""
+        given = [None] * len(self.datasets) if weights is None else [
+            None if np.all(w == 1.0) else w for w in weights]
+        out = replace(self, datasets=tuple(
+            d if w is d.weight else replace(d, weight=w)
+            for d, w in zip(self.datasets, given, strict=True)))
+        if "environments" in self.__dict__:   # the same, whatever rows weigh
+            out.__dict__["environments"] = self.environments
+        return out
+
+    @property
+    def weights(self) -> list[Array]:
+        """The weights of rows, by data set (N,)."""
+        return [np.ones(len(d)) if d.weight is None else d.weight for d in self.datasets]
+
+    def values(self, index: int, rows: Ints, each: Ints) -> float:
+        """Return how many values some rows (n,) are, of which each has so many, by weight."""
+        weight = self.datasets[index].weight
+        return int(each.sum()) if weight is None else float(weight[rows] @ each)
 
     @cached_property
     def _layout(self) -> tuple[tuple[NuisanceColumns, ...], tuple[str, ...]]:
@@ -314,11 +335,14 @@ class Problem:
         sigma = np.tile(self.sigma_joints[i], len(ends))
         white = whitener(seen, noise(part, motion),
                          np.concatenate(by_joint, axis=-1) if by_joint else None, sigma)
+        if part.weight is not None:
+            white = np.sqrt(part.weight)[:, None, None] * white
         full = np.where(seen.observed[..., None], full, 0.0)
         if with_noise:
             residual, full = (white @ seen.residual[..., None])[..., 0], white @ full
         else:
             diagonal = np.diagonal(white, axis1=-2, axis2=-1)
             residual, full = diagonal * seen.residual, diagonal[..., None] * full
-        return Rows(i, index, residual, full, seen.observed, seen.residual, white,
-                    *responses)
+        first, second = (*responses, None, None)[:2]
+        return Rows(i, index, residual, full, seen.observed, seen.residual, white, first, second,
+                    part.weight)

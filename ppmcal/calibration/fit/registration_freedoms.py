@@ -64,7 +64,7 @@ class RegistrationHint:
     after: float
     position: tuple[float, float]
     square: float
-    count: int
+    count: float
     fitted: float
     keep: tuple[Bools, ...]
     opened: Problem
@@ -95,7 +95,7 @@ def opened(data: Dataset, what: Sequence[str], only: bool = False) -> Dataset:
     return replace(data, homing=homing, **new)
 
 
-def fall(before: float, after: float, count: int, fitted: float, more: float) -> float:
+def fall(before: float, after: float, count: float, fitted: float, more: float) -> float:
     """Return by which part an error falls, 0 where that is too little or may be chance.
 
     Args:
@@ -250,7 +250,7 @@ class _Sum:
     """Sums of squares over a data set: white, of how many values; of positions, m^2, and rows."""
 
     white: float = 0.0
-    values: int = 0
+    values: float = 0
     place: float = 0.0
     rows: int = 0
 

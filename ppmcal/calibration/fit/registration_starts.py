@@ -15,8 +15,9 @@ import numpy as np
 from ppmcal.calibration.fit.fit_result import Fit
 from ppmcal.calibration.fit.gauss_newton import least_squares, prior_square
 from ppmcal.calibration.fit.linearisation import prior_weights
-from ppmcal.calibration.fit.outliers import HUBER, distances, huber_weights
+from ppmcal.calibration.fit.outliers import distances, huber_weights
 from ppmcal.calibration.fit.problem import Problem, State
+from ppmcal.inference.row_weights import improbability
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.registration import Registration
@@ -71,7 +72,7 @@ def _closed(data: Dataset, words: Sequence[str]) -> Dataset:
 def loss(fit: Fit, robust: bool) -> tuple[int, float]:
     """Return how badly a fit does: rows that have no pose, then chi-squared of data and prior.
 
-    With ``robust`` rows that are far off count by their distance, not its square.
+    With ``robust`` rows that are far off count as rows that may not belong.
     """
     total, lost = prior_square(fit.problem, fit.state, fit.prior), 0
     found = distances(fit.problem, fit.state)
@@ -79,8 +80,6 @@ def loss(fit: Fit, robust: bool) -> tuple[int, float]:
                                   strict=True):
         there = np.isfinite(square) & (size > 0) & finite_rows(pose)
         lost += int((~there).sum())
-        own, limit = square[there], HUBER**2 * size[there]
-        if robust:
-            own = np.where(own > limit, 2.0 * np.sqrt(own * limit) - limit, own)
-        total += float(np.sum(own))
+        own = square[there]
+        total += float(np.sum(improbability(own, size[there]) if robust else own))
     return lost, total

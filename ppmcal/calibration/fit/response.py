@@ -147,7 +147,7 @@ class Rows:
     ``observed`` (n, m); ``raw`` (n, m) in m and rad; ``whitener`` (n, m, m);
     ``index`` (n,) rows of the data set; ``response`` how predictions move along shifts,
     None where no Jacobian was asked for; ``second``: along those of the other end of a distance
-    between two platform positions.
+    between two platform positions; ``weight`` (n,): as of the data set.
     """
 
     dataset: int
@@ -159,8 +159,14 @@ class Rows:
     whitener: Array
     response: Response | None = None
     second: Response | None = None
+    weight: Array | None = None
 
-    def squares(self) -> tuple[float, int]:
+    @property
+    def count(self) -> float:
+        """How many values were measured, each by its row's weight."""
+        each = self.observed.sum(axis=1)
+        return int(each.sum()) if self.weight is None else float(self.weight @ each)
+
+    def squares(self) -> tuple[float, float]:
         """Return the sum of white squares of what was measured, and how many values that is."""
-        return (float(np.sum(np.where(self.observed, self.residual, 0.0) ** 2)),
-                int(self.observed.sum()))
+        return float(np.sum(np.where(self.observed, self.residual, 0.0) ** 2)), self.count

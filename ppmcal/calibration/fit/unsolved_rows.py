@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.fit.fit_result import Fit, prediction_covariance
-from ppmcal.calibration.fit.outliers import REJECT, distances
+from ppmcal.calibration.fit.outliers import distances
+from ppmcal.inference.priors import NO_WEIGHT
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import settle
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -23,9 +24,9 @@ Refit = Callable[[Fit, Sequence[Bools], Sequence[dict[int, str]]], Fit]
 def with_unsolved(fit: Fit, refit: Refit) -> Fit:
     """Return a fit with the rows that have a pose at the fitted machine, and belong.
 
-    They are judged as rows that were left out: predicted, with the uncertainty of the prediction,
-    against :data:`~ppmcal.calibration.fit.REJECT`. One that has a pose and does not belong
-    may be in another assembly mode, and stays out with both reasons.
+    They are judged as rows that were left out: predicted, with the uncertainty of the prediction.
+    One that has a pose and does not belong may be in another assembly mode, and stays out with both
+    reasons.
 
     Args:
         fit: at its minimum, ``reasons`` saying which rows had no pose.
@@ -87,11 +88,11 @@ def _judged(fit: Fit, rows: Sequence[Bools]
     """Return rows to use, reasons for those left out, and how many of ``rows`` belong."""
     keep, reasons = [k.copy() for k in fit.keep], [dict(r) for r in fit.reasons]
     found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
-    total = sum(int(k.sum()) for k in keep) + sum(int(r.sum()) for r in rows)
-    p, away, back = found.p_values(fit.noise_factor), found.over_noise(fit.noise_factor), 0
+    weights = found.weights(keep, fit.noise_factor)
+    away, back = found.over_noise(fit.noise_factor), 0
     for i, some in enumerate(rows):
         for n in np.flatnonzero(some & (found.size[i] > 0)).tolist():
-            if p[i][n] * total >= REJECT:
+            if weights[i][n] >= float(NO_WEIGHT):
                 keep[i][n] = True
                 del reasons[i][n]
                 back += 1

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal import linalg
 from ppmcal.calibration.fit import (
     LEAST,
     WORTH,
@@ -30,14 +29,16 @@ from ppmcal.calibration.fit import (
     with_estimated_noise,
 )
 from ppmcal.calibration.knowledge.intervals import spatial_blocks
-from ppmcal.linalg import Array
+from ppmcal.inference.columns import MatrixColumns
+from ppmcal.inference.given import Conditioned
+from ppmcal.inference.predictive import predicted
+from ppmcal.inference.priors import WIDE
+from ppmcal.linalg import Array, reciprocals
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
 
 log = logging.getLogger(__package__)
 
-RIDGE = 1e-9
-"""Of the strongest column, so that what a fold does not see stays where it is."""
 FEWEST = 3
 """Blocks that make a standard error."""
 
@@ -155,7 +156,7 @@ def freedom_choice(fit: Fit, levels: Sequence[Sequence[int]], usual: int
     away = to_prior(wide, fit.state) / unit
     ends = np.cumsum([len(level) for level in levels])
     square = np.stack([_left_out(rows, prior_weights(wide, "prior") * unit, away,
-                                 np.r_[:end, count:size], count) for end in ends])
+                                 np.r_[:end, count:size]) for end in ends])
     total = square.sum(axis=1)
     best = int(np.argmin(total))
     apart = square - square[best]
@@ -178,33 +179,24 @@ def _by_block(fit: Fit, wide: Problem) -> tuple[list[Array], float]:
     for part in wide.rows(fit.state, True, fit.keep):
         own = np.concatenate([part.jacobian * unit, part.residual[..., None]], axis=-1)
         mine = block[part.dataset][part.index]
-        values += float(part.observed.sum())
+        values += part.count
         for b in np.unique(mine).tolist():
             out.setdefault(b, []).append(own[mine == b].reshape(-1, unit.size + 1))
     return [np.concatenate(parts) for _, parts in sorted(out.items())], values
 
 
-def _left_out(rows: Sequence[Array], prior: Array, away: Array, columns: Array, count: int
-              ) -> Array:
+def _left_out(rows: Sequence[Array], prior: Array, away: Array, columns: Array) -> Array:
     """Return the sum of squares of each block as a fit of the others predicts it (B,).
 
     Args:
         rows: by block, white rows with the residual last, columns in natural units.
         prior: weight of each column.
         away: how far each column's nominal is.
-        columns: that the set has; the others of the first ``count`` are at their nominals.
-        count: geometry's columns.
+        columns: that the set has; the others are at their nominals.
     """
-    closed = np.setdiff1d(np.arange(count), columns)
-    own = [(r[:, columns], r[:, -1] - r[:, closed] @ away[closed]) for r in rows]
-    normal = [a.T @ a for a, _ in own]
-    right = [a.T @ b for a, b in own]
-    weight = prior[columns] ** 2
-    ridge = RIDGE * max(float(np.max(np.diagonal(sum(normal)))), 1.0)
-    whole, all_right = sum(normal), sum(right)
-    out = []
-    for (a, b), n, r in zip(own, normal, right, strict=True):
-        step = linalg.solve(whole - n + np.diag(weight + ridge),
-                               all_right - r + weight * away[columns])
-        out.append(float(np.sum((b - a @ step) ** 2)))
-    return np.array(out)
+    every = np.concatenate(rows)
+    block = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
+    given = Conditioned.nothing(MatrixColumns(np.zeros((len(every), 0))),
+                                every[:, -1] - every[:, :-1] @ away)
+    given = given.taking(every[:, columns] * reciprocals(prior, float(WIDE))[columns])
+    return np.asarray(np.bincount(block, predicted(given, block).error**2), dtype=float)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
+from ppmcal.calibration.fit import coverage_by
 from ppmcal.linalg import Array
 
 FEWEST = 3
@@ -56,7 +57,7 @@ def common_errors(errors: Sequence[Array]) -> list[CommonError | None]:
         # equal to round-off: no spread to judge by, so nothing is said
         p = (1.0 if error <= 1e-12 * abs(mean)
              else float(2.0 * special.stdtr(n - 1, -abs(mean) / error)))
-        found.append(CommonError(n, mean, float(error * special.stdtrit(n - 1, 0.975)), s, p))
+        found.append(CommonError(n, mean, error * coverage_by(n - 1), s, p))
     known = sorted(((f.p_value, i, f) for i, f in enumerate(found) if f is not None),
                    key=lambda k: k[:2])
     worst = 0.0

@@ -21,7 +21,6 @@ from scipy.special import chdtri
 from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.calibration.fit import (
-    REJECT,
     Fit,
     Problem,
     Rows,
@@ -53,6 +52,8 @@ SESSION = "session"
 """Homing is the whole session's: ``homing.<joint> of session``."""
 LEAST, NUMBERS = 5.0, 5000
 """Rows that leave fewer degrees of freedom, or are no more numbers, are kept as they are."""
+REJECT = 0.05
+"""Chance of noise beyond the bound at which rows are cut, over all of them."""
 LEVERAGE = 0.05
 """A row counts as if the fit had left it this part of its own error at least."""
 MOST = 600
@@ -190,7 +191,8 @@ def _opened(problem: Problem) -> Problem:
 
     return replace(problem, datasets=tuple(map(opened, problem.datasets)),
                    pivots=tuple(o.about for o in problem.opens),
-                   given=problem.environments if problem.mechanism.effects else None)
+                   given=problem.environments if problem.mechanism.effects else None
+                   ).weighted(None)
 
 
 @dataclass(frozen=True)

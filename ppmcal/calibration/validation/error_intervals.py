@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.special import bdtr, ndtr, stdtrit
 
+from ppmcal.calibration.fit import coverage_by
 from ppmcal.linalg import Array, Ints
 
 SURE = 0.95
@@ -44,7 +45,7 @@ def rms_interval(squares: Array, groups: Ints, kept: float = 1.0) -> tuple[float
     away = (sums - mean * counts) / (mean * counts.mean())
     error = float(np.sqrt(np.sum(away**2) / (poses * (poses - 1.0))))
     kept = min(kept, 1.0)
-    reach = 0.5 * error * stdtrit(kept * (poses - 1.0), 0.5 + 0.5 * SURE)
+    reach = 0.5 * error * coverage_by(kept * (poses - 1.0))
     if reach > LONGEST:
         return np.nan, np.nan
     reach, middle = np.exp(reach), np.sqrt(mean / kept)

@@ -66,7 +66,8 @@ class Residuals:
 
 
 def residuals(problem: Problem, state: State) -> Residuals:
-    """Return the errors of all rows at a state."""
+    """Return the errors of all rows at a state, whatever they weigh."""
+    problem = problem.weighted(None)
     parts: list[list[Array]] = [[], [], [], [], []]
     motion = problem.mechanism.motion
     for i, data in enumerate(problem.datasets):

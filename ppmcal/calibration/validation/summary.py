@@ -324,6 +324,6 @@ def unchecked(fit: Fit, rank: int) -> list[str]:
     more = fit.reduced.count - rank
     if fit.problem.earlier is not None or more >= LEAST or not rank:
         return []
-    return [f"{counted(fit.reduced.count, 'measured value')} for {rank} that they determine: too "
-            "few to check the noise by, so intervals rest on the stated sigma alone; measure more "
-            "poses"]
+    values = counted(round(fit.reduced.count), "measured value")
+    return [f"{values} for {rank} that they determine: too few to check the noise by, so "
+            "intervals rest on the stated sigma alone; measure more poses"]

@@ -64,14 +64,17 @@ def residuals_csv(fit: Fit, before: Residuals, after: Residuals,
                   geometry: Residuals | None = None) -> LongText:
     """Return residuals.csv: one line per input row, data set by data set.
 
-    Rows that held nothing usable come last, with their reason. ``geometry``: of a fit of geometry
-    alone, where the model has more.
+    Rows that held nothing usable come last, with their reason; a used row that counts in part has
+    its weight there. ``geometry``: of a fit of geometry alone, where the model has more.
     """
     sets = fit.problem.datasets
     dropped = [(d.name, row, reason) for d in sets for row, reason in d.dropped]
     sizes, lost = [len(d) for d in sets], len(dropped)
     reasons = np.full(sum(sizes) + lost, "", dtype=object)
-    for begin, own in zip(np.cumsum([0, *sizes]), fit.reasons, strict=False):
+    for begin, own, weight in zip(np.cumsum([0, *sizes]), fit.reasons, fit.problem.weights,
+                                  strict=False):
+        some = np.flatnonzero(weight < 0.995)    # else it would be written as one
+        reasons[begin + some] = [f"weight {w:.2g}" for w in weight[some].tolist()]
         reasons[[begin + n for n in own]] = list(own.values())
     reasons[len(reasons) - lost:] = [reason for _, _, reason in dropped]
     stages = {"before": before.vector, "after": after.vector, "sigma": after.sigma,

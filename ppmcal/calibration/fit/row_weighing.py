@@ -1,0 +1,97 @@
+"""Each row counts by how likely it belongs, and the fit is made again until weights stay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.calibration.fit.fit_result import (
+    OUTLIER,
+    Fit,
+    FitOptions,
+    prediction_covariance,
+    values_taken,
+)
+from ppmcal.calibration.fit.fit_rows import fit_rows
+from ppmcal.calibration.fit.outliers import Distances, distances
+from ppmcal.calibration.fit.problem import State
+from ppmcal.calibration.fit.unsolved_rows import NO_POSE
+from ppmcal.inference.priors import NO_WEIGHT
+from ppmcal.linalg import Array, Bools, finite_rows
+
+BETWEEN_ROUNDS = 5
+"""Iterations of the fit after each round, which starts next to its minimum."""
+ROUNDS = 30
+WHOLE, SETTLED = 0.05, 1e-5
+"""Rows weigh alike where their weights would move no estimate by so many of its standard
+deviations; and weights stay that would move none by so many any more."""
+
+
+def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
+            options: FitOptions) -> Fit:
+    """Return the fit with each row by its weight, those left out that hardly have any.
+
+    ``suspects`` (N,) by data set are out already and are judged with the others; ``poses``: where
+    to look for theirs.
+    """
+    first, rows = fit, [k | s for k, s in zip(fit.keep, suspects, strict=True)]
+    if any(s.any() for s in suspects):
+        fit = replace(fit, state=_found_again(fit, suspects, poses))
+    # the next round judges by a new fit anyway: one that wanders is not followed to its end
+    short = replace(options, iterations=min(options.most, BETWEEN_ROUNDS))
+    for _ in range(ROUNDS):
+        found = distances(fit.problem, fit.state, prediction_covariance(fit), fit.keep)
+        factor = found.factor(fit.keep)
+        weights = found.weights(fit.keep, factor)
+        keep = [r & finite_rows(pose) & (w >= float(NO_WEIGHT))
+                for r, pose, w in zip(rows, fit.state.poses, weights, strict=True)]
+        weights = [np.where(k, w, 1.0) for k, w in zip(keep, weights, strict=True)]
+        now, ones = fit.problem.weights, [np.ones(k.size) for k in keep]
+        whole = _moves(fit, found, factor, keep, weights, ones) < WHOLE
+        weights = ones if whole else weights
+        same = all(np.array_equal(a, b) for a, b in zip(keep, fit.keep, strict=True))
+        if same and _moves(fit, found, factor, keep, weights, now) < SETTLED:
+            break
+        problem = fit.problem.weighted(weights)
+        fit = fit_rows(problem, fit.state, keep, fit.reasons, fit.prior, short, fit.prior_scale)
+    if not fit.converged and short.most < options.most:
+        fit = fit_rows(fit.problem, fit.state, fit.keep, fit.reasons, fit.prior, options,
+                       fit.prior_scale)
+    # the steps of the search: those after it follow the weights
+    return replace(_explained(fit, rows, found, factor), iterations=first.iterations,
+                   summed=first.summed)
+
+
+def _moves(fit: Fit, found: Distances, factor: float, keep: Sequence[Bools],
+           weights: Sequence[Array], others: Sequence[Array]) -> float:
+    """Return by how many standard deviations other weights may move estimates, at most or so."""
+    lever = values_taken(fit) / max(sum(int(k.sum()) for k in keep), 1)
+    return float(np.sqrt(lever)) / factor * sum(
+        float(np.sum(np.abs(w - o)[k] * np.sqrt(d[k])))
+        for w, o, d, k in zip(weights, others, found.square, keep, strict=True))
+
+
+def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: float) -> Fit:
+    """Return the fit with the reasons for which some of the rows (N,) are left out."""
+    reasons: list[dict[int, str]] = []
+    times: list[dict[int, float]] = []
+    for own, away, some, keep, pose in zip(fit.reasons, found.over_noise(factor), rows, fit.keep,
+                                           fit.state.poses, strict=True):
+        gone = np.flatnonzero(some & ~keep).tolist()
+        solved = finite_rows(pose)
+        times.append({n: float(away[n]) for n in gone})
+        kept = {n: why for n, why in own.items() if not keep[n]}
+        reasons.append({**kept, **{n: f"{OUTLIER}: {away[n]:.1f} times the noise" if solved[n]
+                                   else NO_POSE for n in gone}})
+    return replace(fit, noise_factor=factor, reasons=tuple(reasons), times=tuple(times))
+
+
+def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) -> State:
+    """Return the fit's state with the poses of the suspects, where they have one."""
+    there = replace(fit.state, poses=tuple(np.where(s[:, None], p, np.nan) for s, p in
+                                           zip(suspects, poses, strict=True)))
+    found = fit.problem.solve(there).poses
+    return replace(fit.state, poses=tuple(np.where(s[:, None], new, old) for s, new, old in
+                                          zip(suspects, found, fit.state.poses, strict=True)))
