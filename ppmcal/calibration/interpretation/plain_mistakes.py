@@ -1,4 +1,4 @@
-"""Mistakes that show without any fit: stale rows, units of the environment, joint limits."""
+"""Mistakes that show without any fit: units of the environment, limits, signs of struts."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.interpretation.misread import Misread
+from ppmcal.calibration.interpretation.misread import Misread, Misreading
 from ppmcal.calibration.interpretation.mistakes import Mistake, with_line
-from ppmcal.calibration.interpretation.reading_trial import NOISE, Misreading
 from ppmcal.calibration.interpretation.stale_rows import stale
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import ZERO_CELSIUS, Dataset
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.wording import counted
 
 WORKSHOP = (-10.0, 45.0)
@@ -65,8 +64,7 @@ def refuse_wrong_units(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Non
     Raises:
         Misread: with the lines to write into the sidecars.
     """
-    found = [Misreading(d.source, (mistake,), with_line(d, "units", {column: unit}), NOISE,
-                        np.nan, np.nan, np.nan)
+    found = [Misreading(d.source, (mistake,), with_line(d, "units", {column: unit}))
              for d in datasets for mistake, column, unit in recorded_units(d, mechanism)]
     if found:
         raise Misread.of(found, mechanism.units)
@@ -79,12 +77,10 @@ def plain_mistakes(data: Dataset, mechanism: Mechanism, others: Sequence[Misread
     ``others``: misreadings that a search has found; joints outside their limits are not told of
     columns that one of them concerns, which is why they are outside.
     """
-    nothing: tuple[str, float, float, float] = ("length", np.nan, np.nan, np.nan)
     for mistake in stale(replace(data, unusable=None), mechanism)[1]:
-        yield Misreading(data.source, (mistake,), None, *nothing)
+        yield Misreading(data.source, (mistake,))
     for mistake, column, unit in recorded_units(data, mechanism):
-        yield Misreading(data.source, (mistake,), with_line(data, "units", {column: unit}),
-                         *nothing)
+        yield Misreading(data.source, (mistake,), with_line(data, "units", {column: unit}))
     told = {c for other in others if other.source == data.source for m in other.mistakes
             for c in m.columns}
     for name, outside in _outside(data, mechanism):
@@ -93,7 +89,7 @@ def plain_mistakes(data: Dataset, mechanism: Mechanism, others: Sequence[Misread
         rows = tuple(int(n) for n in data.rows[outside])
         yield Misreading(data.source, (Mistake(
             "outside-limits", (name,), f"{name} is outside its limits in "
-            f"{counted(len(rows), 'row')}", rows),), None, *nothing)
+            f"{counted(len(rows), 'row')}", rows),))
 
 
 def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Misreading, ...]:
@@ -118,3 +114,64 @@ def _outside(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[str, Bools]]
             outside = (data.q[:, i] < low) | (data.q[:, i] > high)
         if outside.any():
             yield f"q_{name}", outside
+
+
+# --- struts of negative length: only the square is seen, and a fit would take any sign ------------
+
+NEAR = 0.5
+"""A joint whose middle is within this part of the opposite of its home value is negative."""
+
+
+def _is_strut(limb: Limb) -> bool:
+    """Whether a limb's actuator is its length, of which only the square is seen."""
+    return limb.kind.actuator == "length" and not any(s.is_bar for s in limb.kind.slots)
+
+
+def _negative(data: Dataset, mechanism: Mechanism) -> Bools:
+    """Return which joints (k,) are struts with a length of the other sign than at home."""
+    out = np.zeros(len(mechanism.actuators), dtype=bool)
+    if data.commanded is not None:
+        return out
+    home = home_state(mechanism).q
+    for limb in mechanism.limbs:
+        i = limb.actuator
+        known = data.q[np.isfinite(data.q[:, i]), i]
+        out[i] = bool(_is_strut(limb) and known.size and home[i] != 0.0 and abs(
+            float(np.median(known)) + home[i]) < NEAR * abs(home[i]))
+    return out
+
+
+def rows_with_negative_struts(data: Dataset, mechanism: Mechanism) -> Bools:
+    """Return the rows (N,) with a strut's length of the other sign than at home: mistyped ones.
+
+    The pose is as with the right sign, so that no residual shows it; what follows the travel would.
+    """
+    home, out = home_state(mechanism).q, np.zeros(len(data), dtype=bool)
+    if data.commanded is not None:
+        return out
+    for limb in mechanism.limbs:
+        if _is_strut(limb):
+            out |= data.q[:, limb.actuator] * home[limb.actuator] < 0.0
+    return out
+
+
+def negative_struts(data: Dataset, mechanism: Mechanism) -> tuple[Mistake, ...]:
+    """Return the joint columns that have the other sign, as one mistake."""
+    names = tuple(f"q_{a}" for a, n in zip(mechanism.actuators, _negative(data, mechanism),
+                                           strict=True) if n)
+    if not names:
+        return ()
+    has = "has" if len(names) == 1 else "have"
+    return (Mistake("sign", names, f"{', '.join(names)} {has} the other sign: lengths of struts, "
+                    "which are not negative at home"),)
+
+
+def with_positive_struts(data: Dataset, mechanism: Mechanism) -> Dataset:
+    """Return the data with those columns turned, as their sidecar should say."""
+    turned = _negative(data, mechanism)
+    if not turned.any():
+        return data
+    lines = {f"q_{a}": -data.read.get("signs", {}).get(f"q_{a}", 1)
+             for a, n in zip(mechanism.actuators, turned, strict=True) if n}
+    return replace(data, q=np.where(turned, -data.q, data.q), whole=None, place=None,
+                   read=with_line(data, "signs", lines))

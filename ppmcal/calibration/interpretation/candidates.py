@@ -163,6 +163,12 @@ def _correlations(columns: Array) -> tuple[Array, Array]:
     return unit.T @ unit, size
 
 
+def pose_readings(data: Dataset, planar: bool) -> list[PoseReading]:
+    """Return single changes of the measured columns, as declared first."""
+    return [*position_readings(data, planar), *rotation_readings(data, planar)[1:],
+            *whole_pose_readings(data, planar)]
+
+
 def position_readings(data: Dataset, planar: bool) -> list[PoseReading]:
     """Return readings of the measured positions, as declared first."""
     plain, declared = PoseReading(), LENGTHS[data.units.length]

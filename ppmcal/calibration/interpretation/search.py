@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
-from ppmcal.calibration.interpretation.reading_candidates import (
+from ppmcal.calibration.interpretation.candidates import (
     combined,
     joint_readings,
     position_readings,
