@@ -38,7 +38,7 @@ from ppmcal.api.identify import identify
 from ppmcal.api.inputs import prepared
 from ppmcal.calibration.fit import Problem
 from ppmcal.calibration.interpretation import Misread, Misreading, plain_mistakes
-from ppmcal.calibration.interpretation.judgement import TELLING
+from ppmcal.calibration.interpretation.limits import TELLING
 from ppmcal.calibration.interpretation.score import score
 from ppmcal.errors import PpmcalError
 

@@ -17,11 +17,18 @@ import numpy as np
 
 from ppmcal.calibration.fit import Problem, toleranced
 from ppmcal.calibration.interpretation.candidates import pose_readings
+from ppmcal.calibration.interpretation.limits import (
+    ALLOWED,
+    AS_GOOD,
+    FAR,
+    LANDS,
+    LITTLE,
+    TELLING,
+    WORST,
+)
 from ppmcal.calibration.interpretation.misread import Misreading
 from ppmcal.calibration.interpretation.mistakes import Mistake, mistakes, other_sigma, read_block
 from ppmcal.calibration.interpretation.score import (
-    ALLOWED,
-    LANDS,
     Look,
     Score,
     first_order_scores,
@@ -34,18 +41,10 @@ from ppmcal.kinematics.pose_readings import FileReading, JointReading
 from ppmcal.model.instruments import SCALARS
 from ppmcal.model.scaled_points import other_radii
 
-TELLING = 2.0
-"""What is left has to fall by this factor, or more than this of it is worth a look; and"""
-MOST = 100.0
-"""it has to fall by as much as a way leaves, of no more than this: sqrt(MOST) is no machine."""
-AS_GOOD = 1.5
-"""Ways within this factor of the least are as good as it."""
 TRIED = 8
 """Readings that are scored, of those near the nominal machine, and half as many near a fit."""
 NEAR_BEST = 2.5
 """Their median miss is within this factor of the least."""
-LITTLE = 0.05
-"""What is left of how far measurements go: in a unit that makes all small, noise explains all."""
 REGISTERED: Mapping[str, tuple[str, str]] = {
     "frame": ("frame", "the measuring frame is not where the sidecar has it"),
     "target": ("target", "the measured point is not where the sidecar has it"),
@@ -117,7 +116,7 @@ def _near_fit(alone: Problem) -> list[FileReading]:
 
 def _beyond_tolerances(alone: Problem, as_read: Score) -> bool:
     """Whether no tolerance explains a file; those of what the machine's file holds count too."""
-    if as_read.geometry > TELLING * ALLOWED:
+    if as_read.geometry > FAR:
         return True
     return as_read.nominal > LANDS and score(
         toleranced(alone, fixed=True), 0.0).nominal > ALLOWED
@@ -197,7 +196,7 @@ def _better(alone: Problem, as_read: Score) -> list[tuple[Way, Score]]:
 
 def _explains(as_read: Score, found: Score) -> bool:
     """Whether a way explains more of what is wrong than it leaves, and enough to be sure."""
-    return as_read.total >= TELLING * found.total and min(as_read.total, MOST) >= found.total**2
+    return as_read.total >= TELLING * found.total and min(as_read.total, WORST) >= found.total**2
 
 
 def _tells(alone: Problem, found: Score) -> bool:

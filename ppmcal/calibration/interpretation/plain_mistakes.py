@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ppmcal.calibration.interpretation.limits import MOST
 from ppmcal.calibration.interpretation.misread import Misread, Misreading
 from ppmcal.calibration.interpretation.mistakes import Mistake, with_line
 from ppmcal.calibration.interpretation.stale_rows import stale
@@ -101,7 +102,7 @@ def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Misreading, ...]:
     home = home_state(mechanism).q
     inside = {f"q_{a}" for a, within in zip(
         mechanism.actuators, (low <= home) & (home <= high), strict=True) if within}
-    most = {name for name, outside in _outside(data, mechanism) if outside.mean() > 0.5} & inside
+    most = {name for name, outside in _outside(data, mechanism) if outside.mean() > MOST} & inside
     return tuple(m for m in plain_mistakes(data, mechanism)
                  if m.mistakes[0].kind == "outside-limits" and set(m.mistakes[0].columns) <= most)
 

@@ -15,7 +15,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, Problem, State, beyond, distances, identify
-from ppmcal.calibration.interpretation.judgement import MOST, TELLING, find_misreading
+from ppmcal.calibration.interpretation.judgement import find_misreading
+from ppmcal.calibration.interpretation.limits import (
+    ALLOWED,
+    FAR,
+    FEWEST_PARAMETERS,
+    HARDLY_LESS,
+    LANDS,
+    MANY_GROSS,
+    MOST,
+    TELLING,
+    WORST,
+)
 from ppmcal.calibration.interpretation.misread import Misread, Misreading
 from ppmcal.calibration.interpretation.mistakes import Mistake
 from ppmcal.calibration.interpretation.plain_mistakes import (
@@ -25,9 +36,6 @@ from ppmcal.calibration.interpretation.plain_mistakes import (
     with_positive_struts,
 )
 from ppmcal.calibration.interpretation.score import (
-    ALLOWED,
-    LANDS,
-    LOST,
     Look,
     Score,
     end_parts,
@@ -45,14 +53,6 @@ from ppmcal.wording.progress import stage
 
 log = logging.getLogger(__package__)
 
-FAR = TELLING * ALLOWED
-"""Tolerances from nominal, RMS over the geometry without the drives' zeros, that none allows,"""
-FEWEST = 3
-"""and of at least so many parameters: one number typed wrong is no other machine."""
-MANY_GROSS = 0.2
-"""If more rows than this part are gross errors, a fit of all rows may go astray."""
-HARDLY_LESS = 0.05
-"""A fit from far off is not on its way either where more than this part is left."""
 MEND = ("Check the order and signs of the q columns, their units, and how the rotation is written "
         "(rotation vector rx, ry, rz; quaternion x, y, z, w; from platform to base). If the "
         "machine really is that far from its nominal geometry, give larger tolerances")
@@ -90,7 +90,7 @@ class Misfit:
     @property
     def misread(self) -> bool:
         """Whether neither tolerances nor another geometry explain the measurements."""
-        return bool(self.readings) or self.after > max(MOST**0.5, HARDLY_LESS * self.before)
+        return bool(self.readings) or self.after > max(WORST**0.5, HARDLY_LESS * self.before)
 
     def sentence(self, units: Units) -> str:
         """Return what was seen, in file units."""
@@ -143,7 +143,7 @@ def _misfit(problem: Problem) -> Misfit:
     gross = sum(int(g.sum()) for g in beyond(look.explained, look.posed)) / max(rows, 1)
     out = Misfit(Score(look.nominal, medians(look.problem, look.state)), lost=lost, rows=rows,
                  gross=gross)
-    if out.times <= LANDS and lost <= LOST * rows:
+    if out.times <= LANDS and lost <= MOST * rows:
         return out
     # a way that explains everything needs no fit of what is read wrongly, which is slow
     found = _misreadings(problem)
@@ -235,7 +235,7 @@ def other_machine(problem: Problem, state: State) -> Misreading | None:
         return None
     away = tolerances_away(problem, state)
     far = sorted((name for name, times in away.items() if times > FAR), key=lambda n: -away[n])
-    if rms(away) <= FAR or len(far) < FEWEST:
+    if rms(away) <= FAR or len(far) < FEWEST_PARAMETERS:
         return None
     for *_, alone in end_parts(problem):
         part = score(alone, np.inf)

@@ -29,20 +29,14 @@ from ppmcal.calibration.fit import (
     toleranced,
 )
 from ppmcal.calibration.fit.outliers import Distances
+from ppmcal.calibration.interpretation.limits import ALLOWED, LANDS, MOST
 from ppmcal.errors import NoResult, PpmcalError
 from ppmcal.kinematics.pose_readings import FileReading
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, range_basis, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
-LANDS = 5.0
-"""Half of the rows are farther off than so many times what noise and tolerances explain: no fit
-with these tolerances brings the machine there."""
-ALLOWED = 2.0
-"""Tolerances, RMS over the geometry, by which a machine may be off that is read rightly."""
 ROWS, ITERATIONS = 48, 10
-LOST = 0.5
-"""More rows than this part without a pose are doubted too."""
 PARTS = 3
 """A third of the rows, the first or the last, is looked at alone where nothing explains all."""
 OFFSET = "offset"
@@ -135,7 +129,7 @@ class Look:
             NoResult: most rows have no pose.
         """
         lost, rows = self.lost
-        if lost > LOST * rows:
+        if lost > MOST * rows:
             raise NoResult("most rows have no pose",
                            ", ".join(d.source for d in self.problem.datasets))
         miss = medians(self.problem, self.state)

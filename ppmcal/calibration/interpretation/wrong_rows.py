@@ -26,9 +26,16 @@ from ppmcal.calibration.fit import (
     shown,
 )
 from ppmcal.calibration.interpretation.candidates import joint_readings, pose_readings
+from ppmcal.calibration.interpretation.limits import (
+    AGAINST,
+    CHANCE,
+    FEWEST_ROWS,
+    LANDS,
+    SLACK,
+)
 from ppmcal.calibration.interpretation.misread import Misreading
 from ppmcal.calibration.interpretation.mistakes import Mistake, block_text, mistakes, read_block
-from ppmcal.calibration.interpretation.score import LANDS, PARTS, read_in_ways, right_parts
+from ppmcal.calibration.interpretation.score import PARTS, read_in_ways, right_parts
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.pose_readings import AXES, TURNS, FileReading, JointReading
@@ -38,20 +45,14 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import SCALARS
 from ppmcal.wording import counted
 
-FEWEST = 6
-"""Rows that show a mistake together; fewer are single values typed wrong."""
 SCREENED = 12
 """Rows with which readings are compared first, of which half have to fit."""
-AGAINST = 4.0
-"""One row that does not fit outweighs so many that do: of a stretch four fifths have to."""
-CHANCE, SLACK = 1e-3, 2.0
-"""A row fits within this chance of the noise, and a factor for what the fit does not know there."""
 
 
 def wrong_rows(fit: Fit) -> tuple[Misreading, ...]:
     """Return stretches of rows that are read wrongly, or rows that are exchanged, by data set."""
     apart = [_LeftOut(fit, i) for i, d in enumerate(fit.problem.datasets) if _readable(d)]
-    found = (_exchanged(a) or _stretch(a) for a in apart if len(a.rows) >= FEWEST)
+    found = (_exchanged(a) or _stretch(a) for a in apart if len(a.rows) >= FEWEST_ROWS)
     return tuple(m for m in found if m is not None)
 
 
@@ -162,7 +163,7 @@ def _stretch(apart: _LeftOut) -> Misreading | None:
     gain = np.zeros(len(data))
     gain[every] = np.where(right, np.isin(every, rows), -AGAINST)
     begin, end, sure = _best_stretch(gain)
-    if sure < FEWEST:
+    if sure < FEWEST_ROWS:
         return None
     numbers = tuple(int(n) for n in data.rows[begin:end])
     told = [replace(m, rows=numbers) for m in mistakes(readings[best], mechanism, data)]
@@ -188,7 +189,7 @@ def _exchanged(apart: _LeftOut) -> Misreading | None:
 
     fit, data, parts = apart.fit, apart.data, apart.parts
     rows = apart.rows[finite_rows(fit.state.poses[apart.index][apart.rows])]
-    if len(rows) < FEWEST:
+    if len(rows) < FEWEST_ROWS:
         return None
     scale = np.where(np.array(parts) < 3, 1.0, fit.problem.mechanism.length_scale)
     expected = measured_pose(fit.state.registrations[apart.index],
@@ -200,7 +201,7 @@ def _exchanged(apart: _LeftOut) -> Misreading | None:
     # repeats of one pose are as good as each other
     moved = (own.q != own.q[where]).any(axis=1) & (own.groups != own.groups[where])
     right = apart.fits(other, rows) & moved
-    if right.sum() < max(FEWEST, AGAINST / (1.0 + AGAINST) * len(rows)):
+    if right.sum() < max(FEWEST_ROWS, AGAINST / (1.0 + AGAINST) * len(rows)):
         return None
     numbers = tuple(int(n) for n in own.rows[right])
     pairs = ", ".join(f"row {own.rows[j]} with joints of row {own.rows[i]}"
