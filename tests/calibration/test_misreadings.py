@@ -35,7 +35,7 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.interpretation.data_check import check
 from ppmcal.calibration.interpretation.misread import Misread
 from ppmcal.calibration.interpretation.mistakes import mistakes
-from ppmcal.calibration.interpretation.plain_mistakes import plain_mistakes
+from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
 from ppmcal.calibration.interpretation.read_rightly import (
     misfit,
     other_machine,

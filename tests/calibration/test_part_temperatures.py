@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.paths import ROOT
 
-from ppmcal.calibration.interpretation.plain_mistakes import recorded_units
+from ppmcal.calibration.interpretation.obvious_mistakes import recorded_units
 from ppmcal.io import read_mechanism
 from ppmcal.model.dataset import ZERO_CELSIUS, Dataset
 

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from ppmcal.calibration.interpretation.misread import misreading_sentence as misreading_sentence
     from ppmcal.calibration.interpretation.mistakes import Mistake as Mistake
     from ppmcal.calibration.interpretation.mistakes import with_line as with_line
-    from ppmcal.calibration.interpretation.plain_mistakes import plain_mistakes as plain_mistakes
-    from ppmcal.calibration.interpretation.plain_mistakes import recorded_units as recorded_units
-    from ppmcal.calibration.interpretation.plain_mistakes import (
+    from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes as plain_mistakes
+    from ppmcal.calibration.interpretation.obvious_mistakes import recorded_units as recorded_units
+    from ppmcal.calibration.interpretation.obvious_mistakes import (
         rows_with_negative_struts as rows_with_negative_struts,
     )
     from ppmcal.calibration.interpretation.read_rightly import refuse_after_fit as refuse_after_fit

@@ -26,7 +26,7 @@ from ppmcal.calibration.fit import (
     whole_rank,
 )
 from ppmcal.calibration.interpretation.misread import Misreading, mend_of, misreading_sentence
-from ppmcal.calibration.interpretation.plain_mistakes import plain_mistakes
+from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
 from ppmcal.calibration.interpretation.read_rightly import MEND, found_wrong
 from ppmcal.calibration.knowledge import Identifiability, predict_identifiability
 from ppmcal.kinematics.closure import Closure, Model

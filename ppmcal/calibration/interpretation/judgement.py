@@ -71,7 +71,8 @@ class Way:
 def _ways(alone: Problem, as_read: Score) -> list[Way]:
     """Return the ways that are worth a score, those that change least first."""
     data, mechanism = alone.datasets[0], alone.mechanism
-    readings = dict.fromkeys([*_near_nominal(alone), *_near_fit(alone)])
+    readings = dict.fromkeys([*_near_nominal(alone), *(
+        _near_fit(alone) if as_read.nominal <= LANDS else ())])
     out = [Way(mistakes(r, mechanism, data), r.parts,
                replace(alone, datasets=(r.of(data, mechanism),)), r) for r in readings]
     if _beyond_tolerances(alone, as_read):

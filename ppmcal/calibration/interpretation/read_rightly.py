@@ -29,7 +29,7 @@ from ppmcal.calibration.interpretation.limits import (
 )
 from ppmcal.calibration.interpretation.misread import Misread, Misreading
 from ppmcal.calibration.interpretation.mistakes import Mistake
-from ppmcal.calibration.interpretation.plain_mistakes import (
+from ppmcal.calibration.interpretation.obvious_mistakes import (
     negative_struts,
     other_zeros,
     refuse_wrong_units,
