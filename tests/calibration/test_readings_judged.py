@@ -17,6 +17,7 @@ from ppmcal.calibration.interpretation.misread import Misreading, misreading_sen
 from ppmcal.calibration.interpretation.mistakes import Mistake
 from ppmcal.calibration.interpretation.score import Score, first_order_scores, score
 from ppmcal.calibration.interpretation.wrong_rows import _best_stretch
+from ppmcal.io.results.misreading import misreading_entries
 from ppmcal.kinematics.pose_readings import FileReading, JointReading
 from ppmcal.units import SI
 
@@ -71,8 +72,10 @@ def test_rotations_tell_the_order_of_joints_where_the_target_is_far_off() -> Non
 
 def test_what_explains_a_file_as_well_is_said_beside_it() -> None:
     one, other = Mistake("mirrored", ("z",), "z is mirrored"), Mistake("sign", ("z",), "z is down")
-    found = Misreading("run.csv", (one,), before=3.0, after=1.0, alternatives=((other,),))
+    found = Misreading("run.csv", (one,), quantity="length", before=3.0, after=1.0,
+                       alternatives=((other,),))
     assert misreading_sentence(found, SI).startswith("z is mirrored, or: z is down: ")
+    assert [e.text for e in misreading_entries([found], SI)] == ["z is mirrored, or: z is down"]
 
 
 def test_a_file_that_has_no_pose_has_the_worst_score() -> None:

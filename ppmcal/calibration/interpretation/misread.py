@@ -54,6 +54,11 @@ class Misreading:
     sigma: Mapping[str, float] = field(default_factory=dict)
     alternatives: tuple[tuple[Mistake, ...], ...] = ()
 
+    @property
+    def otherwise(self) -> str:
+        """The alternatives in words, to be put behind those of the mistakes; empty without any."""
+        return "".join(", or: " + " and ".join(m.text for m in way) for way in self.alternatives)
+
 
 class Misread(NoResult):
     """Measurements that are not of this machine as the files are read (exit code 3).
@@ -78,8 +83,7 @@ class Misread(NoResult):
 def misreading_sentence(found: Misreading, units: Units) -> str:
     """Return what is wrong in a file, and the evidence."""
     factor, unit = units.factor(found.quantity), units.name(found.quantity)
-    what = ", or: ".join(" and ".join(m.text for m in way)
-                         for way in (found.mistakes, *found.alternatives))
+    what = " and ".join(m.text for m in found.mistakes) + found.otherwise
     if np.isnan(found.after):
         return what
     if found.quantity == NOISE:
