@@ -42,7 +42,7 @@ class Mistake:
 
 
 @dataclass(frozen=True)
-class _Columns:
+class _Sort:
     """Columns of one sort, and how a reading has them: those of joints, places or rotations.
 
     ``own``: which of them such a machine's files have; the rest as in
@@ -76,17 +76,17 @@ class _Columns:
 
 
 def _sorts(reading: FileReading, mechanism: Mechanism, data: Dataset
-           ) -> tuple[_Columns, _Columns, _Columns]:
+           ) -> tuple[_Sort, _Sort, _Sort]:
     """Return how a reading has the columns of joints, places and rotations."""
     pose, joints, k = reading.pose, reading.joints, len(mechanism.actuators)
     planar, units = mechanism.motion == "planar", data.units
     turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
-    return (_Columns(tuple(f"q_{a}" for a in mechanism.actuators), tuple(range(k)), joints.order,
+    return (_Sort(tuple(f"q_{a}" for a in mechanism.actuators), tuple(range(k)), joints.order,
                      joints.signs, joints.units,
                      tuple(units.name(q) for q in mechanism.actuator_quantity)),
-            _Columns(AXES, (0, 1) if planar else (0, 1, 2), pose.order, pose.signs, pose.units,
+            _Sort(AXES, (0, 1) if planar else (0, 1, 2), pose.order, pose.signs, pose.units,
                      (units.length,) * 3),
-            _Columns(turns, (2,) if planar else (0, 1, 2), pose.turn_order, pose.turn_signs,
+            _Sort(turns, (2,) if planar else (0, 1, 2), pose.turn_order, pose.turn_signs,
                      (pose.turn_unit,) * 3, (units.angle,) * 3))
 
 
@@ -111,7 +111,7 @@ def mistakes(reading: FileReading, mechanism: Mechanism, data: Dataset) -> tuple
     return tuple(out)
 
 
-def _of_joints(sort: _Columns) -> Iterator[Mistake]:
+def _of_joints(sort: _Sort) -> Iterator[Mistake]:
     names = sort.names
     if sort.moved:
         each = ", ".join(f"{names[i]} is in the column {names[sort.order[i]]}" for i in sort.moved)
@@ -122,7 +122,7 @@ def _of_joints(sort: _Columns) -> Iterator[Mistake]:
     yield from sort.in_other_units()
 
 
-def _of_places(sort: _Columns) -> Iterator[Mistake]:
+def _of_places(sort: _Sort) -> Iterator[Mistake]:
     yield from _exchanged(sort)
     if len(sort.turned) == 1:
         yield Mistake("mirrored", sort.turned, f"{sort.turned[0]} has the other sign: that axis "
@@ -131,7 +131,7 @@ def _of_places(sort: _Columns) -> Iterator[Mistake]:
         yield from _with_other_sign(sort)
 
 
-def _of_turns(sort: _Columns, rotation: str, convention: str) -> Iterator[Mistake]:
+def _of_turns(sort: _Sort, rotation: str, convention: str) -> Iterator[Mistake]:
     columns = QUATERNION if convention in QUATERNIONS else TURNS
     yield from _exchanged(sort)
     if rotation:
@@ -145,13 +145,13 @@ def _of_turns(sort: _Columns, rotation: str, convention: str) -> Iterator[Mistak
     yield from sort.in_other_units()
 
 
-def _exchanged(sort: _Columns) -> Iterator[Mistake]:
+def _exchanged(sort: _Sort) -> Iterator[Mistake]:
     if sort.moved:
         yield Mistake("exchanged", tuple(sort.names[i] for i in sort.moved), "; ".join(
             f"{sort.names[i]} is in the column {sort.names[sort.order[i]]}" for i in sort.moved))
 
 
-def _with_other_sign(sort: _Columns) -> Iterator[Mistake]:
+def _with_other_sign(sort: _Sort) -> Iterator[Mistake]:
     if sort.turned:
         yield Mistake("sign", sort.turned, f"{_list(sort.turned)} "
                       f"{_verb(sort.turned, 'has', 'have')} the other sign")

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal.calibration.fit import (
+    Distances,
     Problem,
     State,
     column_scale,
@@ -28,7 +29,6 @@ from ppmcal.calibration.fit import (
     prior_weights,
     toleranced,
 )
-from ppmcal.calibration.fit.outliers import Distances
 from ppmcal.calibration.interpretation.limits import ALLOWED, LANDS, MOST
 from ppmcal.errors import NoResult, PpmcalError
 from ppmcal.kinematics.pose_readings import FileReading
