@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from ppmcal.calibration.fit import Problem, toleranced
 from ppmcal.calibration.interpretation.candidates import joint_readings
-from ppmcal.calibration.interpretation.judgement import find_misreading
+from ppmcal.calibration.interpretation.judgement import Way, _chosen, find_misreading
 from ppmcal.calibration.interpretation.misread import Misreading, misreading_sentence
 from ppmcal.calibration.interpretation.mistakes import Mistake
 from ppmcal.calibration.interpretation.score import Score, first_order_scores, score
@@ -76,6 +76,21 @@ def test_what_explains_a_file_as_well_is_said_beside_it() -> None:
                        alternatives=((other,),))
     assert misreading_sentence(found, SI).startswith("z is mirrored, or: z is down: ")
     assert [e.text for e in misreading_entries([found], SI)] == ["z is mirrored, or: z is down"]
+
+
+def test_what_a_turn_of_the_frame_makes_alike_is_one_way_and_others_are_alternatives() -> None:
+    """Three ways that leave the same, the last one by round-off less; a fourth leaves otherwise."""
+    def way(kind: str, parts: float = 1.0) -> Way:
+        return Way((Mistake(kind, (), kind),), parts, problem)
+
+    machine, data = made(RIGHT["right"], 5)
+    problem = Problem(machine, (data,), machine.free)
+    one = Score(0.3, noise=1.02, geometry=0.5)
+    good = [(way("mirrored"), one), (way("sign"), replace(one, noise=1.02 - 1e-12)),
+            (way("unit"), replace(one, nominal=0.31, noise=1.1)), (way("shifted", 2.0), one)]
+    chosen, best, alternatives = _chosen(good)
+    assert chosen.what[0].kind == "mirrored" and best == one
+    assert [m.kind for what in alternatives for m in what] == ["unit"]
 
 
 def test_a_file_that_has_no_pose_has_the_worst_score() -> None:

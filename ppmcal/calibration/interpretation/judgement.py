@@ -10,7 +10,7 @@ way explains is the file of another machine, or of none.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -152,10 +152,7 @@ def find_misreading(problem: Problem, index: int) -> Misreading | None:
     good = _better(alone, as_read)
     if not good:
         return None
-    least = min(s.total for _, s in good)
-    near = sorted((g for g in good if g[1].total <= AS_GOOD * least),
-                  key=lambda g: (g[0].parts, g[1].total))
-    (way, best), *others = near
+    way, best, alternatives = _chosen(good)
     # something is there beside: is it not that alone, and in some of the rows?
     if best.total > TELLING and (any(True for _ in right_parts(alone))
                                  or not _explains(score(alone, np.inf), best)):
@@ -165,15 +162,8 @@ def find_misreading(problem: Problem, index: int) -> Misreading | None:
         block = read_block(way.reading, problem.mechanism, data)
         sigma = other_sigma(way.reading, data, best.left)
     told = (as_read.miss, best.miss) if as_read.nominal > LANDS else (as_read.left, best.left)
-    kinds = [{m.kind for m in way.what}]
-    alternatives = []
-    for other, _ in others:
-        own = {m.kind for m in other.what}
-        if other.parts <= way.parts + 0.05 and own not in kinds:
-            kinds.append(own)
-            alternatives.append(other.what)
     return Misreading(data.source, way.what, block, *_telling(*told), best.noise, sigma,
-                      tuple(alternatives))
+                      alternatives)
 
 
 def _better(alone: Problem, as_read: Score) -> list[tuple[Way, Score]]:
@@ -193,6 +183,33 @@ def _better(alone: Problem, as_read: Score) -> list[tuple[Way, Score]]:
             if found.total <= AS_GOOD:
                 enough = min(enough, way.parts)
     return out
+
+
+def _chosen(good: Sequence[tuple[Way, Score]]
+            ) -> tuple[Way, Score, tuple[tuple[Mistake, ...], ...]]:
+    """Return the way that changes least of those as good as the best, its score, and alternatives.
+
+    These are of another kind and change no more. What leaves the same to round-off is the same
+    file but for a turn of its frame: the first of the list stands for all.
+    """
+    least = min(s.total for _, s in good)
+    near = [g for g in good if g[1].total <= AS_GOOD * least]
+    near = [g for g in near if g[0].parts <= min(w.parts for w, _ in near)]
+    way, best = near[0]
+    for other, found in near[1:]:
+        if found.total < best.total and not _same(found, best):
+            way, best = other, found
+    kinds, out = [{m.kind for m in way.what}], []
+    for other, found in near:
+        own = {m.kind for m in other.what}
+        if own not in kinds and not _same(found, best):
+            kinds.append(own)
+            out.append(other.what)
+    return way, best, tuple(out)
+
+
+def _same(one: Score, other: Score) -> bool:
+    return bool(np.isclose(one.nominal, other.nominal, rtol=1e-6))
 
 
 def _explains(as_read: Score, found: Score) -> bool:
