@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from held_back_readings import MISREAD, RIGHT, judged, made
 from hypothesis import given
 from hypothesis import strategies as st
+from wild import catalogue
 
+from ppmcal.api.inputs import prepared
 from ppmcal.calibration.fit import Problem, toleranced
 from ppmcal.calibration.interpretation.candidates import joint_readings
 from ppmcal.calibration.interpretation.judgement import Way, _chosen, find_misreading
@@ -91,6 +94,14 @@ def test_what_a_turn_of_the_frame_makes_alike_is_one_way_and_others_are_alternat
     chosen, best, alternatives = _chosen(good)
     assert chosen.what[0].kind == "mirrored" and best == one
     assert [m.kind for what in alternatives for m in what] == ["unit"]
+
+
+def test_rows_without_a_pose_are_no_misreading_of_a_file_whose_others_fit(tmp_path: Path) -> None:
+    """Drives exchanged in the last 66 of 120 rows, most of which then have no pose."""
+    catalogue.write("swapped-at-end", "3-RRR", 120, 1, tmp_path)
+    machine, data = prepared(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"])
+    problem = Problem(machine, data, machine.free)
+    assert score(problem.alone(data[0])) == Score() and find_misreading(problem, 0) is None
 
 
 def test_a_file_that_has_no_pose_has_the_worst_score() -> None:

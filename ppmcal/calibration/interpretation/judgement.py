@@ -11,6 +11,7 @@ way explains is the file of another machine, or of none.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -147,7 +148,7 @@ def find_misreading(problem: Problem, index: int) -> Misreading | None:
         return None
     alone = problem.alone(data)
     as_read = score(alone)
-    if as_read.total <= TELLING:
+    if as_read.total <= TELLING or (np.isinf(as_read.total) and _right_where_posed(alone)):
         return None
     good = _better(alone, as_read)
     if not good:
@@ -164,6 +165,13 @@ def find_misreading(problem: Problem, index: int) -> Misreading | None:
     told = (as_read.miss, best.miss) if as_read.nominal > LANDS else (as_read.left, best.left)
     return Misreading(data.source, way.what, block, *_telling(*told), best.noise, sigma,
                       alternatives)
+
+
+def _right_where_posed(alone: Problem) -> bool:
+    """Whether the rows that have a pose fit: what is read wrongly is wrong in all rows."""
+    with suppress(PpmcalError):
+        return Look.at(alone).nominal <= LANDS
+    return False
 
 
 def _better(alone: Problem, as_read: Score) -> list[tuple[Way, Score]]:
