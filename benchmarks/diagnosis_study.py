@@ -75,8 +75,8 @@ class Job:
 class Outcome:
     """What became of one campaign; one line of study.csv.
 
-    ``p_search``: how often noise alone shows a test as small as the smallest of all;
-    ``p_left``: of what is left following some input; ``said``: as :func:`reliability`.
+    ``nothing``: probability that geometry is all there is; ``known``: that what is left has no
+    unknown cause; ``said``: as :func:`reliability`.
     """
 
     cell: str
@@ -98,8 +98,8 @@ class Outcome:
     covered: str
     closed: str
     closed_truth: str
-    p_search: float
-    p_left: float
+    nothing: float
+    known: float
     said: str
     seconds: float
 
@@ -152,7 +152,7 @@ def run(job: Job) -> Outcome | None:
         return Outcome(**asdict(job), survival=min((t.survival for t in found.truth), default=1.0),
                        freedom=0, verdict="refused", named="", alternatives="", right=0, alone=0,
                        wrong=0, set_size=0.0, covered="0/0", closed="", closed_truth="",
-                       p_search=float("nan"), p_left=float("nan"), said="",
+                       nothing=float("nan"), known=float("nan"), said="",
                        seconds=round(time.perf_counter() - start, 2))
     return judge(job, found, result, time.perf_counter() - start)
 
@@ -166,19 +166,16 @@ def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome
     hit = {t for t in truth if any(t in f for f in families)}
     wrong = sum(1 for f in {frozenset(f) for f in families} if not f & truth)
     closed = result.gap.closed if result.gap else None
-    first = result.found.first
     return Outcome(
         **asdict(job), survival=min((t.survival for t in found.truth), default=1.0),
-        freedom=result.found.first.search.test.freedom, verdict=result.verdict,
+        freedom=result.found.first.freedom, verdict=result.verdict,
         named="+".join(sorted(named)),
         alternatives="+".join(sorted({a for e in result.effects for a in e.alternatives})),
         right=int(bool(truth) and hit == truth), alone=int(truth == named), wrong=wrong,
         set_size=float(np.mean([len(f) for f in families])) if families else 0.0,
         covered=coverage(found, result), closed="" if closed is None else f"{closed:.4f}",
         closed_truth=told(found, result, job.seed % 1000),
-        p_search=float(np.exp(first.search.over_all(float(
-            first.log_p.min(initial=0.0))))),
-        p_left=result.remainder.p_value,
+        nothing=result.nothing, known=result.remainder.known,
         said=reliability((e.probability, family(e.kind, e.parameters) in truth)
                          for e in result.effects),
         seconds=round(seconds, 2))

@@ -28,8 +28,12 @@ from wild.machines import MACHINES  # noqa: E402
 from wild_diagnosis import Job, jobs  # noqa: E402
 
 from ppmcal.api.diagnose import diagnose  # noqa: E402
-from ppmcal.diagnosis.diagnose import DiagnosisOptions, _noise, _split  # noqa: E402
-from ppmcal.diagnosis.held_out_gap import Gap, measure_gap  # noqa: E402
+from ppmcal.diagnosis.diagnose import DiagnosisOptions  # noqa: E402
+from ppmcal.diagnosis.held_out_gap import (  # noqa: E402
+    Gap,
+    measure_gap,
+    training_part,
+)
 from ppmcal.diagnosis.refit import with_mechanism  # noqa: E402
 from ppmcal.diagnosis.result import Diagnosis  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
@@ -99,9 +103,9 @@ def _told(found: Diagnosis, folder: Path, truth: Mapping[str, Any]) -> Gap | Non
     path = folder / "told.yaml"
     path.write_text(yaml.safe_dump(tree | {"effects": _entries(truth, world)}), encoding="utf-8")
     options = DiagnosisOptions()
-    base, held = _split(found.before, options)
+    base, held = training_part(found.before, options)
     fit = with_mechanism(base, read_mechanism(path), options.fit)
-    return measure_gap(base, fit, held, _noise(found.found), options.seed)
+    return measure_gap(base, fit, held, found.found.noise, options.seed)
 
 
 def _entries(truth: Mapping[str, Any], world: World) -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ Campaigns with one hidden effect that end in a named set are measured on: at the
 and at random ones, as many, twice and four times as many: random poses, under settings as in
 the campaign. The hidden machine is measured by :mod:`hidden`, which shares no code with the
 package's effects. A set
-is settled when the rival's BIC is worse by more than ln(20) x 2: odds of 20 to 1.
+is settled where sets with the true cause are likelier than those with its rival by 20 to 1.
 """
 
 from __future__ import annotations
@@ -29,29 +29,20 @@ from hidden_scene import Array, measure, solved  # noqa: E402
 from hidden_session import REFERENCE, recorded, with_noise  # noqa: E402
 from study_summary import interval  # noqa: E402
 
-from ppmcal.calibration.fit import (  # noqa: E402
-    Problem,
-    identify,
-)
+from ppmcal.calibration.fit import FitOptions, Problem, identify  # noqa: E402
 from ppmcal.diagnosis.diagnose import DiagnosisOptions as RunOptions  # noqa: E402
 from ppmcal.diagnosis.diagnose import diagnose  # noqa: E402
+from ppmcal.diagnosis.explanation import explained  # noqa: E402
 from ppmcal.diagnosis.hypotheses import Hypothesis  # noqa: E402
 from ppmcal.diagnosis.next_experiment import possible_rows  # noqa: E402
 from ppmcal.diagnosis.result import Diagnosis  # noqa: E402
-from ppmcal.diagnosis.rivals import (  # noqa: E402
-    find,
-    rivals,
-)
-from ppmcal.diagnosis.search import Search  # noqa: E402
-from ppmcal.diagnosis.selection import bic  # noqa: E402
-from ppmcal.diagnosis.stage import named_only, run_stage  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 from ppmcal.model.dataset import Dataset  # noqa: E402
 
 OFTEN = ("tilt", "gain", "curvature", "leg_thermal", "base_thermal", "platform_thermal",
          "compliance", "eccentricity", "drift", "clearance", "windup")
 """Kinds that end in named sets often enough to be worth a try."""
-SETTLED = 2.0 * np.log(20.0)
+SETTLED = 20.0
 
 
 @dataclass(frozen=True)
@@ -96,12 +87,11 @@ def _pair(result: Diagnosis, kind: str) -> tuple[Hypothesis, Hypothesis] | None:
     """Return the true form and its rival, where the true kind is one of the first set."""
     if result.verdict != "named-set" or not result.proposal.rows:
         return None
-    stage = result.found.last
-    i = named_only(stage)[0]
-    others = rivals(stage.search, stage.chosen, i)
-    if not others:
+    first, every = result.effects[0], result.found.last.hypotheses
+    alike = [h for h in every if first.alternatives and h.label == first.alternatives[0]]
+    if not alike:
         return None
-    pair = [stage.hypotheses[i], min(others, key=lambda r: r.odds).hypothesis]
+    pair = [first.hypothesis, alike[0]]
     pair.sort(key=lambda f: f.kind != kind)
     return (pair[0], pair[1]) if pair[0].kind == kind else None
 
@@ -125,17 +115,15 @@ def _settles(found: Hidden, problem: Problem, rows: Dataset, pair: tuple[Hypothe
     """Whether old and new rows together favour the true form clearly."""
     whole = joined(found.dataset, measured(found, rows, options, seed + 77))
     fit = identify(replace(problem, datasets=(whole,), pivots=None, given=None))
-    stage = run_stage(fit.problem, fit.state, fit.keep, seed % 1000,
-                      tuple({f.kind for f in pair}), 200)
-    search, true = find(stage.search, pair[0])
-    search, other = find(search, pair[1])
-    if true is None or other is None:
-        return False
-    return _bic(search, other) - _bic(search, true) > SETTLED
+    last = explained(fit, FitOptions(), tuple({f.kind for f in pair}))[-1]
+    labels = [h.label if isinstance(h, Hypothesis) else "" for h in last.asked.sources]
 
+    def chance(wanted: Hypothesis, other: Hypothesis) -> float:
+        """Return the probability of the sets that have one of them alone."""
+        return sum(float(np.exp(p)) for some, p in last.answer.log_p.items()
+                   if wanted.label in (own := {labels[i] for i in some}) and other.label not in own)
 
-def _bic(search: Search, form: int) -> float:
-    return bic(search, (form,))
+    return chance(*pair) > SETTLED * chance(*pair[::-1])
 
 
 def measured(found: Hidden, rows: Dataset, options: Options, seed: int) -> Dataset:

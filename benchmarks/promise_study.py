@@ -92,7 +92,7 @@ def run(truth: str, seed: int) -> Promise:
         (folder_ / "seen.yaml").write_bytes((folder_ / "measurements.yaml").read_bytes())
         _write(folder_ / "targets.csv", rows[ROWS:], [
             "x", "y", "z", "rx", "ry", "rz", "temperature"])
-        found = diagnose(MACHINE, [folder_ / "seen.csv"], draws=500)
+        found = diagnose(MACHINE, [folder_ / "seen.csv"])
         done = ppmcal.compensate(found, folder_ / "targets.csv")
         found.save(Path(folder) / "diagnosed")
         (Path(folder) / "diagnosed" / "diagnosis.json").unlink()

@@ -6,7 +6,7 @@ FOLDER holds ``delta-events`` and ``delta-meshes``, which are not part of the pr
 diagnosed with the printer as its calibration before it was saved, the way of the head before each
 touch known, the noise estimated; then all beds of the printer together, each a session with a flat
 of its own. A row for each: touches, the noise that was found, verdict, what is named with its size,
-and what else the bed is consistent with.
+and what is there without a name.
 """
 
 from __future__ import annotations
@@ -29,8 +29,6 @@ from ppmcal.diagnosis.result import Diagnosis, NamedEffect
 from ppmcal.errors import PpmcalError
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
-
-DRAWS = 1000
 
 
 def bed(folder: Path, path: Path) -> tuple[Mechanism, Dataset] | None:
@@ -67,12 +65,11 @@ def row(name: str, machine: Mechanism, beds: Iterable[Dataset]) -> str:
     data = tuple(beds)
     touches = sum(len(d) for d in data)
     try:
-        found, _ = diagnose_with_own_noise(Problem(machine, data, machine.free),
-                                           DiagnosisOptions(draws=DRAWS))
+        found, _ = diagnose_with_own_noise(Problem(machine, data, machine.free), DiagnosisOptions())
     except PpmcalError as error:
         return f"| {name} | {touches} | - | refused: {error.what} | - | - |"
     noise = np.mean([d.sigma_value[0] for d in found.identification.fit.problem.datasets])
-    other = ", ".join(dict.fromkeys(p.hypothesis.kind for p in found.possible)) or "-"
+    other = ", ".join(u.looks_like for u in found.unknown) or "-"
     return (f"| {name} | {touches} | {1e3 * noise:.4f} | {found.verdict} | {told(found)} "
             f"| {other} |")
 
@@ -85,7 +82,7 @@ def main() -> None:
     given = parser.parse_args()
     paths = sorted((given.data / "delta-meshes").glob("*.json"))
     owners = dict.fromkeys(p.stem.split("_")[1] for p in paths)
-    print("| bed | touches | noise, mm | verdict | named (mm, mrad) | consistent with |")
+    print("| bed | touches | noise, mm | verdict | named (mm, mrad) | without a name |")
     print("|---|---|---|---|---|---|")
     for owner in owners:
         if given.printers and owner not in given.printers:

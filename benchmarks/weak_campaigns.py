@@ -92,7 +92,7 @@ def main() -> None:
                 begin = time.perf_counter()
                 try:
                     result = diagnose(shipped(machine), simulate(shipped(machine), scenario(
-                        machine, weakness, seed, given.hidden)).data, draws=500)
+                        machine, weakness, seed, given.hidden)).data)
                 except PpmcalError as error:
                     verdicts.append(f"refused: {error}")
                     continue

@@ -148,6 +148,31 @@ def eigh(matrix: Array, what: str = "the principal directions of a matrix",
     return w, v
 
 
+def tridiagonal(matrix: Array, along: Array, what: str = "the tridiagonal form of a matrix"
+                ) -> tuple[Array, Array, Array]:
+    """Return symmetric matrices (..., n, n) in bases in which vectors (..., n) are the first.
+
+    Diagonals (..., n), what is beside them (..., n - 1), and the lengths of the vectors (...).
+    """
+    from scipy.linalg.lapack import dsytrd
+
+    finite(what, matrix, along)
+    length = np.sqrt(np.sum(along**2, axis=-1))
+    mirror = along.copy()           # Householder's, that turns the first axis into the vector
+    mirror[..., 0] += np.copysign(length, along[..., 0])
+    square = np.sum(mirror**2, axis=-1)
+    mirror *= np.sqrt(2.0 * reciprocals(square))[..., None]
+    across = (matrix @ mirror[..., None])[..., 0]
+    across -= 0.5 * np.sum(across * mirror, axis=-1, keepdims=True) * mirror
+    turned = matrix - across[..., :, None] * mirror[..., None, :]
+    turned -= mirror[..., :, None] * across[..., None, :]
+    size = matrix.shape[-1]
+    diagonal, beside = np.empty(along.shape), np.empty((*length.shape, max(size - 1, 0)))
+    for at in np.ndindex(length.shape):     # a matrix has no order in memory where it is symmetric
+        _, diagonal[at], beside[at], _, _ = dsytrd(turned[at].T, lower=1, overwrite_a=1)
+    return diagonal, beside, length
+
+
 def eigvalsh(matrix: Array, what: str = "the principal sizes of a matrix") -> Array:
     """Return the eigenvalues (..., n), ascending, of a symmetric matrix (..., n, n)."""
     finite(what, matrix)

@@ -26,10 +26,10 @@ CORE = {
         "calibration/compensation/commands.py", "calibration/compensation/safe_commands.py",
         "calibration/knowledge/extrapolation.py", "kinematics/ways.py"),
     "diagnosis": (
-        "diagnosis/added_variable_test.py", "diagnosis/linear_system.py",
-        "diagnosis/hypotheses.py", "diagnosis/selection.py", "diagnosis/adequacy.py",
-        "diagnosis/refit.py", "diagnosis/rivals.py", "diagnosis/whitening.py",
-        "diagnosis/verdict.py"),
+        "diagnosis/cause_sizes.py", "diagnosis/explanation.py", "diagnosis/findings.py",
+        "diagnosis/hypotheses.py", "diagnosis/linear_system.py", "diagnosis/naming.py",
+        "diagnosis/question.py", "diagnosis/refit.py", "diagnosis/remainder.py",
+        "diagnosis/stage.py"),
 }
 """Files below ppmcal, by what they are of the theory."""
 

@@ -19,8 +19,8 @@ SPENT = re.compile(r"^\d+ s( on .*)?$")
 class Study:
     """A study whose output stands in a page.
 
-    ``engine``: packages of ppmcal that decide its figures; ``but``: modules of them that only an
-    option under trial runs, or that run once all is decided; ``command``: script of benchmarks/
+    ``engine``: packages of ppmcal that decide its figures; ``but``: modules of them that run once
+    all is decided; ``command``: script of benchmarks/
     with its options, without the seed; ``pages``: path to names of the places in it, each between
     ``<!-- rates: NAME -->`` and ``<!-- end of rates -->``; ``option``: what takes the seed.
     """
@@ -44,22 +44,19 @@ class Study:
                 f"({', '.join(self.engine)}), {word} {', '.join(map(str, seeds))}")
 
 
-UNDER_TRIAL = tuple(f"diagnosis/{name}.py" for name in (
-    "by_session", "cause_sizes", "explanation", "from_evidence", "misread_causes",
-    "misread_columns", "question", "unknown_causes"))
-"""What `diagnose --evidence` alone runs, and the package `inference`."""
+DIAGNOSIS = ("diagnosis", "inference")
 AFTERWARDS = ("diagnosis/session_effects.py",)
 """What runs once the names stand: sizes by session, of which no rate is made."""
-UNCOUNTED = UNDER_TRIAL + AFTERWARDS
 
 STUDIES = (
-    Study("diagnosis", ("diagnosis",),
-          {"docs/diagnosis.md": ("rates", "rates-by-case"), "README.md": ("rates",)},
-          but=UNCOUNTED),
-    Study("next", ("diagnosis",), {"docs/diagnosis.md": ("next",)},
-          ("next_study.py", "--count", "20", "--minutes", "6"), but=UNCOUNTED),
-    Study("weak", ("diagnosis",), {"docs/campaigns.md": ("weak",)},
-          ("weak_campaigns.py", "--seeds", "2"), "--first", UNCOUNTED),
+    Study("diagnosis", DIAGNOSIS,
+          {"docs/diagnosis.md": ("rates", "beside", "reliability", "rates-by-case"),
+           "README.md": ("rates",)},
+          but=AFTERWARDS),
+    Study("next", DIAGNOSIS, {"docs/diagnosis.md": ("next",)},
+          ("next_study.py", "--count", "20", "--minutes", "6"), but=AFTERWARDS),
+    Study("weak", DIAGNOSIS, {"docs/campaigns.md": ("weak",)},
+          ("weak_campaigns.py", "--seeds", "2"), "--first", AFTERWARDS),
     Study("coverage", ("calibration",), {"docs/campaigns.md": ("coverage",)},
           ("campaigns.py", "--campaigns", "50")),
     Study("compare", ("calibration",), {"docs/campaigns.md": ("compare",)},

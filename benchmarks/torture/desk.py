@@ -28,7 +28,7 @@ COMMANDS = {
     "identify": "{desk}/mine.yaml {desk}/run1.csv",
     "validate": "{desk}/identified {desk}/run1.csv",
     "compare": "{desk}/identified {desk}/identified-may",
-    "diagnose": "{desk}/mine.yaml {desk}/run2.csv --draws 200",
+    "diagnose": "{desk}/mine.yaml {desk}/run2.csv",
     "compensate": "{desk}/identified {desk}/targets.csv",
     "sensitivity": "{desk}/mine.yaml --home-only",
     "tolerances": "{desk}/mine.yaml --accuracy 0.2 --machines 20 --cores 1",

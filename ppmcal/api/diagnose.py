@@ -121,8 +121,7 @@ class DiagnosisResult(Result):
 @heard
 def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | str = (),
              kinds: Sequence[str] = (), holdout: float = 0.27, leave_out: str = "",
-             draws: int = 2000, seed: int = 0, evidence: bool = False, png: bool = False,
-             progress: Progress = silent) -> DiagnosisResult:
+             seed: int = 0, png: bool = False, progress: Progress = silent) -> DiagnosisResult:
     """Find the physical effect that a model misses, name it and add it.
 
     Args:
@@ -133,10 +132,7 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         holdout: part of the poses that no fit sees, on which the gap is measured.
         leave_out: ``session``: the gap is measured on each session (file, or label of a column
             `session`) as the others predict it, in place of held-out poses.
-        draws: simulated campaigns of noise behind the thresholds.
         seed: of everything drawn at random.
-        evidence: name what is probable, every cause in one question, in the place of tests of one
-            after another; under trial.
         png: save the pictures as PNG too.
         progress: called with a line of text now and then.
 
@@ -161,10 +157,9 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
             FREEDOMS, partial(with_chosen_freedoms, problem, FitOptions(),
                               [d.estimated for d in datasets]), (problem, None), extra)
         found, told = diagnose_with_own_noise(problem, DiagnosisOptions(
-            0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
+            0.0 if leave_out else holdout, seed, tuple(kinds) or None,
             by_session=bool(leave_out),
-            held=tuple(machine.names[p] for p in set(machine.free) - set(problem.free)),
-            evidence=evidence))
+            held=tuple(machine.names[p] for p in set(machine.free) - set(problem.free))))
     for line in (*told, *([choice_sentence(choice)] if choice else [])):
         note(line)
     begin("judging the campaign")

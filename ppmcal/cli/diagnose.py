@@ -47,24 +47,21 @@ if TYPE_CHECKING:
 @click.option("--holdout", type=FiniteRange(0.0, 0.9), default=0.27, show_default=True,
               help="Part of the poses that no fit sees, on which the gap is measured.")
 @leave_out_option
-@click.option("--draws", type=click.IntRange(200, 100000), default=2000, show_default=True,
-              help="Simulated campaigns of noise behind the thresholds.")
-@click.option("--evidence", is_flag=True, help="Name what is probable: every cause in one "
-              "question, unknown ones too, in the place of tests one after another (under trial).")
 @click.option("--png", is_flag=True, help="Write the pictures as PNG too.")
 @seed_option
 @console_options
 def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, ...],
-            kinds: tuple[str, ...], holdout: float, leave_out: str | None, draws: int,
-            evidence: bool, png: bool, seed: int | None, console: Console) -> None:
+            kinds: tuple[str, ...], holdout: float, leave_out: str | None, png: bool,
+            seed: int | None, console: Console) -> None:
     """Find the physical effect that the model of MECH misses in the measurements DATA.
 
-    Names it with its size, adds it to the model and shows on held-out poses how much of the
-    gap is gone; or says that nothing is missing, what cannot be told apart and what to
-    measure next. Writes model.yaml, effects.csv, residuals.csv, diagnosis.json and the
-    pictures gap.svg, actuators.svg, inputs.svg, ranking.svg and, where effects cannot be told
-    apart, alternatives.svg. What is left of an unnamed or partly named disagreement is learned
-    as smooth functions, if poses left out of the fits confirm them: terms.svg.
+    Names what is probable with its size, adds it to the model and shows on held-out poses how
+    much of the gap is gone; or says that nothing is missing, what has no name, what cannot be
+    told apart and what to measure next. Writes model.yaml, effects.csv, residuals.csv,
+    diagnosis.json and the pictures gap.svg, actuators.svg, inputs.svg and, where effects cannot
+    be told apart, alternatives.svg. What is left of an unnamed or partly named
+    disagreement is learned as smooth functions, if poses left out of the fits confirm them:
+    terms.svg.
     """
     from ppmcal.api.diagnose import diagnose
     from ppmcal.calibration.interpretation import Misread
@@ -72,8 +69,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     refuse_two_holdouts(leave_out)
     try:
         result = diagnose(mech, data, free=patterns, kinds=kinds, holdout=holdout,
-                          leave_out=leave_out or "", draws=draws, seed=seed or 0,
-                          evidence=evidence, png=png)
+                          leave_out=leave_out or "", seed=seed or 0, png=png)
     except Misread as refused:
         _write_misread(refused, mech, data, out, seed or 0, console)
         raise
@@ -106,7 +102,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
         learned,
         learned_gap,
         next_step,
-        not_named,
+        predicted,
         stages,
         tried_sets,
         unknown_causes,
@@ -119,8 +115,9 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
     console.say(stages(record))
     for line in [*_effects(record), *_days(record), *_suspected(result), *_left(result)]:
         console.say(line)
-    for line in (unknown_causes(record), tried_sets(record), not_named(record),
+    for line in (unknown_causes(record), tried_sets(record),
                  gap_closed(record) if record.effects else "", worst_block(record),
+                 predicted(record),
                  imitated(record), *learned(record), learned_gap(record)):
         if line:
             console.say(line)
@@ -162,7 +159,6 @@ def _effects(record: DiagnosisRecord) -> list[str]:
         probable,
         rivals,
         side,
-        survives,
         together,
     )
 
@@ -170,7 +166,7 @@ def _effects(record: DiagnosisRecord) -> list[str]:
     for group in together(record):
         on = list(dict.fromkeys(a for e in group for a in e.on))
         heads = ["" if list(e.on) == on else f"{where(e.on, actuators(record))} " for e in group]
-        chances = [probable(e.probability) or _p(e.log10_p) for e in group]
+        chances = [probable(e.probability) for e in group]
         alone = [f" ({p})" if len(set(chances)) > 1 else "" for p in chances]
         sizes = own_values(record, group) or "; ".join(
             f"{head}{_event(onset(e))}{_values(e.parameters)}{p}"
@@ -185,8 +181,6 @@ def _effects(record: DiagnosisRecord) -> list[str]:
                 for line in side(group)]
         if others := rivals(record, group[0]):
             out.append(f"  Cannot be told from: {some(others, 'effects.csv', joint='; ')}.")
-        if stands := survives(group[0]):
-            out.append(f"  {stands}")
     return out
 
 
@@ -205,9 +199,8 @@ def _event(when: str) -> str:
 def _suspected(result: Diagnosis) -> list[str]:
     from ppmcal.io.results.diagnosis_wording import probable
 
-    weak = [c for c in result.possible if c.status == "weak"]
-    names = [f"{c.hypothesis.label} ({probable(c.probability) or f'p = {c.p_value:.1g}'})"
-             for c in sorted(weak, key=lambda c: (-c.probability, c.p_value))]
+    names = [f"{c.hypothesis.label} ({probable(c.probability)})"
+             for c in sorted(result.possible, key=lambda c: -c.probability)]
     return [f"Suspected: {some(names, 'effects.csv')}."] if names else []
 
 
@@ -216,8 +209,7 @@ def _left(result: Diagnosis) -> list[str]:
     left = result.remainder
     if left.adequate or result.unknown:
         return []
-    follows = f" and follows {left.follows} (p = {left.p_value:.2g})" if left.p_value < 0.05 else ""
-    return [f"What is left is {left.ratio:.2f} times the {left.source} noise{follows}."]
+    return [f"What is left is {left.ratio:.2f} times the {left.source} noise."]
 
 
 def _values(values: Mapping[str, EffectValue]) -> str:
@@ -227,9 +219,3 @@ def _values(values: Mapping[str, EffectValue]) -> str:
         f"+- {number(v.half * f, 2)} {unit}".rstrip()
         for name, v in values.items() if v.half is not None and v.value is not None
         for f, unit in [rate(v.unit, v.value)])
-
-
-def _p(log10_p: float | None) -> str:
-    if log10_p is None:
-        return "p unknown"
-    return f"p = 1e{log10_p:.0f}" if log10_p < -3.0 else f"p = {10.0**log10_p:.2g}"

@@ -45,6 +45,6 @@ def _cut(to: Collector, h: Hypothesis, sessions: list[tuple[str, Bools]]) -> Hyp
     count = len(seen)
     return replace(
         h, names=tuple(f"{label}:{n}" for label, _ in seen for n in h.names),
-        low=h.low * count, high=h.high * count, usual=h.usual * count, named=h.named * count,
-        scale=h.scale * count, starts=(), sessions=tuple(label for label, _ in seen),
+        low=h.low * count, high=h.high * count, usual=h.usual * count,
+        starts=(), sessions=tuple(label for label, _ in seen),
         columns=tuple(to.columns.later(c, rows) for _, rows in seen for c in columns))

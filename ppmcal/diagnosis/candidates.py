@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.diagnosis.added_variable_test import AddedVariableTest, pseudo_inverse
 from ppmcal.diagnosis.by_session import by_session
 from ppmcal.diagnosis.grids import NEAR, Grids, lowest, sign, start_values, usual_range
 from ppmcal.diagnosis.hypotheses import (
@@ -20,13 +19,9 @@ from ppmcal.diagnosis.hypotheses import (
     frozen_slots,
     shapes,
 )
-from ppmcal.diagnosis.joint_tolerances import joint_tolerances
 from ppmcal.diagnosis.library_columns import only_slots
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.misread_columns import misread_columns
-from ppmcal.diagnosis.search import Search, columns_of
-from ppmcal.diagnosis.unrecorded_load import unrecorded_load
-from ppmcal.diagnosis.wandering import add_courses
 from ppmcal.kinematics.effect_response import carried_by
 from ppmcal.kinematics.needed_columns import lacking
 from ppmcal.linalg import Array, Bools
@@ -46,50 +41,16 @@ STARTS = (np.arange(16) + 0.5) / 8.0 - 1.0
 """What a memory may have been before the first row, in parts of the most."""
 SEEN = 0.05
 """Ways in which that shows less than the first by this are too small to be seen."""
-ALIKE = 0.5
-"""It looks like an effect if it explains this part of what the effect does."""
-
-
-def look_alikes(search: Search, hypotheses: Sequence[Hypothesis], chosen: Sequence[int], effect: int
-                ) -> list[Hypothesis]:
-    """Return the best of ``hypotheses`` that explains most of what a chosen effect does, if any.
-
-    What no column could tell and what belongs to no joint are looked for apart.
-    """
-    hypothesis = search.hypotheses[effect]
-    rest = search.test.given(columns_of(search, [i for i in chosen if i != effect]))
-    goal = float(rest.explained(np.array([hypothesis.columns]))[0][0])
-    best: dict[bool, tuple[float, Hypothesis]] = {}
-    for other in hypotheses:
-        of_joints = bool(other.on)
-        if of_joints and (hypothesis.slot or not set(other.on) & set(hypothesis.on)
-                          or rest.right[other.columns[0]] <= 0.0):
-            continue
-        share = float(rest.explained(np.array([other.columns]))[0][0]) / goal if of_joints else (
-            _imitated(rest, hypothesis.columns, other.columns))
-        if share >= ALIKE and share > best.get(of_joints, (0.0,))[0]:
-            best[of_joints] = share, other
-    return [other for _, other in best.values()]
-
-
-def _imitated(rest: AddedVariableTest, effect: Sequence[int], other: Sequence[int]) -> float:
-    """Return which part of what an effect does, at the sizes that fit best, others can do."""
-    a, b = np.array(effect), np.array(other)
-    sizes = pseudo_inverse(rest.block(a, a)) @ rest.right[a]
-    seen = rest.block(b, a) @ sizes
-    whole = float(sizes @ rest.block(a, a) @ sizes)
-    return float(seen @ pseudo_inverse(rest.block(b, b)) @ seen) / max(whole, 1e-300)
 
 
 class _Kinds(Collector):
     """Makes the hypotheses of every kind of effect.
 
-    ``tried``: parameters that the fit frees only under test; ``as_named``: see :func:`library`.
+    ``tried``: parameters that the fit frees only under test.
     """
 
-    def __init__(self, system: System, tried: Sequence[int] = (), as_named: bool = False) -> None:
+    def __init__(self, system: System, tried: Sequence[int] = ()) -> None:
         super().__init__(system)
-        self.as_named = as_named
         self.grids = Grids(system)
         effects, under_test = system.problem.mechanism.effects, set(tried)
         lasting = [e.kind for e in effects if not set(e.parameters.values()) & under_test]
@@ -101,7 +62,7 @@ class _Kinds(Collector):
     def kind(self, kind: EffectKind) -> None:
         """Add all hypotheses of one kind."""
         usable = self.turning if kind.joints == "turning" else np.ones_like(self.turning)
-        if self.motion not in kind.motions or not usable.any() or (
+        if kind.nuisance or self.motion not in kind.motions or not usable.any() or (
                 "touch" in kind.needs and not self._touched()):
             return
         usable = usable & ~self._free_already(kind)
@@ -118,13 +79,9 @@ class _Kinds(Collector):
         specs = [s for s in kind.parameters(self.motion) if not (s.constant or s.optional)
                  and (s.scaling or s.scan is None) and self._varies(s)
                  and s.unless not in self.there]
-        before = len(self.hypotheses)
         for some in [[s] for s in specs] if kind.one_by_one else [specs] if specs else []:
             for constants in self.grids.of(kind, some[0].name):
                 self._hypotheses(kind, on, constants, some)
-        if kind.nuisance:
-            self.unrecorded += self.hypotheses[before:]
-            del self.hypotheses[before:]
 
     def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float],
                     specs: Sequence[EffectParameter]) -> None:
@@ -135,23 +92,17 @@ class _Kinds(Collector):
         high = tuple(NEAR * constants[s.name] if s.scaling else s.high for s in specs)
         usual = tuple(usual_range(s, self.grids.stroke) for s in specs)
         usual, ratio = (usual, ()) if leans is None else ((), usual)
-        named = tuple(s.named for s in specs) if self.as_named and leans is None else ()
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
-        # what is optional is paid for twice: its value, and that it was looked for
-        searched = len(constants) - len(strokes) + sum(
-            s.optional and s.name in constants for s in kind.parameters(self.motion))
-        turns = self.grids.stroke / constants[kind.period] if kind.period else 0.0
         names = tuple(s.name for s in specs)
-        of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes,
-                          effect=kind, part=names[0] if kind.one_by_one else "", leans=leans,
+        of_kind = partial(Hypothesis, kind.name, strokes=strokes, effect=kind,
+                          part=names[0] if kind.one_by_one else "", leans=leans,
                           ratio=ratio)
 
         def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float],
                 starts: Sequence[tuple[int, int]] = ()) -> None:
-            self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual, named,
-                                           self._scale(on, specs), constants,
-                                           starts=tuple(starts)))
+            self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual,
+                                           constants, starts=tuple(starts)))
 
         if not kind.per_actuator:
             add((), self._columns(kind, on, values, specs), shown)
@@ -176,8 +127,7 @@ class _Kinds(Collector):
                 on_names, False,
                 tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
                 high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),
-                named * len(own), sum((self._scale((a,), specs) for a in on_names), ()), shown,
-                starts=tuple((c, n * len(names) + of) for n, a in enumerate(own)
+                shown, starts=tuple((c, n * len(names) + of) for n, a in enumerate(own)
                              for c, of in starts[a])))
 
     def _starts(self, kind: EffectKind, a: int, values: dict[str, float],
@@ -202,16 +152,6 @@ class _Kinds(Collector):
                 yield self.columns.shifted([
                     p.setting.at_joints(np.where(one, du[b:e, None], 0.0), one)
                     for p, (b, e) in zip(parts, pairwise(ends), strict=True)]), n
-
-    def _scale(self, on: Sequence[str], specs: Sequence[EffectParameter]) -> tuple[float, ...]:
-        """Return how large tolerances make coefficients: an error of a drive is one of joints."""
-        own = self._joint_tolerances[[self.actuators.index(a) for a in on]]
-        sigma = float(np.sqrt(np.mean(own**2))) if own.size else 0.0
-        return tuple(sigma if s.of_stroke and sigma > 0.0 else np.inf for s in specs)
-
-    @cached_property
-    def _joint_tolerances(self) -> Array:
-        return joint_tolerances(self.system)
 
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:
@@ -345,15 +285,14 @@ class _Kinds(Collector):
 
 
 def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[int] = (),
-            as_named: bool = False, misread: bool = False, apart: bool = False) -> Library:
+            misread: bool = False, apart: bool = False) -> Library:
     """Return every hypothesis that these data could test.
 
-    ``kinds``: only these; ``tried``: parameters that the fit frees only under test; ``as_named``:
-    effects only in the range in which they are named, not in all that a search passes through;
-    ``misread``: also effects of columns that are not what they are read as; ``apart``: also those
-    that have a size of their own in each session.
+    ``kinds``: only these; ``tried``: parameters that the fit frees only under test; ``misread``:
+    also effects of columns that are not what they are read as; ``apart``: also those that have a
+    size of their own in each session.
     """
-    maker = _Kinds(system, tried, as_named)
+    maker = _Kinds(system, tried)
     for name, kind in effect_kinds().items():
         if kinds is None or name in kinds:
             for variant in kind.variants(maker.motion) if kind.variants else (kind,):
@@ -364,8 +303,6 @@ def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[
         frozen_slots(maker, tried)
     if kinds is None:
         shapes(maker)
-        unrecorded_load(maker)
-        add_courses(maker)
     if misread:
         maker.misread += misread_columns(maker)
     return maker.library()

@@ -1,66 +1,37 @@
-"""The diagnosis from measurements to verdict, step by step."""
+"""The door: what is missing in a machine's model, and how probable that is."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
-from ppmcal.calibration.compensation import Reading
 from ppmcal.calibration.fit import NOTE, Fit, Problem, bounded, identify, secondary
-from ppmcal.calibration.fit import FitOptions as FitOptions
-from ppmcal.calibration.interpretation import Misread, refuse_after_fit, refuse_other_machine
+from ppmcal.calibration.interpretation import refuse_after_fit, refuse_other_machine
 from ppmcal.calibration.knowledge import far_from_nominal
 from ppmcal.calibration.validation import LeftOut, left_out, report
-from ppmcal.diagnosis import result_tables as tables
-from ppmcal.diagnosis.added_variable_test import probability
-from ppmcal.diagnosis.adequacy import LEVEL, remainder
-from ppmcal.diagnosis.candidates import look_alikes
-from ppmcal.diagnosis.extended_model import Added
-from ppmcal.diagnosis.first_rows import without_first_rows
-from ppmcal.diagnosis.from_evidence import diagnosed
-from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
-from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
-from ppmcal.diagnosis.imitation import imitated, left_over
-from ppmcal.diagnosis.inverted_directions import inverted_directions
-from ppmcal.diagnosis.learned_terms import learned_beyond, with_learned
-from ppmcal.diagnosis.localization import Place, localise
-from ppmcal.diagnosis.next_experiment import nothing
-from ppmcal.diagnosis.onsets import refined, with_onsets
-from ppmcal.diagnosis.other_days import other_days, worse_days
-from ppmcal.diagnosis.other_models import other_models
-from ppmcal.diagnosis.plausibility import implausible, implausible_words, misread_column
-from ppmcal.diagnosis.recorded import with_whole_rows
-from ppmcal.diagnosis.refit import MOST_STEPS as REFIT_STEPS
-from ppmcal.diagnosis.refit import nothing_named
-from ppmcal.diagnosis.result import (
-    LEARNED_AFTER,
-    NAMED,
-    Diagnosis,
-    Found,
-    LearnedTerms,
-    NamedEffect,
-    Onset,
-    Survival,
-)
-from ppmcal.diagnosis.rivals import rivals
-from ppmcal.diagnosis.search_rounds import DiagnosisOptions as DiagnosisOptions
-from ppmcal.diagnosis.search_rounds import confirm, found_in, held_out_gap, training_part
-from ppmcal.diagnosis.selection import own_log_p
-from ppmcal.diagnosis.session_effects import with_sessions
-from ppmcal.diagnosis.stage import Stage, named_only
-from ppmcal.diagnosis.survivors import earned
-from ppmcal.diagnosis.verdict import (
-    Alternatives,
-    decide,
+from ppmcal.diagnosis.findings import (
     findings,
     next_step,
-    not_predicted,
     refuse_unconverged,
     refuse_unredundant,
+    swallowed,
 )
+from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
+from ppmcal.diagnosis.learned_terms import learned_beyond
+from ppmcal.diagnosis.localization import localise
+from ppmcal.diagnosis.misread_causes import refuse_misread
+from ppmcal.diagnosis.naming import HeldOut, Told, held_out, told
+from ppmcal.diagnosis.next_experiment import nothing
+from ppmcal.diagnosis.onsets import refined, with_onsets
+from ppmcal.diagnosis.options import DiagnosisOptions as DiagnosisOptions
+from ppmcal.diagnosis.other_days import other_days, worse_days
+from ppmcal.diagnosis.other_models import readings
+from ppmcal.diagnosis.question import ROW_FAMILY
+from ppmcal.diagnosis.recorded import with_whole_rows
+from ppmcal.diagnosis.refit import MOST_STEPS as REFIT_STEPS
+from ppmcal.diagnosis.result import LEARNED_AFTER, Diagnosis, LearnedTerms, Onset
+from ppmcal.diagnosis.session_effects import with_sessions
+from ppmcal.diagnosis.told_places import candidates, effects, left, possible, unknown
 from ppmcal.wording import counted
 from ppmcal.wording.progress import begin
 
@@ -76,9 +47,8 @@ CUT = ("{} with further effects wandered and went no farther than " + str(REFIT_
        + " steps: effects that only a longer one would show may be missing")
 
 
-def diagnose(problem: Problem, options: DiagnosisOptions | None = None
-             ) -> Diagnosis:
-    """Find what is missing in the machine's model, add it, and say how sure that is.
+def diagnose(problem: Problem, options: DiagnosisOptions | None = None) -> Diagnosis:
+    """Find what is missing in the machine's model, add it, and say how probable that is.
 
     Args:
         problem: machine, data and free geometry.
@@ -88,191 +58,80 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None
         BadInput, NoResult: as :func:`ppmcal.calibration.fit.identify`.
     """
     with bounded(MOST_STEPS) as work:
-        options = options or DiagnosisOptions()
-        found = (diagnosed if options.evidence else _diagnosed)(problem, options)
+        found = _diagnosed(problem, options or DiagnosisOptions())
     said = [ENDED] if work.ended else [CUT.format(counted(work.cut, "fit"))] if work.cut else []
     return replace(found, findings=(*found.findings, *said))
 
 
 def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
-    """Find what is missing, with as many steps of fits as there are."""
+    """Fit, ask, judge on held-out poses, tell: with as many steps of fits as there are."""
+    notes = list[str]()
     begin("fitting geometry")
     whole = identify(with_whole_rows(problem), options.fit)
     refuse_unconverged(whole)
     refuse_after_fit(whole)
-    training, held = training_part(whole, options)
-    found = found_in(training, options)
-    settled = without_first_rows(whole.problem, found.after)
-    if settled is not whole.problem:
-        begin("again without the first rows, before which nobody knows what was")
-        whole = identify(settled, options.fit)
-        training, held = training_part(whole, options)
-        found = found_in(training, options)
+    begin("asking which causes are in the data")
+    what = told(whole, options.fit, options.kinds)
+    refuse_misread(what.last)
+    held = held_out(what, options, notes)
+    found, named = held.found, held.named
     refuse_unredundant(found)
-    wanders = found.last.wanders
-    begin("confirming in all rows")
-    found, final = confirm(found, whole, options)
-    onsets: dict[str, Onset] = {}
-    if final is not None:
-        final, onsets = refined(final, options.fit)
-    gap = held_out_gap(found, held, options)
-    chosen = [found.last.hypotheses[i] for i in found.last.chosen]
-    column = misread_column(found, chosen) or inverted_directions(found, chosen)
-    if column is not None:
-        raise Misread.of([column], whole.problem.mechanism.units)
-    odd = implausible(found.first.search, chosen)
-    if odd is not None or (gap is not None and gap.worse):
-        found, final = nothing_named(found), None
-        gap = held_out_gap(found, held, options)
-    begin("judging what is left")
-    left = left_over(found.last, options.seed)
-    same = found.last.search is found.first.search and not found.last.chosen
-    start = left if same or found.last is found.first else remainder(
-        replace(found.first, chosen=()), options.seed)
-    out = _rows_left_out(found, final or whole)
-    lasting = earned(found, whole, final, left, out.suspicious, options.seed, options.fit)
-    if lasting.lost:
-        found, final, left = lasting.found, lasting.final, lasting.left
-        gap, out = held_out_gap(found, held, options), _rows_left_out(found, final or whole)
-    others = _alternatives(found.last)
-    effects = with_onsets(_effects(found, others, lasting.each), onsets)
-    # where what is left follows an input, that says more than a stretch of it
-    if out.follows and not (out.of_travel and left.p_value < LEVEL):
-        left = replace(left, follows=f"rows that {out.follows}", p_value=min(
-            out.p_value, left.p_value))
-    beside = list[str]()
+    final, events = _with_events(what.fit, options, notes) if named else (whole, {})
+    own = with_onsets(effects(what, found.last), events) if named else ()
+    start = left(found.first, what.rounds[0])
+    rest = left(found.last, what.last) if named else start
     blocks = secondary("the gap on stretches of rows", partial(
-        block_gaps, whole, final, found.noise, options.seed), (), beside) if (
-            final and effects) else ()
-    if options.by_session:
-        gap = next((b.gap for b in blocks if b.by == SESSION), None)
-    verdict = decide(found, left, start, effects, out, blocks,
-                     lasting.nothing or imitated(found.last))
-    told = findings(whole, final or whole, left, effects, gap, out,
-                    not_predicted(blocks, left, start))
-    if final is not None:
-        effects, apart = secondary("the size of effects in each session",
-                                   partial(with_sessions, final, effects), (effects, []), beside)
-        told += apart
-    if odd is not None:
-        told.append(implausible_words(found, odd))
-    named = verdict in NAMED
-    if final is None or not named:
-        final = whole
+        block_gaps, whole, final, found.noise, options.seed), (), notes) if own else ()
+    gap = held.gap if not options.by_session else next(
+        (b.gap for b in blocks if b.by == SESSION), None)
+    out = secondary("what left-out rows have in common", partial(left_out, final),
+                    LeftOut(0, 0, False, "", 0.0, 1.0), notes)
+    said = [*held.said, *what.given_up, *findings(whole, final, rest, own, gap, out)]
+    own, apart = secondary("the size of effects in each session", partial(
+        with_sessions, final, own), (own, []), notes) if own else (own, [])
     days = secondary("the prediction of each session", partial(
-        other_days, final, options.fit, options.seed), (), beside)
-    told += worse_days(days)
-    terms = None
-    if verdict in LEARNED_AFTER and final.converged:
-        begin("learning what is left")
-        terms = secondary("what is left, learned", partial(
-            learned_beyond, found, final, held, named, wanders, options.seed, options.fit),
-            None, beside)
+        other_days, final, options.fit, options.seed), (), notes)
+    terms = _learned(what, held, final, options, notes)
     reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed,
                       chosen=options.held)
     if reported.fit.converged:  # where a fit that was given up has got to says nothing of a machine
         refuse_other_machine(reported.fit)
-    far = "" if named else far_from_nominal(
-        reported.estimates, whole.problem.mechanism.units)
-    if far:
-        told.append(far)
-        # a geometry that nobody has built absorbs whatever is wrong
-        verdict = "unnamed" if verdict == "none" else verdict
-    beside += [f for f in reported.findings if f.startswith(NOTE)]
-    readings = secondary("the machine under each other reading", partial(
-        _others, whole, found, others, terms, options), (), beside) if (
-            named or verdict == "weak") else ()
-    places = secondary("where residuals are", partial(_places, found, named, options.seed), (),
-                       beside)
-    joints = len(whole.problem.mechanism.actuators)
-    proposed = secondary("which measurements come next", partial(
-        next_step, found.last, others, verdict, options.seed, gap),
-        nothing("these measurements do not tell what to measure next", joints), beside)
-    return Diagnosis(
-        verdict, _over_all(found, effects) if named else (),
-        tables.possible(found, effects, verdict, lasting.lost), left, start, gap, places,
-        tables.candidates(found, effects if named else (), lasting.lost),
-        _untestable(found), tables.swallowed(whole, final),
-        reported.fit if final is whole and not terms else whole, reported, found, proposed,
-        (*told, *beside), blocks, readings, terms, days)
-
-
-def _rows_left_out(found: Found, fit: Fit) -> LeftOut:
-    """Return what the rows that a fit of all rows left out say."""
-    out = left_out(fit)
-    if not out.suspicious:
-        # the tests were made in the training rows: what they went without counts as much
-        trained = left_out(found.after)
-        out = trained if trained.suspicious else out
-    return out
-
-
-def _others(whole: Fit, found: Found, alternatives: Alternatives, terms: LearnedTerms | None,
-            options: DiagnosisOptions) -> tuple[Reading, ...]:
-    """Return the machine with each rival that was recorded, and without effects.
-
-    What was learned is part of each of them.
-    """
-    return other_models(with_learned(whole, terms, options.fit), found.last,
-                        {i: r for i, (r, _) in alternatives.items()}, options.fit)
-
-
-def _untestable(found: Found) -> tuple[Untestable, ...]:
-    """Return what could be tested at no fit: some kinds show only once another is in the model."""
-    last = found.last
-    tested = {f.effect.label for f in last.hypotheses if f.effect} - {
-        u.kind for u in last.library.untestable}
-    lacking = [u for u in found.first.library.untestable if u.kind not in tested]
-    return tuple(dict.fromkeys(lacking))    # forms of a kind may lack the same
-
-
-def _places(found: Found, named: bool, seed: int) -> tuple[Place, ...]:
-    """Return where the residuals are without effects and with those that are named."""
+    far = "" if named else far_from_nominal(reported.estimates, problem.mechanism.units)
+    others = secondary("the machine under each other reading", partial(
+        readings, what, terms, options, notes), (), notes) if (
+            named or held.verdict == "weak") else ()
     bare = replace(found.first, chosen=())
-    with_them = replace(found.last, chosen=named_only(found.last)) if named else bare
-    return localise(bare, with_them, seed)
+    places = secondary("where residuals are", partial(
+        localise, bare, found.last if named else bare, options.seed), (), notes)
+    proposed = secondary("which measurements come next", partial(
+        next_step, what, found.last, held.verdict, gap, options.seed), nothing(
+            "these measurements do not tell what to measure next",
+            len(problem.mechanism.actuators)), notes)
+    notes += [f for f in reported.findings if f.startswith(NOTE)]
+    listed = candidates(what, found, named)
+    return Diagnosis(
+        held.verdict, own, possible(listed, held.verdict), rest, start, gap, places, listed,
+        found.last.library.untestable, swallowed(whole, final),
+        before=reported.fit if final is whole and not terms else whole, identification=reported,
+        found=found, proposal=proposed,
+        findings=(*said, *apart, *worse_days(days), *([far] if far else []), *notes),
+        blocks=blocks, others=others, learned=terms, days=days,
+        nothing=what.last.answer.nothing((ROW_FAMILY,)),
+        unknown=tuple(unknown(what, p) for p in what.last.unnamed), predictive=held.predictive)
 
 
-def _alternatives(stage: Stage) -> Alternatives:
-    """Return what could replace each named hypothesis: rivals, and what was not recorded."""
-    return {i: (rivals(stage.search, stage.chosen, i),
-                look_alikes(stage.search, stage.library.unrecorded, stage.chosen, i))
-            for i in named_only(stage)}
+def _with_events(fit: Fit, options: DiagnosisOptions, notes: list[str]
+                 ) -> tuple[Fit, dict[str, Onset]]:
+    """Return the fit with every event in its likeliest row, and the rows."""
+    return secondary("the rows of events", partial(refined, fit, options.fit), (fit, {}), notes)
 
 
-def _effects(found: Found, alternatives: Alternatives, survive: Mapping[int, Survival]
-             ) -> tuple[NamedEffect, ...]:
-    """Return what was named, with its rivals, and whether it would stand."""
-    out = []
-    stage, left = found.last, list(found.added)
-    for i, (others, alike) in alternatives.items():
-        hypothesis = stage.hypotheses[i]
-        value = own_log_p(stage.search, stage.chosen, i)
-        for added in _of(hypothesis, left):
-            left.remove(added)
-            out.append(NamedEffect(
-                hypothesis.kind, added.on, added.parameters, probability(value), value,
-                stage.search.test.survival(hypothesis.columns),
-                (*(r.hypothesis.label for r in others), *(f.label for f in alike)),
-                (*(r.odds for r in others), *(np.nan for _ in alike)), hypothesis,
-                survives=survive.get(i)))
-    return tuple(out)
-
-
-def _over_all(found: Found, effects: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
-    """Return the effects with the chance over all that was tried, not that of each alone."""
-    told = found.first.search.over_all
-    return tuple(replace(e, p_value=probability(told(e.log_p)), log_p=told(e.log_p),
-                         survives=e.survives and replace(
-                             e.survives, log_p=told(e.survives.log_p))) for e in effects)
-
-
-def _of(hypothesis: Hypothesis, added: Sequence[Added]) -> list[Added]:
-    """Return the effects added for a hypothesis; of two waves those of the nearer period."""
-    mine = [
-        a
-        for a in added
-        if (a.hypothesis.family, a.hypothesis.on) == (hypothesis.family, hypothesis.on)
-    ]
-    apart = [hypothesis.apart(a.hypothesis) for a in mine]
-    return [a for a, d in zip(mine, apart, strict=True) if d <= min(apart)]
+def _learned(what: Told, held: HeldOut, final: Fit, options: DiagnosisOptions, notes: list[str]
+             ) -> LearnedTerms | None:
+    """Return what is learned of what has no name, None where nothing is left to learn."""
+    if held.verdict not in LEARNED_AFTER or not final.converged:
+        return None
+    begin("learning what is left")
+    return secondary("what is left, learned", partial(
+        learned_beyond, held.found, final, held.poses, held.named, what.wanders, options.seed,
+        options.fit), None, notes)

@@ -15,7 +15,6 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.diagnosis.adequacy import LEVEL
 from ppmcal.diagnosis.equation_forms import (
     Equation,
     Product,
@@ -24,7 +23,7 @@ from ppmcal.diagnosis.equation_forms import (
     same_form,
     values_of,
 )
-from ppmcal.diagnosis.learning import Learned, Term
+from ppmcal.diagnosis.learning import LEVEL, Learned, Term
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
 from ppmcal.diagnosis.term_candidates import Visible, columns_from
 from ppmcal.linalg import Array, Bools, Ints, without_range

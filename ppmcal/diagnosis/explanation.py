@@ -14,7 +14,7 @@ from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.cause_sizes import LINEAR, CauseSizes, Sized, between_points, sizes
 from ppmcal.diagnosis.extended_model import Added, columns_added, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
-from ppmcal.diagnosis.linear_system import System, build
+from ppmcal.diagnosis.linear_system import System, Whitening, build
 from ppmcal.diagnosis.question import ROW_FAMILY, Asked, Source, question
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.stage import without
@@ -44,9 +44,10 @@ MASS = 0.95
 class CausePlace:
     """One cause that is there, and what it may be.
 
-    ``members``: those that are needed for 95 %, first the one of the family that leads, with all
-    members in which it is; the others likeliest first. ``block``: of the best set; ``leader``: what
-    is told in its place; ``hypothesis``: what that stands for, None if it is unknown.
+    ``members``: those that are needed for 95 %, or would be at other priors, first the one of the
+    family that leads, with all members in which it is; the others likeliest first. ``block``: of
+    the best set; ``leader``: what is told in its place; ``hypothesis``: what that stands for, None
+    if it is unknown.
     ``only_misread``: whether all of the members are columns that are read wrongly.
     """
 
@@ -97,6 +98,15 @@ class Round:
         return frozenset(_key(self.asked.sources[i]) for i in self.answer.best.chosen)
 
     @cached_property
+    def whitening(self) -> Whitening:
+        """The correlation of the noise beside the best set, with its standard deviation."""
+        rhos = np.array([self.asked.question.views[n].rho for n, _, _ in self.answer.best.views])
+        log_p = np.array([p for _, p, _ in self.answer.best.views])
+        weight = np.exp(log_p - log_p.max())
+        mean = float(rhos @ weight / weight.sum())
+        return Whitening(mean, float(np.sqrt((rhos - mean) ** 2 @ weight / weight.sum())))
+
+    @cached_property
     def places(self) -> tuple[CausePlace, ...]:
         """Causes that are there, rows that do not belong left out."""
         blocks, out = self.asked.question.blocks, []
@@ -105,7 +115,7 @@ class Round:
         for n, i in enumerate(self.answer.best.chosen):
             if blocks[i].family == ROW_FAMILY:
                 continue
-            members, leader = self._leading(tuple(_likely(self.answer.members(n))), i)
+            members, leader = self._leading(self.answer.likely(n, MASS), i)
             source = self.asked.sources[leader]
             h = source if isinstance(source, Hypothesis) and not source.anonymous else None
             out.append(CausePlace(members, i, leader, blocks[leader].name, h,
@@ -194,15 +204,6 @@ def _key(source: Source) -> object:
     return source.label if isinstance(source, UnknownCause) else source
 
 
-def _likely(members: Sequence[Member]) -> Iterator[Member]:
-    total = 0.0
-    for member in members:
-        yield member
-        total += member.probability
-        if total >= MASS:
-            break
-
-
 def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None) -> list[Round]:
     """Return what is in the data that a fit of the geometry leaves, round by round.
 
@@ -262,7 +263,7 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
     moved = [a.hypothesis for a in added if between_points(a.hypothesis)]
     for system, columns in _systems(whole, fit, own, keep, bool(moved)):
         tried = [fit.problem.free[c] for c in columns]
-        found = library(system, kinds, tried, as_named=True, misread=True, apart=True)
+        found = library(system, kinds, tried, misread=True, apart=True)
         asked = question(system, found, UnknownCauses(system, everywhere), columns)
         # shapes without a cause have one name, and what a fit has stands in a grid twice
         first: dict[object, int] = {}

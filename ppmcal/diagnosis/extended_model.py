@@ -9,7 +9,6 @@ import numpy as np
 
 from ppmcal.calibration.fit import Problem
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.linalg import Array
 from ppmcal.model.effects import EffectParameter
 from ppmcal.model.mechanism import Given, Mechanism, with_effect
@@ -25,23 +24,6 @@ class Added:
     hypothesis: Hypothesis
     on: tuple[str, ...]
     parameters: tuple[str, ...]
-
-
-def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
-               ) -> tuple[Mechanism, tuple[Added, ...]]:
-    """Return the machine with the chosen hypotheses as free effects, started at their estimates."""
-    columns = columns_of(search, chosen)
-    value, covariance = search.test.fit(columns)
-    sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    place = {c: i for i, c in enumerate(columns)}
-    sized = []
-    for i in chosen:
-        hypothesis = search.hypotheses[i]
-        at = [place[c] for c in hypothesis.columns]
-        if hypothesis.leans:
-            value, sigma = _over(search, chosen, hypothesis, place, at, value, sigma)
-        sized.append((hypothesis, value[at], sigma[at]))
-    return extended(mechanism, sized)
 
 
 def columns_added(problem: Problem, added: Sequence[Added]) -> list[int]:
@@ -75,16 +57,6 @@ def extended(mechanism: Mechanism, sized: Sequence[tuple[Hypothesis, Array, Arra
             mechanism, names = _with(mechanism, hypothesis, on, value[mine], sigma[mine])
             added.append(Added(hypothesis, on, names))
     return mechanism, tuple(added)
-
-
-def _over(search: Search, chosen: Sequence[int], hypothesis: Hypothesis, place: dict[int, int],
-          at: Sequence[int], value: Array, sigma: Array) -> tuple[Array, Array]:
-    """Return values and deviations, those of what leans over the coefficient that it leans on."""
-    other = next(f for f in (search.hypotheses[i] for i in chosen)
-                 if (f.kind, f.on) == hypothesis.leans and f.shared)
-    one = np.ones(len(value))
-    one[at] = value[place[other.columns[0]]]
-    return value / one, sigma / np.abs(one)
 
 
 def _with(mechanism: Mechanism, hypothesis: Hypothesis, on: Sequence[str], value: Array,

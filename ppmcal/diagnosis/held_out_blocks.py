@@ -14,7 +14,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, Problem, Rows, rows_with_outliers, single_gross_rows
@@ -27,40 +26,16 @@ LEVELS = 3
 """A load of fewer levels cannot be left out: the others would not tell what it does."""
 SEEN = 1e-10
 """Directions below this part of the strongest are not known without the block."""
-PREDICTS, PREDICTS_MORE = 0.5, 0.75
-"""Effects that surely close less than this part of a block's gap do not predict it; where more is
-left to explain than noise, less than this part of what they close in all rows."""
-
-SURELY = float(chdtri(1.0, 0.05))
-"""A block that is far from the others shares one error of the parameters: its square may be so
-many times the variance."""
 SESSION = "session"
 IN_STEP = 0.7
 """What has so large a rank correlation with the rows' order is as good as time."""
 
 @dataclass(frozen=True)
 class BlockGap:
-    """The gap when a session, or all rows of one third of ``by``, are left out in turn.
-
-    ``surely``: its interval where the parameters' error may be two standard deviations.
-    """
+    """The gap when a session, or all rows of one third of ``by``, are left out in turn."""
 
     by: str
     gap: Gap
-    surely: tuple[float, float] | None
-
-    @property
-    def portion(self) -> str:
-        """What is left out, in words."""
-        return "one at a time" if self.by == SESSION else "a third at a time"
-
-    def fails(self, everywhere: float, adequate: bool) -> bool:
-        """Whether the effects surely do not predict what was left out.
-
-        ``everywhere``: what they close in all rows; ``adequate``: whether the rest is noise.
-        """
-        least = PREDICTS if adequate else PREDICTS_MORE * everywhere
-        return self.surely is not None and self.surely[1] < least
 
 
 def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockGap, ...]:
@@ -81,9 +56,7 @@ def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockG
         pairs = [(old, new) for old, new in pairs if old.square.size == new.square.size > 0]
         if len(pairs) == len(folds):
             old, new = (HeldOutErrors.joined([p[k] for p in pairs]) for k in (0, 1))
-            unsure = replace(new, variance=SURELY * new.variance)
-            out.append(BlockGap(by, gap_of(old, new, noise, seed),
-                                gap_of(old, unsure, noise, seed).interval))
+            out.append(BlockGap(by, gap_of(old, new, noise, seed)))
     return tuple(out)
 
 

@@ -15,8 +15,19 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.special import chdtri
 
-from ppmcal.calibration.fit import Fit, Problem, Rows, State, prediction_covariance
-from ppmcal.calibration.validation import fresh_state
+from ppmcal.calibration.fit import (
+    Fit,
+    Problem,
+    Rows,
+    State,
+    coordinates,
+    prediction_covariance,
+    single_gross_rows,
+)
+from ppmcal.calibration.validation import fresh_state, split
+from ppmcal.diagnosis.options import DiagnosisOptions
+from ppmcal.diagnosis.recorded import usable
+from ppmcal.diagnosis.refit import of_rows
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.sessions import pose_labels
@@ -211,3 +222,16 @@ def _closed(sums: Array, noise: float) -> float | None:
     before = max(0.0, float((sums[0] - sums[2]) / sums[4]) - noise**2)
     after = max(0.0, float((sums[1] - sums[3]) / sums[4]) - noise**2)
     return None if before <= 0.0 else 1.0 - float(np.sqrt(after / before))
+
+
+def training_part(whole: Fit, options: DiagnosisOptions) -> tuple[Fit, tuple[Dataset, ...]]:
+    """Put whole commanded poses aside, where that leaves enough to fit; fit the others."""
+    problem = whole.problem
+    out = split(problem.datasets, options.holdout, options.seed)
+    values = sum(int((~o).sum()) * len(coordinates(d, problem.mechanism.motion))
+                 for o, d in zip(out, problem.datasets, strict=True))
+    if values < 2.0 * len(problem.columns) or not any(o.any() for o in out):
+        return whole, ()
+    held = tuple(d.take(o & usable(d) & ~typo) for d, o, typo in zip(
+        problem.datasets, out, single_gross_rows(whole), strict=True))
+    return of_rows(whole, [~o for o in out], options.fit), held

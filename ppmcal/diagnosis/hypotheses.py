@@ -31,15 +31,10 @@ class Hypothesis:
         anonymous: a shape without a cause; it takes part so that no kind has to imitate
             it, and is never named.
         follows: what such a shape follows; of misread columns the rows in which they are.
-        searched: how many constants a grid has chosen.
-        turns: periods per stroke of a periodic error.
         strokes: which constants are ends of the stroke: each joint may have its own.
-        choices: logarithm of the number of sets of actuators that it was chosen from.
+        choices: logarithm of the number of stretches of rows that it was chosen from.
         low, high: physical range of each column's coefficient.
         usual: the range in which machines have it, by column; empty: any.
-        named: the range in which it is named at last, by column; empty: not asked in this search.
-        scale: how large its coefficients are in a machine within its tolerances, one standard
-            deviation by column; inf: nothing is known of it; empty: of none.
         columns: where its columns are in the library.
         misread: how columns would have to be read for it; empty: as they are.
         stretch: of the system the rows in which they are, from the first to the one before the
@@ -55,8 +50,6 @@ class Hypothesis:
         leans: kind and actuators of what gives way to the load, which has to be chosen too; its
             coefficient is the parameter times that of the other.
         ratio: of what leans, the range in which machines have the parameter, by column.
-        caution: by which its evidence is divided: what a step explains grows with the noise's
-            long-run variance, which is known less well than the noise itself.
     """
 
     kind: str
@@ -67,17 +60,12 @@ class Hypothesis:
     high: tuple[float, ...]
     columns: tuple[int, ...]
     usual: tuple[tuple[float, float], ...] = ()
-    named: tuple[tuple[float, float], ...] = ()
-    scale: tuple[float, ...] = ()
     constants: dict[str, float] = field(default_factory=dict)
     slot: str = ""
     anonymous: bool = False
     follows: str = ""
-    searched: int = 0
-    turns: float = 0.0
     strokes: tuple[str, ...] = ()
     choices: float = 0.0
-    caution: float = 1.0
     effect: EffectKind | None = None
     part: str = ""
     leans: tuple[str, tuple[str, ...]] | None = None
@@ -125,13 +113,7 @@ class Hypothesis:
         pairs = [(self.constants.get(n, 0.0), other.constants.get(n, 0.0)) for n in names]
         return sum(abs(a - b) / (abs(a) + abs(b)) for a, b in pairs if a != b)
 
-    def alike(self, other: Hypothesis) -> bool:
-        """Whether the constants are the same; each joint may have a stroke of its own."""
-        mine, others = ({n: v for n, v in hypothesis.constants.items() if n not in self.strokes}
-                        for hypothesis in (self, other))
-        return mine == others
-
-    @property
+    @cached_property
     def label(self) -> str:
         """Return words for people: ``backlash on leg2``."""
         if self.slot:
@@ -143,24 +125,6 @@ class Hypothesis:
             return f"{self.misread}{where}: {replace(self, misread='', follows='').label}"
         what = f"{self.called} on {', '.join(self.on)}" if self.on else self.family
         return f"{what}{UNLIKE}" if self.sessions else what
-
-
-def united(hypotheses: Sequence[Hypothesis]) -> Hypothesis:
-    """Return hypotheses of one kind on one actuator each as one, each with its own values."""
-    if len(hypotheses) == 1:
-        return hypotheses[0]
-    return replace(
-        hypotheses[0],
-        on=tuple(a for f in hypotheses for a in f.on),
-        shared=False,
-        names=tuple(f"{f.on[0]}:{n}" for f in hypotheses for n in f.names),
-        low=sum((f.low for f in hypotheses), ()),
-        high=sum((f.high for f in hypotheses), ()),
-        columns=sum((f.columns for f in hypotheses), ()),
-        usual=sum((f.usual for f in hypotheses), ()),
-        named=sum((f.named for f in hypotheses), ()),
-        scale=sum((f.scale for f in hypotheses), ()),
-    )
 
 
 @dataclass(frozen=True)
@@ -176,16 +140,12 @@ class Untestable:
 class Library:
     """All hypotheses: over white columns as ``products`` (N, m, T), and what is untestable.
 
-    ``unrecorded``: what might be there too, but cannot be tested for want of a column;
-    ``courses``: how machine and instrument may have wandered while rows were measured;
     ``misread``: effects of columns that are not what they are read as.
     """
 
     products: Products
     hypotheses: tuple[Hypothesis, ...]
     untestable: tuple[Untestable, ...]
-    unrecorded: tuple[Hypothesis, ...] = ()
-    courses: tuple[Hypothesis, ...] = ()
     misread: tuple[Hypothesis, ...] = ()
 
     @property
@@ -197,11 +157,6 @@ class Library:
     def columns(self) -> Array:
         """All columns (N, m, T), made where they are asked for."""
         return self.some(range(self.count))
-
-    @property
-    def measured_against(self) -> list[Hypothesis]:
-        """What the machine is measured against, a flat's shape, which a search does not name."""
-        return [f for f in self.unrecorded if f.effect is not None and f.effect.nuisance]
 
     def some(self, which: Sequence[int]) -> Array:
         """Return some columns (N, m, k)."""
@@ -216,8 +171,6 @@ class Collector:
         self.columns = LibraryColumns(system)
         self.hypotheses: list[Hypothesis] = []
         self.untestable: list[Untestable] = []
-        self.unrecorded: list[Hypothesis] = []
-        self.courses: list[Hypothesis] = []
         self.misread: list[Hypothesis] = []
         mechanism = system.problem.mechanism
         self.actuators = mechanism.actuators
@@ -227,7 +180,7 @@ class Collector:
     def library(self) -> Library:
         """Return what was collected."""
         return Library(self.columns.made(), tuple(self.hypotheses), tuple(self.untestable),
-                       tuple(self.unrecorded), tuple(self.courses), tuple(self.misread))
+                       tuple(self.misread))
 
 
 def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
@@ -253,7 +206,6 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
                 (-np.inf,),
                 (np.inf,),
                 (column,),
-                scale=(parameter.prior_sigma or np.inf,),
                 slot=parameter.name,
             )
         )
@@ -296,7 +248,7 @@ def shapes(to: Collector) -> None:
             to.hypotheses.append(Hypothesis(
                 LOCAL, (name,), True, ("height",), (-np.inf,), (np.inf,),
                 (to.columns.shifted(shifts),), anonymous=True,
-                follows=name, searched=2 if width else 1))
+                follows=name))
     points = [p.response.seen.points[p.response.end] for p in to.system.parts]
     middle = np.concatenate(points).mean(axis=0)
     shifts = []

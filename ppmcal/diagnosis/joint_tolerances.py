@@ -12,16 +12,6 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects import Shift
 
 
-def joint_tolerances(system: System) -> Array:
-    """Return a standard deviation of each joint's coordinate (k,), m or rad.
-
-    It is that by which the joints would have to be off to displace the platform as tolerances do.
-    0 where none is stated.
-    """
-    asked = [tolerated(part, system)[2] for part in system.parts]
-    return np.asarray(np.sqrt(np.mean(np.concatenate(asked), axis=0)))
-
-
 def tolerated(part: SystemPart, system: System) -> tuple[Array, Array, Array]:
     """Return what joints and tolerances do to the platform in the n rows of a part.
 

@@ -11,7 +11,6 @@ from ppmcal import linalg
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.learning import Term
 from ppmcal.diagnosis.result import LearnedTerms
-from ppmcal.diagnosis.search import by_size
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.term_candidates import Visible, columns_of
 from ppmcal.linalg import Array
@@ -179,18 +178,12 @@ def _near(stage: Stage, curve: LearnedCurve, on: Sequence[bool]) -> tuple[tuple[
         return ()
     whole = columns @ curve.values
     free = whole - stage.basis @ (stage.basis.T @ whole)
-    square = float(free @ free)
-    test, count = stage.search.test, stage.library.count
-    right = test.first.along(free[:, None])[:, 0]
-    likened = replace(test, right=np.append(right, np.zeros(test.right.size - count)))
-    some = [h for h in stage.hypotheses if not h.anonymous and not h.slot
-            and max(h.columns) < count]
+    square = max(float(free @ free), 1e-300)
     best: dict[str, float] = {}
-    for which, groups in by_size(some):
-        explained, _ = likened.explained(groups)
-        for i, part in zip(which.tolist(), explained.tolist(), strict=True):
-            h = some[i]
-            cosine = float(np.sqrt(min(max(part, 0.0) / max(square, 1e-300), 1.0)))
+    for h in stage.hypotheses:
+        if not (h.anonymous or h.slot or (h.effect and h.effect.onset)):
+            along = stage.plane(h.columns).T @ free
+            cosine = float(np.sqrt(along @ along / square))
             best[h.label] = max(best.get(h.label, 0.0), cosine)
     ranked = sorted(best.items(), key=lambda pair: -pair[1])
     return tuple((label, c) for label, c in ranked[:FEW] if c >= NEAR)

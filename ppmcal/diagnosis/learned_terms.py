@@ -228,7 +228,7 @@ def _block_gaps(judged: _JudgedRows, noise: float, seed: int) -> list[BlockGap]:
     """Return the gap over stretches of time and conditions left out, without and with the terms."""
     found = [(by, _left_out(judged, folds, noise, seed))
              for by, folds in schemes(judged.seen.system.problem)]
-    return [BlockGap(by, gap, gap.interval) for by, gap in found if gap is not None]
+    return [BlockGap(by, gap) for by, gap in found if gap is not None]
 
 
 def _pose_folds(seen: Visible, seed: int) -> list[list[Bools]]:

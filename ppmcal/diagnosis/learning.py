@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.diagnosis.adequacy import LEVEL
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
 from ppmcal.diagnosis.term_candidates import TermCandidate, Visible, again
 from ppmcal.errors import NoResult
@@ -33,6 +32,8 @@ SIZES = np.geomspace(1e-2, 1e4, 25)
 """Sizes that are tried: the standard deviation of a column's whole effect, in sigmas."""
 NEGLIGIBLE = 12.0
 """Lengths and sizes that are so much less likely (log) count for nothing."""
+LEVEL = 0.01
+"""Chance gives a term over all that were tried less often than this."""
 MOST_TERMS = 8
 SWEEPS = 3
 JOINTS_FIRST = 3.0

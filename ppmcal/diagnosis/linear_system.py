@@ -1,8 +1,7 @@
 """The linearised problem that effects are searched in: rows as plain arrays, whitened.
 
 N rows of m coordinates; a row that lacks a coordinate carries zeros there. All arrays are
-white with respect to the stated noise; :class:`Whitening` adds what the residuals show
-beyond it: covariance within a row, and correlation from row to row.
+white with respect to the stated noise; :class:`Whitening` adds the correlation from row to row.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Problem, Response, State, column_scale
+from ppmcal.inference.correlation import RowNoise
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.effects import Setting, Shift
 from ppmcal.model.sessions import pose_labels
@@ -143,58 +143,18 @@ def _groups(problem: Problem, dataset: Ints, row: Ints) -> Ints:
 
 @dataclass(frozen=True)
 class Whitening:
-    """What makes the residuals white: ``inner`` (D, m, m) by data set, ``rho`` of AR(1).
+    """What makes residuals white from row to row: the correlation ``rho`` of AR(1).
 
-    ``scale``: noise over the stated noise that ``inner`` takes out, root mean square;
     ``rho_error``: standard deviation of ``rho``.
     """
 
-    inner: Array
-    rho: float
-    scale: float = 1.0
+    rho: float = 0.0
     rho_error: float = 0.0
 
     def apply(self, values: Array, system: System) -> Array:
-        """Return values (N, m, c) whitened, as a matrix (N m, c); column by column in memory."""
-        n, m, count = values.shape
-        out = np.empty((count, n, m))
-        out[...] = np.moveaxis(values, -1, 0)
-        for i, inner in enumerate(self.inner):
-            if not np.array_equal(inner, np.eye(m)):
-                mine = system.dataset == i
-                out[:, mine] = out[:, mine] @ inner.T
-        if self.rho:
-            # rows in between that are not used weaken the correlation
-            tie = np.where(system.apart > 0, self.rho ** np.maximum(system.apart, 1), 0.0)[:, None]
-            root = np.sqrt(1.0 - tie**2)
-            for some in np.split(out, range(BLOCK, count, BLOCK)):
-                some[:, 1:] = (some[:, 1:] - tie * some[:, :-1]) / root
-        if not system.observed.all():
-            out *= system.observed
-        return out.reshape(count, n * m).T
-
-    def transposed(self, values: Array, system: System) -> Array:
-        """Return values (N m, b) times the transpose of what :meth:`apply` does, (N, m, b).
-
-        Inner products with whitened columns are those of plain columns with these.
-        """
-        out = values.reshape(*system.residual.shape, -1) * system.observed[..., None]
-        if self.rho:
-            tie = np.where(system.apart > 0, self.rho ** np.maximum(system.apart, 1), 0.0)
-            tie = tie[:, None, None]
-            out[1:] /= np.sqrt(1.0 - tie**2)
-            out[:-1] -= tie * out[1:]
-        for i, inner in enumerate(self.inner):
-            if not np.array_equal(inner, np.eye(len(inner))):
-                mine = system.dataset == i
-                out[mine] = inner.T @ out[mine]
-        return np.asarray(out)
-
-
-def plain(system: System) -> Whitening:
-    """Return the whitening that changes nothing."""
-    m = system.residual.shape[1]
-    return Whitening(np.tile(np.eye(m), (len(system.problem.datasets), 1, 1)), 0.0)
+        """Return values (N, m, c) whitened, as a matrix (N m, c)."""
+        flat = (values * system.observed[..., None]).reshape(system.observed.size, -1)
+        return RowNoise(self.rho, system.apart, system.observed).apply(flat)
 
 
 def range_basis(matrix: Array, least: float = 0.0) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Problem
-from ppmcal.diagnosis.stage import Stage, explained
+from ppmcal.diagnosis.stage import Stage
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools
 
@@ -64,7 +64,7 @@ def _strength(stage: Stage, where: Sequence[ResidualGroup], seed: int) -> list[P
     shape = stage.system.residual.shape
     noise = rng.normal(size=(stage.residual.size, DRAWS)) * stage.system.observed.reshape(-1, 1)
     both = np.concatenate([stage.residual[:, None], noise], axis=1)
-    basis, _ = explained(stage)
+    basis = stage.explained(stage.chosen)
     both -= basis @ (basis.T @ both)
     cleaned = both.reshape(*shape, -1)
     out: list[Place | None] = [*_by_actuator(stage, cleaned)]

@@ -14,9 +14,14 @@ from ppmcal.diagnosis.hypotheses import Hypothesis
 def refuse_misread(last: Round) -> None:
     """Refuse files of which a column is not what it is read as.
 
+    Beside something that has no name it is only what that looks like: nothing is known until all
+    is explained.
+
     Raises:
         Misread: with the column, its files, and the rows if it is not all of them.
     """
+    if any(p.sure and p.hypothesis is None for p in last.places):
+        return
     found = [m for p in last.places if p.sure and p.only_misread and p.hypothesis is not None
              for m in _misreadings(last, p.hypothesis)]
     if found:

@@ -42,11 +42,10 @@ def _of_other_units(to: Collector) -> Iterator[Hypothesis]:
             continue
         names = dict.fromkeys(COLUMNS[n] for n in h.effect.needs if n in COLUMNS)
         what = h.effect.doubt or " and ".join(names)
-        ends = [h.low[0], h.high[0], *(h.usual[0] if h.usual else ()),
-                *(h.named[0] if h.named else ())]
+        ends = [h.low[0], h.high[0], *(h.usual[0] if h.usual else ())]
         if what and any(np.isfinite(end) and abs(end) > TINY for end in ends):
             low, high = max(ends[::2]), min(ends[1::2])
-            yield replace(h, usual=(), named=(), starts=(), low=(0.0 if low >= 0.0 else -np.inf,),
+            yield replace(h, usual=(), starts=(), low=(0.0 if low >= 0.0 else -np.inf,),
                           high=(0.0 if high <= 0.0 else np.inf,),
                           misread=f"{what} in another unit")
 

@@ -17,7 +17,7 @@ from ppmcal.calibration.fit import State, WeakCampaign
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
-from ppmcal.diagnosis.stage import Stage, form_columns, of_single, without
+from ppmcal.diagnosis.stage import Stage, without
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
@@ -89,7 +89,7 @@ def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) 
     new = _new_blocks(stage, a, b, data)
     if new is None:
         return nothing(_remedy(a, b), len(mechanism.actuators))
-    value_a, value_b = stage.search.test.fit(a.columns)[0], stage.search.test.fit(b.columns)[0]
+    value_a, value_b = stage.sizes(a.columns), stage.sizes(b.columns)
     start = 2.0 * abs(float(np.log(odds)))
     goal = wanted(start)
     picked, gain = _pick(old, new, value_a, value_b, goal)
@@ -230,8 +230,8 @@ def _old_blocks(stage: Stage, a: Hypothesis, b: Hypothesis) -> Blocks:
     """Return geometry (N, m, c) and the columns of both hypotheses, of the rows measured."""
     shape = (*stage.system.residual.shape, -1)
     geometry = stage.noise.apply(stage.system.jacobian, stage.system)
-    return (geometry.reshape(shape), form_columns(stage, a).reshape(shape),
-            form_columns(stage, b).reshape(shape))
+    return (geometry.reshape(shape), stage.some(a.columns).reshape(shape),
+            stage.some(b.columns).reshape(shape))
 
 
 def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Blocks | None:
@@ -251,23 +251,19 @@ def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Bl
     system = without(build(problem, state, keep), stage.added)
     found = library(system, tuple({a.kind, b.kind}), [problem.free[c] for c in stage.added])
 
-    def columns(hypothesis: Hypothesis) -> Array:
+    each = []
+    for h in (a, b):
         match = [f for f in found.hypotheses if (f.family, f.on, f.shared, f.names) == (
-            hypothesis.family, hypothesis.on, hypothesis.shared, hypothesis.names)]
+            h.family, h.on, h.shared, h.names)]
         if not match:
-            return of_single(found.columns, found.hypotheses, hypothesis)
-        nearest = min(match, key=lambda f: f.apart(hypothesis))
-        return found.some(nearest.columns)
-
+            return None
+        each.append(found.some(min(match, key=h.apart).columns))
     # other data sets' frames and targets are open too, and new rows do not feel them
     here, there = ([n for c, n in enumerate(p.columns) if c not in set(stage.added)]
                    for p in (problem, stage.system.problem))
     geometry = np.zeros((*system.residual.shape, len(there)))
     geometry[..., [there.index(n) for n in here]] = system.jacobian
-    try:
-        return geometry, columns(a), columns(b)
-    except KeyError:
-        return None
+    return geometry, each[0], each[1]
 
 
 def _pick(old: Blocks, new: Blocks, value_a: Array, value_b: Array, goal: float

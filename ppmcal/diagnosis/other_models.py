@@ -1,4 +1,4 @@
-"""The machine under each set of effects that the data cannot tell from the named one, fitted.
+"""The machine under each other set of causes, fitted.
 
 Two effects that look alike in the measurements can send a machine to different places: a scale
 error of the instrument is none of the machine, a gain of its drives is.
@@ -6,49 +6,76 @@ error of the instrument is none of the machine, a gain of its drives is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ppmcal.calibration.compensation import Reading
-from ppmcal.calibration.fit import Fit, FitOptions, bounded
+from ppmcal.calibration.fit import NOTE, Fit, bounded
 from ppmcal.calibration.knowledge import registered
-from ppmcal.diagnosis.effect_sets import effect_sets
-from ppmcal.diagnosis.extended_model import with_named
+from ppmcal.diagnosis.explanation import (
+    CausePlace,
+)
+from ppmcal.diagnosis.extended_model import extended
+from ppmcal.diagnosis.learned_terms import with_learned
+from ppmcal.diagnosis.naming import Told
+from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.refit import MOST_STEPS, with_mechanism
-from ppmcal.diagnosis.rivals import Rival
-from ppmcal.diagnosis.stage import Stage
+from ppmcal.diagnosis.result import (
+    LearnedTerms,
+)
+from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY
 from ppmcal.errors import PpmcalError
+from ppmcal.inference.block_sets import Numbers
+from ppmcal.inference.sets import Member
 from ppmcal.model.mechanism import Mechanism
 
+LONG_ODDS = 1000.0
+"""Odds beyond which a set of effects is not worth a fit."""
+MOST_READINGS = 8
 
-def other_models(
-    whole: Fit, stage: Stage, rivals: Mapping[int, Sequence[Rival]], options: FitOptions
-) -> tuple[Reading, ...]:
-    """Return the machine under each other set of effects, and last without effects.
 
-    Args:
-        whole: the fit of all rows without effects.
-        stage: where the effects were chosen.
-        rivals: by named hypothesis; sets that cannot be fitted are left out, those whose fit was
-            given up, and those at whose fit an effect is beyond its physical range: no machine is
-            so, and none is commanded so.
-        options: of the fits, which share the steps of one.
+def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
+              notes: list[str]) -> tuple[Reading, ...]:
+    """Return the machine under each other set of causes at odds that count, and without any.
+
+    ``notes``: to which those are added that have no machine; commands do not count with them.
     """
-    out = []
+    whole, out = with_learned(what.whole, terms, options.fit), []
     with bounded(MOST_STEPS):
-        for other in effect_sets(stage, rivals):
-            named = [i for i in other.chosen if not other.search.hypotheses[i].anonymous]
+        for place, member, odds in others(what)[:MOST_READINGS]:
+            wanted = {id(h) for h in what.hypotheses(member)}
+            label = what.label(member, place)
             try:
-                mechanism, _ = with_named(whole.problem.mechanism, other.search, named)
-                fit = with_mechanism(whole, mechanism, options) if named else whole
-            except PpmcalError:
+                sized = [s for s in what.last.sized(member.chosen) if id(s[0]) in wanted]
+                machine, _ = extended(whole.problem.mechanism, sized)
+                fit = with_mechanism(whole, machine, options.fit) if sized else whole
+            except PpmcalError as error:
+                notes.append(f"{NOTE}the machine with {label} ({error.what})")
                 continue
-            if (named and not fit.converged) or beyond_physics(fit):
+            if (sized and not fit.converged) or beyond_physics(fit):
+                notes.append(f"{NOTE}the machine with {label} (" + (
+                    "sizes that no machine has)" if fit.converged else "its fit has no end)"))
                 continue
-            out.append(Reading(other.effect, other.instead, other.odds, fitted(fit), other.labels))
+            named = place.hypothesis.label if place.hypothesis is not None else ""
+            kept = [h.label for h in what.hypotheses(member)]
+            out.append(Reading(label, named, odds, fitted(fit),
+                               (*kept, *([label] if UNKNOWN_FAMILY in member.family else []))))
     return (*out, Reading("", "", 1.0, fitted(whole)))
+
+
+def others(what: Told) -> list[tuple[CausePlace, Member, float]]:
+    """Return what may be in the place of what is named, likeliest first, and the odds against.
+
+    A set that has one cause in the place of several is told once.
+    """
+    out = [(place, m, place.members[0].probability / m.probability)
+           for place, _ in what.effects for m in place.members[1:]]
+    once = dict[Numbers, tuple[CausePlace, Member, float]]()
+    for other in sorted(out, key=lambda o: o[2]):
+        if other[2] <= LONG_ODDS:
+            once.setdefault(other[1].chosen, other)
+    return list(once.values())
 
 
 def beyond_physics(fit: Fit) -> bool:

@@ -8,15 +8,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ppmcal.calibration.fit import Problem, typical_noise, with_own_noise
+from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.diagnosis.search_rounds import DiagnosisOptions
 from ppmcal.wording.progress import begin
 
 LESS = 0.95
 """The noise is less where it falls below this part of what it was."""
-ROUNDS = 3
 
 
 def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
@@ -34,23 +33,19 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
     problem = with_whole_rows(problem)
     own, told = with_own_noise(problem, options.fit)
     found = diagnose_with_registration(own, options)
+    if not told or not found.effects:
+        return found, told
     # probabilities hold that such noise is hardly known: once more is as good as often
-    for _ in range((1 if options.evidence else ROUNDS) if told else 0):
-        fit = found.identification.fit
-        if not found.effects:
-            break
-        machine = fit.problem.mechanism.with_values(fit.state.g)
-        less, sentences = with_own_noise(
-            replace(problem, mechanism=machine, free=machine.free), options.fit)
-        if not _quieter(less, own):
-            break
-        begin("again with the noise that what was named leaves")
-        own, told = replace(own, datasets=less.datasets), sentences
-        again = diagnose_with_registration(own, options)
-        if not _names(found) <= _names(again):
-            break    # what less noise takes back is no reason to believe what it brings
-        found = again
-    return found, told
+    fit = found.identification.fit
+    machine = fit.problem.mechanism.with_values(fit.state.g)
+    less, sentences = with_own_noise(
+        replace(problem, mechanism=machine, free=machine.free), options.fit)
+    if not _quieter(less, own):
+        return found, told
+    begin("again with the noise that what was named leaves")
+    again = diagnose_with_registration(replace(own, datasets=less.datasets), options)
+    # what less noise takes back is no reason to believe what it brings
+    return (again, sentences) if _names(found) <= _names(again) else (found, told)
 
 
 def _names(found: Diagnosis) -> set[tuple[str, tuple[str, ...]]]:

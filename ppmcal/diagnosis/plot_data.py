@@ -5,7 +5,6 @@ Nothing is decided here; every number is taken from a finished :class:`Diagnosis
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -13,22 +12,16 @@ from typing import Annotated
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, Problem, least_squares, prior_weights
-from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.residual_profiles import ProfileErrors, gather
 from ppmcal.diagnosis.residual_series import OfUnit, Series, all_series
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.diagnosis.search import columns_of
-from ppmcal.diagnosis.selection import own_log_p
-from ppmcal.diagnosis.stage import Stage, named_only
+from ppmcal.diagnosis.stage import Stage
 from ppmcal.errors import PpmcalError
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.units import Quantity
 
-MOST_RANKED, OF_ONE_KIND = 14, 2
-"""Hypotheses shown, and how many of one kind besides those named and their alternatives."""
 ITERATIONS = 60
-LN10 = np.log(10.0)
 SixDigits = Annotated[float, Quantity(digits=6)]
 """A bare number of a picture."""
 MANY_OUT = 0.05
@@ -44,22 +37,6 @@ class ActuatorError:
     rms_before: OfUnit
     rms_after: OfUnit
     noise: OfUnit
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """A hypothesis by strength of evidence: log10 of its p-value, and of that alone.
-
-    The two differ for what is named: its p-value is given the others that are named.
-    ``form``: ``one value`` or ``one each`` where it acts on several actuators.
-    """
-
-    kind: str
-    on: tuple[str, ...]
-    form: str
-    log10_p: SixDigits
-    log10_p_alone: SixDigits
-    status: str
 
 
 @dataclass(frozen=True)
@@ -85,7 +62,6 @@ class PlotData:
 
     actuators: tuple[ActuatorError, ...] = ()
     series: tuple[Series, ...] = ()
-    ranking: tuple[Ranked, ...] = ()
     steps: tuple[SelectionStep, ...] = ()
     left_out_rows: int = 0
 
@@ -96,8 +72,7 @@ def plot_data(result: Diagnosis) -> PlotData:
     rows, left_out = _rows(result)
     before, after, inputs, row = gather(result.before, fit, rows)
     return PlotData(_actuators(result, before, after),
-                 all_series(result, before, after, inputs, row), _ranking(result),
-                 _steps(result), left_out)
+                 all_series(result, before, after, inputs, row), _steps(result), left_out)
 
 
 def _rows(result: Diagnosis) -> tuple[list[Bools], int]:
@@ -123,7 +98,7 @@ def _actuators(
 ) -> tuple[ActuatorError, ...]:
     mechanism = result.identification.mechanism
     stage = result.found.last
-    left = max(stage.system.count - stage.basis.shape[1], 1) / stage.system.count
+    left = max(stage.freedom, 1) / stage.system.count
     noise = np.sqrt(left * np.nanmean(after.sigma**2, axis=0)) * result.remainder.reference
 
     def rms(values: Array) -> Array:
@@ -132,61 +107,6 @@ def _actuators(
     table = zip(mechanism.actuators, mechanism.actuator_quantity, rms(before.joint).tolist(),
                 rms(after.joint).tolist(), noise.tolist(), strict=True)
     return tuple(ActuatorError(*entry) for entry in table)
-
-
-def _ranking(result: Diagnosis) -> tuple[Ranked, ...]:
-    """Return the best hypotheses, those that were named first of all."""
-    if not math.isnan(result.nothing):
-        return ()    # probabilities are in effects.csv
-    stage, told = result.found.last, result.found.first.search.over_all
-    out = []
-    if result.effects:
-        alone = stage.search.values()
-        out = [
-            _ranked(
-                stage.hypotheses[i],
-                told(own_log_p(stage.search, stage.chosen, i)),
-                told(float(alone[i])),
-                "named",
-            )
-            for i in named_only(stage)
-        ]
-    rest = [_ranked(c.hypothesis, c.log_p, c.log_p_alone, c.status) for c in result.candidates
-            if c.status not in ("not testable", "named")]
-    rest = _one_alternative_each(result, sorted(rest, key=lambda r: r.log10_p))
-    first = [r for r in rest if r.status == "alternative"]
-    others = _few_of_each([r for r in rest if r.status != "alternative"])
-    room = max(MOST_RANKED - len(out) - len(first), 0)
-    return tuple(sorted([*out, *first, *others[:room]], key=lambda r: r.log10_p_alone))
-
-
-def _few_of_each(ranked: Sequence[Ranked]) -> list[Ranked]:
-    """Keep the first few of each kind, so that one on many actuators does not crowd out others."""
-    kinds = [r.kind for r in ranked]
-    return [r for n, r in enumerate(ranked) if kinds[:n].count(r.kind) < OF_ONE_KIND]
-
-
-def _one_alternative_each(result: Diagnosis, ranked: Sequence[Ranked]) -> list[Ranked]:
-    """Keep one hypothesis of each alternative as such; the others of it show the same thing."""
-    wanted = {a for e in result.effects for a in e.alternatives}
-    search = result.found.first.search
-    name = search.over_all(search.name) / LN10
-    out = []
-    for r in ranked:
-        label = f"{r.kind} on {', '.join(r.on)}" if r.on else r.kind
-        if label in wanted:
-            wanted.discard(label)
-            r = replace(r, status="alternative")
-        elif r.status == "alternative":
-            r = replace(r, status="explained" if r.log10_p < name else "not needed")
-        out.append(r)
-    return out
-
-
-def _ranked(hypothesis: Hypothesis, log_p: float, alone: float, status: str) -> Ranked:
-    several = "" if len(hypothesis.on) < 2 else "one value" if hypothesis.shared else "one each"
-    on = () if hypothesis.slot else hypothesis.on
-    return Ranked(hypothesis.family, on, several, log_p / LN10, alone / LN10, status)
 
 
 def _steps(result: Diagnosis) -> tuple[SelectionStep, ...]:
@@ -209,10 +129,9 @@ def _steps(result: Diagnosis) -> tuple[SelectionStep, ...]:
 
 def _by_gain(stage: Stage) -> list[int]:
     """Return the named hypotheses, each time the one that then explains most."""
-    left, order = list(named_only(stage)), list[int]()
+    left, order = list(stage.chosen), list[int]()
     while left:
-        best = min(left, key=lambda i: stage.search.test.left(
-            columns_of(stage.search, [*order, i])))
+        best = min(left, key=lambda i: float(np.sum(stage.left([*order, i]) ** 2)))
         order.append(best)
         left.remove(best)
     return order
@@ -220,10 +139,8 @@ def _by_gain(stage: Stage) -> list[int]:
 
 def _ratio(stage: Stage, hypotheses: Sequence[int], reference: float) -> float:
     """Return rms over the noise with geometry and some effects, to first order."""
-    columns = columns_of(stage.search, hypotheses)
-    test = stage.search.test
-    freedom = max(test.freedom - len(columns), 1)
-    return float(np.sqrt(max(test.left(columns), 0.0) / freedom)) / reference
+    freedom = max(stage.system.count - stage.explained(hypotheses).shape[1], 1)
+    return float(np.sqrt(np.sum(stage.left(hypotheses) ** 2) / freedom)) / reference
 
 
 def _as_given(stage: Stage, reference: float) -> float | None:

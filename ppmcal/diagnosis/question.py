@@ -171,7 +171,7 @@ def _prior(h: Hypothesis) -> float:
     """Return the prior that one of the families of a sort acts."""
     if h.anonymous:
         return float(UNKNOWN) * SHAPES
-    seldom = h.effect is not None and h.effect.seldom > 0.0
+    seldom = h.effect is not None and h.effect.seldom
     return float(FAMILY) * (float(SELDOM) if seldom else 1.0) * (
         float(GOES_WITH) if h.effect and h.kind == PRODUCT.name else 1.0)
 
@@ -239,5 +239,5 @@ def _shares(forms: Sequence[Form]) -> dict[Form, float]:
 def _range(h: Hypothesis) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return between which its coefficients are: as they may be, usually are, and are named."""
     free = ((-np.inf, np.inf),) * h.size
-    ends = np.array([tuple(zip(h.low, h.high, strict=True)), h.usual or free, h.named or free])
+    ends = np.array([tuple(zip(h.low, h.high, strict=True)), h.usual or free])
     return tuple(ends[..., 0].max(axis=0).tolist()), tuple(ends[..., 1].min(axis=0).tolist())

@@ -22,9 +22,11 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.diagnosis.rivals import AS_GOOD, odds_between
 from ppmcal.linalg import finite_rows
 from ppmcal.wording.progress import begin
+
+AS_GOOD = 10.0
+"""What explains as much may have a BIC that is worse by this: odds of e^5."""
 
 
 def diagnose_with_registration(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
@@ -51,10 +53,11 @@ def diagnose_with_registration(problem: Problem, options: DiagnosisOptions) -> D
         found = diagnose(replace(hints[-1].opened, pivots=None, given=None), options)
     elif worse > -AS_GOOD:
         label = hint_words(found.before, hints[0])
+        odds = float(np.exp(np.clip(-worse / 2.0, -50.0, 50.0)))
         found = replace(
             found, verdict="named-set" if found.verdict == "named" else found.verdict,
             effects=tuple(replace(e, alternatives=(*e.alternatives, label),
-                                  odds=(*e.odds, odds_between(0.0, -worse)))
+                                  probabilities=(*e.probabilities, e.probability / odds))
                           for e in found.effects))
     return replace(found, findings=(*told, *found.findings))
 

@@ -29,15 +29,8 @@ MOST_SERIES = 12
 EACH, NOTICEABLE = 2, 0.2
 """An effect of the whole machine is shown in so many coordinates, where it is strongest, and
 further ones only where it is at least this part as strong."""
-FOLLOWED = 0.05
-"""What is left is shown against the input that it follows with such a p-value."""
 OF_JOINTS = (TRAVEL, DIRECTION, VELOCITY, LOAD, TEMPERATURE, TIME)
 """Inputs that joints are shown against where nothing was named."""
-LEFT = {"direction": DIRECTION, "velocity": VELOCITY, "payload": LOAD, "position": POSE,
-        "rotation": POSE, "time": TIME, "temperature": TEMPERATURE}
-"""Names of inputs in :mod:`ppmcal.diagnosis.adequacy` -> inputs."""
-
-
 OF_UNIT, OF_INPUT = Quantity(of="unit", digits=6), Quantity(of="input_unit", digits=6)
 OfUnit = Annotated[float, OF_UNIT]
 Means = tuple[float | None, ...]
@@ -177,9 +170,6 @@ def all_series(
     out: list[Series] = []
     for n, effect in enumerate(result.effects):
         out += [replace(s, effect=n, role="effect") for s in _of_effect(source, effect, result)]
-    left = result.remainder
-    if left.p_value < FOLLOWED and not left.adequate:
-        out += [replace(s, role="left") for s in _of_remainder(source, left.follows)]
     if not out:
         out = [replace(s, role="recorded") for s in _recorded(source)]
     return tuple(out[:MOST_SERIES])
@@ -200,21 +190,6 @@ def _of_effect(source: _Source, effect: NamedEffect, result: Diagnosis) -> list[
             follows = TRAVEL
     found = source.joints(on, follows, period)
     return [found] if found else []
-
-
-def _of_remainder(source: _Source, follows: str) -> list[Series]:
-    """Return where what is left shows most, against what it follows."""
-    if follows in source.mechanism.actuators:
-        found = source.joints([follows], TRAVEL)
-        return [found] if found else []
-    left = LEFT.get(follows)
-    if left is None:
-        return []
-    if left is POSE:  # something in one joint shows against that joint rather than the pose
-        worst = source.joints([source.worst(source.after)], TRAVEL)
-        return ([worst] if worst else []) + source.machine(left, True)[:1]
-    found_all = [source.joints([a], left) for a in source.mechanism.actuators]
-    return _strongest([s for s in found_all if s], True, EACH)
 
 
 def _recorded(source: _Source) -> list[Series]:

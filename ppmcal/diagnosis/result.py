@@ -10,8 +10,6 @@ import numpy as np
 from ppmcal.calibration.compensation import Reading
 from ppmcal.calibration.fit import ENOUGH_REPEATS, Z95, Fit
 from ppmcal.calibration.validation import Identification, Validated
-from ppmcal.diagnosis.added_variable_test import probability
-from ppmcal.diagnosis.adequacy import Remainder
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.held_out_blocks import BlockGap
@@ -20,6 +18,7 @@ from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
 from ppmcal.diagnosis.learning import Learned
 from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.next_experiment import Proposal
+from ppmcal.diagnosis.remainder import Remainder, pure_error
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.term_candidates import Visible
 from ppmcal.linalg import Array
@@ -32,6 +31,8 @@ NAMED = ("named", "named-set", "partial")
 """Verdicts that name something."""
 LEARNED_AFTER = ("unnamed", "partial")
 """Verdicts that leave something to learn."""
+SURELY = 2.0
+"""Standard errors by which a score has to be lower to be surely lower."""
 
 
 @dataclass(frozen=True)
@@ -64,50 +65,31 @@ class SessionEffect:
 
 
 @dataclass(frozen=True)
-class Survival:
-    """Whether a named effect would stand if what is left were explained too.
-
-    ``log_p``: of it beside a smooth shape in what the rest ``follows``; ``keeps``: part of its
-    size that it then has; ``log_odds`` for both against a larger shape alone; ``fails``: by
-    what a left-out third of the rows is not predicted, empty where each is; ``stands``.
-    """
-
-    log_p: float
-    follows: str
-    keeps: float
-    log_odds: float
-    fails: str
-    stands: bool
-
-
-@dataclass(frozen=True)
 class NamedEffect:
     """One effect that the data ask for.
 
-    ``parameters``: names in the model; ``p_value`` of it given the others: how often noise alone
-    shows as much of anything that was tried, ``log_p`` its logarithm; ``survival``: the part that
-    geometry leaves; ``alternatives``: labels of other families that the data cannot tell from it,
-    with the odds for this one against each; ``hypothesis``: the one that it came from, which may
-    have a value for each of several actuators; ``onset``: of an event, the row where it starts;
-    ``sessions``: its size in each, where there are several; ``survives``: whether it would stand
-    if the rest were explained, None where nothing is left. ``probability`` that it is there and
-    nothing else in its place, ``probabilities`` of the alternatives; nan where it was not asked.
+    ``parameters``: names in the model; ``survival``: the part that geometry leaves;
+    ``probability`` that it is there and nothing else in its place; ``alternatives``: labels of what
+    may be in its place, with their ``probabilities``; ``hypothesis``: the one that it came from,
+    which may have a value for each of several actuators; ``onset``: of an event, the row where it
+    starts; ``sessions``: its size in each, where there are several.
     """
 
     kind: str
     on: tuple[str, ...]
     parameters: tuple[str, ...]
-    p_value: float
-    log_p: float
     survival: float
+    probability: float
     alternatives: tuple[str, ...]
-    odds: tuple[float, ...]
+    probabilities: tuple[float, ...]
     hypothesis: Hypothesis
     onset: Onset | None = None
     sessions: SessionEffect | None = None
-    survives: Survival | None = None
-    probability: float = np.nan
-    probabilities: tuple[float, ...] = ()
+
+    @property
+    def odds(self) -> tuple[float, ...]:
+        """How much likelier it is than each of the alternatives."""
+        return tuple(self.probability / p for p in self.probabilities)
 
     def side(self, mechanism: Mechanism) -> str:
         """Return whether the joint ``lags`` or ``leads`` its reading, empty for other kinds.
@@ -127,28 +109,15 @@ class NamedEffect:
 class Candidate:
     """One hypothesis of the library and what became of it.
 
-    ``log_p``: log of its p-value, how often noise alone shows as much of anything that was tried;
-    of what is named given the others that are named, of all else before anything was named;
-    ``log_p_alone``: of everything before anything was named.
-    ``status``: named, alternative, explained (by what was named), not needed, weakly testable,
-    not testable. ``detectable``: the smallest value of its (first) parameter that these data
-    would show 9 times in 10, SI; 0 where unknown. ``probability`` that it is there, nan where it
-    was not asked.
+    ``probability`` that it is there; ``survival``: the part that geometry leaves, nan of what the
+    rows in use do not tell; ``status``: named, alternative, weak, not needed.
     """
 
     hypothesis: Hypothesis
-    log_p: float
-    log_p_alone: float
+    probability: float
     survival: float
     status: str
-    alternatives: tuple[str, ...]
-    detectable: float
-    probability: float = np.nan
-
-    @property
-    def p_value(self) -> float:
-        """The p-value of ``log_p``."""
-        return probability(self.log_p)
+    alternatives: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -162,6 +131,40 @@ class UnknownFound:
     probability: float
     alternatives: tuple[str, ...] = ()
     probabilities: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """How well rows left out are predicted: ``score``, the logarithm of their density.
+
+    ``error``: rms over the stated noise; ``score_sigma``, ``error_sigma``: standard errors.
+    """
+
+    score: float
+    score_sigma: float
+    error: float
+    error_sigma: float
+
+
+@dataclass(frozen=True)
+class LeftOutBlocks:
+    """Rows left out in turn, so many ``blocks``, ``by`` pose, session, time, temperature or load.
+
+    Predicted by ``geometry`` alone, and by the model ``averaged`` over all sets of causes by their
+    probability; ``gain``: by how much the score of that is larger, with its standard error.
+    """
+
+    by: str
+    blocks: int
+    geometry: Predictions
+    averaged: Predictions
+    gain: float
+    gain_sigma: float
+
+    @property
+    def surely_worse(self) -> bool:
+        """Whether geometry alone surely predicts better."""
+        return self.gain + SURELY * self.gain_sigma < 0.0
 
 
 @dataclass(frozen=True)
@@ -188,7 +191,7 @@ class Found:
     @property
     def noise(self) -> float:
         """The noise over the stated one: that of repeats where there are enough."""
-        pure = self.first.pure
+        pure = pure_error(self.first.system)
         return pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0
 
 
@@ -234,6 +237,7 @@ class Diagnosis:
         learned: terms learned from what was left, which claim no cause; they are in the
             identification.
         days: each session as fits of the others predict it, with and without each effect.
+        predictive: rows left out, predicted by geometry alone and by all that may be there.
         nothing: probability that the geometry is all there is; nan where it was not asked.
         unknown: what is there without a name.
     """
@@ -259,3 +263,4 @@ class Diagnosis:
     days: tuple[Validated, ...] = ()
     nothing: float = np.nan
     unknown: tuple[UnknownFound, ...] = ()
+    predictive: tuple[LeftOutBlocks, ...] = ()

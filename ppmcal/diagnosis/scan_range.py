@@ -11,7 +11,7 @@ from ppmcal.model.effects import ScanRange
 
 
 def scan_range(system: System) -> ScanRange:
-    """Return stroke, rows, loads, moves, times and speeds of a system's rows, SI.
+    """Return stroke, joints, rows, loads, moves, times and speeds of a system's rows, SI.
 
     Moves and times are those of the whole files; without any, the defaults stand.
     """
@@ -28,7 +28,8 @@ def scan_range(system: System) -> ScanRange:
     found = ScanRange(
         system.stroke or 1.0, np.unique(system.group).size, tuple(numbers.tolist()),
         max(float(np.max(np.abs(f[np.isfinite(f)]), initial=0.0)) for f in loads),
-        moves=tuple(np.sort(moves[moves > 0.0]).tolist()))
+        moves=tuple(np.sort(moves[moves > 0.0]).tolist()),
+        joints=frozenset(system.problem.mechanism.actuator_quantity))
     if (steps > 0.0).any():
         found = replace(found, step=float(np.median(steps[steps > 0.0])),
                         duration=max(float(np.ptp(t)) for t in times))

@@ -16,14 +16,12 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
-from ppmcal.diagnosis.adequacy import varies
 from ppmcal.diagnosis.joint_tolerances import joint_shifts
 from ppmcal.diagnosis.linear_system import System, Whitening
 from ppmcal.diagnosis.observed_directions import ObservedMotion, observed_motion
-from ppmcal.diagnosis.wandering import slow_waves
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting
-from ppmcal.linalg import Array, finite_rows, without_range
+from ppmcal.linalg import Array, Bools, finite_rows, without_range
 from ppmcal.model.effects import Setting, Shift
 from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve, LearnedInput
 from ppmcal.model.effects.setting import PLACE
@@ -42,6 +40,8 @@ BEYOND = 30.0
 """A pose coordinate is an input where its range is so many times what residuals amount to."""
 PASSING = ("time",)
 """Inputs that no later command can have again: what follows them is told, and not learned."""
+WAVES = 12
+"""Half waves over the rows that are slow."""
 SLOW = 0.8
 """An input is slow where slow waves over the rows are this part of its variance."""
 
@@ -157,10 +157,21 @@ def _by_tolerances(observed: ObservedMotion, curve: LearnedCurve, on: Sequence[b
     return float(observed.place_sigma[PLACE[curve.acts]])
 
 
+def _varies(values: Array) -> Bools:
+    """Return which columns (N, p) change by more than round-off."""
+    return np.asarray(np.ptp(values, axis=0) > 1e-9 * np.max(np.abs(values), axis=0))
+
+
 def again(seen: Visible, term: TermCandidate) -> TermCandidate:
     """Return a candidate's columns in other rows, or at another state."""
     columns = columns_of(seen, term.curve, term.on)
     return replace(term, columns=columns, free=without_range(columns, seen.basis))
+
+
+def slow_waves(row: Array) -> Array:
+    """Return half waves (N, k) over rows in the order of their numbers (N,)."""
+    place = np.argsort(np.argsort(row, kind="stable"), kind="stable") / max(row.size - 1.0, 1.0)
+    return np.asarray(np.cos(np.pi * place[:, None] * np.arange(1, WAVES + 1)))
 
 
 def slow_inputs(seen: Visible) -> set[str]:
@@ -197,7 +208,7 @@ def forms(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str],
     groups = each + ([(True,) * k] if alike and k > 1 else [])
     here = [p.setting for p in seen.system.parts]
     sided = all(np.isfinite(s.approach).all() for s in here) and any(
-        varies(s.approach).any() for s in here)
+        _varies(s.approach).any() for s in here)
     for source in INPUTS.values():
         if source.name in PASSING or source.name in skipped or not _recorded(
                 source, here, mechanism.coordinates):

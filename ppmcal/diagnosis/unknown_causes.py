@@ -14,13 +14,14 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.diagnosis.linear_system import System, plain
+from ppmcal.diagnosis.grids import start_values
+from ppmcal.diagnosis.linear_system import System, Whitening
 from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.priors import UNKNOWN
+from ppmcal.inference.priors import FAMILY, UNKNOWN
 from ppmcal.linalg import Array
-from ppmcal.model.effects import Setting, Shift
+from ppmcal.model.effects import Setting, Shift, effect_kinds
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
 from ppmcal.model.effects.learned_curve import spline_basis
 from ppmcal.model.effects.setting import COORDINATES, PLACE
@@ -31,10 +32,14 @@ SHAPES = 1 / 3
 """Part of the unknown that is a shape of one joint's travel without a width of its own."""
 LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0)
 """Lengths of a kernel, in parts of the input's range."""
+SHORT = LENGTHS[:2]
+"""Ways within which a reversal is taken up: over longer ones it is a slope and no reversal."""
 SECOND = 2.0
 """Length along a second input."""
 WAVES = 24
 """Half waves of a course in time; of a body, in all coordinates at once, half as many."""
+MOST_POSES = 200
+"""Poses that may have a column each: so many take a tenth of the time of all other causes."""
 ROUND_OFF = 1e-11
 
 
@@ -47,6 +52,7 @@ class UnknownCause:
     """One block of columns ``number`` to ``number + width``, and what it looks like.
 
     ``curve``, ``on``: the learned term that it would be; None for a course in time of ``way``.
+    ``remedy``: what to measure to tell it from others.
     """
 
     label: str
@@ -56,6 +62,7 @@ class UnknownCause:
     curve: LearnedCurve | None = None
     on: tuple[bool, ...] = ()
     way: str = ""
+    remedy: str = ""
 
     def block(self, number: int) -> Block:
         """Return it as a block whose columns begin at a number."""
@@ -70,7 +77,8 @@ class UnknownCauses:
         self.system = system
         self._columns: list[Array] = []
         self.causes: list[UnknownCause] = []
-        inputs = [*self._of_inputs(everywhere), *self._of_ways(), *self._of_loads()]
+        inputs = [*self._of_inputs(everywhere), *self._of_places(), *self._of_ways(),
+                  *self._of_loads()]
         courses = list(self._of_time())
         groups = [g for g in (inputs, courses) if g]
         for group in groups:
@@ -80,6 +88,9 @@ class UnknownCauses:
                 half = (1.0 - SHAPES) / len(groups) * (0.5 if singles and several else 1.0)
                 self._take(label, columns, kernels, half / (several if together else singles),
                            curve, on, way)
+        for label, columns, remedy in self._of_references():
+            self._take(label, columns, [np.eye(columns.shape[1])], float(FAMILY) / float(UNKNOWN),
+                       remedy=remedy)
 
     @cached_property
     def zeros(self) -> dict[str, Array]:
@@ -111,7 +122,8 @@ class UnknownCauses:
             first += cause.width
 
     def _take(self, label: str, columns: Array, kernels: Sequence[Array], share: float,
-              curve: LearnedCurve | None, on: tuple[bool, ...], way: str) -> None:
+              curve: LearnedCurve | None = None, on: tuple[bool, ...] = (), way: str = "",
+              remedy: str = "") -> None:
         gram = columns.T @ columns
         if not np.isfinite(gram).all() or not np.trace(gram) > self.least**2 * self.system.count:
             return
@@ -121,11 +133,11 @@ class UnknownCauses:
             roots.append(_root(kernel) / size)
         self._columns.append(columns)
         self.causes.append(UnknownCause(label, columns.shape[1], tuple(roots), share, curve, on,
-                                        way))
+                                        way, remedy))
 
     def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
         mechanism = self.system.problem.mechanism
-        seen = Visible(self.system, plain(self.system), np.zeros((self.system.observed.size, 0)),
+        seen = Visible(self.system, Whitening(), np.zeros((self.system.observed.size, 0)),
                        self.system.residual.reshape(-1))
         for curve, on in forms(seen, everywhere, (), every=True):
             kernels = self._kernels(curve, on)
@@ -155,6 +167,22 @@ class UnknownCauses:
         second, = _beyond_mean([_matern(curve.by_nodes, SECOND)], curve.by_nodes, own[1])
         return [np.asarray(np.kron(first, second)) for first in rest]
 
+    def _of_places(self) -> Iterator[Made]:
+        """Yield what a joint does at each pose by itself, the same at each visit.
+
+        That is a function of its travel too fine for its course to be seen, such as a wave of a
+        pitch that nobody listed. What is not visited twice does not tell it from noise.
+        """
+        group = self.system.group
+        poses, place = np.unique(group, return_inverse=True)
+        if not 1 < 2 * poses.size <= min(group.size, 2 * MOST_POSES):
+            return
+        for way, unit in self.zeros.items():
+            if way != "all zeros":
+                own = unit[..., None] * np.eye(poses.size)[place][:, None, :]
+                yield (f"a function of travel too fine to be seen acting on {way.split()[-1]}",
+                       own.reshape(-1, poses.size), [np.eye(poses.size)], False, None, (), "")
+
     def _of_ways(self) -> Iterator[Made]:
         """Yield functions of the way from the row before, where no file says how rows were reached.
 
@@ -178,16 +206,20 @@ class UnknownCauses:
             known = way[:, list(on)]
             if np.isfinite(known).sum() < 3 * WAVES:
                 continue
-            low, high = float(np.nanmin(known)), float(np.nanmax(known))
-            nodes = np.linspace(low, high, WAVES)
-            whole = [_matern(nodes, length) for length in LENGTHS]
-            reached = known[np.isfinite(known)]
             for signed in (False, True) if sided else (False,):
-                kernels = _beyond_mean(whole, nodes, reached) if signed else whole
+                side = approach if signed else np.ones_like(way)
+                along = way * side
+                low, high = np.nanmin(along[:, list(on)]), np.nanmax(along[:, list(on)])
+                nodes = np.linspace(float(low), float(high), WAVES)
+                kernels = [_matern(nodes, length) for length in LENGTHS]
+                if signed:  # beyond a reversal, or a reversal that short ways take up in part
+                    known = along[:, list(on)]
+                    kernels = [*_beyond_mean(kernels, nodes, known[np.isfinite(known)]),
+                               *(1.0 + _matern(nodes, length) for length in SHORT)]
                 columns = np.zeros((system.observed.size, WAVES))
                 for a in on:
-                    weight = spline_basis(nodes, np.nan_to_num(way[:, a])) * np.isfinite(
-                        way[:, a])[:, None] * (approach[:, [a]] if signed else 1.0)
+                    weight = spline_basis(nodes, np.nan_to_num(along[:, a])) * np.isfinite(
+                        way[:, a])[:, None] * side[:, [a]]
                     columns += (own[a][..., None] * weight[:, None, :]).reshape(-1, WAVES)
                 acted = " ".join(mechanism.actuators[a] for a in on)
                 yield (f"a function of the way from the row before"
@@ -215,6 +247,22 @@ class UnknownCauses:
                    for i in range(count) for j in range(i, count)]
         yield ("something that gives way to the load", np.stack(
             [c.reshape(-1) for c in columns], axis=1), [np.eye(len(columns))], True, None, (), "")
+
+    def _of_references(self) -> Iterator[tuple[str, Array, str]]:
+        """Yield errors of what the machine is measured against: label, columns, and what to do.
+
+        They are as usual as any kind of effect, and name nothing that the machine has.
+        """
+        motion = self.system.problem.mechanism.motion
+        for kind in effect_kinds().values():
+            if not kind.nuisance or motion not in kind.motions:
+                continue
+            values, none = start_values(kind, motion), np.zeros(0, dtype=bool)
+            terms = [kind.evaluate(p.setting, none, values) for p in self.system.parts]
+            columns = [self.system.column([t.by[name] for t in terms]) * self.system.observed
+                       for name in terms[0].by]
+            yield (f"an error of what the machine is measured against ({kind.label})",
+                   np.stack([c.reshape(-1) for c in columns], axis=1), kind.remedy)
 
     def _of_time(self) -> Iterator[Made]:
         """Yield slow courses of zeros, base and target, from row to row and in recorded time."""

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from scipy.special import logsumexp
 
 from ppmcal.inference.blocks import Block
-from ppmcal.inference.evidence import odds_of_all
+from ppmcal.inference.evidence import BatchOdds, most_of_all, odds_of_some
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.gross_rows import RowSize, sized_rows
-from ppmcal.inference.joint import JointBlocks, joint, taken_blocks
+from ppmcal.inference.joint import JointBlocks, joint, joint_of_each, taken_blocks
 from ppmcal.inference.question import Question
 from ppmcal.inference.ranges import LEAST, all_between, usual
 from ppmcal.linalg import Array
@@ -42,6 +41,7 @@ class BlockSet:
     log_p: float
     views: tuple[tuple[int, float, JointBlocks], ...] = field(repr=False)
     rows: Mapping[int, RowSize] = field(repr=False)
+    _known: list[tuple[float, Array]] = field(default_factory=list, repr=False)
 
     @property
     def causes(self) -> tuple[int, ...]:
@@ -55,8 +55,8 @@ class BlockSet:
 
     @property
     def scored(self) -> bool:
-        """Whether its scores are known."""
-        return "scores" in vars(self)
+        """Whether scores are known, as far as they were asked for."""
+        return bool(self._known)
 
     def given(self, n: int, found: JointBlocks, but: int | None = None) -> Conditioned:
         """Return what the values are past the set, for the n-th correlation; ``but``: one cause."""
@@ -66,20 +66,33 @@ class BlockSet:
             view.start, [self.question.blocks[self.causes[k]] for k in taken],
             found.sizes[taken], found.grid[taken]))
 
-    @cached_property
+    @property
     def scores(self) -> Array:
         """Log p of the set with each block more (B,); -inf for those that are in it.
 
         And for those with which something that is needed is not there.
         """
+        return self.scores_above(-np.inf)
+
+    def scores_above(self, least: float) -> Array:
+        """Return the scores (B,) that are more than ``least``; for others something that is not."""
+        if not any(bound <= least for bound, _ in self._known):
+            self._known.append((least, self._scores_above(least)))
+        return self._known[-1][1]
+
+    def _scores_above(self, least: float) -> Array:
         question = self.question
-        count = len(question.blocks)
-        every = np.array([
-            log_p + odds_of_all(self.given(n, found), question.views[n].batches, count)
-            for n, log_p, found in self.views])
-        out = np.where(question.completes(self.chosen),
-                       logsumexp(every, axis=0) + question.more(self.chosen), -np.inf)
-        out[list(self.chosen)] = -np.inf
+        count, more = len(question.blocks), question.more(self.chosen)
+        more = np.where(question.completes(self.chosen), more, -np.inf)
+        more[list(self.chosen)] = -np.inf
+        every = [(log_p, [BatchOdds.of(given, batch) for batch in question.views[n].batches])
+                 for n, log_p, found in self.views for given in (self.given(n, found),)]
+        out = np.asarray(more + logsumexp(
+            [log_p + most_of_all(own, count) for log_p, own in every], axis=0))
+        asked = out > least
+        asked[question.with_ratio] = True
+        out[asked] = (more + logsumexp([log_p + odds_of_some(own, asked) for log_p, own in every],
+                                       axis=0))[asked]
         rows = {i: row.size for i, row in self.rows.items()}
         for i in question.with_ratio:       # of which the other's size says how large it may be
             if out[i] > self.log_p - NEGLIGIBLE:
@@ -112,7 +125,8 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
     own = few[numbers[0]].sized(start, rows or {})
     sizes = {i: row.size for i, row in own.items()}
     prior = question.log_prior(chosen) + sum(row.slack for row in own.values())
-    found = [(n, joint(f.without(sizes), f.causes, start)) for n, f in few.items()]
+    found = list(zip(few, joint_of_each([f.without(sizes) for f in few.values()],
+                                        [f.causes for f in few.values()], start), strict=True))
     each = [question.views[n].log_prior + j.log_evidence for n, j in found]
     most = max(n for (n, _), log_z in zip(found, each, strict=True)
                if log_z > max(each) - NEGLIGIBLE)

@@ -12,8 +12,8 @@ import numpy as np
 from ppmcal import linalg
 from ppmcal.inference.columns import ColumnSource
 from ppmcal.inference.priors import NOISE_FREEDOM
-from ppmcal.inference.ranges import bounded, usual
-from ppmcal.linalg import Array, Ints
+from ppmcal.inference.ranges import usual
+from ppmcal.linalg import Array, Bools, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +99,10 @@ class Batch:
         """Log prior probability that coefficients are where they may be (B,)."""
         return usual(self.roots, self.low, self.high, self.known)
 
-    @property
-    def bounded(self) -> bool:
-        """Whether any coefficient has a sign or a range."""
-        return bool(bounded(self.low, self.high).size)
+    @cached_property
+    def bounded(self) -> Bools:
+        """Whether any coefficient of each block has a sign or a range (B,)."""
+        return np.asarray((np.isfinite(self.low) | np.isfinite(self.high)).any(axis=1))
 
 
 def scaled_root(gram: Array, count: int, starts: Sequence[int] = (),

@@ -11,6 +11,9 @@ import numpy as np
 
 from ppmcal.linalg import Array, Ints
 
+KEPT = 2**23
+"""Numbers of columns that are kept: 64 MB."""
+
 
 class ColumnSource(Protocol):
     """Columns (T) of n white values each."""
@@ -67,11 +70,11 @@ class UnitColumns:
 class JoinedColumns:
     """Columns of several makers, one after the other.
 
-    For every correlation the same are asked for in turn: those that were made last are kept.
+    For every correlation the same are asked for in turn: up to ``KEPT`` numbers of them are kept.
     """
 
     parts: tuple[ColumnSource, ...]
-    _last: dict[tuple[int, ...], Array] = field(default_factory=dict, repr=False)
+    _kept: dict[tuple[int, ...], Array] = field(default_factory=dict, repr=False)
 
     @property
     def starts(self) -> list[int]:
@@ -90,10 +93,12 @@ class JoinedColumns:
     def some(self, which: Sequence[int]) -> Array:
         """Return the columns (n, k) of these numbers."""
         key = tuple(which)
-        if key not in self._last:
-            self._last.clear()
-            self._last[key] = self._made(np.asarray(which, dtype=np.int64))
-        return self._last[key]
+        if key not in self._kept:
+            made = self._made(np.asarray(which, dtype=np.int64))
+            if made.size + sum(own.size for own in self._kept.values()) > KEPT:
+                self._kept.clear()
+            self._kept[key] = made
+        return self._kept[key]
 
     def _made(self, at: Ints) -> Array:
         """Return the columns (n, k) of these numbers, that nobody writes to."""

@@ -10,6 +10,9 @@ integrated,
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from scipy.special import logsumexp
@@ -18,10 +21,22 @@ from ppmcal import linalg
 from ppmcal.inference.blocks import Batch
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.ranges import LEAST, SIZES, all_between, bounded, together_between
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Bools, Ints
 
 
-def odds_by_size(given: Conditioned, own: Array, part: Array, gone: Array | float = 0.0) -> Array:
+class NoiseScale(Protocol):
+    """What is known of the noise's scale, of several correlations where ``spread`` is (V, 1, 1)."""
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of its posterior."""
+
+    @property
+    def spread(self) -> Array | float:
+        """Sum of squares behind it."""
+
+
+def odds_by_size(given: NoiseScale, own: Array, part: Array, gone: Array | float = 0.0) -> Array:
     """Return log Z at each size over log Z without the block (..., S).
 
     Args:
@@ -38,6 +53,34 @@ def odds_by_size(given: Conditioned, own: Array, part: Array, gone: Array | floa
                       - 0.5 * given.freedom * np.log(rest / given.spread))
 
 
+WIDE = 8
+"""Beyond so many columns eigenvectors cost more than a tridiagonal form."""
+
+
+def odds_of_narrow(given: Conditioned, square: Array, right: Array) -> Array:
+    """Return :func:`odds_by_size` (..., S) from G (..., q, q) and b (..., q) themselves."""
+    own, turn = small_eigh(square)
+    return odds_by_size(given, own, (right[..., None, :] @ turn)[..., 0, :] ** 2)
+
+
+def odds_of_wide(given: Conditioned, square: Array, right: Array) -> Array:
+    """Return the same without eigenvectors.
+
+    In a basis that begins with b and in which G is tridiagonal, pivots from its end are all that
+    the determinant and b'(G + 1/s^2)^-1 b need, and this the last of them alone.
+    """
+    diagonal, beside, length = linalg.tridiagonal(square, right)
+    grown = SIZES**2
+    pivot = 1.0 + grown * diagonal[..., -1:]
+    log_det = np.log(pivot)
+    for i in reversed(range(beside.shape[-1])):
+        pivot = np.maximum(1.0 + grown * (diagonal[..., i, None] - grown
+                                          * beside[..., i, None] ** 2 / pivot), 1.0)
+        log_det += np.log(pivot)
+    rest = np.maximum(given.spread - grown * length[..., None] ** 2 / pivot, LEAST)
+    return np.asarray(-0.5 * log_det - 0.5 * given.freedom * np.log(rest / given.spread))
+
+
 def small_eigh(square: Array) -> tuple[Array, Array]:
     """Return eigenvalues (..., q) and eigenvectors (..., q, q) of many small matrices at once."""
     if square.shape[-1] == 1:
@@ -45,27 +88,49 @@ def small_eigh(square: Array) -> tuple[Array, Array]:
     return linalg.eigh(square)
 
 
-def odds(given: Conditioned, batch: Batch) -> Array:
-    """Return the log odds of each block of a batch at each root and size (B, G, S)."""
-    seen = given.seen[batch.columns]                                   # (B, k, r)
-    inner = batch.gram - seen @ seen.transpose(0, 2, 1)
-    right = given.right[batch.columns]                                 # (B, k)
-    square = np.einsum("bgkq,bkl,bglp->bgqp", batch.roots, inner, batch.roots, optimize=True)
-    along = np.einsum("bgkq,bk->bgq", batch.roots, right)
-    own, turn = small_eigh(square)
-    part = np.einsum("bgqp,bgq->bgp", turn, along)
-    out = odds_by_size(given, own, part**2)
-    out = np.where(np.sum(np.maximum(own, 0.0), axis=-1)[..., None] > 0.0, out, 0.0)
-    if batch.bounded:
-        lift = np.einsum("bgkq,bgqp->bgkp", batch.roots, turn, optimize=True)
-        low, high = batch.low[:, None], batch.high[:, None]
-        out = out - batch.usual[:, None, None]
+@dataclass(frozen=True, eq=False)
+class BatchOdds:
+    """How much more likely values are with each block of a batch, wherever its coefficients are.
+
+    ``square``: G (B, G, q, q); ``right``: b (B, G, q); ``free``: log odds (B, G, S).
+    """
+
+    given: Conditioned
+    batch: Batch
+    square: Array
+    right: Array
+    free: Array
+
+    @classmethod
+    def of(cls, given: Conditioned, batch: Batch) -> BatchOdds:
+        """Return what is known of the blocks of a batch, whatever their ends."""
+        seen = given.seen[batch.columns][:, None]                          # (B, 1, k, r)
+        inner = batch.gram[:, None] - seen @ np.swapaxes(seen, 2, 3)
+        square = np.swapaxes(batch.roots, 2, 3) @ inner @ batch.roots
+        right = (given.right[batch.columns][:, None, None] @ batch.roots)[..., 0, :]
+        free = odds_of_wide if square.shape[-1] > WIDE else odds_of_narrow
+        there = np.trace(square, axis1=2, axis2=3)[..., None] > 0.0
+        return cls(given, batch, square, right, np.where(there, free(given, square, right), 0.0))
+
+    @cached_property
+    def most(self) -> Array:
+        """What the log odds (B,) are at most: where all that is likely is between the ends."""
+        return total(self.free) - self.batch.usual
+
+    def between(self, which: Ints) -> Array:
+        """Return the log odds (b, G, S) of some blocks, coefficients between their ends."""
+        batch, out = self.batch, self.free[which] - self.batch.usual[which, None, None]
+        ends = batch.bounded[which]
         # what is no likelier wherever its coefficients are is not looked at closely
-        close = total(out) > 0.0
-        for mine, closely in ((close, True), (~close, False)):
-            out[mine] += within(given, lift[mine], own[mine], part[mine], low[mine], high[mine],
-                                closely=closely)
-    return np.asarray(out)
+        close = self.most[which] > 0.0
+        for mine, closely in ((ends & close, True), (ends & ~close, False)):
+            some = which[mine]
+            if some.size:
+                own, turn = small_eigh(self.square[some])
+                part = (self.right[some][..., None, :] @ turn)[..., 0, :]
+                out[mine] += within(self.given, batch.roots[some] @ turn, own, part,
+                                    batch.low[some, None], batch.high[some, None], closely=closely)
+        return np.asarray(out)
 
 
 def total(log_odds: Array) -> Array:
@@ -74,8 +139,8 @@ def total(log_odds: Array) -> Array:
     return np.asarray(logsumexp(log_odds, axis=(1, 2)) - np.log(few))
 
 
-def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array, high: Array,
-           gone: float = 0.0, closely: bool = True) -> Array:
+def within(given: NoiseScale, lift: Array, own: Array, part: Array, low: Array, high: Array,
+           gone: Array | float = 0.0, closely: bool = True) -> Array:
     """Return the log probability that coefficients are between two ends each.
 
     They are Student's, since the noise's scale is integrated.
@@ -109,9 +174,19 @@ def within(given: Conditioned, lift: Array, own: Array, part: Array, low: Array,
     return together_between(given.freedom, low - mean, high - mean, covariance)
 
 
-def odds_of_all(given: Conditioned, some: Sequence[Batch], count: int) -> Array:
-    """Return the log odds (count,) of each block of several batches."""
+def most_of_all(every: Sequence[BatchOdds], count: int) -> Array:
+    """Return what the log odds (count,) of each block of several batches are at most."""
     out = np.full(count, -np.inf)
-    for batch in some:
-        out[batch.which] = total(odds(given, batch))
+    for one in every:
+        out[one.batch.which] = one.most
+    return out
+
+
+def odds_of_some(every: Sequence[BatchOdds], asked: Bools) -> Array:
+    """Return the log odds (B,) of each block of several batches that is ``asked`` for (B,)."""
+    out = np.full(asked.size, -np.inf)
+    for one in every:
+        which = np.flatnonzero(asked[one.batch.which])
+        if which.size:
+            out[one.batch.which[which]] = total(one.between(which))
     return out

@@ -6,7 +6,7 @@ their columns, so that any sizes of theirs cost no more than small matrices.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,19 +47,30 @@ def joint(given: Conditioned, blocks: Sequence[Block],
 
     ``near``: numbers of the size and root of each from which the search for the likeliest starts.
     """
-    if not blocks:
+    return joint_of_each([given], [blocks], near)[0]
+
+
+def joint_of_each(given: Sequence[Conditioned], blocks: Sequence[Sequence[Block]],
+                  near: Sequence[tuple[int, int] | None] = ()) -> list[JointBlocks]:
+    """Return the same blocks together in the data as they are for each of V correlations.
+
+    Each by itself; at once, since most of the time goes into calls. ``blocks``: with roots of that
+    correlation. ``near``: as of :func:`joint`, for all of them.
+    """
+    count = len(blocks[0])
+    if not count:
         none = np.zeros(0, dtype=np.int64)
-        return JointBlocks(given.log_evidence, none, none)
-    system = _System(given, blocks)
-    start = [own or (len(SIZES) // 2, 0) for own in near or [None] * len(blocks)]
-    sizes, grid = (np.array([own[n] for own in start], dtype=np.int64) for n in (0, 1))
-    order = sorted(range(len(blocks)), key=lambda k: bool(near and near[k]))
-    known: dict[tuple[object, ...], tuple[Array, Array]] = {}
+        return [JointBlocks(one.log_evidence, none, none) for one in given]
+    system, views = _System(given, blocks), np.arange(len(given))
+    start = np.array([own or (len(SIZES) // 2, 0) for own in near or [None] * count])
+    sizes, grid = (np.tile(start[:, n], (len(given), 1)) for n in (0, 1))      # (V, B)
+    order = sorted(range(count), key=lambda k: bool(near and near[k]))
+    known: dict[tuple[int, bytes, bytes], tuple[Array, Array]] = {}
 
     def along(k: int) -> tuple[Array, Array]:
         """Return what is known of a block beside the others as they are now, asked once."""
-        rest = np.arange(len(blocks)) != k
-        key = (k, *sizes[rest].tolist(), *grid[rest].tolist())
+        rest = np.arange(count) != k
+        key = (k, sizes[:, rest].tobytes(), grid[:, rest].tobytes())
         if key not in known:
             known[key] = system.along(k, sizes, grid)
         return known[key]
@@ -68,16 +79,18 @@ def joint(given: Conditioned, blocks: Sequence[Block],
         before = (sizes.copy(), grid.copy())
         for k in order:
             found = along(k)[1]
-            sizes[k], grid[k] = np.unravel_index(int(np.argmax(found)), found.shape)
+            most = found.reshape(len(found), -1).argmax(axis=1)
+            sizes[:, k], grid[:, k] = np.unravel_index(most, found.shape[1:])
         if np.array_equal(before[0], sizes) and np.array_equal(before[1], grid):
             break
-    slack = 0.0
+    slack = np.zeros(len(given))
     for k in order:
         free, found = along(k)
-        best = float(free[sizes[k], grid[k]])
-        slack += float(logsumexp(found)) - float(np.log(found.size)) - best
-    return JointBlocks(given.log_evidence + best + slack, sizes, grid,
-                       *system.coefficients(sizes, grid))
+        best = free[views, sizes[:, k], grid[:, k]]
+        slack += logsumexp(found, axis=(1, 2)) - np.log(found[0].size) - best
+    return [JointBlocks(one.log_evidence + float(odds), sizes[v], grid[v], *coefficients)
+            for v, (one, odds, coefficients) in enumerate(zip(
+                given, best + slack, system.coefficients(sizes, grid), strict=True))]
 
 
 def taken_blocks(given: Conditioned, blocks: Sequence[Block], sizes: Sequence[int] | Ints,
@@ -96,64 +109,73 @@ def taken_blocks(given: Conditioned, blocks: Sequence[Block], sizes: Sequence[in
 
 
 class _System:
-    """Inner products of the columns of some blocks, given what is taken."""
+    """Inner products of the columns of some blocks, given what is taken, for V correlations."""
 
-    def __init__(self, given: Conditioned, blocks: Sequence[Block]) -> None:
-        self.given = given
-        every = list(dict.fromkeys(c for b in blocks for c in b.columns))
-        at = {c: n for n, c in enumerate(every)}
-        values = given.columns.some(every)
-        gram = values.T @ values
-        seen = given.seen[every]
-        self.inner, self.right = gram - seen @ seen.T, given.right[every]
-        self.values, self.at = values, [[at[c] for c in b.columns] for b in blocks]
-        self.roots = [b.own_roots(gram[np.ix_(i, i)], given.count)
-                      for b, i in zip(blocks, self.at, strict=True)]
-        self.ends = [b.ends for b in blocks]
-        self.usual = [float(usual(np.array(r), *ends, given.known)) for r, ends in
-                      zip(self.roots, self.ends, strict=True)]
+    def __init__(self, given: Sequence[Conditioned], blocks: Sequence[Sequence[Block]]) -> None:
+        every = [list(dict.fromkeys(c for b in own for c in b.columns)) for own in blocks]
+        values = [one.columns.some(own) for one, own in zip(given, every, strict=True)]
+        seen = [one.seen[own] for one, own in zip(given, every, strict=True)]
+        gram = np.array([own.T @ own for own in values])
+        self.freedom, self.spread = given[0].freedom, np.array([
+            one.spread for one in given])[:, None, None]
+        self.inner = gram - np.array([own @ own.T for own in seen])             # (V, c, c)
+        self.right = np.array([one.right[own] for one, own in zip(given, every, strict=True)])
+        self.ends = [b.ends for b in blocks[0]]
+        place = {c: n for n, c in enumerate(every[0])}
+        self.at = [[place[c] for c in b.columns] for b in blocks[0]]
+        self.roots = [np.array([own[k].own_roots(square[np.ix_(at, at)], given[0].count)
+                                for own, square in zip(blocks, gram, strict=True)])
+                      for k, at in enumerate(self.at)]                          # (V, G, k, q)
+        self.usual = [usual(roots, *ends, given[0].known)
+                      for roots, ends in zip(self.roots, self.ends, strict=True)]
+        self.lifts = [self._lift(at, roots) for at, roots in zip(self.at, self.roots, strict=True)]
+
+    def _lift(self, at: Sequence[int], roots: Array) -> Array:
+        """Return roots in the rows of all columns (V, G, c, q)."""
+        out = np.zeros((self.right.shape[1], *roots.shape[:2], roots.shape[3]))
+        np.add.at(out, np.array(at), np.moveaxis(roots, 2, 0))
+        return np.moveaxis(out, 0, 2)
 
     def along(self, k: int, sizes: Ints, grid: Ints) -> tuple[Array, Array]:
-        """Return log odds against none of them (S, G), block k at every size, the others as set.
+        """Return log odds against none of them (V, S, G), block k at every size, others as set.
 
         First wherever its coefficient is, then with it between its ends.
         """
-        rest = [i for i in range(len(self.roots)) if i != k]
-        fixed = self._lifted([(i, int(grid[i]), float(SIZES[sizes[i]])) for i in rest])
-        inner, right = fixed.T @ self.inner @ fixed, fixed.T @ self.right
-        factor = linalg.cholesky(np.eye(len(inner)) + inner)
-        held = linalg.solve(factor, np.column_stack([fixed.T @ self.inner, right]))
-        base = -float(np.sum(np.log(np.diagonal(factor))))
-        gone = float(held[:, -1] @ held[:, -1])
-        left = self.inner - held[:, :-1].T @ held[:, :-1]
-        along = self.right - held[:, :-1].T @ held[:, -1]
-        at, roots = self.at[k], np.array(self.roots[k])                    # (G, c, q)
-        own, turn = small_eigh(roots.transpose(0, 2, 1) @ left[np.ix_(at, at)] @ roots)
-        part = np.einsum("gqp,gcq,c->gp", turn, roots, along[at], optimize=True)
-        out = np.asarray(base + odds_by_size(self.given, own, part**2, gone).T)
-        low, high = self.ends[k]
+        fixed = self._fixed([i for i in range(len(self.roots)) if i != k], sizes, grid)
+        across = np.swapaxes(fixed, 1, 2) @ np.concatenate(
+            [self.inner, self.right[..., None]], axis=2)                        # (V, q, c + 1)
+        factor = linalg.cholesky(np.eye(fixed.shape[2]) + across[..., :-1] @ fixed)
+        held = linalg.solve(factor, across)
+        base = -np.sum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)[:, None, None]
+        gone = np.sum(held[..., -1] ** 2, axis=1)[:, None, None]
+        taken = np.swapaxes(held[..., :-1], 1, 2) @ held
+        left, along = self.inner - taken[..., :-1], self.right - taken[..., -1]
+        lift, (low, high) = self.lifts[k], self.ends[k]
+        own, turn = small_eigh(np.swapaxes(lift, 2, 3) @ left[:, None] @ lift)
+        part = (along[:, None, None] @ lift @ turn)[..., 0, :]
+        out = base + odds_by_size(self, own, part**2, gone)
         if not bounded(low, high).size:
-            return out, out
-        inside = within(self.given, roots @ turn, own, part, low[None], high[None], gone)
-        return out, out + inside.T - self.usual[k]
+            return np.swapaxes(out, 1, 2), np.swapaxes(out, 1, 2)
+        inside = within(self, self.roots[k] @ turn, own, part, low[None], high[None], gone)
+        inside -= self.usual[k][:, None, None]
+        return np.swapaxes(out, 1, 2), np.swapaxes(out + inside, 1, 2)
 
-    def coefficients(self, sizes: Ints, grid: Ints) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        """Return mean and standard deviation of each block's coefficients (k,)."""
-        lift = self._lifted([(i, int(grid[i]), float(SIZES[sizes[i]]))
-                             for i in range(len(self.roots))])
-        inner, right = lift.T @ self.inner @ lift, lift.T @ self.right
-        inverse = linalg.inv(np.eye(len(inner)) + inner)
-        mean = inverse @ right
-        scale = max(self.given.spread - float(right @ mean), LEAST) / self.given.freedom
-        value = lift @ mean
-        sigma = np.sqrt(scale * np.maximum(np.sum((lift @ inverse) * lift, axis=1), 0.0))
-        return (tuple(value[i] for i in self.at), tuple(sigma[i] for i in self.at))
+    def coefficients(self, sizes: Ints, grid: Ints
+                     ) -> list[tuple[tuple[Array, ...], tuple[Array, ...]]]:
+        """Return mean and standard deviation of each block's coefficients (k,), V times."""
+        lift = self._fixed(range(len(self.roots)), sizes, grid)
+        right = np.einsum("vcq,vc->vq", lift, self.right)
+        inverse = linalg.inv(np.eye(lift.shape[2]) + np.swapaxes(lift, 1, 2) @ self.inner @ lift)
+        mean = np.einsum("vpq,vq->vp", inverse, right)
+        gone = np.sum(right * mean, axis=1, keepdims=True)
+        scale = np.maximum(self.spread[..., 0] - gone, LEAST) / self.freedom
+        value = np.einsum("vcq,vq->vc", lift, mean)
+        sigma = np.sqrt(scale * np.maximum(np.sum((lift @ inverse) * lift, axis=2), 0.0))
+        return [(tuple(v[at] for at in self.at), tuple(s[at] for at in self.at))
+                for v, s in zip(value, sigma, strict=True)]
 
-    def _lifted(self, some: Sequence[tuple[int, int, float]]) -> Array:
-        """Return roots times sizes in the rows of all columns (c, q)."""
-        out = [np.zeros((self.values.shape[1], 0))]
-        for i, g, size in some:
-            root = np.zeros((self.values.shape[1], self.roots[i][g].shape[1]))
-            np.add.at(root, self.at[i], self.roots[i][g] * size)
-            out.append(root)
-        return np.hstack(out)
+    def _fixed(self, some: Iterable[int], sizes: Ints, grid: Ints) -> Array:
+        """Return lifts of some blocks at their roots, times their sizes (V, c, q)."""
+        views = np.arange(len(self.right))
+        out = [self.lifts[i][views, grid[:, i]] * SIZES[sizes[:, i], None, None] for i in some]
+        return np.concatenate([np.zeros((*self.right.shape, 0)), *out], axis=2)

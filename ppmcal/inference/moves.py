@@ -44,6 +44,7 @@ class SetSearch:
         self.near: dict[int, tuple[int, int]] = {}
         self.rows: dict[Numbers, dict[int, int]] = {}
         self.likely: list[int] = []
+        self.best: tuple[Numbers, float] = (frozenset(), -np.inf)
 
     def visit(self, chosen: tuple[int, ...]) -> BlockSet:
         """Return a set, which is looked at once, for the correlations that are likely now."""
@@ -87,6 +88,7 @@ class SetSearch:
     def whole(self, found: BlockSet) -> BlockSet:
         """Return a set for every correlation; those that are likely with it are from now on."""
         found = self.settle(found.chosen)
+        self.best = frozenset(found.chosen), found.log_p
         sized = found.likeliest[2]
         self.near |= {i: (int(size), int(root)) for i, size, root in
                       zip(found.causes, sized.sizes, sized.grid, strict=True)}
@@ -151,7 +153,7 @@ class SetSearch:
         question = self.question
         if question.blocks[more.chosen[-1]].family not in question.alone:
             return more
-        gains = now.scores - now.log_p
+        gains = self._scores(now) - now.log_p
         rows = [i for i in np.argsort(-gains).tolist() if gains[i] > 0.0
                 and question.blocks[i].family in question.alone]
         many = self.visit((*now.chosen, *rows[:min(len(rows) // 2 + 1, self._room(now))]))
@@ -164,7 +166,7 @@ class SetSearch:
         each that is there the next costs less; where it costs more, there are no others.
         """
         blocks = self.question.blocks
-        rows = [i for i in np.argsort(-now.scores).tolist()
+        rows = [i for i in np.argsort(-self._scores(now)).tolist()
                 if blocks[i].family in self.question.alone and i not in now.chosen]
         last, each, count = now, -np.inf, 2
         while count <= min(len(rows), self._room(now)):
@@ -251,7 +253,7 @@ class SetSearch:
             rest = self.settle(tuple(j for j in now.chosen if j != i))
             other = np.array([b.family != blocks[i].family or len(b.columns) == len(
                 blocks[i].columns) for b in blocks])
-            log_p, chosen = self._best(rest, other)
+            log_p, chosen = self._best(rest, other, surely=True)
             if log_p > -np.inf:
                 more, both = self._best(self.visit(chosen))
                 if more > now.log_p:
@@ -368,11 +370,28 @@ class SetSearch:
                 return found
         return None
 
-    @staticmethod
-    def _best(at: BlockSet, gone: Bools | None = None) -> tuple[float, tuple[int, ...]]:
-        """Return the likeliest set with one block more, none of those ``gone``."""
-        if not at.scores.size:
+    def _scores(self, at: BlockSet) -> Array:
+        """Return the scores of a set (B,), those that matter to any move or to the posterior.
+
+        Of the likeliest all do. Beside others what is no likelier than the set does not, unless
+        that is part of the likeliest and nearly as likely.
+        """
+        key, (best, log_p) = frozenset(at.chosen), self.best
+        if key == best:
+            return at.scores
+        return at.scores_above(min(at.log_p, log_p - NEGLIGIBLE) if key < best else at.log_p)
+
+    def _best(self, at: BlockSet, gone: Bools | None = None, surely: bool = False
+              ) -> tuple[float, tuple[int, ...]]:
+        """Return the likeliest set with one block more, none of those ``gone``.
+
+        ``surely``: also where none is likelier than the set.
+        """
+        if not self.question.blocks:
             return -np.inf, at.chosen
-        scores = at.scores if gone is None else np.where(gone, -np.inf, at.scores)
+        free = np.ones(len(self.question.blocks), dtype=bool) if gone is None else ~gone
+        scores = np.where(free, self._scores(at), -np.inf)
+        if surely and -np.inf < scores.max() <= at.log_p:
+            scores = np.where(free, at.scores, -np.inf)
         i = int(np.argmax(scores))
         return float(scores[i]), (*at.chosen, i)

@@ -29,6 +29,7 @@ CORRELATED = Prior(1 / 2, "noise from row to row is as often correlated as it is
 
 WIDE = Prior(1e3, "frames, targets and offsets: known to nobody, yet within 1000 natural units")
 FAMILY = Prior(1 / 50, "some 30 families; of three calibrations about one shows an effect of some")
+WITHIN = Prior(3.0, "nobody knows how often machines have an effect better than within three times")
 ALL_ALIKE = Prior(1 / 2, "actuators are built alike: what one has, all have, in half the machines")
 UNKNOWN = Prior(0.15, "libraries are not complete: one machine in seven does what nobody listed")
 PLAIN = Prior(1 / 2, "what an effect may have beside (late, harder under load), half of them have")

@@ -29,6 +29,7 @@ class NoiseView:
     """The data as they are for one correlation of the noise."""
 
     log_prior: float
+    rho: float
     start: Conditioned
     blocks: tuple[Block, ...]
     _with_rows: dict[frozenset[tuple[int, int]], Conditioned] = field(default_factory=dict,
@@ -103,7 +104,7 @@ class Question:
         values = noise.apply(self.values[:, None])[:, 0]
         start = Conditioned.nothing(columns, values, count, self.known).taking(
             noise.apply(self.geometry))
-        return NoiseView(log_prior - noise.log_det, start, self.blocks)
+        return NoiseView(log_prior - noise.log_det, rho, start, self.blocks)
 
     @cached_property
     def groups(self) -> dict[str, list[int]]:
@@ -142,13 +143,14 @@ class Question:
                 found[block.family].add(block.group)
         return {family: len(groups) for family, groups in found.items()}
 
-    def _further(self, i: int, there: Iterable[int]) -> float:
+    def _further(self, i: int, there: Iterable[int], more_often: float) -> float:
         """Return the log prior of block i beside others: of a group, one more costs less."""
         block = self.blocks[i]
+        alone = block.log_prior + more_often * (block.family not in self.alone)
         like = [j for j in there if self.blocks[j].group and (
             self.blocks[j].family == block.family or self.blocks[j].group == block.group)]
         if not block.group or not like:
-            return block.log_prior
+            return alone
         count = len(self.groups[block.group])
         same = sum(self.blocks[j].group == block.group for j in like)
         # any m of n are as likely as any others, in whatever order they are told
@@ -156,14 +158,18 @@ class Question:
                 + block.log_prior - self._of_group[block.group])
         if not same:
             more -= np.log(self._places[block.family])
-        return float(max(block.log_prior, more))
+        return float(max(alone, more))
 
-    def log_prior(self, chosen: Iterable[int]) -> float:
-        """Return the log prior of a set, whatever its order, as if what it needs were there."""
+    def log_prior(self, chosen: Iterable[int], more_often: float = 0.0) -> float:
+        """Return the log prior of a set, whatever its order, as if what it needs were there.
+
+        ``more_often``: logarithm of how many times as often each family acts as its prior says,
+        rows that do not belong left out.
+        """
         total, there = 0.0, list[int]()
         for i in sorted(chosen, key=lambda i: (
                 -self.blocks[i].log_prior, len(self.groups.get(self.blocks[i].group, ())), i)):
-            total += self._further(i, there)
+            total += self._further(i, there, more_often)
             there.append(i)
         return total
 
@@ -182,8 +188,13 @@ class Question:
         groups = {self.blocks[i].group for i in chosen} - {""}
         for group, own in self.groups.items():
             if group in groups or self.blocks[own[0]].family in families:
-                new = [i for i in own if i not in chosen]
-                out[new] = [self.log_prior((*chosen, i)) - base for i in new]
+                alike = dict[tuple[str, float], list[int]]()
+                for i in own:
+                    if i not in chosen:
+                        block = self.blocks[i]
+                        alike.setdefault((block.family, block.log_prior), []).append(i)
+                for some in alike.values():
+                    out[some] = self.log_prior((*chosen, some[0])) - base
         return out
 
     @cached_property

@@ -6,7 +6,7 @@ log p(H | y) = log Z(H) + log pi(H), for every correlation of the noise, and the
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,9 +15,12 @@ from scipy.special import logsumexp
 
 from ppmcal.inference.block_sets import NEGLIGIBLE, BlockSet, Numbers
 from ppmcal.inference.moves import MOST, SetSearch
+from ppmcal.inference.priors import WITHIN
 from ppmcal.inference.question import Question
 from ppmcal.linalg import Array
 
+Answer = frozenset[tuple[str, str]]
+"""What may be in a place: which families are where."""
 MOVES = 100
 """Changes of the set at most; more would be a circle."""
 
@@ -97,15 +100,47 @@ class SetPosterior:
 
         A cause somewhere, whatever lies on a grid: elsewhere it is another member.
         """
-        found: dict[frozenset[tuple[str, str]], list[tuple[float, Numbers]]] = defaultdict(list)
-        for key, log_p in self.log_p.items():
-            found[self._in_place(self.best.chosen[place], key)].append((log_p, key))
-        members = [Member(" and ".join(sorted({family for family, _ in what})),
-                          float(np.exp(logsumexp([p for p, _ in own]))),
-                          max(own, key=lambda o: o[0])[1]) for what, own in found.items()]
-        return sorted(members, key=lambda m: -m.probability)
+        return list(self._members(place, self.log_p).values())
 
-    def _in_place(self, mine: int, key: Numbers) -> frozenset[tuple[str, str]]:
+    def likely(self, place: int, mass: float) -> tuple[Member, ...]:
+        """Return the members that are needed for a mass of the probability, likeliest first.
+
+        Or would be if each family acted :data:`WITHIN` times as often as its prior says, or a part
+        of that: what only a prior rules out is not ruled out.
+        """
+        needed = set[Answer]()
+        for log_p in (self.log_p, *self._at_other_priors):
+            total = 0.0
+            for what, member in self._members(place, log_p).items():
+                needed.add(what)
+                total += member.probability
+                if total >= mass:
+                    break
+        return tuple(member for what, member in self._members(place, self.log_p).items()
+                     if what in needed)
+
+    @cached_property
+    def _at_other_priors(self) -> tuple[dict[Numbers, float], ...]:
+        """Log probability of the sets if families act more often, or more seldom, than is said."""
+        prior, times = self.best.question.log_prior, float(np.log(float(WITHIN)))
+        out = []
+        for more_often in (times, -times):
+            log_p = {key: p + prior(key, more_often) - prior(key) for key, p in self.log_p.items()}
+            total = float(logsumexp(list(log_p.values())))
+            out.append({key: p - total for key, p in log_p.items()})
+        return tuple(out)
+
+    def _members(self, place: int, log_p: Mapping[Numbers, float]) -> dict[Answer, Member]:
+        """Return what may be in a place, likeliest first, where sets have these probabilities."""
+        found: dict[Answer, list[tuple[float, Numbers]]] = defaultdict(list)
+        for key, p in log_p.items():
+            found[self._in_place(self.best.chosen[place], key)].append((p, key))
+        members = {what: Member(" and ".join(sorted({family for family, _ in what})),
+                                float(np.exp(logsumexp([p for p, _ in own]))),
+                                max(own, key=lambda o: o[0])[1]) for what, own in found.items()}
+        return dict(sorted(members.items(), key=lambda m: -m[1].probability))
+
+    def _in_place(self, mine: int, key: Numbers) -> Answer:
         """Return which families are where in a set, in the place of a block of the best set."""
         blocks, best = self.best.question.blocks, frozenset(self.best.chosen)
         there = Counter((blocks[i].family, blocks[i].where) for i in key)
@@ -162,7 +197,8 @@ def _scored(some: Iterable[BlockSet], best: BlockSet) -> dict[Numbers, float]:
         key, least = frozenset(at.chosen), best.log_p - NEGLIGIBLE
         if not key < frozenset(best.chosen):
             least = max(least, at.log_p)
-        for j in np.flatnonzero(at.scores > least).tolist():
+        scores = at.scores_above(least)
+        for j in np.flatnonzero(scores > least).tolist():
             more = key | {j}
-            found[more] = max(found.get(more, -np.inf), float(at.scores[j]))
+            found[more] = max(found.get(more, -np.inf), float(scores[j]))
     return found

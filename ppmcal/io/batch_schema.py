@@ -109,10 +109,6 @@ class DiagnoseOptions(Strict):
     """Part of the poses that no fit sees."""
     leave_out: Annotated[str, choice("part to leave out", "session")] | None = None
     """Predict each session by the others."""
-    draws: Count | None = None
-    """Simulated campaigns of noise behind the thresholds."""
-    evidence: Flag | None = None
-    """Name what is probable, every cause in one question (under trial)."""
     png: Flag | None = None
     """Write the pictures as PNG too."""
     seed: Seed | None = None
@@ -137,7 +133,7 @@ class CompensateOptions(Strict):
 
 
 class OptionsFile(Strict):
-    """``options: {identify: {seed: 3}, diagnose: {draws: 500}}``: as on the command line."""
+    """``options: {identify: {seed: 3}, diagnose: {holdout: 0.2}}``: as on the command line."""
 
     identify: IdentifyOptions = IdentifyOptions()
     """Options of every identify."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import (
@@ -17,18 +15,17 @@ from ppmcal.io.results.diagnosis_wording import (
     name_of,
     next_step,
     own_values,
+    predicted,
     probable,
     rivals,
     side,
     stages,
-    survives,
     together,
     tried_sets,
     unconfirmed,
     unknown_causes,
     worst_block,
 )
-from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_format import amounts, in_unit, odds_to
 from ppmcal.report.diagnosis_tables import ladder, next_poses, tried
@@ -51,7 +48,7 @@ def diagnosis_section(d: Diagnosed) -> Section:
     return Section("The missing effect", body, d.folder, parts=filled([
         Section("What the residuals follow, before and after", figures(shown)),
         Section("What these data cannot tell apart", figures(drawn.get("alternatives", []))),
-        _days(r), _next(d), _refused(d, drawn.get("ranking", [])), _swallowed(r), _places(r),
+        _days(r), _next(d), _refused(d), _swallowed(r), _places(r),
         Section("Residuals", figures([
             *residual_figures(d.residuals, r.units, d.folder),
             *coordinate_figures(d.residuals, r.units, fit=d.folder)]),
@@ -61,7 +58,7 @@ def diagnosis_section(d: Diagnosed) -> Section:
 
 def _lead(r: DiagnosisRecord) -> str:
     text = paragraph(headline(r), "big")
-    facts = [stages(r), gap_closed(r), worst_block(r)]
+    facts = [stages(r), gap_closed(r), worst_block(r), predicted(r)]
     if r.confirmed is False and r.effects:
         facts.append(unconfirmed(r))
     return text + paragraph(" ".join(f for f in facts if f))
@@ -89,15 +86,14 @@ def _effects(r: DiagnosisRecord) -> str:
                        probable(e.probability) or probability(e.p_value) or "–"),
                 amount(survival, "–" if survival is None else f"{survival:.0%}".replace("%", " %")),
                 words(_rivals(r, e), "wrap")])
-    stand = [f"{effect_name(r, g[0])}: {text}" for g in together(r) if (text := survives(g[0]))]
     sides = [f"{effect_name(r, g[0]) if len(g) == 1 else g[0].called}: {text}"
              for g in together(r) for text in side(g)]
-    told = bullets([*sides, *stand]) + paragraph(unknown_causes(r)) + paragraph(tried_sets(r))
+    told = bullets(sides) + paragraph(unknown_causes(r)) + paragraph(tried_sets(r))
     if not rows:
         return told
     return table("What is missing in the model, with 95 % intervals; visible: the part that "
                  "geometry cannot imitate",
-                 ["effect", "on", "size ± 95 %", "probability, or chance of noise alone", "visible",
+                 ["effect", "on", "size ± 95 %", "probability", "visible",
                   "cannot be told from"], rows) + told
 
 
@@ -109,23 +105,21 @@ def _rivals(r: DiagnosisRecord, e: DiagnosedEffect) -> str:
                      for n, o in zip(names, odds, strict=False)) or "nothing else"
 
 
-def _refused(d: Diagnosed, ranking: Sequence[Drawing]) -> Section:
+def _refused(d: Diagnosed) -> Section:
     """Return what was tried and not named, and what could not be tried."""
     r = d.record
     size = count(d.effects.size, "hypothesis", "hypotheses") if d.effects is not None else ""
-    return Section("What was tried and refused", figures(ranking) + _suspects(r)
-                   + tried(d.effects) + _untestable(r), size, folded=True)
+    return Section("What was tried and refused", _suspects(r) + tried(d.effects)
+                   + _untestable(r), size, folded=True)
 
 
 def _suspects(r: DiagnosisRecord) -> str:
     """Return what may be there but cannot be named."""
     lines = []
     for e in r.possible:
-        p = probable(e.probability) or probability(e.p_value)
-        why = {"imitation": "explains part of it, but is probably only an imitation",
-               "consistent": "consistent with it, but would not stand if the rest were explained"
-               }.get(e.status, "suspected, too weak to be named")
-        lines.append(f"{name_of(r, e.called, e.on)}: {why}" + (f" ({p})." if p else "."))
+        p = probable(e.probability)
+        lines.append(f"{name_of(r, e.called, e.on)}: suspected, too weak to be named"
+                     + (f" ({p})." if p else "."))
     return bullets(lines)
 
 
@@ -137,12 +131,10 @@ def _remainder(r: DiagnosisRecord) -> str:
     text = "" if ratio is None else (
         f"In the rows used, residuals are {sig(ratio)} times the {which}noise "
         f"{'with what is named' if r.effects else 'with geometry alone'}. ")
-    if r.unknown:
-        pass    # told with what is missing
-    elif rest.follows:
+    if rest.follows and not r.unknown:      # of an older version: now told with what is missing
         p = probability(rest.p_value)
         text += f"What is left follows {rest.follows}" + (f" ({p})." if p else ".")
-    elif ratio is not None:
+    elif ratio is not None and not r.unknown:
         text += "What is left follows nothing that was recorded."
     return paragraph(text)
 

@@ -25,7 +25,6 @@ from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.style import SMALLEST
 from ppmcal.report.diagnosis_format import finer, left_out, odds_to
 from ppmcal.report.diagnosis_inputs import input_pictures
-from ppmcal.report.diagnosis_ranking import ranking
 from ppmcal.report.format import number, sig
 from ppmcal.report.learned_figures import term_pictures
 from ppmcal.wording import shorter
@@ -44,7 +43,7 @@ def pictures(record: DiagnosisRecord) -> dict[str, list[Drawing]]:
 def _makers(record: DiagnosisRecord) -> dict[str, Callable[[], Sequence[Drawing | None]]]:
     return {
         "gap": lambda: [gap(record)], "actuators": lambda: [by_actuator(record)],
-        "inputs": lambda: input_pictures(record), "ranking": lambda: [ranking(record)],
+        "inputs": lambda: input_pictures(record),
         "alternatives": lambda: [confusion(record)], "terms": lambda: term_pictures(record)}
 
 

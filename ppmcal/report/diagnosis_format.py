@@ -42,22 +42,6 @@ def finer(unit: str, largest: float) -> tuple[float, str]:
     return 1.0, _NAMES.get(unit, unit)
 
 
-def chance(log10_p: float | None) -> str:
-    """Return ``p = 0.03`` or ``p = 10⁻¹³¹``."""
-    x = number(log10_p)
-    if x is None:
-        return "p unknown"
-    return f"p = {sig(10.0**x, 2)}" if x > -3.0 else f"p = {power(x)}"
-
-
-def scientific(p: float) -> str:
-    """Return ``0.012`` or ``8.5·10⁻⁵``."""
-    if p >= 1e-3:
-        return sig(p, 2)
-    head, _, exponent = f"{p:.1e}".partition("e")
-    return f"{head}·{power(float(exponent))}"
-
-
 def power(log10: float) -> str:
     """Return a power of ten."""
     return "10" + str(round(log10)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))

@@ -6,13 +6,15 @@ import numpy as np
 
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.report.diagnosis_figures import step_name
-from ppmcal.report.format import number, probability, sig, whole
+from ppmcal.report.format import number, sig, whole
 from ppmcal.report.html import amount, given, paragraph, table, words
 from ppmcal.report.records import Columns
 from ppmcal.wording import where
 
 TRIED = 60
-"""Hypotheses that are shown, the strongest; effects.csv has them all."""
+"""Hypotheses that are shown, the likeliest; effects.csv has them all."""
+LEAST = 0.001
+"""Probabilities below this are not told apart."""
 POSES = 30
 """Poses to measure next that are shown; the file has them all."""
 
@@ -53,18 +55,17 @@ def tried(effects: Columns | None) -> str:
     """Return the strongest hypotheses of effects.csv with what became of them."""
     if effects is None or not effects.size:
         return ""
-    p, alone = effects.number("p_value"), effects.number("p_value_alone")
-    order = np.argsort(np.where(np.isfinite(alone), alone, np.inf), kind="stable")[:TRIED]
+    p = effects.number("probability")
+    order = np.argsort(np.where(np.isfinite(p), -p, np.inf), kind="stable")[:TRIED]
     names, on, form, status = (effects.words(c) for c in ("kind", "on", "form", "status"))
     total = len({a for text in on for a in text.split()})
     rows = [[words(names[i]), words(where(on[i].split(), total) or "machine"),
-             words(form[i]), amount(float(alone[i]), probability(float(alone[i])) or "–"),
-             amount(float(p[i]), probability(float(p[i])) or "–"),
-             words(status[i], "warn" if status[i] == "possible" else "")] for i in order]
+             words(form[i]), amount(float(p[i]), sig(float(p[i]), 2) if p[i] >= LEAST else
+                                    f"< {LEAST:g}" if p[i] >= 0.0 else "–"),
+             words(status[i])] for i in order]
     more = f"; the first {TRIED} of {whole(effects.size)}" if effects.size > TRIED else ""
-    return table(f"Every hypothesis, the strongest first{more}; effects.csv has them all",
-                 ["effect", "on", "values", "chance before anything was named",
-                  "chance beside what is named", "what became of it"], rows, sort=True)
+    return table(f"Every hypothesis, the likeliest first{more}; effects.csv has them all",
+                 ["effect", "on", "values", "probability", "what became of it"], rows, sort=True)
 
 
 def next_poses(poses: Columns | None) -> str:

@@ -21,8 +21,8 @@ from ppmcal.report.validation import lead, picture
 
 PNG_SCALE = 2.5
 """Pixels of a PNG for one point of the drawing."""
-TITLES = {"gap": "How the gap closes", "ranking": "What could be missing",
-          "actuators": "Where it is", "inputs": "What the residuals follow",
+TITLES = {"gap": "How the gap closes", "actuators": "Where it is",
+          "inputs": "What the residuals follow",
           "alternatives": "What these data cannot tell apart",
           "terms": "What was learned from the rest",
           "days": "Each session, predicted by a fit of the others",

@@ -187,7 +187,7 @@ def test_a_diagnosis_keeps_the_pictures_that_can_be_drawn(break_, caplog):
         steps=[SelectionStep(what="geometry", rms_ratio=3.0)]))
     whole = set(figure_files.diagnosis_files(record))
     assert "gap.svg" in whole
-    break_((diagnosis_figures, "ranking"))
+    break_((diagnosis_figures, "by_actuator"))
     assert "gap.svg" in figure_files.diagnosis_files(record)
     break_((diagnosis_figures, "gap"))
     assert set(figure_files.diagnosis_files(record)) == whole - {"gap.svg"}

@@ -30,7 +30,7 @@ WRITING = {
     "sens": "sensitivity mine.yaml --home-only",
     "validated": "validate identified run2.csv --against identified-may",
     "compared": "compare identified identified-may",
-    "diagnosed": "diagnose mine.yaml run1.csv --draws 200 --kind backlash",
+    "diagnosed": "diagnose mine.yaml run1.csv --kind backlash",
     "tol": "tolerances mine.yaml --accuracy 0.2 --machines 50",
     "stiffness": "stiffness stiff.yaml",
     "ws": "workspace mine.yaml --grid x=-20:20:3,y=-20:20:3",

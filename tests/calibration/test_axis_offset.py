@@ -85,7 +85,7 @@ def test_diagnose_names_one_hidden_millimetre(kind: str, body: str, tmp_path: Pa
     machine(tmp_path, kind, body)
     hidden = f"leg2.{body}.axis_offset"
     simulated(tmp_path, {hidden: 1.0, "leg1.offset": 0.2, "leg4.base.point.x": -0.3})
-    ppmcal("diagnose", "m.yaml", "s/measurements.csv", "--draws", "1000", "--out", "d",
+    ppmcal("diagnose", "m.yaml", "s/measurements.csv", "--out", "d",
            cwd=tmp_path)
     found = found_in(tmp_path)
     assert found["verdict"] == "named"

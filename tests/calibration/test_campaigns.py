@@ -172,7 +172,7 @@ def test_a_frame_is_another_data_sets(own: str, others: tuple[str, ...], words: 
 
 @pytest.mark.slow
 def test_a_leg_homed_anew_is_one_event_for_all_targets() -> None:
-    found = diagnose(machine(NAME), three(REHOMED), seed=3, draws=20)
+    found = diagnose(machine(NAME), three(REHOMED), seed=3)
     record = found.record
     assert isinstance(record, DiagnosisRecord)
     (event,) = record.effects

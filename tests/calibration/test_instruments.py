@@ -166,7 +166,7 @@ def test_backlash_in_touches_of_a_flat(tmp_path: Path) -> None:
              approach="both", frame="known",
              effects=[{"kind": "backlash", "parameters": {"width": 0.05}}])
     ppmcal("simulate", "m.yaml", "s.yaml", "--out", "a", cwd=tmp_path, expect=0)
-    ppmcal("diagnose", "m.yaml", "a/measurements.csv", "--draws", "1000", cwd=tmp_path)
+    ppmcal("diagnose", "m.yaml", "a/measurements.csv", cwd=tmp_path)
     found = json.loads((tmp_path / "diagnosed" / "diagnosis.json").read_text())
     (effect,) = found["effects"]
     assert effect["kind"] == "backlash"

@@ -354,8 +354,7 @@ def test_columns_of_another_unit(tmp_path: Path, effect: dict[str, Any], more: d
     for row in rows:
         row.update({k: factor * float(v) + plus for k, v in row.items() if k.startswith(column)})
     write_rows(data, rows)
-    done = ppmcal("diagnose", MACHINE, data, "--out", tmp_path / "wrong", "--draws", "300",
-                  expect=3)
+    done = ppmcal("diagnose", MACHINE, data, "--out", tmp_path / "wrong", expect=3)
     assert f"`read: {line}" in done.err
 
 
@@ -494,7 +493,7 @@ def test_commands_refuse_the_file_of_another_machine(tmp_path: Path) -> None:
         assert [e["kind"] for e in entries if e["kind"] != "outside-limits"] == ["other-machine"]
     assert "the file of another machine?" in " ".join(done.err.split())
     with pytest.raises(Misread, match="the file of another machine"):
-        diagnose(problem, DiagnosisOptions(draws=300))
+        diagnose(problem, DiagnosisOptions())
     # who says that tolerances are none is believed
     flat = ppmcal("identify", *paths, "--out", tmp_path / "o", "--prior", "flat")
     assert flat.code in (0, 1) and (tmp_path / "o" / "identified.yaml").exists()

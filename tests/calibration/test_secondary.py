@@ -23,7 +23,7 @@ from ppmcal.calibration.fit.secondary_analyses import NOTE, secondary
 from ppmcal.calibration.sessions import change_detection, day_noise
 from ppmcal.calibration.validation import frozen_models, summary
 from ppmcal.diagnosis import diagnose as diagnosis
-from ppmcal.diagnosis import from_evidence as by_evidence
+from ppmcal.diagnosis import naming
 from ppmcal.errors import BadInput, LinearAlgebraError
 from ppmcal.io import read_mechanism, read_scenario
 
@@ -34,9 +34,7 @@ OF_IDENTIFY = ("with_chosen_freedoms", "weak_campaign", "registration_hints", "l
                "too_few", "noise_beyond_tolerances", "pulled_apart", "scale_sentences")
 OF_DIAGNOSE = ("with_chosen_freedoms", "weak_campaign", "left_over", "noise_beyond_tolerances",
                "pulled_apart")
-OF_A_DIAGNOSIS = ("block_gaps", "with_sessions", "other_days", "_places", "_others", "next_step")
-OF_EVIDENCE = ("held_out_gap", "left_out", "other_days", "learned_beyond", "_readings", "localise",
-               "_next")
+OF_A_DIAGNOSIS = ("left_out", "other_days", "learned_beyond", "readings", "localise", "next_step")
 OF_VALIDATION = ("_compared", "in_other_assembly", "_intervals")
 
 
@@ -120,24 +118,12 @@ def test_diagnose_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch,
                                             tmp_path: Path) -> None:
     made = planar()
     for module, names in ((summary, OF_A_FIT), (diagnose_command, OF_DIAGNOSE),
-                          (diagnosis, OF_A_DIAGNOSIS)):
+                          (diagnosis, OF_A_DIAGNOSIS), (naming, ("measure_gap",))):
         for name in names:
             monkeypatch.setattr(module, name, fails)
     found = ppmcal.diagnose(made.mechanism, [made.data])
     notes = [f for f in found.findings if f.startswith(NOTE)]
     assert len(notes) >= len(OF_DIAGNOSE) + 3
-    found.save(tmp_path / "out")
-
-
-def test_diagnose_by_probabilities_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch,
-                                                             tmp_path: Path) -> None:
-    made = planar()
-    for module, names in ((summary, OF_A_FIT), (diagnose_command, OF_DIAGNOSE),
-                          (by_evidence, OF_EVIDENCE)):
-        for name in names:
-            monkeypatch.setattr(module, name, fails)
-    found = ppmcal.diagnose(made.mechanism, [made.data], evidence=True)
-    notes = [f for f in found.findings if f.startswith(NOTE)]
     for what in ("the gap on held-out poses", "what left-out rows have in common",
                  "the prediction of each session", "where residuals are",
                  "which measurements come next"):

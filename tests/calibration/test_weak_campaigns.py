@@ -122,7 +122,7 @@ def test_the_pattern_of_the_one_degree_that_is_left(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_flat_short_and_few_name_nothing() -> None:
-    flat = ppmcal.diagnose(shipped("delta-linear"), campaign(delta(0.0)), draws=300)
+    flat = ppmcal.diagnose(shipped("delta-linear"), campaign(delta(0.0)))
     assert not flat.diagnosis.effects
     assert flat.record.campaign is not None
     assert flat.record.next_measurements.file == "next.csv"
@@ -136,6 +136,6 @@ def test_few_poses_are_no_ground_for_a_part_of_a_name(seed: int) -> None:
         {"kind": "backlash", "on": ["a"], "parameters": {"width": 30.0 * float(
             scenario("delta-linear")["instrument"]["sigma"]["position"])}}],
         poses={"random": delta(80.0)["poses"]["random"] | {"count": 6}})
-    found = ppmcal.diagnose(shipped("delta-linear"), campaign(text), draws=500)
+    found = ppmcal.diagnose(shipped("delta-linear"), campaign(text))
     assert {e.kind for e in found.diagnosis.effects} <= {"backlash"}
     assert found.verdict in ("unnamed", "named", "named-set")

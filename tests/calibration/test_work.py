@@ -37,7 +37,7 @@ def test_a_bound_inside_of_another_one_takes_of_its_steps():
 
 def test_a_refit_that_wanders_is_given_up_and_the_diagnosis_says_so(monkeypatch):
     problem = campaign()
-    options = DiagnosisOptions(draws=200)
+    options = DiagnosisOptions()
     assert not any("wandered" in f for f in diagnosis.diagnose(problem, options).findings)
     monkeypatch.setattr(refit, "MOST_STEPS", 0)
     assert any("wandered" in f for f in diagnosis.diagnose(problem, options).findings)
@@ -54,7 +54,7 @@ def test_a_fit_without_a_step_left_ends_where_it_is():
 
 def test_a_search_that_runs_out_of_steps_ends_with_a_result_that_says_so(monkeypatch):
     problem = campaign()
-    options = DiagnosisOptions(draws=200)
+    options = DiagnosisOptions()
     assert diagnosis.ENDED not in diagnosis.diagnose(problem, options).findings
     with bounded(10**6) as work:
         diagnosis._diagnosed(problem, options)

@@ -30,7 +30,7 @@ FOLDERS = {
     "identify": "mine.yaml run1.csv",
     "validate": "identified run2.csv",
     "compare": "identified identified-may",
-    "diagnose": "mine.yaml run1.csv --draws 200 --kind backlash",
+    "diagnose": "mine.yaml run1.csv --kind backlash",
     "compensate": "identified targets.csv",
     "sensitivity": "mine.yaml --home-only",
     "tolerances": "mine.yaml --accuracy 0.2 --machines 50",

@@ -113,7 +113,7 @@ COMMANDS = {
     "check": "check m.yaml s/measurements.csv", "simulate": "simulate m.yaml m.scenario.yaml",
     "identify": "identify m.yaml s/measurements.csv", "init": "init 3-RPR",
     "sensitivity": "sensitivity m.yaml --home-only", "verify": "verify s", "schema": "schema batch",
-    "plan": "plan m.yaml --count 8", "diagnose": "diagnose m.yaml s/measurements.csv --draws 200",
+    "plan": "plan m.yaml --count 8", "diagnose": "diagnose m.yaml s/measurements.csv",
     "workspace": "workspace m.yaml --grid x=450:550:3,y=240:340:3", "report": "report s",
     "tolerances": "tolerances m.yaml --accuracy 0.5 --machines 50"}
 NO_FOLDER = ("check", "verify", "schema", "init")

@@ -54,23 +54,20 @@ def test_the_shape_moves_what_is_seen_and_not_the_machine(printer):
 
 
 @pytest.mark.slow
-def test_a_leaning_tower_is_tied_with_the_shape_of_the_flat(printer):
-    found = ppmcal.diagnose(printer, touches(printer, errors={"a.base.direction.ry": 0.5}),
-                            draws=400)
-    assert found.verdict == "named-set"
-    assert all("bed_shape" in e.alternatives for e in found.diagnosis.effects)
+def test_a_leaning_tower_is_found_in_touches_of_a_flat(printer):
+    found = ppmcal.diagnose(printer, touches(printer, errors={"a.base.direction.ry": 0.5}))
+    assert found.verdict in ("named", "named-set")
+    assert [e.parameters for e in found.diagnosis.effects] == [("a.base.direction.ry",)]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shape", ["bowl", "saddle", "trefoil_x"])
 def test_the_shape_of_the_flat_is_no_leaning_tower(printer, shape):
-    """Swallowed by rods and radius, told as unnamed, or tied: never a tower alone."""
+    """Swallowed by rods and radius, or told as unnamed: never a tower."""
     found = ppmcal.diagnose(printer, touches(printer, effects=[
-        {"kind": "bed_shape", "parameters": {shape: 0.15}}]), draws=400)
-    assert found.verdict in ("none", "weak", "unnamed") or all(
-        "bed_shape" in e.alternatives for e in found.diagnosis.effects)
+        {"kind": "bed_shape", "parameters": {shape: 0.15}}]))
+    assert found.verdict in ("none", "weak", "unnamed") and not found.diagnosis.effects
     if found.verdict == "unnamed":
-        assert "bed_shape" in {p.hypothesis.kind for p in found.diagnosis.possible}
         assert "touch" in found.diagnosis.proposal.reason
 
 
@@ -86,20 +83,19 @@ def _warped(data, size=0.08):
 def test_backlash_is_found_on_a_flat_of_any_shape(printer):
     """A flat bent less, and every joint that stays behind: it follows the way, not the place."""
     hidden = {"effects": [{"kind": "backlash", "parameters": {"width": 0.08}}], "approach": "both"}
-    found = ppmcal.diagnose(printer, [_warped(d, 0.01) for d in touches(printer, **hidden)],
-                            draws=400)
+    found = ppmcal.diagnose(printer, [_warped(d, 0.01) for d in touches(printer, **hidden)])
     assert "backlash" in {e.kind for e in found.diagnosis.effects}
 
 
 @pytest.mark.slow
 def test_touches_of_a_good_printer_miss_nothing(printer):
-    assert ppmcal.diagnose(printer, touches(printer), draws=400).verdict == "none"
+    assert ppmcal.diagnose(printer, touches(printer)).verdict == "none"
 
 
 @pytest.mark.parametrize("kind", ["leg_thermal", "base_thermal", "platform_thermal"])
 def test_what_is_warmed_grows(kind):
     (expansion, *_) = effect_kinds()[kind].parameters("translational")
-    assert expansion.name == "expansion" and expansion.named == (0.0, 30e-6)
+    assert expansion.name == "expansion" and expansion.usual == (0.0, 120e-6)
 
 
 @pytest.mark.slow
@@ -114,6 +110,6 @@ def test_a_base_that_would_shrink_is_not_named():
         "conditions": {"temperature": {"mean": 24, "swing": 8}},
         "instrument": {"kind": "pose", "sigma": {"position": 0.002, "rotation": 0.0005}},
         "frame": {"x": 5, "y": -3, "rz": 10}, "target": [1, 2], "seed": 8}).data
-    found = ppmcal.diagnose(machine, [data], draws=400)
+    found = ppmcal.diagnose(machine, [data])
     assert not any(e.kind.endswith("_thermal") for e in found.diagnosis.effects)
     assert found.verdict == "unnamed"

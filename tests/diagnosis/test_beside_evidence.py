@@ -11,11 +11,11 @@ import pytest
 from wild_diagnosis import write
 
 from ppmcal.calibration.fit import NOTE, Fit, Problem
-from ppmcal.diagnosis import from_evidence
+from ppmcal.diagnosis import naming, other_models
+from ppmcal.diagnosis.diagnose import diagnose
 from ppmcal.diagnosis.explanation import CausePlace, Round
-from ppmcal.diagnosis.from_evidence import diagnosed
+from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.question import ROW_FAMILY
-from ppmcal.diagnosis.search_rounds import DiagnosisOptions
 from ppmcal.errors import NoResult
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.sets import Member
@@ -39,17 +39,16 @@ def none(*_: object, **__: object) -> Fit:
 
 def test_too_few_rows_to_hold_some_out_are_a_note(geared: Problem,
                                                   monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(from_evidence, "training_part", none)
-    found = diagnosed(geared, KINDS)
+    monkeypatch.setattr(naming, "training_part", none)
+    found = diagnose(geared, KINDS)
     assert [e.kind for e in found.effects] == ["gain"] and found.gap is None
     assert any(f.startswith(NOTE) and "these rows fit nothing" in f for f in found.findings)
 
 
 def test_what_does_not_predict_loses_its_name_and_says_so(geared: Problem,
                                                           monkeypatch: pytest.MonkeyPatch) -> None:
-    worse = SimpleNamespace(worse=True, confirmed=False, closed=None)
-    monkeypatch.setattr(from_evidence, "held_out_gap", lambda *_: worse)
-    found = diagnosed(geared, KINDS)
+    monkeypatch.setattr(naming, "predictions", lambda _: (SimpleNamespace(surely_worse=True),))
+    found = diagnose(geared, KINDS)
     assert found.verdict == "unnamed" and not found.effects
     assert found.found.after is found.found.before and not found.found.added
     assert any("predicted worse" in f and "gain on" in f for f in found.findings)
@@ -73,6 +72,6 @@ def test_a_set_that_stands_in_for_two_names_is_one_reading() -> None:
                            Member("backlash", 0.07, frozenset({2}))), block, block, "", None)
 
     what: Any = SimpleNamespace(effects=((place(0, 0.92), ()), (place(1, 0.91), ())))
-    (told, member, odds), = from_evidence._others(what)
+    (told, member, odds), = other_models.others(what)
     assert member.chosen == frozenset({2})
     assert told.block == 1 and odds == pytest.approx(0.91 / 0.07)

@@ -15,10 +15,10 @@ from helpers.learned import ROBUST, WEATHER, campaign, dip, fitted, squared, war
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.equation_forms import Equation, InputForm, products_of, same_form, values_of
 from ppmcal.diagnosis.equations import chosen_products
+from ppmcal.diagnosis.held_out_gap import training_part
 from ppmcal.diagnosis.learned_terms import learned_terms
-from ppmcal.diagnosis.linear_system import build, plain
+from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.result import LearnedTerms
-from ppmcal.diagnosis.search_rounds import training_part
 from ppmcal.io.results.learned_equation import LearnedEquation
 from ppmcal.model.effects.learned import LearnedCurve, learned_kind
 from ppmcal.model.effects.setting import Setting
@@ -133,7 +133,7 @@ def learned(folder: Path, effects: list[dict[str, Any]], seed: int, **changes: A
             ) -> LearnedTerms | None:
     whole = fitted(*campaign(folder, effects, seed, count=80, **changes))
     base, held = training_part(whole, DiagnosisOptions(seed=seed))
-    noise = plain(build(base.problem, base.state, base.keep))
+    noise = Whitening()
     return learned_terms(base, whole, held, noise, 1.0, seed, ROBUST)
 
 
@@ -193,7 +193,7 @@ def test_what_is_no_short_equation_is_printed_as_none(tmp_path: Path, seed: int)
 @pytest.mark.slow
 def test_console_file_and_report_have_it_and_clean_data_none(tmp_path: Path) -> None:
     campaign(tmp_path, [squared(0.05)], 1, count=70)
-    run = ppmcal("diagnose", "m.yaml", "s/measurements.csv", "--draws", "1000", "--out", "d",
+    run = ppmcal("diagnose", "m.yaml", "s/measurements.csv", "--out", "d",
                  cwd=tmp_path)
     found = json.loads((tmp_path / "d" / "diagnosis.json").read_text())
     (entry,) = found["learned"]
@@ -207,7 +207,7 @@ def test_console_file_and_report_have_it_and_clean_data_none(tmp_path: Path) -> 
     ppmcal("report", "d", "--out", "r", cwd=tmp_path, expect=0)
     assert "(velocity/10 mm/s)^2" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
     campaign(tmp_path, [], 1, count=40, out="clean", conditions=WEATHER)
-    run = ppmcal("diagnose", "m.yaml", "clean/measurements.csv", "--draws", "1000", "--out", "c",
+    run = ppmcal("diagnose", "m.yaml", "clean/measurements.csv", "--out", "c",
                  cwd=tmp_path)
     assert json.loads((tmp_path / "c" / "diagnosis.json").read_text())["learned"] == []
     assert "equation" not in run.out

@@ -33,7 +33,7 @@ HIDDEN: dict[str, list[dict[str, Any]]] = {
 
 def diagnosed(folder: Path, name: str) -> dict[str, Any]:
     simulate(folder, "3-RPR", HIDDEN[name])
-    run = ppmcal("diagnose", "m.yaml", "s/measurements.csv", "--draws", "500", "--out", "d",
+    run = ppmcal("diagnose", "m.yaml", "s/measurements.csv", "--out", "d",
                  cwd=folder)
     assert run.code in (0, 1), run.err
     found: dict[str, Any] = json.loads((folder / "d" / "diagnosis.json").read_text())
@@ -79,7 +79,7 @@ def test_rows_count_in_their_own_file(tmp_path: Path) -> None:
     for name, part in (("first", table[:24]), ("second", table[24:])):
         write_csv(tmp_path / f"{name}.csv", part)
         (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(sidecar | {"name": name}))
-    run = ppmcal("diagnose", "m.yaml", "first.csv", "second.csv", "--draws", "500", "--out", "d",
+    run = ppmcal("diagnose", "m.yaml", "first.csv", "second.csv", "--out", "d",
                  cwd=tmp_path)
     assert run.code in (0, 1), run.err
     found = json.loads((tmp_path / "d" / "diagnosis.json").read_text())

@@ -37,11 +37,14 @@ def bed(folder: Path, there: float) -> None:
         "frame: known", "frame: unknown"))
 
 
-@pytest.mark.slow_cases("0.0-False")
-@pytest.mark.parametrize(("there", "refused"), [(0.0, False), (-1.0, True)])
-def test_a_backlash_that_is_gone_in_some_rows_is_no_misreading(tmp_path: Path, there: float,
-                                                              refused: bool) -> None:
+@pytest.mark.slow_cases("0.0")
+@pytest.mark.parametrize("there", [0.0, -1.0])
+def test_a_backlash_that_is_gone_or_turned_in_some_rows_is_no_misreading(tmp_path: Path,
+                                                                         there: float) -> None:
+    """Turned, it is a function of the way, of no name: the file is not refused."""
     bed(tmp_path / "b", there)
     run = ppmcal("diagnose", "machine.yaml", "bed.csv", cwd=tmp_path / "b")
-    told = "has another sign than in the other rows" in " ".join(run.err.split())
-    assert told == refused, run.err
+    assert run.code in (0, 1), run.err
+    if there < 0.0:
+        said = " ".join(run.out.split())
+        assert "a function of the way from the row before acting on a b c" in said

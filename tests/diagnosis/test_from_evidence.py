@@ -1,4 +1,4 @@
-"""``ppmcal diagnose --evidence``: every cause in one question, each with a probability."""
+"""``ppmcal diagnose``: every cause in one question, each with a probability."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def campaign(folder: Path, case: str, machine: str, seed: int, eta: float, count
 
 
 def diagnosed(folder: Path, *options: str) -> dict[str, Any]:
-    run = ppmcal("diagnose", "mechanism.yaml", "data.csv", "--evidence", *options, cwd=folder)
+    run = ppmcal("diagnose", "mechanism.yaml", "data.csv", *options, cwd=folder)
     assert run.code in (0, 1), run
     return json.loads((folder / "diagnosed" / "diagnosis.json").read_text()) | {"said": run.out}
 
@@ -47,6 +47,32 @@ def test_an_effect_is_named_with_its_probability(gain: tuple[Path, dict[str, Any
     named = [r for r in rows(folder / "diagnosed/effects.csv") if r["status"] == "named"]
     assert [r["kind"] for r in named] == ["gain"]
     assert float(named[0]["probability"]) > 0.5 and named[0]["p_value"] == "nan"
+
+
+def test_rows_left_out_are_predicted_by_geometry_alone_and_by_all_that_may_be_there(
+        gain: tuple[Path, dict[str, Any]]) -> None:
+    folder, found = gain
+    by = {b["by"]: b for b in found["predictive"]}
+    assert {"pose", "time", "temperature"} <= by.keys()
+    pose = by["pose"]
+    assert pose["blocks"] > 40 and by["time"]["blocks"] == 3
+    assert pose["gain"] > 5 * pose["gain_sigma"] > 0.0
+    assert pose["gain"] == pytest.approx(pose["averaged"]["score"] - pose["geometry"]["score"])
+    assert 0.8 < pose["averaged"]["error"] < 1.2 < pose["geometry"]["error"]
+    assert pose["geometry"]["error"] == pytest.approx(found["gap"]["before"], rel=0.2)
+    assert "With one pose left out at a time" in " ".join(found["said"].split())
+    ppmcal("report", "diagnosed", "--out", "told", cwd=folder)
+    assert "log score" in next((folder / "told").glob("*.html")).read_text()
+
+
+def test_what_predicts_worse_than_geometry_has_no_name(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign(tmp_path, "gain-one", "3-RPR", 5, 2.0)
+    worse = SimpleNamespace(surely_worse=True)
+    monkeypatch.setattr("ppmcal.diagnosis.naming.predictions", lambda _: (worse,))
+    result = api.diagnose(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"]).diagnosis
+    assert result.verdict == "unnamed" and not result.effects
+    assert any("surely predicted worse" in f for f in result.findings)
 
 
 def test_the_page_and_the_commands_use_the_same_probabilities(
@@ -95,7 +121,7 @@ def test_what_has_no_name_says_what_it_looks_like(tmp_path: Path) -> None:
 
 def test_a_batch_and_python_have_the_option(tmp_path: Path) -> None:
     campaign(tmp_path, "none-wrench", "hexapod", 3, 1.0)
-    result = api.diagnose(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"], evidence=True)
+    result = api.diagnose(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"])
     assert result.diagnosis.nothing > 0.5
     assert result.record.nothing == pytest.approx(result.diagnosis.nothing)
 

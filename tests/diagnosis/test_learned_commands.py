@@ -15,10 +15,10 @@ from ppmcal.calibration.fit.fit_result import Fit, FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
+from ppmcal.diagnosis.held_out_gap import training_part
 from ppmcal.diagnosis.learned_terms import learned_terms, visible
 from ppmcal.diagnosis.learning import learn, shapes_of
-from ppmcal.diagnosis.linear_system import build, plain
-from ppmcal.diagnosis.search_rounds import training_part
+from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.term_candidates import all_settings, candidates
 from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model
@@ -116,7 +116,7 @@ def test_what_is_learned_does_no_harm(instrument: str, term: str) -> None:
     """With it the real machine is no worse than with geometry alone, and within tolerances."""
     whole, real, q = campaign(instrument, term)
     base, held = training_part(whole, DiagnosisOptions(seed=1))
-    noise = plain(build(base.problem, base.state, base.keep))
+    noise = Whitening()
     found = learned_terms(base, whole, held, noise, 1.0, 1, FitOptions(robust=False))
     blind = instrument == "plane" and term in ("across", "along")
     assert (found is None) or not blind
@@ -140,7 +140,7 @@ def test_what_is_learned_does_no_harm(instrument: str, term: str) -> None:
 def test_of_a_flat_only_its_height_is_seen() -> None:
     """However it is tilted by what is usual; a term along it is nothing that could be learned."""
     fit, _, _ = campaign("plane", "up")
-    seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
+    seen = visible(fit, fit.keep, Whitening())
     acts = {c.curve.acts for c in candidates(seen, all_settings(fit))}
     assert acts == {JOINT, "z"}
 
@@ -149,7 +149,7 @@ def test_shapes_that_move_the_platform_along_the_flat_alone_are_none() -> None:
     """Where three towers err alike by their own travel, some shapes move it sideways only."""
     def freedom(instrument: str) -> tuple[int, int]:
         fit, _, _ = campaign(instrument, "up")
-        seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
+        seen = visible(fit, fit.keep, Whitening())
         mine = next(c for c in candidates(seen, all_settings(fit))
                     if c.curve.acts == JOINT and c.curve.input == "travel" and all(c.on))
         every = replace(mine, observed=mine.moved)
@@ -163,7 +163,7 @@ def test_shapes_that_move_the_platform_along_the_flat_alone_are_none() -> None:
 
 def test_a_term_is_of_a_size_that_tolerances_explain() -> None:
     fit, _, _ = campaign("position", "up")
-    seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
+    seen = visible(fit, fit.keep, Whitening())
     tried = [c for c in candidates(seen, all_settings(fit)) if c.curve.acts == "z"]
     sizes = []
     for part in (1.0, 1e-2, 1e-4):

@@ -20,12 +20,11 @@ from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
-from ppmcal.diagnosis.held_out_gap import measure_gap
+from ppmcal.diagnosis.held_out_gap import measure_gap, training_part
 from ppmcal.diagnosis.learned_terms import learned_terms, visible
 from ppmcal.diagnosis.learning import learn, relearned, shapes_of
-from ppmcal.diagnosis.linear_system import build, plain
+from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.refit import with_mechanism
-from ppmcal.diagnosis.search_rounds import training_part
 from ppmcal.diagnosis.term_candidates import Visible, all_settings, candidates, columns_from
 from ppmcal.io import read_mechanism
 from ppmcal.linalg import Array, without_range
@@ -55,7 +54,7 @@ def test_a_level_bed_is_not_explained_by_its_own_height() -> None:
     """The predicted height of one plane is the residual itself; what nothing feels is no term."""
     mechanism, data = touches(0.1)
     fit = identify(Problem(mechanism, data, mechanism.free), FitOptions(robust=False))
-    seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
+    seen = visible(fit, fit.keep, Whitening())
     tried = candidates(seen, all_settings(fit))
     inputs = {(c.curve.input, c.curve.acts) for c in tried}
     assert {("x", "z"), ("y", "z"), ("travel", "joint")} <= inputs
@@ -99,7 +98,7 @@ def test_most_of_the_gap_is_closed_that_the_truth_closes(tmp_path: Path, shape: 
     mechanism, data = campaign(tmp_path, SHAPES[shape], seed, count=80)
     whole = fitted(mechanism, data)
     base, held = training_part(whole, DiagnosisOptions(seed=seed))
-    noise = plain(build(base.problem, base.state, base.keep))
+    noise = Whitening()
     found = learned_terms(base, whole, held, noise, 1.0, seed, ROBUST)
     assert found is not None
     best = measure_gap(base, with_mechanism(base, told(tmp_path, SHAPES[shape]), ROBUST), held, 1.0,
@@ -120,7 +119,7 @@ def test_nothing_is_learned_where_nothing_is_hidden(tmp_path: Path) -> None:
     seeds, wrong = 40, 0
     for seed in range(seeds):
         fit = fitted(*campaign(tmp_path, [], seed, count=24, out=f"s{seed}"))
-        seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
+        seen = visible(fit, fit.keep, Whitening())
         tried = candidates(seen, all_settings(fit))
         assert {c.curve.input for c in tried} == {"travel", "velocity", "load", "x", "y", "rz"}
         wrong += learn(seen, tried) is not None
@@ -135,7 +134,7 @@ def test_the_band_holds_the_truth(tmp_path: Path) -> None:
         rng = np.random.default_rng(seed)
         effect = dip(rng.uniform(395.0, 485.0), rng.uniform(15.0, 45.0), 0.02)
         fit = fitted(*campaign(tmp_path, [effect], seed, count=50, out=f"s{seed}"))
-        seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
+        seen = visible(fit, fit.keep, Whitening())
         tried = [c for c in candidates(seen, all_settings(fit)) if c.curve.inputs == ("travel",)
                  and not c.curve.signed and c.on == (False, True, False)]
         found = relearned(seen, tried)
@@ -152,7 +151,7 @@ def test_the_band_holds_the_truth(tmp_path: Path) -> None:
 def test_the_band_of_two_inputs_holds_the_truth(tmp_path: Path) -> None:
     """In the rows of one campaign, noise drawn anew: waves of travel that grow with temperature."""
     fit = fitted(*campaign(tmp_path, [], 1, count=50, conditions=WEATHER))
-    seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
+    seen = visible(fit, fit.keep, Whitening())
     (term,) = [c for c in candidates(seen, all_settings(fit)) if c.on == (False, True, False)
                and c.curve.inputs == ("travel", "temperature")]
     nodes = [x.ravel() for x in np.meshgrid(term.curve.nodes, term.curve.by_nodes, indexing="ij")]
@@ -186,7 +185,7 @@ def _seen() -> Visible:
 
     with tempfile.TemporaryDirectory() as folder:
         fit = fitted(*campaign(Path(folder), [dip()], 1, count=30))
-        return replace(visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep))))
+        return replace(visible(fit, fit.keep, Whitening()))
 
 
 @pytest.mark.slow
@@ -210,7 +209,7 @@ def test_what_is_learned_is_free_of_what_geometry_does() -> None:
 def test_a_diagnosis_learns_and_its_model_helps_the_next_session(tmp_path: Path) -> None:
     """From files: the verdict stays, the model has the term, another session fits it better."""
     campaign(tmp_path, [dip(deep=0.06)], 5, count=60)
-    run = ppmcal("diagnose", "m.yaml", "s/measurements.csv", "--draws", "1000", "--out", "d",
+    run = ppmcal("diagnose", "m.yaml", "s/measurements.csv", "--out", "d",
                  cwd=tmp_path)
     assert run.code == 1
     found = yaml.safe_load((tmp_path / "d" / "diagnosis.json").read_text())

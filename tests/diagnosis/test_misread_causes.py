@@ -41,13 +41,25 @@ def two_files() -> tuple[Asked, Mechanism]:
                     UnknownCauses(system, all_settings(fit))), found.mechanism
 
 
-def refused(asked: Asked, mechanism: Mechanism, h: Hypothesis) -> Misread:
-    place = SimpleNamespace(sure=True, only_misread=True, hypothesis=h)
-    last: Any = SimpleNamespace(places=[place], asked=asked, fit=SimpleNamespace(
+def told(asked: Asked, mechanism: Mechanism, *causes: Hypothesis | None) -> Any:
+    """Return a round with a column that is read wrongly, or something unknown, in each place."""
+    places = [SimpleNamespace(sure=True, only_misread=h is not None, hypothesis=h) for h in causes]
+    return SimpleNamespace(places=places, asked=asked, fit=SimpleNamespace(
         problem=SimpleNamespace(mechanism=mechanism)))
+
+
+def refused(asked: Asked, mechanism: Mechanism, h: Hypothesis) -> Misread:
     with pytest.raises(Misread) as error:
-        refuse_misread(last)
+        refuse_misread(told(asked, mechanism, h))
     return error.value
+
+
+def test_no_file_is_refused_while_something_in_it_has_no_name(
+        two_files: tuple[Asked, Mechanism]) -> None:
+    """What looks like turned directions may be the rest of that."""
+    asked, mechanism = two_files
+    turned = next(h for h in asked.sources if isinstance(h, Hypothesis) and h.stretch)
+    refuse_misread(told(asked, mechanism, turned, None))
 
 
 def test_directions_that_are_turned_are_told_with_their_file_and_their_rows(

@@ -9,7 +9,7 @@ from helpers.learned import campaign, dip, fitted
 
 from ppmcal.diagnosis.learned_terms import visible
 from ppmcal.diagnosis.learning import learn
-from ppmcal.diagnosis.linear_system import build, plain
+from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.observed_directions import ObservedMotion, observed_motion
 from ppmcal.diagnosis.term_candidates import Visible, all_settings, candidates
 from ppmcal.io import read_mechanism
@@ -37,7 +37,7 @@ def machine(folder: Path, **tolerances: float) -> Mechanism:
 def rows_of(mechanism: Mechanism, data: tuple[Dataset, ...]):
     """Return a fit, its rows as terms see them, and the motion that these see."""
     fit = fitted(mechanism, data)
-    seen: Visible = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
+    seen: Visible = visible(fit, fit.keep, Whitening())
     observed: ObservedMotion = observed_motion(seen.system)
     return fit, seen, observed
 

@@ -34,7 +34,7 @@ def asked(machine: str, kinds: list[str], eta: float = 1.0, frozen: tuple[str, .
     fit = identify(with_whole_rows(Problem(mechanism, (found.dataset,), tuple(free))),
                    FitOptions())
     system = build(fit.problem, fit.state, fit.keep)
-    return question(system, library(system, as_named=True, misread=True),
+    return question(system, library(system, misread=True),
                     UnknownCauses(system, all_settings(fit)))
 
 

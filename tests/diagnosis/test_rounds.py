@@ -15,8 +15,8 @@ from ppmcal.diagnosis import cause_sizes, explanation
 from ppmcal.diagnosis.cause_sizes import _seen
 from ppmcal.diagnosis.explanation import Round, _key, explained
 from ppmcal.diagnosis.extended_model import extended
-from ppmcal.diagnosis.from_evidence import _nearest
 from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.naming import nearest as _nearest
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause
@@ -88,7 +88,8 @@ def answered(*members: tuple[float, set[int]]) -> Round:
     blocks = tuple(Block(f"{f} {n}", f, (n,), 0.0) for n, f in enumerate(families))
     likely = [Member(" and ".join(sorted({families[i] for i in own})), p, frozenset(own))
               for p, own in members]
-    answer = SimpleNamespace(best=SimpleNamespace(chosen=(0,)), members=lambda place: likely)
+    answer = SimpleNamespace(best=SimpleNamespace(chosen=(0,)),
+                             likely=lambda place, mass: tuple(likely))
     asked: Any = SimpleNamespace(question=SimpleNamespace(blocks=blocks), sources=sources)
     none: Any = None
     return Round(none, (), (), None, none, asked, cast(SetPosterior, answer))

@@ -79,12 +79,16 @@ def in_sequence(folder: Path, effects: list[dict[str, Any]], **changes: Any) -> 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [4])
 def test_backlash_in_a_sequence_is_named(tmp_path: Path, seed: int) -> None:
-    """The direction of approach follows from the order, also where rows are held out."""
+    """The direction of approach follows from the order, also where rows are held out.
+
+    Of moves longer than it, play is the same, with the other sign.
+    """
     _, found = diagnose(in_sequence(tmp_path, [BACKLASH], seed=seed))
-    assert named(found) == {"backlash": {"leg3"}}
     (only,) = found["effects"]
+    assert only["on"] == ["leg3"]
+    assert "backlash on leg3" in {f"{only['kind']} on leg3", *only["alternatives_on"]}
     width = only["parameters"]["width"]
-    assert abs(width["value"] - 0.03) < 4.0 * width["sigma"] < 0.015
+    assert abs(abs(width["value"]) - 0.03) < 4.0 * width["sigma"] < 0.015
     # nobody knows from where the first rows were approached: two loads at the first pose
     assert not_used(tmp_path) == {1: "dir_leg1 is not known here", 2: "dir_leg1 is not known here"}
 
@@ -199,11 +203,9 @@ def test_first_rows_that_fall_short_have_a_pattern(tmp_path: Path, how: str) -> 
     write_csv(tmp_path / DATA, table)
     run, found = diagnose(tmp_path)
     assert set(picked + 1) <= set(not_used(tmp_path))
-    assert run.code == 1 and found["verdict"] == "unnamed"
+    assert run.code == 1 and not found["effects"]
     assert any("left out as outliers" in f and "are the first row at their pose" in f
                for f in found["findings"])
-    assert "first row at their pose" in found["remainder"]["follows"]
-    assert found["remainder"]["p_value"] < 0.01
 
 
 @pytest.mark.slow
@@ -259,7 +261,7 @@ def test_a_pattern_is_told_as_what_it_is(plain: Fit, what: str) -> None:
     gone = np.zeros(n, dtype=bool)
     gone[np.random.default_rng(1).permutation(np.flatnonzero(has))[:15]] = True
     out = module.left_out(without(plain, gone))
-    assert out.suspicious and out.share == 1.0 and out.p_value < module.LEVEL
+    assert out.follows and out.share == 1.0 and out.p_value < module.LEVEL
     assert what in out.follows
     assert out.sentence.startswith(f"15 rows of {n} left out")
 
@@ -275,7 +277,7 @@ def test_a_place_is_told_as_what_it_is(plain: Fit, where: str) -> None:
     each = replace(plain, problem=replace(plain.problem, datasets=(
         replace(data, groups=np.arange(len(data))),)))
     out = module.left_out(without(each, has))
-    assert out.suspicious and out.share == 1.0 and out.p_value < module.LEVEL
+    assert out.follows and out.share == 1.0 and out.p_value < module.LEVEL
     words = {"corner": ("x above", "y up to"), "side": ("highest third by y",),
              "joint": ("lowest third by leg2",)}[where]
     assert all(w in out.follows for w in words)
@@ -315,9 +317,9 @@ def test_diagnose_tells_the_corner_where_rows_are_wrong(reflected: tuple[Path, s
     run, found = diagnose(folder, DATA, "--seed", "1")
     assert found["verdict"] == "unnamed" and not found["effects"]
     assert moved <= set(not_used(folder))
-    assert re.search(r"rows that have x above [\d.]+ mm and y up to [\d.]+ mm",
-                     found["remainder"]["follows"])
-    assert "gross errors have no such pattern" in " ".join(run.out.split())
+    said = " ".join(run.out.split())
+    assert re.search(r"of them have x above [\d.]+ mm and y up to [\d.]+ mm", said)
+    assert "gross errors have no such pattern" in said
 
 
 @pytest.mark.parametrize("count", [2, 3])
@@ -363,7 +365,7 @@ def test_more_rows_than_gross_errors_explain(plain: Fit) -> None:
     out = module.left_out(without(plain, gone))
     assert out.too_many and "more than gross errors explain" in out.sentence
     nobody = module.left_out(without(plain, np.zeros(n, dtype=bool)))
-    assert not nobody.suspicious and nobody.sentence == ""
+    assert not nobody.too_many and not nobody.follows and nobody.sentence == ""
 
 
 # --- the gap on stretches of time and conditions --------------------------------------------------
@@ -376,7 +378,7 @@ def test_a_block_is_predicted_as_by_a_fit_without_it(tmp_path: Path) -> None:
     blocks = pytest.importorskip("ppmcal.diagnosis.held_out_blocks")
     simulate(tmp_path, "3-RPR", [effect("leg_thermal", ["leg2"], expansion=15e-6)], count=60,
              conditions={"temperature": {"mean": 24, "swing": 6}})
-    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.DiagnosisOptions(draws=500))
+    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.DiagnosisOptions())
     assert [e.kind for e in told.effects] == ["leg_thermal"]
     assert {b.by for b in told.blocks} == {"time", "temperature"}
     keep = [a & b for a, b in zip(told.before.keep, told.identification.fit.keep, strict=True)]
@@ -427,8 +429,7 @@ def with_jump(folder: Path, shift: float, seed: int, at: float = 0.5) -> Path:
 @pytest.mark.parametrize(("seed", "at"), [(4, 0.5), (5, 0.5), (4, 0.8)])
 def test_a_jump_while_it_gets_warmer_is_not_heat(tmp_path: Path, seed: int, at: float) -> None:
     """Leg 2 loses its zero by 30 um: it is called that, alone or in a set of events."""
-    run, found = diagnose(with_jump(tmp_path, 0.03, seed, at))
-    assert run.code == 1
+    _, found = diagnose(with_jump(tmp_path, 0.03, seed, at))
     assert found["verdict"] in ("named", "named-set")
     (jump,) = found["effects"]
     assert (jump["kind"], jump["on"]) == ("zero_shift", ["leg2"])
@@ -473,26 +474,12 @@ def test_gains_of_a_tenth_are_no_gains(tmp_path: Path, seed: int) -> None:
         for i, gain in enumerate(gains, 1):
             row[f"q_leg{i}"] = str(number(row, f"q_leg{i}") / (1.0 + gain))
     write_csv(tmp_path / DATA, table)
-    run = ppmcal("diagnose", "m.yaml", DATA, "--draws", "1000", "--out", "d", cwd=tmp_path)
+    run = ppmcal("diagnose", "m.yaml", DATA, "--out", "d", cwd=tmp_path)
     assert run.code in (1, 3), run.out
     if run.code == 1:
         found = found_in(tmp_path)
         assert found["effects"] == [] and found["verdict"] == "unnamed"
         assert any("no machine has that; check the unit of" in f for f in found["findings"])
-
-
-@pytest.mark.slow
-def test_what_a_later_search_made_is_compared_too(tmp_path: Path) -> None:
-    """A later search has forms, and places for them, that the first one does not have."""
-    simulate(tmp_path, "3-RPR", [effect("periodic", ["leg2"], cos=0.03, sin=0.01, period=19.0)],
-             count=60, **SINGLE)
-    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.DiagnosisOptions(draws=500))
-    first, (named_one,) = told.found.first, told.effects
-    # as if made later, and the first search had it last
-    fewer = replace(first.search, hypotheses=first.library.hypotheses)
-    late = [named_one.hypothesis, *first.library.hypotheses[:1]]
-    assert diagnosing.implausible(fewer, late) is None
-    assert named_one.hypothesis.kind == "periodic"
 
 
 @pytest.mark.slow
@@ -536,7 +523,7 @@ def test_a_flat_grid_shows_no_effect_that_is_not_there(
     ppmcal("simulate", own, "s.yaml", "--out", "s", cwd=tmp_path, expect=0)
     wide = {k: looser * v for k, v in drawn["tolerances"].items()}
     (tmp_path / "m.yaml").write_text(yaml.safe_dump(drawn | {"tolerances": wide}))
-    run = ppmcal("diagnose", "m.yaml", DATA, "--draws", "1000", "--out", "d", cwd=tmp_path)
+    run = ppmcal("diagnose", "m.yaml", DATA, "--out", "d", cwd=tmp_path)
     assert run.code in (0, 1) or (run.code == 3 and "converge" in run.err), run.err
     if run.code != 3:
         found = found_in(tmp_path)

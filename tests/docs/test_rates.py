@@ -8,18 +8,15 @@ from dataclasses import replace
 
 import pytest
 from diagnosis_study import reliability
-from helpers.campaigns_in_files import run
 from helpers.paths import ROOT
 from hidden import Options, hide
 from rates.digest import code_of
-from rates.studies import AFTERWARDS, STUDIES, UNDER_TRIAL, filled
+from rates.studies import AFTERWARDS, STUDIES, filled
 from rates.tables import FOLDER, TABLES
 from study_runner import read
 
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.diagnosis import candidates, diagnose
-from ppmcal.inference import block_sets, given
-from ppmcal.io import read_mechanism, read_scenario
+from ppmcal.diagnosis import diagnose
 
 BY_NAME = {s.name: s for s in STUDIES}
 MADE = re.compile(r"Version \S+, engine (\w{12}) \([\w/, ]+\), seeds? ([\d, ]+)")
@@ -47,6 +44,8 @@ def test_the_engine_has_not_changed_since_the_study(study, page, name):
 def test_no_seed_of_a_study_had_been_looked_at(study, page, name):
     text = (ROOT / "docs/diagnosis.md").read_text(encoding="utf-8")
     looked = text[text.index("Seeds that were looked at"):].split("\n\n")[0]
+    if "diagnosis" in BY_NAME[study].engine:
+        looked += text[text.index("Looked at in these three generators"):].split("\n\n")[0]
     spans = [(int(a), int(b or a)) for a, b in re.findall(r"(\d+)(?: to (\d+))?", looked)]
     made = MADE.search(block(page, name))
     for seed in made[2].split(",") if made else ():
@@ -72,23 +71,6 @@ def test_no_table_of_rates_of_another_version_stands_beside_them(page):
         if where == page:
             text = filled(text, name, "")
     assert not [line for line in text.splitlines() if line.startswith("|") and RATE.search(line)]
-
-
-def test_what_is_under_trial_decides_nothing_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its code is not in the digest of the rates; with the option it is run."""
-    def fails(*args: object, **options: object) -> object:
-        raise AssertionError("is run")
-
-    assert all((ROOT / "ppmcal" / path).exists() for path in UNDER_TRIAL)
-    for module, name in ((diagnose, "diagnosed"), (candidates, "misread_columns"),
-                         (block_sets, "state"), (given.Conditioned, "nothing")):
-        monkeypatch.setattr(module, name, fails)
-    stage = read_mechanism(ROOT / "configs" / "3-RPR.yaml")
-    scenario = read_scenario(ROOT / "configs" / "scenarios" / "3-RPR.yaml", stage)
-    problem = Problem(stage, (run(stage, scenario, 3).data,), stage.free)
-    assert diagnose.diagnose(problem).verdict
-    with pytest.raises(AssertionError, match="is run"):
-        diagnose.diagnose(problem, diagnose.DiagnosisOptions(evidence=True))
 
 
 @pytest.mark.slow

@@ -73,8 +73,8 @@ def found_in(folder: Path, out: str = "d") -> dict[str, Any]:
 
 
 def diagnose(folder: Path, *args: str, out: str = "d") -> tuple[Run, dict[str, Any]]:
-    """Run on s/ with few draws of noise; the exit code has to go with the verdict."""
-    run = ppmcal("diagnose", "m.yaml", *(args or (DATA,)), "--draws", "1000", "--out", out,
+    """Run on s/; the exit code has to go with the verdict."""
+    run = ppmcal("diagnose", "m.yaml", *(args or (DATA,)), "--out", out,
                  cwd=folder)
     assert run.code in (0, 1), run.err
     found = found_in(folder, out)

@@ -7,12 +7,13 @@ import itertools
 import numpy as np
 import pytest
 from helpers.dense import density, summed
+from helpers.odds import odds as odds_of_batch
+from helpers.odds import odds_of_all
 from scipy import integrate, special, stats
 
 from ppmcal.inference.blocks import Block, batches
 from ppmcal.inference.columns import JoinedColumns, MatrixColumns
-from ppmcal.inference.evidence import odds as odds_of_batch
-from ppmcal.inference.evidence import odds_of_all
+from ppmcal.inference.evidence import odds_of_narrow, odds_of_wide
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import joint
 from ppmcal.inference.priors import NOISE_FREEDOM, OWN_NOISE_FREEDOM
@@ -331,3 +332,15 @@ def test_what_is_far_from_its_ends_has_a_small_finite_probability() -> None:
                            np.array([[1.0, 0.99], [0.99, 1.0]]))
     assert np.isfinite(far)
     assert far < -100.0
+
+
+@pytest.mark.parametrize("rank", [3, 12])
+def test_odds_are_the_same_with_and_without_eigenvectors(rank: int) -> None:
+    rng = np.random.default_rng(11)
+    matrix = rng.normal(size=(ROWS, rank)) @ rng.normal(size=(4, 2, rank, 12))
+    values = rng.normal(size=ROWS)
+    given = Conditioned.nothing(MatrixColumns(matrix[0, 0]), values)
+    square, right = np.swapaxes(matrix, 2, 3) @ matrix, values @ matrix
+    right[0, 0] = 0.0
+    np.testing.assert_allclose(odds_of_wide(given, square, right),
+                               odds_of_narrow(given, square, right), atol=1e-5)

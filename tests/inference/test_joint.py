@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers.dense import density, summed
+from helpers.odds import odds
 from scipy.special import logsumexp
 
 from ppmcal.inference.blocks import Block, batches
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.evidence import odds, total
+from ppmcal.inference.evidence import total
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import _System as system
 from ppmcal.inference.joint import joint, taken_blocks
@@ -106,7 +107,7 @@ def test_nothing_is_asked_twice_of_a_block_beside_the_same_others(
     asked: list[tuple[object, ...]] = []
     as_it_is = system.along
     monkeypatch.setattr(system, "along", lambda self, k, sizes, grid: (asked.append(
-        (k, *np.delete(sizes, k), *np.delete(grid, k))), as_it_is(self, k, sizes, grid))[1])
+        (k, *np.delete(sizes[0], k), *np.delete(grid[0], k))), as_it_is(self, k, sizes, grid))[1])
     for blocks in ([Block("", "", (0,), 0.0)], PAIRS[0]):
         asked.clear()
         joint(drawn(1), blocks)

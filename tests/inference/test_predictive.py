@@ -9,7 +9,7 @@ from scipy.special import gammaln
 
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.given import Conditioned
-from ppmcal.inference.predictive import predicted
+from ppmcal.inference.predictive import averaged, predicted
 from ppmcal.inference.priors import NOISE_FREEDOM
 
 NU = float(NOISE_FREEDOM)
@@ -87,3 +87,46 @@ def test_errors_are_as_large_as_is_said() -> None:
     # 6000 values of 200 draws; those of a draw hang together, so that draws are counted
     share = np.mean(within, axis=1)
     assert np.mean(share) == pytest.approx(0.95, abs=4 * np.std(share) / np.sqrt(200))
+
+
+def test_models_are_averaged_by_what_the_other_groups_say_of_them() -> None:
+    """p(y_g | rest) = sum of p_h(y) / sum of p_h(rest), each a multivariate t density."""
+    block, values = drawn(11)
+    columns, group = MatrixColumns(np.zeros((50, 1))), np.arange(50) // 5
+    blocks = [block[:, :2], block]
+    models = [Conditioned.nothing(columns, values).taking(b) for b in blocks]
+    found = averaged([(m.log_evidence, m) for m in models], group)
+    for g in range(10):
+        rest = group != g
+        log_p = np.array([[stats.multivariate_t(
+            np.zeros(own.sum()), np.eye(own.sum()) + b[own] @ b[own].T, NU).logpdf(values[own])
+            for b in blocks] for own in (np.ones(50, dtype=bool), rest)])
+        score = np.logaddexp(*log_p[0]) - np.logaddexp(*log_p[1])
+        assert found.log_score[g] == pytest.approx(score, abs=1e-6)
+        weight = np.exp(log_p[1] - np.logaddexp(*log_p[1]))
+        error = sum(w * predicted(m, group).error[~rest]
+                    for w, m in zip(weight, models, strict=True))
+        assert found.square[g] == pytest.approx(np.sum(error**2))
+    assert found.count.tolist() == [5] * 10
+
+
+def test_a_value_in_no_group_is_in_no_score() -> None:
+    block, values = drawn(4)
+    given = Conditioned.nothing(MatrixColumns(np.zeros((50, 1))), values).taking(block)
+    group = np.where(np.arange(50) < 10, -1, np.arange(50) // 10 - 1)
+    found = averaged([(0.0, given)], group)
+    assert found.count.tolist() == [10] * 4
+    assert found.log_score == pytest.approx(predicted(given, group).log_score)
+
+
+def test_a_frame_that_only_a_group_tells_of_is_no_error_of_its_prediction() -> None:
+    """Two sessions, each with an offset of its own that nobody knew."""
+    rng = np.random.default_rng(3)
+    session = np.repeat([0, 1], 25)
+    offsets = 1e3 * np.eye(2)[session]
+    values = rng.normal(size=50) + offsets @ [0.4, -0.7]
+    given = Conditioned.nothing(MatrixColumns(np.zeros((50, 1))), values).taking(offsets)
+    found = averaged([(0.0, given)], session)
+    own = [values[session == s] - values[session == s].mean() for s in (0, 1)]
+    assert found.count.tolist() == [24, 24]
+    assert found.square == pytest.approx([np.sum(v**2) for v in own], rel=1e-4)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from ppmcal.inference.block_sets import state
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.question import Question
-from ppmcal.inference.sets import posterior
+from ppmcal.inference.sets import SetPosterior, posterior
 
 ROWS, WIDTH, KINDS = 60, 2, 12
 
@@ -132,3 +134,54 @@ def test_correlated_noise_is_no_cause() -> None:
 def test_sizes_that_are_integrated_do_not_depend_on_the_order_of_a_set() -> None:
     asked = drawn(5, {3: 1.0, 7: 0.7})
     assert state(asked, (3, 7)).log_p == pytest.approx(state(asked, (7, 3)).log_p, abs=1e-9)
+
+
+def told(odds: float, other: tuple[int, ...]) -> list[str]:
+    """Return what is likely in the place of a cause, at odds against another set."""
+    best = posterior(drawn(1, {3: 1.0})).best
+    assert best.chosen == (3,)
+    each = {frozenset({3}): np.log(odds), frozenset(other): 0.0}
+    total = np.log(odds + 1.0)
+    found = SetPosterior(best, {key: p - total for key, p in each.items()}, np.zeros(0))
+    return [m.family for m in found.likely(0, 0.95)]
+
+
+@pytest.mark.parametrize(("odds", "other", "alone"), [
+    (10.0, (), False), (30.0, (), False), (80.0, (), True),
+    (30.0, (5,), True), (10.0, (5,), False),
+    (30.0, (5, 7), False), (80.0, (5, 7), True), (170.0, (5, 7, 9), False)])
+def test_a_name_stands_alone_where_other_priors_leave_it_so(
+        odds: float, other: tuple[int, ...], alone: bool) -> None:
+    """One cause against nothing, another, or several: priors of all may be three times off.
+
+    Whether it is one cause or another does not depend on how often machines have either.
+    """
+    assert (len(told(odds, other)) == 1) == alone
+
+
+def test_what_is_rare_or_frequent_is_how_often_a_family_acts() -> None:
+    """Further events and rows that do not belong have priors of their own."""
+    rng = np.random.default_rng(2)
+    _, blocks = library(rng)
+    row = Block("row", "row", (0,), np.log(0.01))
+    asked = Question(MatrixColumns(rng.normal(size=(ROWS * WIDTH, len(blocks)))),
+                     rng.normal(size=ROWS * WIDTH), np.zeros((ROWS * WIDTH, 1)), (*blocks, row),
+                     np.ones((ROWS, WIDTH), dtype=bool), np.zeros(ROWS - 1, dtype=np.int64),
+                     frozenset({"row"}))
+    events = KINDS + 2, KINDS + 6
+    for some, families in ((), 0), ((1,), 1), ((1, 4), 2), (events, 1), ((1, *events), 2), (
+            (len(blocks),), 0), ((1, len(blocks)), 1):
+        more = asked.log_prior(some, 0.5) - asked.log_prior(some)
+        assert more == pytest.approx(0.5 * families)
+
+
+def test_scores_that_matter_are_the_scores_and_the_others_are_no_more_than_what_matters() -> None:
+    plain = drawn(3, {0: 1.0, 1: 0.4}, rho=0.5)
+    signed = replace(plain, blocks=tuple(replace(b, low=0.0) for b in plain.blocks))
+    at = state(signed, (0,))
+    exact = at.scores
+    for least in (at.log_p - 5.0, at.log_p, at.log_p + 3.0):
+        again = state(signed, (0,)).scores_above(least)
+        matters = exact > least
+        np.testing.assert_allclose(again[matters], exact[matters], atol=1e-9)
+        assert (again[~matters] <= least).all()

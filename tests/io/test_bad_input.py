@@ -644,7 +644,6 @@ def test_an_odd_damping_is_refused(files, value):
     ("plan", "m.yaml", "--count", "1e9"), ("plan", "m.yaml", "--count", "1000000000"),
     ("sensitivity", "m.yaml", "--grid", "x=400:600:1000000000,y"),
     ("workspace", "m.yaml", "--grid", "x=400:600:1e9"),
-    ("tolerances", "m.yaml", "--accuracy", "1", "--machines", "1000000000"),
-    ("diagnose", "m.yaml", "d.csv", "--draws", "1000000000")])
+    ("tolerances", "m.yaml", "--accuracy", "1", "--machines", "1000000000")])
 def test_an_absurd_count_is_refused_before_any_work(files, args):
     refuse(files, [*args, "--out", "o"], args[-2])

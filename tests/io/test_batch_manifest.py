@@ -12,7 +12,7 @@ from ppmcal.io.json_schema import file_schema
 from ppmcal.io.yaml import dump_yaml
 
 GOOD = {"format": "ppmcal/batch/1", "model": "models/{machine}.yaml",
-        "options": {"identify": {"seed": 3}, "diagnose": {"draws": 500}},
+        "options": {"identify": {"seed": 3}, "diagnose": {"holdout": 0.3}},
         "campaigns": [{"data": "runs/{machine}/{date}/*.csv"}]}
 
 
@@ -48,9 +48,9 @@ def test_a_pattern_of_one_machine_finds_its_dates_alone(folder):
              "options": {"kind": ["backlash", "gain"]}, "name": "play"}
     found = read_manifest(written(folder, GOOD | {"campaigns": [entry]}))
     assert [c.name for c in found] == ["h1/2026-01-02/play", "h1/2026-02-03/play"]
-    assert dict(found[0].options) == {"draws": 500, "kind": ("backlash", "gain")}
+    assert dict(found[0].options) == {"holdout": 0.3, "kind": ("backlash", "gain")}
     assert found[0].typed("out").endswith(
-        "runs/h1/2026-01-02/a.csv --draws 500 --kind backlash --kind gain --out out")
+        "runs/h1/2026-01-02/a.csv --holdout 0.3 --kind backlash --kind gain --out out")
 
 
 def test_a_compensation_may_assume_conditions_and_judge_targets_alone(folder):
@@ -91,10 +91,10 @@ BROKEN = {
         ": campaigns[2].data", "no file fits walks/", "Check the pattern"),
     "an unknown option": (lambda c: c["options"]["identify"].update(hold_out=0.3),
                           ": options.identify", "unknown key 'hold_out'", "'holdout'"),
-    "an option of another command": (lambda c: c["campaigns"][0].update(options={"draws": 300}),
-                                     ": campaigns[1].options", "unknown key 'draws'", "Allowed"),
-    "an option of another kind": (lambda c: c["options"]["diagnose"].update(draws="many"),
-                                  ": options.diagnose.draws", "is not a count", "whole number"),
+    "an option of another command": (lambda c: c["campaigns"][0].update(options={"png": True}),
+                                     ": campaigns[1].options", "unknown key 'png'", "Allowed"),
+    "an option of another kind": (lambda c: c["options"]["diagnose"].update(holdout="many"),
+                                  ": options.diagnose.holdout", "number", ""),
     "two targets": (lambda c: c["campaigns"].append(
         named(command="compensate", data=["a.csv", "b.csv"])), ": campaigns[2].data",
         "one file of targets", "Name one CSV"),

@@ -14,7 +14,7 @@ from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.noise_estimate import noise_check
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.linear_system import build
-from ppmcal.diagnosis.whitening import pure_error
+from ppmcal.diagnosis.remainder import pure_error
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism

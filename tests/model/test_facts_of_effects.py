@@ -32,6 +32,24 @@ def test_turns_are_angles_and_ways_are_lengths(kind: str) -> None:
             assert spec.quantity.split("/")[0] == ("angle" if name in TURNS else "length")
 
 
+@pytest.mark.parametrize(("joints", "fine", "no"), [
+    ((), (), (0.005, np.pi / 100)), (("length",), (0.001, 0.0025, 0.005), (0.012, np.pi / 100)),
+    (("angle",), (np.pi / 100, np.pi / 160), (0.002, 0.005)),
+    (("length", "angle"), (0.005, np.pi / 160), ())])
+def test_beyond_the_scan_periods_are_those_that_drives_have(
+        joints: tuple[str, ...], fine: tuple[float, ...], no: tuple[float, ...]) -> None:
+    """Which are coarse enough for the scan are there already."""
+    (scan,) = [s.scan for s in effect_kinds()["periodic"].parameters("spatial") if s.scan]
+    stroke = 3.0 if "angle" in joints else 0.8
+    plain = list(scan(ScanRange(stroke, 90)))
+    found = list(scan(ScanRange(stroke, 90, joints=frozenset(joints))))
+    assert found[:len(plain)] == plain == sorted(plain, reverse=True)
+    rest = found[len(plain):]
+    assert rest == sorted(rest, reverse=True) and max([0.0, *rest]) < plain[-1]
+    assert all(np.isclose(rest, p, rtol=1e-12).any() for p in fine)
+    assert not any(np.isclose(rest, p, rtol=1e-12).any() for p in no)
+
+
 @pytest.mark.parametrize("kind", limb_kinds())
 def test_frame_errors_of_joints_are_three_ways_and_three_turns(kind: str) -> None:
     for slot in limb_kinds()[kind].slots:
@@ -148,8 +166,6 @@ def test_what_is_named_is_possible_and_a_drives_error_is_a_small_part_of_its_str
                 assert spec.low <= spec.usual[0], (kind.name, spec.name)
             # a parameter's size is a step of it: lengths and angles move by little
             assert spec.size <= 0.01 or spec.quantity not in ("length", "angle"), spec.name
-            if np.isfinite(spec.named).all():
-                assert spec.low <= spec.named[0] < spec.named[1] <= spec.high, spec.name
             if spec.of_stroke and spec.name != kind.period:
                 assert max(map(abs, spec.usual)) <= 0.2, (kind.name, spec.name)
 

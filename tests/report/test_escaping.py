@@ -111,7 +111,7 @@ def test_the_page_of_a_batch_shows_names_as_text(desk: Path) -> None:
 @pytest.mark.slow
 def test_pictures_show_names_as_text(desk: Path) -> None:
     ppmcal("validate", "identified", FILE, "-q", cwd=desk)
-    ppmcal("diagnose", "mine.yaml", FILE, "--draws", 200, "-q", cwd=desk)
+    ppmcal("diagnose", "mine.yaml", FILE, "-q", cwd=desk)
     pictures = [*desk.rglob("*.svg")]
     assert len(pictures) > 3
     for path in pictures:

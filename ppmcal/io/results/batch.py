@@ -43,6 +43,7 @@ class CampaignQuantity(Part):
     tolerance: Shown | None = None
     unit: UnitText = ""
     p_value: Shown | None = None
+    probability: Shown | None = None
     status: Text = ""
 
 
@@ -126,7 +127,7 @@ def effect_quantities(record: DiagnosisRecord) -> Iterator[CampaignQuantity]:
         yield CampaignQuantity(what="noise", name="diagnosis", parameter=stage, value=ratio)
     for effect in record.effects:
         own = CampaignQuantity(what="effect", name=effect.kind, on=", ".join(effect.on),
-                               p_value=effect.p_value, status=record.verdict)
+                               probability=effect.probability, status=record.verdict)
         if not effect.parameters:
             yield own
         for name, v in effect.parameters.items():

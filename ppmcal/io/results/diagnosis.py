@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-import numpy as np
-
 from ppmcal.calibration.interpretation import plain_mistakes
 from ppmcal.calibration.knowledge import coverage
 from ppmcal.diagnosis import other_days
 from ppmcal.diagnosis.hypotheses import Untestable
 from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import PlotData, plot_data
-from ppmcal.diagnosis.result import Diagnosis, Swallowed, UnknownFound
+from ppmcal.diagnosis.result import Diagnosis, LeftOutBlocks, Swallowed, UnknownFound
 from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.codec import in_units
 from ppmcal.io.results.diagnosed_errors import DiagnosedErrors
@@ -22,8 +20,8 @@ from ppmcal.io.results.diagnosis_parts import (
     FitRatios,
     HeldOutGap,
     NextMeasurements,
-    NoiseThresholds,
     ResidualAfter,
+    RowNoiseFound,
     SuspectedEffect,
     UnfittedRow,
 )
@@ -42,11 +40,12 @@ class DiagnosisRecord(Record):
 
     ``coverage``: half of a 95 % interval over sigma, for what only noise makes uncertain.
     ``nothing``: probability that geometry is all there is; ``unknown``: what is there without a
-    name; both only where it was asked for probabilities.
+    name.
     """
 
     FILE: ClassVar[str] = "diagnosis.json"
-    FORMAT: ClassVar[str] = "ppmcal/diagnosis/1"
+    FORMAT: ClassVar[str] = "ppmcal/diagnosis/2"
+    EARLIER: ClassVar[tuple[str, ...]] = ("ppmcal/diagnosis/1",)
 
     name: Text = ""
     verdict: Text = ""
@@ -60,8 +59,9 @@ class DiagnosisRecord(Record):
     remainder: ResidualAfter = ResidualAfter()
     gap: HeldOutGap = HeldOutGap()
     confirmed: Flag | None = None
+    predictive: tuple[LeftOutBlocks, ...] = ()
     fit: FitRatios = FitRatios()
-    noise: NoiseThresholds = NoiseThresholds()
+    noise: RowNoiseFound = RowNoiseFound()
     localised: tuple[Place, ...] = ()
     not_testable: tuple[Untestable, ...] = ()
     swallowed: tuple[Swallowed, ...] = ()
@@ -80,7 +80,7 @@ class DiagnosisRecord(Record):
     @classmethod
     def of(cls, result: Diagnosis, provenance: Mapping[str, Any]) -> DiagnosisRecord:
         """Return the record of a diagnosis."""
-        fit, search = result.identification.fit, result.found.first.search
+        fit = result.identification.fit
         units = result.identification.mechanism.units
         left, noise, wanted = result.remainder, result.found.last.noise, result.proposal
         return cls(
@@ -91,21 +91,17 @@ class DiagnosisRecord(Record):
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
             possible=tuple(SuspectedEffect.of(c) for c in result.possible),
             nothing=result.nothing,
-            unknown=result.unknown,
+            unknown=result.unknown, predictive=result.predictive,
             learned=LearnedEntry.all_of(result),
             residual=DiagnosedErrors.of(result),
             remainder=ResidualAfter(
-                follows=None if left.p_value >= 0.01 else left.follows, p_value=left.p_value,
-                rms_ratio=left.ratio, noise_reference=left.source, noise_ratio=left.reference,
-                by_input=left.by_input),
+                follows=left.follows or None, p_value=None, known=left.known,
+                rms_ratio=left.ratio, noise_reference=left.source, noise_ratio=left.reference),
             gap=HeldOutGap.of(result.gap, result.blocks, CHOSEN),
             confirmed=_confirmed(result),
             fit=FitRatios(before=result.start.ratio, after=left.ratio,
                           rows=sum(int(k.sum()) for k in fit.keep)),
-            noise=NoiseThresholds(
-                covariance_ratio=noise.scale, serial_correlation=noise.rho,
-                detect_p=float(np.exp(search.over_all(search.detect))),
-                name_p=float(np.exp(search.over_all(search.name)))),
+            noise=RowNoiseFound(serial_correlation=noise.rho),
             localised=result.localised, not_testable=result.untestable,
             swallowed=in_units(result.swallowed, units),
             next_measurements=NextMeasurements(

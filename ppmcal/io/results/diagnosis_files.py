@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ppmcal.calibration.validation import residuals
-from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.result import Candidate, Diagnosis
 from ppmcal.io import write_mechanism
 from ppmcal.io.csv_writer import Content
@@ -19,7 +18,7 @@ from ppmcal.io.results.other_models import other_files
 from ppmcal.io.results.record import Column, table_text
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.model.dataset import ZERO_CELSIUS
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, resolved
+from ppmcal.model.mechanism import POSE_COORDINATES
 
 
 def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRecord
@@ -50,38 +49,22 @@ def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRec
 def effects_csv(result: Diagnosis) -> str:
     """Return effects.csv: one row per candidate, in the order of what became of it.
 
-    ``p_value`` of what is named is that of diagnosis.json, given the others that are named;
-    ``p_value_alone`` is before anything was named, for every row. Both are how often noise alone
-    shows as much of anything that was tried.
+    ``p_value`` is empty: what was found has the smallest of thousands.
     """
     mechanism, some, none = result.identification.mechanism, result.candidates, result.untestable
     unknown, blank = [np.nan] * len(none), [""] * len(none)
-    smallest = [_detectable(mechanism, c) for c in some]
     return table_text([
         Column("kind", [*(c.hypothesis.family for c in some), *(u.kind for u in none)]),
         Column("on", [*(" ".join(c.hypothesis.on) for c in some), *blank]),
         Column("form", [*("shared" if c.hypothesis.shared else "each" for c in some), *blank]),
-        Column("p_value", [*(c.p_value for c in some), *unknown]),
+        Column("p_value", [np.nan] * (len(some) + len(none))),
         Column("survival", [*(c.survival for c in some), *unknown]),
         Column("status", [*(c.status for c in some), *["not testable"] * len(none)]),
         Column("alternatives", [*("; ".join(c.alternatives) for c in some),
                                 *(f"needs {', '.join(u.missing)}" for u in none)]),
-        Column("detectable", [*(value for value, _ in smallest), *unknown]),
-        Column("unit", [*(unit for _, unit in smallest), *blank]),
-        Column("survives", [*(_survives(result, c) for c in some), *blank]),
         Column("side", [*(_side(result, c) for c in some), *blank]),
-        Column("p_value_alone", [*(probability(c.log_p_alone) for c in some), *unknown]),
         Column("probability", [*(c.probability for c in some), *unknown]),
     ], mechanism.units)
-
-
-def _survives(result: Diagnosis, candidate: Candidate) -> str:
-    """Return whether what is named would stand if the rest were explained, empty if unknown."""
-    if candidate.status == "consistent":
-        return "no"
-    own = [e.survives for e in result.effects if candidate.status == "named" and (
-        e.hypothesis.family, e.on) == (candidate.hypothesis.family, candidate.hypothesis.on)]
-    return "yes" if own and own[0] is not None and own[0].stands else ""
 
 
 def _side(result: Diagnosis, candidate: Candidate) -> str:
@@ -93,24 +76,6 @@ def _side(result: Diagnosis, candidate: Candidate) -> str:
     if len(set(sides.values())) < 2:
         return next(iter(sides.values()), "")
     return "; ".join(f"{' '.join(on)} {side}" for on, side in sides.items())
-
-
-def _detectable(mechanism: Mechanism, candidate: Candidate) -> tuple[float, str]:
-    """Return the smallest value that the data would show, and its unit."""
-    hypothesis, units = candidate.hypothesis, mechanism.units
-    if candidate.detectable <= 0.0:
-        return np.nan, ""
-    if hypothesis.slot:
-        p = next(p for p in mechanism.parameters if p.name == hypothesis.slot)
-        return candidate.detectable / units.factor(p.quantity), units.name(p.quantity)
-    assert hypothesis.effect is not None
-    spec = next(s for s in hypothesis.effect.parameters(mechanism.motion)
-                if s.name == hypothesis.names[0])
-    on = hypothesis.on or mechanism.actuators
-    joint = mechanism.actuator_quantity[mechanism.actuators.index(on[0])]
-    quantity = resolved(spec.quantity, joint)
-    value = 1.0 / candidate.detectable if spec.reciprocal else candidate.detectable
-    return value / units.factor(quantity), units.name(quantity)
 
 
 def next_csv(result: Diagnosis) -> str:

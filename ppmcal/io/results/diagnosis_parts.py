@@ -10,7 +10,6 @@ import numpy as np
 
 from ppmcal.calibration.fit import half_interval
 from ppmcal.calibration.knowledge import coverage
-from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.derived_errors import derived
 from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
@@ -20,9 +19,8 @@ from ppmcal.diagnosis.result import (
     NamedEffect,
     Onset,
     SessionEffect,
-    Survival,
 )
-from ppmcal.io.results.record import Flag, Part, Shown, Text, UnitText, Whole
+from ppmcal.io.results.record import Part, Shown, Text, UnitText, Whole
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.units import Units
 
@@ -103,29 +101,6 @@ class EffectInSession(Part):
             for label, value, sigma in zip(found.labels, found.value, found.sigma, strict=True))
 
 
-class EffectSurvival(Part):
-    """Whether an effect would stand if what is left were explained too.
-
-    ``p_value`` of it beside a smooth shape in what the rest ``follows``, with which it ``keeps``
-    so much of its size, ``log10_odds`` for both against a larger shape alone; ``fails``:
-    by what a left-out third of the rows is not predicted.
-    """
-
-    stands: Flag | None = None
-    p_value: Shown | None = None
-    follows: Text = ""
-    keeps: Shown | None = None
-    log10_odds: Shown | None = None
-    fails: Text = ""
-
-    @classmethod
-    def of(cls, found: Survival | None) -> EffectSurvival | None:
-        """Return the part of one effect, None where nothing was left."""
-        return None if found is None else cls(
-            stands=found.stands, p_value=probability(found.log_p), follows=found.follows,
-            keeps=found.keeps, log10_odds=found.log_odds / np.log(10.0), fails=found.fails)
-
-
 class CalledKind(Part):
     """A ``kind`` of effect; ``label``: what people call it, where kinds of one name differ."""
 
@@ -141,21 +116,19 @@ class CalledKind(Part):
 class DiagnosedEffect(CalledKind):
     """An effect that the data name.
 
-    ``p_value`` given the other named ones: how often noise alone shows as much of anything that
-    was tried; ``survival``: the part that geometry cannot imitate;
-    ``alternatives``: kinds that the data cannot tell from it, ``alternatives_on`` with their
-    actuators, and the ``odds`` for the effect against each. ``derived`` is at ``mid_stroke``.
-    ``probability``: that it is there, and nothing else in its place; ``probabilities``: of the
-    alternatives. ``sessions``: its size in each where there are several, ``same_in_sessions_p`` the
-    p-value of being the same. ``survives``: of a partial verdict, whether it would stand. ``side``:
-    of what changes with the direction of approach, whether the joint ``lags`` what its encoder
-    reads (which sits before what gives way) or ``leads`` it (behind).
+    ``probability``: that it is there, and nothing else in its place; ``survival``: the part that
+    geometry cannot imitate; ``alternatives``: kinds that the data cannot tell from it,
+    ``alternatives_on`` with their actuators, ``probabilities`` and the ``odds`` for the effect
+    against each; ``p_value``: null, as what was found has the smallest of thousands. ``derived`` is
+    at ``mid_stroke``. ``sessions``: its size in each where there are several,
+    ``same_in_sessions_p`` the p-value of being the same. ``side``: of what changes with the
+    direction of approach, whether the joint ``lags`` what its encoder reads (which sits before what
+    gives way) or ``leads`` it (behind).
     """
 
     on: tuple[Text, ...] = ()
     parameters: Mapping[str, EffectValue] = field(default_factory=dict)
     p_value: Shown | None = None
-    log10_p: Shown | None = None
     survival: Shown | None = None
     alternatives: tuple[Text, ...] = ()
     alternatives_on: tuple[Text, ...] = ()
@@ -167,7 +140,6 @@ class DiagnosedEffect(CalledKind):
     row: EventRow | None = None
     sessions: tuple[EffectInSession, ...] = ()
     same_in_sessions_p: Shown | None = None
-    survives: EffectSurvival | None = None
     side: Text = ""
 
     @classmethod
@@ -175,27 +147,21 @@ class DiagnosedEffect(CalledKind):
         """Return one effect in file units."""
         return cls(kind=effect.kind, label=effect.hypothesis.called, on=effect.on,
                    parameters=_parameters(result, effect),
-                   p_value=effect.p_value, log10_p=effect.log_p / np.log(10.0),
+                   p_value=None,
                    survival=effect.survival, probability=effect.probability,
                    probabilities=effect.probabilities,
                    alternatives=tuple(kind_of(a) for a in effect.alternatives),
                    alternatives_on=effect.alternatives, odds=effect.odds,
                    sessions=EffectInSession.each(result, effect.sessions),
                    same_in_sessions_p=None if effect.sessions is None else effect.sessions.p_value,
-                   survives=EffectSurvival.of(effect.survives),
                    side=effect.side(result.identification.mechanism),
                    **_event(result, effect), **_derived(result, effect))
 
 
 class SuspectedEffect(CalledKind):
-    """Something that is there but cannot be named.
-
-    ``status``: ``weak``, ``imitation`` or ``consistent``, which would not stand if the rest were
-    explained.
-    """
+    """Something that may be there but is too weak to be named; ``status``: ``weak``."""
 
     on: tuple[Text, ...] = ()
-    p_value: Shown | None = None
     probability: Shown | None = None
     survival: Shown | None = None
     status: Text = ""
@@ -204,19 +170,21 @@ class SuspectedEffect(CalledKind):
     def of(cls, c: Candidate) -> SuspectedEffect:
         """Return a candidate that is not named."""
         return cls(kind=c.hypothesis.kind, label=c.hypothesis.called, on=c.hypothesis.on,
-                   p_value=c.p_value, survival=c.survival, status=c.status,
-                   probability=c.probability)
+                   survival=c.survival, status=c.status, probability=c.probability)
 
 
 class ResidualAfter(Part):
-    """What is left: rms over the noise, and the input that it follows, if any."""
+    """What is left: rms over the noise, and what the likeliest unknown cause in it looks like.
+
+    ``known``: probability that there is none; ``p_value``: null.
+    """
 
     follows: Text | None = None
     p_value: Shown | None = None
+    known: Shown | None = None
     rms_ratio: Shown | None = None
     noise_reference: Text = ""
     noise_ratio: Shown | None = None
-    by_input: Mapping[str, Shown | None] = field(default_factory=dict)
 
 
 class HeldOutGap(Part):
@@ -254,16 +222,10 @@ class FitRatios(Part):
     rows: Whole = 0
 
 
-class NoiseThresholds(Part):
-    """What the noise is like, and the p-values below which effects are detected and named.
+class RowNoiseFound(Part):
+    """What the noise is like from row to row."""
 
-    All p-values of hypotheses are over all that were tried, not those of one alone.
-    """
-
-    covariance_ratio: Shown | None = None
     serial_correlation: Shown | None = None
-    detect_p: Shown | None = None
-    name_p: Shown | None = None
 
 
 class NextMeasurements(Part):

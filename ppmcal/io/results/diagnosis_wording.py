@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ppmcal.diagnosis.held_out_blocks import SESSION
+from ppmcal.diagnosis.result import LeftOutBlocks
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
 from ppmcal.io.results.learned_parts import LearnedEntry
@@ -97,7 +98,7 @@ def own_values(record: DiagnosisRecord, group: Group) -> str:
     they are few, or not of one hypothesis.
     """
     names = [n for n, v in group[0].parameters.items() if v.sigma is not None]
-    if len(group) <= FEW or len({e.log10_p for e in group}) > 1 or any(
+    if len(group) <= FEW or len({e.probability for e in group}) > 1 or any(
             len(e.on) != 1 or set(e.parameters) != set(group[0].parameters) for e in group):
         return ""
     return ", ".join(_own(group, n) for n in names)
@@ -176,26 +177,6 @@ def actuators(record: DiagnosisRecord) -> int:
     return len(record.plot_data.actuators)
 
 
-def survives(effect: DiagnosedEffect) -> str:
-    """Return whether a named effect would stand if the rest were explained, empty if unknown."""
-    found = effect.survives
-    if found is None or not found.stands:
-        return ""
-    shape = f" beside a shape in {found.follows}" if found.follows else ""
-    kept = finite(found.keeps)
-    size = "" if kept is None else f", with {_percent(kept)} of its size"
-    return f"It would stand if the rest were explained{shape}{size}."
-
-
-def not_named(record: DiagnosisRecord) -> str:
-    """Return what the data are consistent with and that would not stand; empty where nothing."""
-    names = [name_of(record, e.called, e.on) for e in record.possible
-             if e.status in ("consistent", "imitation")]
-    return "" if not names else (
-        f"Consistent with, not named: {'; '.join(dict.fromkeys(names))}: no more than an imitation "
-        "of what is left, perhaps.")
-
-
 LIKELY, FEW_SETS = 0.01, 4
 """Sets of effects that are told have at least this probability; so many are told."""
 
@@ -244,6 +225,26 @@ def gap_closed(record: DiagnosisRecord) -> str:
     if closed is None:
         return f"{text}; nothing exceeded the noise before."
     return f"{text}: {_percent(closed)} of what exceeds the noise is gone{_interval(gap)}."
+
+
+def predicted(record: DiagnosisRecord) -> str:
+    """Return how rows left out are predicted, empty where geometry is all that is likely."""
+    told = [b for b in record.predictive if b.gain_sigma > 0.0]
+    if not told:
+        return ""
+    first, least = told[0], min(told, key=lambda b: b.gain)
+    text = (f"With {_portion(first.by)} left out at a time, all that may be there together misses "
+            f"by {_ratio(first.averaged.error)} times the noise, geometry alone by "
+            f"{_ratio(first.geometry.error)}; log score {_gain(first)}")
+    return text + (f", by {least.by} {_gain(least)}" if least is not first else "") + "."
+
+
+def _portion(by: str) -> str:
+    return f"one {by}" if by in ("pose", SESSION) else f"a third of the rows by {by}"
+
+
+def _gain(found: LeftOutBlocks) -> str:
+    return f"{found.gain:+.1f} +- {found.gain_sigma:.1f}"
 
 
 def left_out_poses(gap: HeldOutGap) -> str:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import ClassVar
 
 from ppmcal.calibration.compensation import Reading, Readings, probabilities
-from ppmcal.diagnosis.effect_sets import labels
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
@@ -46,7 +45,8 @@ class TriedSet(Part):
         if not others:
             return ()
         shares = probabilities([r for _, r in others])
-        sets = [("model.yaml", labels(result.found.last)), *((f, r.effects) for f, r in others)]
+        named = tuple(h.label for h in result.found.last.named)
+        sets = [("model.yaml", named), *((f, r.effects) for f, r in others)]
         return tuple(cls(effects=effects, probability=p, file=file)
                      for (file, effects), p in zip(sets, shares, strict=True))
 
@@ -55,7 +55,8 @@ class OtherModels(Record):
     """The part of diagnosis.json that a compensation needs."""
 
     FILE: ClassVar[str] = "diagnosis.json"
-    FORMAT: ClassVar[str] = "ppmcal/diagnosis/1"
+    FORMAT: ClassVar[str] = "ppmcal/diagnosis/2"
+    EARLIER: ClassVar[tuple[str, ...]] = ("ppmcal/diagnosis/1",)
 
     other_models: tuple[OtherModel, ...] = ()
 

@@ -146,11 +146,12 @@ class Record(Part):
     """The content of one JSON file.
 
     Subclasses name the file, its ``format`` and, field by field, its keys in their order. Keys
-    that nobody set are not written.
+    that nobody set are not written. ``EARLIER``: formats that are still read.
     """
 
     FILE: ClassVar[str]
     FORMAT: ClassVar[str]
+    EARLIER: ClassVar[tuple[str, ...]] = ()
 
     format: Text = ""
 
@@ -175,7 +176,7 @@ class Record(Part):
             BadInput: another format, or a value of another kind.
         """
         found = super().checked(data, path, mend)
-        if cls.FORMAT and found.format not in ("", cls.FORMAT):
+        if cls.FORMAT and found.format not in ("", cls.FORMAT, *cls.EARLIER):
             raise BadInput(f"is no {cls.FILE} of this version of ppmcal", str(path), mend)
         return found
 

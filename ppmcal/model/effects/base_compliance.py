@@ -141,7 +141,6 @@ ABOUT_BASE = EffectKind(
     "[LIN] section 4.3; Maxwell's and Betti's reciprocity", _of_base, ("wrench",), _base_terms,
     per_actuator=False, uses_load=True, motions=("planar", "spatial"), from_file=FILE,
     written=lambda units: {"about": "base"}, title="base_compliance about base", body="base",
-    contains=("base_compliance", "compliance", "plate_compliance", "creep"),
     derived=tuple(Derived(f"center_{'xyz'[k]}", "length", _about(k)) for k in range(3)),
     remedy="indicate the base against the ground while the payload is put on")
 

@@ -41,6 +41,6 @@ CURVATURE = register(EffectKind(
                  for n in (2, 3, 4)),
                *(EffectParameter(n, "joint", np.nan, constant=True, stroke_end=n)
                  for n in ("low", "high"))),
-    (), _terms, smooth=True,
+    (), _terms,
     worked=Worked({"p2": 1e-4, "p3": 0.0, "p4": 0.0, "low": 0.0, "high": 1.0},
                   {"travel": 0.5}, -0.5e-4)))

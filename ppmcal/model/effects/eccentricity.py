@@ -33,7 +33,7 @@ ECCENTRICITY = register(EffectKind(
     "encoder eccentricity and tilt of the disc (first and second harmonic)",
     fixed_list(*(EffectParameter(n, "joint", usual=(-0.05, 0.05), of_stroke=True, why=STROKE)
                  for n in ("cos", "sin", "cos2", "sin2"))),
-    (), _terms, joints="turning", smooth=True,
+    (), _terms, joints="turning",
     worked=Worked({"cos": 1e-4, "sin": 2e-4, "cos2": 3e-4, "sin2": 0.0},
                   {"travel": np.pi / 2.0}, -1e-4),
     derived=(*wave("cos", "sin", lambda v, at: at),

@@ -46,7 +46,7 @@ FRICTION = register(EffectKind(
                  for n in ("static", "dynamic")),
                EffectParameter("speed", "joint/s", None, low=1e-12, usual=(1e-12, np.inf),
                                scan=_speeds)),
-    ("dir", "vel"), _terms, contains=("backlash",), one_sign=True,
+    ("dir", "vel"), _terms,
     reversal=Reversal("wind-up", lambda v: v["static"] + v["dynamic"]),
     remedy="come to the same poses at several speeds, from both sides",
     worked=Worked({"static": 3e-5, "dynamic": 1e-5, "speed": 0.02},

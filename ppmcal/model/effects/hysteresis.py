@@ -53,7 +53,7 @@ HYSTERESIS = register(EffectKind(
                  for n in WIDTHS),
                *(EffectParameter(n, "joint", np.nan, constant=True, stroke_end=n)
                  for n in ("low", "high"))),
-    ("order",), _terms, contains=("backlash", "play"), unsettled=_unsettled,
+    ("order",), _terms, unsettled=_unsettled,
     reversal=Reversal("wind-up", lambda v: -sum(v[n] * part for n, part in WIDTHS.items())),
     remedy="go through strokes of several lengths, back and forth",
     worked=Worked({"w1": 0.0, "w2": 1e-3, "w3": 0.0, "low": 0.0, "high": 1.0},

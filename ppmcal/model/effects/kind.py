@@ -32,7 +32,7 @@ class ScanRange:
     N or N m; ``size``, ``near``: largest and smallest distance of two joint centres of a body, m;
     ``moves``: of the joints from row to row, m or rad, the shortest first; ``step``, ``duration``:
     median time from row to row, and of the whole, s; ``speed``: median speed of the joints at the
-    trigger, m/s or rad/s.
+    trigger, m/s or rad/s; ``joints``: what they measure, ``length``, ``angle`` or both.
     """
 
     stroke: float
@@ -45,6 +45,7 @@ class ScanRange:
     step: float = 60.0
     duration: float = 3600.0
     speed: float = 0.01
+    joints: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,8 @@ class EffectParameter:
     pure number. ``default`` None: the file must give it. ``low``, ``high``: the range in which
     it has a meaning, SI. ``usual``: the range in which machines have it, SI, or, with
     ``of_stroke``, in parts of the joint's stroke, with ``per_stroke``, of its inverse: a value
-    outside is not named as this effect (``why``: where the range is from). ``named``: the range in
-    which it is named at last, whatever a search passes through. ``size``: a change that counts,
-    SI. ``constant``: never fitted. ``reciprocal``: the effect is linear in its
+    outside is not named as this effect (``why``: where the range is from). ``size``: a change that
+    counts, SI. ``constant``: never fitted. ``reciprocal``: the effect is linear in its
     inverse, in which a fit takes its steps. ``scan``: the values that a search tries, SI, of a
     parameter in which the effect is not linear; a plan has to be given it. ``stroke_end``:
     ``low`` or ``high``, for a constant that is that end of the stroke where the file leaves it
@@ -77,7 +77,6 @@ class EffectParameter:
     low: float = -np.inf
     high: float = np.inf
     usual: tuple[float, float] = (-np.inf, np.inf)
-    named: tuple[float, float] = (-np.inf, np.inf)
     of_stroke: bool = False
     per_stroke: bool = False
     why: str = ""
@@ -218,8 +217,6 @@ class EffectKind:
         follows: what its residuals are plotted against; None: the first column that it needs, or
             the travel.
         remedy: what to measure or record that tells it from what looks alike.
-        smooth: whether it is a slow function of the travel, so that two such kinds on one joint
-            may only make up another shape.
         period: name of the parameter that is a period of the travel.
         onset: name of the parameter that is the row from which on it holds, until the next of its
             kind.
@@ -237,15 +234,14 @@ class EffectKind:
         from_file: of a kind that is only made of what a file says.
         written: of a kind that was made so: units of the file -> its entries.
         variants: motion -> the kinds that a search tries in its place; None: itself.
-        contains: kinds of which it is a more general one, which are enough where they do as well.
-        seldom: BIC that it must make up for, since machines seldom have it: 2 log of the odds.
+        contains: of a product, the kind whose size goes with a column.
+        seldom: whether machines seldom have it.
         known: the ranges of its inputs beyond which nothing is known of it; none: everywhere.
         spread: what it is uncertain by beside its parameters, if anything.
         unsettled: by how much du is another one since nobody knows what was before the first row:
             (setting, on, values, start) -> (N, k), unit of u; start -1 to 1, what was; at 1, the
             default, it is the most that may be. None: the first row is like any other.
         reversal: what its sign says of where the encoder sits, if anything.
-        one_sign: whether all its parameters have the same sign, whichever.
         nuisance: whether it is of what the machine is measured against: a search names it for
             nothing, and tells it as an alternative to what it explains as well.
         title: what people call it; empty: its name. Kinds made of one are told apart by it.
@@ -267,7 +263,6 @@ class EffectKind:
     derived: tuple[Derived, ...] = ()
     follows: EffectInput | None = None
     remedy: str = ""
-    smooth: bool = False
     period: str = ""
     onset: str = ""
     instrument: bool = False
@@ -281,14 +276,13 @@ class EffectKind:
     written: Callable[[Units], Mapping[str, object]] | None = None
     variants: Callable[[str], Sequence[EffectKind]] | None = None
     contains: tuple[str, ...] = ()
-    seldom: float = 0.0
+    seldom: bool = False
     known: tuple[KnownRange, ...] = ()
     spread: Spread | None = None
     unsettled: Unsettled | None = None
     title: str = ""
     body: str = ""
     reversal: Reversal | None = None
-    one_sign: bool = False
     nuisance: bool = False
 
     def __post_init__(self) -> None:
@@ -304,11 +298,6 @@ class EffectKind:
                                for m in self.motions):
             raise ValueError(f"effect '{self.name}': the period '{self.period}' is no parameter "
                              "with a scan")
-
-    @property
-    def may_be_plain(self) -> bool:
-        """Whether there are parameters that a search tries the kind without."""
-        return any(s.optional for m in self.motions for s in self.parameters(m))
 
     @property
     def label(self) -> str:

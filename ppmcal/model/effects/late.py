@@ -28,9 +28,9 @@ def taus(data: ScanRange) -> list[float]:
     return [part * data.duration for part in (0.03, 0.1, 0.3)]
 
 
-EXPANSION = EffectParameter("expansion", "1/K", low=-30e-6, high=30e-6, size=1e-6,
-                            named=(0.0, 30e-6))
-"""What is warmed grows; a search passes through values below 0 while tau is not in yet."""
+EXPANSION = EffectParameter("expansion", "1/K", low=-120e-6, high=120e-6, size=1e-6,
+                            usual=(0.0, 120e-6), why="what is warmed grows, metals by up to 30e-6 "
+                            "per K, polymers of printed machines by up to 110e-6")
 TAU = EffectParameter("tau", "s", 0.0, low=0.0, usual=(0.0, 1e6), size=1.0, scan=taus,
                       optional=True, needs=("past",),
                       why="what takes longer than a week does not heat within a campaign")

@@ -35,12 +35,24 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 FEWEST_PERIODS, MOST_PERIODS = 1.5, 80.0
 """Periods per stroke that a search tries; a longer wave is a smooth error."""
 STEP = 0.4
+PITCHES = {
+    "length": tuple(1e-3 * mm for mm in (1, 2, 2.5, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40)),
+    "angle": tuple(2.0 * np.pi / n for n in (50, 60, 72, 80, 90, 100, 120, 144, 160, 180, 200, 240,
+                                             320, 360))}
+"""Periods that drives have: nominal leads of screws (ISO 3408-2), which are pitches of belts and
+scales too, m; of a turn, teeth of worm wheels, and twice those of strain wave gears, rad."""
 
 
 def _periods(data: ScanRange) -> list[float]:
-    """Return the stroke over 1.5, 1.9, ... periods, at most two for each pose."""
+    """Return the stroke over 1.5, 1.9, ... periods, at most two for each pose; then finer pitches.
+
+    Positions that are not evenly spaced tell finer waves as well. There are too many for a scan,
+    of which machines have few, and these are exact: a lead is within 1e-4.
+    """
     counts = np.arange(FEWEST_PERIODS, min(MOST_PERIODS, 2.0 * data.poses), STEP)
-    return [float(data.stroke / n) for n in counts]
+    finest = data.stroke / (counts[-1] + STEP / 2.0)
+    fine = {p for joint in data.joints for p in PITCHES[joint] if p < finest}
+    return [*(float(data.stroke / n) for n in counts), *sorted(fine, reverse=True)]
 
 
 PERIODIC = register(EffectKind(

@@ -61,6 +61,6 @@ PLAY = register(EffectKind(
     "Krasnosel'skii and Pokrovskii, Systems with hysteresis (1989); ISO 230-2, reversal value",
     fixed_list(EffectParameter("width", "joint", None, usual=(-0.05, 0.05), of_stroke=True,
                                why=STROKE, scan=_widths, scaling=True)), ("order",), _terms,
-    contains=("backlash",), unsettled=_unsettled, reversal=Reversal("play", lambda v: -v["width"]),
+    unsettled=_unsettled, reversal=Reversal("play", lambda v: -v["width"]),
     remedy="come to some poses by moves that are shorter than the play, after a reversal",
     worked=Worked({"width": 4e-5}, {"travel_before": -0.01, "travel": 0.0}, -2e-5)))

@@ -1,28 +1,23 @@
-"""The verdict of diagnosis.md, step 11, what to look at, and what to do next."""
+"""What a diagnosis is refused for, what the user must look at, and what to do next."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ppmcal.calibration.fit import OVERSTATED, Fit, few_poses
+import numpy as np
+
+from ppmcal.calibration.fit import OVERSTATED, Fit
 from ppmcal.calibration.validation import LeftOut
-from ppmcal.diagnosis.adequacy import TOO_MUCH, Remainder
-from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
-from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.naming import Told, nearest
 from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
-from ppmcal.diagnosis.result import Found, NamedEffect
-from ppmcal.diagnosis.result_tables import measured_against
-from ppmcal.diagnosis.rivals import Rival
-from ppmcal.diagnosis.stage import Stage
+from ppmcal.diagnosis.other_models import others
+from ppmcal.diagnosis.remainder import TOO_MUCH, Remainder
+from ppmcal.diagnosis.result import NAMED, Found, NamedEffect, Swallowed
+from ppmcal.diagnosis.stage import WEAK_SURVIVAL, Stage
+from ppmcal.diagnosis.unknown_causes import UnknownCause
 from ppmcal.errors import NoResult
 from ppmcal.wording import counted
-
-Alternatives = dict[int, tuple[list[Rival], list[Hypothesis]]]
-"""By named hypothesis: rivals in the library, and what was not recorded."""
-FAR = 10.0
-MOSTLY = 0.5
-"""Effects that explain less than this of what exceeds the noise are no more than an imitation."""
 
 
 def refuse_unconverged(fit: Fit) -> None:
@@ -46,7 +41,7 @@ def refuse_unredundant(found: Found) -> None:
     Raises:
         NoResult: no degree of freedom is left that could show what is missing.
     """
-    if found.first.search.test.freedom > 0:
+    if found.first.freedom > 0:
         return
     data = found.before.problem.datasets
     raise NoResult(
@@ -55,57 +50,9 @@ def refuse_unredundant(found: Found) -> None:
         ", ".join(d.source for d in data), "Measure more poses, or free fewer parameters (--free)")
 
 
-def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[NamedEffect],
-           out: LeftOut, blocks: Sequence[BlockGap], imitated: bool) -> str:
-    """Return the verdict.
-
-    Args:
-        found: fits and tests on the training rows.
-        left: what the named effects leave.
-        start: what geometry alone leaves.
-        effects: what was named.
-        out: the rows that were left out.
-        blocks: the gap on stretches of time and of the environment.
-        imitated: whether what was named only makes up a shape that none of it is.
-    """
-    search = found.first.search
-    smallest = float(found.first.log_p.min(initial=0.0))
-    # names that only imitate, of what is no more than noise without them, are none
-    nothing = not effects or (imitated and start.adequate)
-    adequate = (left if not effects else start).adequate and not out.suspicious
-    if nothing:
-        # far beyond chance, but no physical value fits
-        if not adequate or smallest < search.name - FAR:
-            return "unnamed"
-        return "weak" if smallest < search.detect else "none"
-    if imitated or not_predicted(blocks, left, start):
-        return "unnamed"  # what does not predict, or only makes up a shape, is no name
-    if not left.adequate:
-        explained = (start.ratio**2 - left.ratio**2) / max(start.ratio**2 - 1.0, 1e-9)
-        return _partial(found) if explained >= MOSTLY else "unnamed"
-    if out.suspicious:
-        return _partial(found)
-    return "named-set" if any(e.alternatives for e in effects) else "named"
-
-
-def _partial(found: Found) -> str:
-    """Return the verdict where names leave something: of few poses they may be made of that."""
-    return "unnamed" if any(few_poses(found.before)) else "partial"
-
-
-def not_predicted(blocks: Sequence[BlockGap], left: Remainder, start: Remainder
-                  ) -> list[BlockGap]:
-    """Return the blocks that the effects do not predict as well as they explain all rows."""
-    before, after = (max(0.0, r.ratio**2 - 1.0) for r in (start, left))
-    if before <= 0.0:
-        return []
-    everywhere = max(0.0, 1.0 - (after / before) ** 0.5)
-    return [b for b in blocks if b.fails(everywhere, left.excess < TOO_MUCH)]
-
-
 def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEffect],
-             gap: Gap | None, out: LeftOut, blocks: Sequence[BlockGap]) -> list[str]:
-    """Return what the user must look at; ``blocks``: those that were not predicted."""
+             gap: Gap | None, out: LeftOut) -> list[str]:
+    """Return what the user must look at."""
     said = [f for d in after.problem.datasets for f in d.findings]
     for data, reasons, old in zip(after.problem.datasets, after.reasons, before.reasons,
                                   strict=True):
@@ -125,15 +72,13 @@ def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEf
         said.append(f"residuals are only {left.ratio:.3g} times the {left.source} noise: sigma is "
                     "too large, in a wrong unit perhaps; correct it, it decides what geometry is "
                     "held to")
-    weak = [e.hypothesis.called for e in effects if e.survival < 0.2]
+    weak = [e.hypothesis.called for e in effects if e.survival < WEAK_SURVIVAL]
     if weak:
         said.append(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
                     "testable), so its size is uncertain")
     said += _sides(after, effects)
     if effects and gap is not None and not gap.confirmed:
         said.append("the held-out poses do not confirm the improvement: too few, or too small")
-    said += [f"left out by {b.by} ({b.portion}), only {b.gap.closed or 0.0:.0%} of the gap "
-             "is closed: what was found does not predict there" for b in blocks]
     if not after.converged:
         said.append(f"the fit had not converged after {after.iterations} iterations")
     return said
@@ -158,30 +103,45 @@ def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[str]:
             for kind, ways in joints.items() if len(ways) > 1]
 
 
-def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
-              gap: Gap | None = None) -> Proposal:
-    """Return measurements that tell the first rivals apart, or what else to do."""
-    joints = len(stage.system.problem.mechanism.actuators)
-    for i, (others, _) in alternatives.items() if verdict != "unnamed" else ():
-        if others and not stage.hypotheses[i].slot:
-            likeliest = min(others, key=lambda r: r.odds)
-            return propose(stage, stage.hypotheses[i], likeliest.hypothesis, likeliest.odds, seed)
-    if verdict in ("named-set", "partial") and any(a for _, a in alternatives.values()):
-        return nothing("measure again with a known payload (column payload): give under a "
-                       "weight that was not recorded looks much like this", joints)
+def swallowed(before: Fit, after: Fit) -> tuple[Swallowed, ...]:
+    """Return the parameters that had moved by more than their tolerance to imitate effects."""
+    out = []
+    nominals = after.problem.mechanism.nominals
+    for p in before.problem.free:
+        parameter = before.problem.mechanism.parameters[p]
+        tau = parameter.tolerance
+        moved = float(before.state.g[p] - after.state.g[p])
+        if before is not after and tau and np.isfinite(tau) and abs(moved) > tau:
+            out.append(Swallowed(parameter.name, float(before.state.g[p] - nominals[p]),
+                                 float(after.state.g[p] - nominals[p]), tau, parameter.quantity))
+    return tuple(sorted(out, key=lambda s: -abs(s.before - s.after) / s.tolerance))
+
+
+def advice(verdict: str, joints: int, gap: Gap | None = None) -> Proposal:
+    """Return what to do where no measurements tell rivals apart; ``gap``: on held-out poses."""
     if verdict == "named" and gap is not None and not gap.confirmed:
         return nothing("repeat the campaign, or measure more poses: those held out do not confirm "
                        "yet what is named", joints)
-    against = next(measured_against(stage), None) if verdict == "unnamed" else None
-    if against is not None and against.hypothesis.effect is not None:
-        return nothing(against.hypothesis.effect.remedy, joints)
-    return advice(verdict, joints)
-
-
-def advice(verdict: str, joints: int) -> Proposal:
-    """Return what to do where no measurements tell rivals apart."""
     return nothing({"none": "nothing more to measure: no missing effect is detectable",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
                     "named": "nothing more to measure: the named effects explain the residuals",
                     }.get(verdict, "record more of what might matter (load, temperature, time)"),
                    joints)
+
+
+def next_step(what: Told, stage: Stage, verdict: str, gap: Gap | None, seed: int) -> Proposal:
+    """Return measurements that tell the likeliest two apart, or what else to do."""
+    every = stage.library.hypotheses
+    for place, member, odds in others(what) if verdict in NAMED else ():
+        other = [h for h in what.hypotheses(member) if not any(
+            h is p.hypothesis for p, _ in what.effects)]
+        if place.hypothesis and not place.hypothesis.slot and len(other) == 1:
+            one, two = nearest(place.hypothesis, every), nearest(other[0], every)
+            if one is not None and two is not None:
+                return propose(stage, every[one], every[two], odds, seed)
+    joints = len(what.whole.problem.mechanism.actuators)
+    for p in what.last.unnamed:
+        source = what.last.asked.sources[p.leader]
+        if isinstance(source, UnknownCause) and source.remedy:
+            return nothing(source.remedy, joints)
+    return advice(verdict, joints, gap)

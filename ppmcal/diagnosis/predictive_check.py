@@ -1,0 +1,83 @@
+"""One check that chooses nothing: rows left out, by geometry alone and by all that may be there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ppmcal.diagnosis.explanation import Round
+from ppmcal.diagnosis.held_out_blocks import schemes
+from ppmcal.diagnosis.question import ROW_FAMILY
+from ppmcal.diagnosis.result import LeftOutBlocks, Predictions
+from ppmcal.inference.block_sets import state
+from ppmcal.inference.given import Conditioned
+from ppmcal.inference.predictive import LeftOutGroups, averaged
+from ppmcal.linalg import Array, Ints
+
+COUNTS = 0.01
+"""Sets less probable than this do not change what is predicted."""
+
+
+def predictions(asked: Round) -> tuple[LeftOutBlocks, ...]:
+    """Return how rows left out are predicted, with the noise as it is likeliest.
+
+    Rows that do not belong are neither model's: both have them as the likeliest set has.
+
+    Raises:
+        LinearAlgebraError: if rows are known exactly from the others.
+    """
+    answer, question = asked.answer, asked.asked.question
+    noise, blocks = answer.best.likeliest[0], question.blocks
+    rows = [i for i in answer.best.chosen if blocks[i].family == ROW_FAMILY]
+    sets = [sorted(key) for key, p in answer.log_p.items() if p > np.log(COUNTS)]
+    whole, bare = (list(_models(asked, some, noise)) for some in (sets or [rows], [rows]))
+    belong = question.observed.copy()
+    belong[[source for i in rows if isinstance(source := asked.asked.sources[i], int)]] = False
+    out = []
+    for by, label in _labels(asked):
+        group = np.where(belong, label[:, None], -1).reshape(-1)
+        numbers, places = np.unique(group[group >= 0], return_inverse=True)
+        if numbers.size > 1:
+            group[group >= 0] = places.reshape(-1)
+            out.append(_compared(by, averaged(bare, group), averaged(whole, group)))
+    return tuple(out)
+
+
+def _models(asked: Round, sets: Sequence[Sequence[int]], noise: int
+            ) -> Iterator[tuple[float, Conditioned]]:
+    for chosen in sets:
+        at = state(asked.asked.question, chosen, [noise])
+        _, log_p, found = at.likeliest
+        yield log_p, at.given(noise, found)
+
+
+def _labels(asked: Round) -> Iterator[tuple[str, Ints]]:
+    """Yield what rows are left out by, and the block (N,) of each row, -1 if it is in none."""
+    system = asked.asked.system
+    yield "pose", system.group
+    for by, folds in schemes(asked.fit.problem):
+        label = np.full(system.row.size, -1, dtype=np.int64)
+        for n, masks in enumerate(folds):
+            label[[bool(masks[d][r]) for d, r in zip(system.dataset, system.row, strict=True)]] = n
+        yield by, label
+
+
+def _compared(by: str, bare: LeftOutGroups, whole: LeftOutGroups) -> LeftOutBlocks:
+    gain = whole.log_score - bare.log_score
+    return LeftOutBlocks(by, gain.size, _told(bare), _told(whole), float(gain.sum()),
+                         _sigma(gain))
+
+
+def _told(found: LeftOutGroups) -> Predictions:
+    count = max(int(found.count.sum()), 1)
+    mean = float(found.square.sum()) / count
+    error = float(np.sqrt(mean))
+    apart = _sigma(found.square - mean * found.count) / count
+    return Predictions(float(found.log_score.sum()), _sigma(found.log_score), error,
+                       apart / max(2.0 * error, 1e-300))
+
+
+def _sigma(each: Array) -> float:
+    """Return the standard error of the sum of what each block has (G,)."""
+    return float(np.sqrt(each.size) * np.std(each, ddof=1))

@@ -1,0 +1,101 @@
+"""What is left, against the noise: that which files state, or that of repeats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, ndtri
+
+from ppmcal.calibration.fit import ENOUGH_REPEATS, noise_source
+from ppmcal.diagnosis.linear_system import System
+from ppmcal.diagnosis.stage import Stage
+from ppmcal.model.repeats import repeats
+
+TOO_MUCH = 3.5
+"""Residuals exceed the noise where their mean square does so by this many sigmas."""
+
+
+@dataclass(frozen=True)
+class PureError:
+    """Scatter of repeats in the same environment: sigma over the stated one, freedom."""
+
+    ratio: float
+    freedom: int
+
+
+def pure_error(system: System) -> PureError | None:
+    """Return the scatter within rows of one pose and environment, or None."""
+    label = _environments(system)
+    if label is None:
+        return None
+    count = int(label.max()) + 1
+    size = np.zeros((count, system.residual.shape[1]))
+    total = np.zeros_like(size)
+    np.add.at(size, label, system.observed.astype(float))
+    np.add.at(total, label, system.residual)
+    away = np.where(system.observed, system.residual - (total / np.maximum(size, 1.0))[label], 0.0)
+    freedom = int(np.sum(np.maximum(size - 1.0, 0.0)))
+    return PureError(float(np.sqrt(np.sum(away**2) / freedom)), freedom) if freedom else None
+
+
+def _environments(system: System) -> NDArray[np.int64] | None:
+    """Return one label per pose and environment (N,); different ones hide no effect."""
+    own = np.zeros(system.dataset.size, dtype=np.int64)
+    for i, data in enumerate(system.problem.datasets):
+        mine = system.dataset == i
+        own[mine] = repeats(data)[system.row[mine]]
+    label = system.dataset * (int(own.max(initial=0)) + 1) + own
+    label = np.unique(label, return_inverse=True)[1].reshape(-1)
+    return np.asarray(label, dtype=np.int64) if label.max() + 1 < label.size else None
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left.
+
+    Attributes:
+        ratio: rms over the noise reference; excess: how many sigmas above it.
+        reference: noise over the stated noise, and where it is from.
+        follows: what the likeliest unknown cause looks like; empty where there is none.
+        known: probability that no unknown cause is in it.
+    """
+
+    ratio: float
+    excess: float
+    reference: float
+    source: str
+    follows: str
+    known: float
+
+    @property
+    def adequate(self) -> bool:
+        """Whether nothing is left to explain."""
+        return not self.follows and self.excess < TOO_MUCH
+
+
+def remainder(stage: Stage, pure: PureError | None, follows: str, known: float) -> Remainder:
+    """Return what geometry and the chosen effects of a stage leave.
+
+    ``pure``: scatter of repeats, if there are any; ``follows``, ``known``: of what has no name.
+    """
+    freedom = max(stage.system.count - stage.explained(stage.chosen).shape[1], 1)
+    rows = np.sum(stage.left(stage.chosen).reshape(stage.system.residual.shape) ** 2, axis=1)
+    mean = float(rows.sum()) / freedom
+    error = float(rows.std()) * np.sqrt(rows.size) / freedom
+    reference, source, own = 1.0, noise_source(stage.system.problem.datasets), 0.0
+    if pure is not None and pure.freedom >= ENOUGH_REPEATS:
+        reference, source = pure.ratio, "repeats"
+        own = pure.ratio**2 * np.sqrt(2.0 / pure.freedom)
+    # a correlation that is off by so much whitens to another scale
+    rho, off = stage.noise.rho, stage.noise.rho_error
+    scale = mean * 2.0 * abs(rho) / (1.0 - rho**2) * off
+    # both as they would be at the noise's own level: few rows far above it scatter as far
+    error, scale = (e * min(reference**2 / mean, 1.0) for e in (error, scale))
+    sigma = np.sqrt(error**2 + own**2 + scale**2)
+    excess = (mean - reference**2) / max(sigma, 1e-300)
+    # a handful of values is not normal: chi-squared says what chance gives
+    excess = min(excess, -float(ndtri(chdtrc(freedom, freedom * mean / reference**2))))
+    return Remainder(float(np.sqrt(mean)) / reference, float(excess), reference, source, follows,
+                     known)
