@@ -3,7 +3,8 @@
 The rows are registered as well as can be and compared with the nominal machine, against what the
 stated noise *and* the tolerances explain: V = I + J T^2 J^T in units of the noise, T the
 tolerances. Where that is not hopeless a short robust fit, with the tolerances as prior, says what
-noise it leaves and how far it bends the geometry; both together are the score.
+noise it leaves and how far it bends the geometry; both together are the score. Before the fit half
+of the rows tell, which is all that is asked of a start; what it leaves is asked of all of them.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import chdtri
 
 from ppmcal.calibration.fit import (
     Distances,
@@ -44,12 +46,14 @@ OFFSET = "offset"
 
 @dataclass(frozen=True)
 class Score:
-    """What a way to read a file leaves, half of the rows being farther off.
+    """What a way to read a file leaves.
 
     Attributes:
-        nominal: times what noise and tolerances explain, without a fit.
-        miss: positions, m, and rotations, rad, without a fit; nan where not measured.
-        noise: times the noise, after a short fit; geometry: by how many tolerances that moves it.
+        nominal: times what noise and tolerances explain, without a fit; half of the rows are
+            farther off.
+        miss: positions, m, and rotations, rad, so too; nan where not measured.
+        noise: times the noise, after a short fit, all rows (:func:`all_rows`); geometry: by how
+            many tolerances that moves it.
         left: as ``miss``, after the fit.
     """
 
@@ -136,8 +140,28 @@ class Look:
         if not self.nominal <= lands:
             return Score(self.nominal, miss)
         end = self.fitted()
-        return Score(self.nominal, miss, distances(self.problem, end).times(self.sound),
+        found = distances(self.problem, end)
+        square, size = (np.concatenate([v[k] for v, k in zip(values, self.posed, strict=True)])
+                        for values in (found.square, found.size))
+        return Score(self.nominal, miss, float(all_rows(square, size)),
                      rms(tolerances_away(self.problem, end)), medians(self.problem, end))
+
+
+def all_rows(square: Array, size: Array) -> Array:
+    """Return times the noise that rows are off together (...): the mean of their logarithms.
+
+    That is the likelihood where each row has noise of its own size, the stated one or any larger.
+    Single rows may be far off; a way that is right for half of the rows only leaves the others,
+    which a median would not see: poses that were visited twice are read rightly so a row late.
+
+    Args:
+        square: squared distances over the noise (..., n), nan where there is none.
+        size: number of coordinates behind them (..., n).
+    """
+    away = np.maximum(1.0, square / chdtri(np.maximum(size, 1.0), 0.5))
+    judged = np.isfinite(square) & (size > 0)
+    total = np.sum(np.log(np.where(judged, away, 1.0)), axis=-1)
+    return np.asarray(np.exp(0.5 * total / np.maximum(judged.sum(axis=-1), 1)))
 
 
 def score(problem: Problem, lands: float = LANDS) -> Score:
@@ -240,9 +264,10 @@ def first_order_scores(problem: Problem, rows: Ints, readings: Sequence[FileRead
     flat = residual.reshape(count, -1)
     flat = np.hstack([flat, np.zeros((count, len(weight)))])
     rest = flat - (flat @ basis) @ basis.T
-    noise = np.linalg.norm(rest[:, :-len(weight)].reshape(count, len(rows), -1), axis=2)
+    square = np.sum(rest[:, :-len(weight)].reshape(count, len(rows), -1)**2, axis=2)
+    size = seen.reshape(count, len(rows), -1).sum(axis=2)
     moved = rest[:, -len(weight):][:, weight > 0.0]
     away = np.sqrt(np.mean(moved**2, axis=1)) if moved.size else np.zeros(count)
-    out = np.median(noise, axis=1) * np.maximum(1.0, away / ALLOWED)
-    fewer = seen.reshape(count, -1).sum(axis=1) < seen.reshape(count, -1)[0].sum()
+    out = all_rows(square, size) * np.maximum(1.0, away / ALLOWED)
+    fewer = size.sum(axis=1) < size[0].sum()
     return np.asarray(np.where(fewer, np.inf, out))
