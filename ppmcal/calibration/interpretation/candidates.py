@@ -242,9 +242,3 @@ def whole_pose_readings(data: Dataset, planar: bool) -> list[PoseReading]:
     return [replace(r, inverse=True, units=(u, u, u)) for r in rotation_readings(data, planar)
             for u in ("", *(n for n, v in LENGTHS.items()
                             if r.parts == 0 and not np.isclose(v, LENGTHS[data.units.length])))]
-
-
-def combined(position: PoseReading, rotation: PoseReading) -> PoseReading:
-    """Return both readings as one."""
-    return replace(position, turn_order=rotation.turn_order, turn_signs=rotation.turn_signs,
-                   turn_unit=rotation.turn_unit, rotation=rotation.rotation)

@@ -33,13 +33,13 @@ from ppmcal.calibration.interpretation.score import (
     Look,
     Score,
     first_order_scores,
+    readable,
     right_parts,
     score,
 )
 from ppmcal.calibration.interpretation.search import SHIFTS, search_readings
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.pose_readings import FileReading, JointReading
-from ppmcal.model.instruments import SCALARS
 from ppmcal.model.scaled_points import other_radii
 
 TRIED = 8
@@ -144,7 +144,7 @@ def _registrations(alone: Problem) -> Iterator[Way]:
 def find_misreading(problem: Problem, index: int) -> Misreading | None:
     """Return how one data set is to be read, None where it stands, or where nothing explains it."""
     data = problem.datasets[index]
-    if data.kind in SCALARS or data.commanded is not None:
+    if not readable(data):
         return None
     alone = problem.alone(data)
     as_read = score(alone)

@@ -71,8 +71,8 @@ class _Sort:
         for unit in dict.fromkeys(self.units[i] for i in self.own if self.units[i]):
             own = [i for i in self.own if self.units[i] == unit]
             names = [self.names[i] for i in own]
-            yield Mistake("unit", tuple(names), f"{_list(names)} {_verb(names, 'is', 'are')} in "
-                          f"{unit}, not {self.declared[own[0]]}")
+            yield Mistake("unit", tuple(names), f"{_of(names, 'is', 'are')} in {unit}, "
+                          f"not {self.declared[own[0]]}")
 
 
 def _sorts(reading: FileReading, mechanism: Mechanism, data: Dataset
@@ -153,16 +153,13 @@ def _exchanged(sort: _Sort) -> Iterator[Mistake]:
 
 def _with_other_sign(sort: _Sort) -> Iterator[Mistake]:
     if sort.turned:
-        yield Mistake("sign", sort.turned, f"{_list(sort.turned)} "
-                      f"{_verb(sort.turned, 'has', 'have')} the other sign")
+        yield Mistake("sign", sort.turned, f"{_of(sort.turned, 'has', 'have')} the other sign")
 
 
-def _verb(names: Sequence[str], one: str, several: str) -> str:
-    return one if len(names) == 1 else several
-
-
-def _list(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def _of(names: Sequence[str], one: str, several: str) -> str:
+    """Return names and their verb."""
+    return (f"{names[0]} {one}" if len(names) == 1 else
+            f"{', '.join(names[:-1])} and {names[-1]} {several}")
 
 
 def convention_words(convention: str) -> str:

@@ -36,6 +36,7 @@ from ppmcal.errors import NoResult, PpmcalError
 from ppmcal.kinematics.pose_readings import FileReading
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, range_basis, subsample
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import SCALARS
 from ppmcal.model.mechanism import Mechanism
 
 ROWS, ITERATIONS = 48, 10
@@ -215,6 +216,11 @@ def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
     for data, part, alone in end_parts(problem):
         if score(alone, 0.0).nominal <= LANDS:
             yield data, part
+
+
+def readable(data: Dataset) -> bool:
+    """Whether a data set can be read otherwise: poses or positions at given joint values."""
+    return data.kind not in SCALARS and data.commanded is None
 
 
 # --- many ways at once, to first order ------------------------------------------------------------

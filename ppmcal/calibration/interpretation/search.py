@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.calibration.interpretation.candidates import (
-    combined,
     joint_readings,
     position_readings,
     rotation_readings,
@@ -148,7 +147,7 @@ class _Scene:
         out = []
         for f in np.argsort(median / sizes[c], kind="stable")[:BEST_PAIRS]:
             pose = poses[p[f]]
-            own = [pose] if pose.inverse else [combined(pose, r) for r in rotations]
+            own = [pose] if pose.inverse else [pose.with_rotation(r) for r in rotations]
             if pose.inverse:
                 seen = self._read(pose)[1][None]
             else:

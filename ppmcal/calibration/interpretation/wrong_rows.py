@@ -35,14 +35,13 @@ from ppmcal.calibration.interpretation.limits import (
 )
 from ppmcal.calibration.interpretation.misread import Misreading
 from ppmcal.calibration.interpretation.mistakes import Mistake, block_text, mistakes, read_block
-from ppmcal.calibration.interpretation.score import PARTS, read_in_ways, right_parts
+from ppmcal.calibration.interpretation.score import PARTS, read_in_ways, readable, right_parts
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.pose_readings import AXES, TURNS, FileReading, JointReading
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.instruments import SCALARS
 from ppmcal.wording import counted
 
 SCREENED = 12
@@ -51,7 +50,7 @@ SCREENED = 12
 
 def wrong_rows(fit: Fit) -> tuple[Misreading, ...]:
     """Return stretches of rows that are read wrongly, or rows that are exchanged, by data set."""
-    apart = [_LeftOut(fit, i) for i, d in enumerate(fit.problem.datasets) if _readable(d)]
+    apart = [_LeftOut(fit, i) for i, d in enumerate(fit.problem.datasets) if readable(d)]
     found = (_exchanged(a) or _stretch(a) for a in apart if len(a.rows) >= FEWEST_ROWS)
     return tuple(m for m in found if m is not None)
 
@@ -67,15 +66,11 @@ def wrong_parts(problem: Problem) -> tuple[Misreading, ...]:
     """
     found: dict[str, Misreading] = {}
     for data, part in right_parts(problem):
-        if _readable(data) and data.source not in found:
+        if readable(data) and data.source not in found:
             with suppress(PpmcalError):
                 fit = _fit_of_part(problem.alone(data), part)
                 found |= {m.source: m for m in (wrong_rows(fit) if fit else ())}
     return tuple(found.values())
-
-
-def _readable(data: Dataset) -> bool:
-    return data.kind not in SCALARS and data.commanded is None
 
 
 def _fit_of_part(problem: Problem, part: Ints) -> Fit | None:
