@@ -133,5 +133,4 @@ def _learned(what: Told, held: HeldOut, final: Fit, options: DiagnosisOptions, n
         return None
     begin("learning what is left")
     return secondary("what is left, learned", partial(
-        learned_beyond, held.found, final, held.poses, held.named, what.wanders, options.seed,
-        options.fit), None, notes)
+        learned_beyond, what.last, held.found, held.named, final, held.poses, options), None, notes)

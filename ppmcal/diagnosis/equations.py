@@ -1,10 +1,10 @@
 """Learned terms as short equations, where these do as well in poses left out of the fits.
 
 Sparse regression of what is left, free of geometry, named effects and the other terms, on forms of
-the term's own inputs (Brunton et al. 2016, SINDy), with the threshold of learned terms for every
-one that is added. What is chosen has to be chosen again when poses are drawn anew (stability
-selection, Meinshausen & Buehlmann 2010; by bootstrap, Fasel et al. 2022), has to lie within the
-band of what was learned, and has to predict the held-out poses as well.
+the term's own inputs (Brunton et al. 2016, SINDy), with a threshold for every one that is added.
+What is chosen has to be chosen again when poses are drawn anew (stability selection, Meinshausen &
+Buehlmann 2010; by bootstrap, Fasel et al. 2022), has to lie within the band of what was learned,
+and has to predict the held-out poses as well.
 """
 
 from __future__ import annotations
@@ -23,13 +23,15 @@ from ppmcal.diagnosis.equation_forms import (
     same_form,
     values_of,
 )
-from ppmcal.diagnosis.learning import LEVEL, Learned, Term
+from ppmcal.diagnosis.learning import Learned, Term
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
 from ppmcal.diagnosis.term_candidates import Visible, columns_from
 from ppmcal.linalg import Array, Bools, Ints, without_range
 from ppmcal.model.effects import Setting
 from ppmcal.model.effects.learned import LearnedCurve
 
+LEVEL = 0.01
+"""Chance gives a product over all that were tried less often than this."""
 DRAWS = 100
 """Bootstraps over poses."""
 STABLE = 0.75

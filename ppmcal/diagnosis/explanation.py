@@ -275,10 +275,23 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
         ways.append((asked, found, start))
     asked, found, start = ways[0] if len(ways) == 1 else max(
         ways, key=lambda way: state(way[0].question, way[2]).log_p)
-    size = CauseSizes(fit, keep, asked, {a.hypothesis.family for a in added})
+    ask = partial(CauseSizes, fit, keep, asked, {a.hypothesis.family for a in added})
+    size = ask()
     answer = posterior(asked.question, start, size.too_large if large else None)
+    # where one cause bends to several wrong rows at a time, the search may have begun with it
+    rows = _left_out(fit, asked)
+    if rows and state(asked.question, rows).log_p > answer.best.log_p:
+        size = ask()
+        answer = posterior(asked.question, rows, size.too_large if large else None)
     return Round(fit, added, tuple(own), kinds, found, asked, answer, size.found,
                  (ENDED,) if answer.ended else ())
+
+
+def _left_out(fit: Fit, asked: Asked) -> list[int]:
+    """Return the blocks of the rows that a fit has left out as outliers."""
+    at = asked.system
+    return [n for n, row in enumerate(asked.sources) if isinstance(row, int)
+            and fit.outliers[at.dataset[row]][at.row[row]]]
 
 
 def _at_fitted(sources: Sequence[Source], start: Sequence[int], moved: Sequence[Hypothesis]

@@ -6,8 +6,8 @@ term j, M r = sum_j M C_j v_j + noise, v_j ~ N(0, sigma^2 size_j^2 K_j). K_j is 
 (Rasmussen & Williams 2006, 5.4.1), the size with a prior: what tolerances make of the same
 coordinate. What of a term geometry does as well is held at nothing
 (Plumlee 2017): a sum over the rows that is zero, and so on, so that it moves no parameter's
-meaning; and so is what moves the platform where the instrument is blind. Terms are added one at a
-time while the likelihood grows by more than chance would give over all that were tried.
+meaning; and so is what moves the platform where the instrument is blind. Which functions there are
+is asked before, with all other causes.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
-from ppmcal.diagnosis.term_candidates import TermCandidate, Visible, again
+from ppmcal.diagnosis.term_candidates import TermCandidate, Visible
 from ppmcal.errors import NoResult
 from ppmcal.linalg import Array
-from ppmcal.model.effects.learned import JOINT, LearnedCurve
+from ppmcal.model.effects.learned import LearnedCurve
 
 LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 2.0)
 """Lengths of the kernel that are tried, in parts of the range."""
@@ -32,15 +32,7 @@ SIZES = np.geomspace(1e-2, 1e4, 25)
 """Sizes that are tried: the standard deviation of a column's whole effect, in sigmas."""
 NEGLIGIBLE = 12.0
 """Lengths and sizes that are so much less likely (log) count for nothing."""
-LEVEL = 0.01
-"""Chance gives a term over all that were tried less often than this."""
-MOST_TERMS = 8
 SWEEPS = 3
-JOINTS_FIRST = 3.0
-"""A term of the platform must be likelier than one of a joint by this (log): a physical cause
-sits in a leg more often than in space."""
-ONE_FIRST = 3.0
-"""So must one of two inputs than one of a single one."""
 UNSEEN = 1e-4
 """Directions that rows see by less than this part of the strongest keep what the kernel says."""
 
@@ -96,39 +88,16 @@ class Learned:
     gains: tuple[float, ...] = ()
 
 
-def learn(seen: Visible, tried: Sequence[TermCandidate], most: int = MOST_TERMS) -> Learned | None:
-    """Return the terms that the rows ask for, None if none."""
-    enough = float(np.log(max(len(tried), 1) / LEVEL))
-    shapes = {id(c): shapes_of(c) for c in tried}
-    tried = [c for c in tried if shapes[id(c)]]
+def learned(seen: Visible, chosen: Sequence[TermCandidate]) -> Learned:
+    """Return terms learned from rows.
+
+    Raises:
+        NoResult: where nothing of one shows.
+    """
     terms: list[Term] = []
     gains: list[float] = []
-    while len(terms) < most:
-        best: tuple[float, Term, float] | None = None
-        now = _Rest(seen, terms)
-        for candidate in tried:
-            if any(t.candidate is candidate for t in terms):
-                continue
-            term, gain = now.fitted(candidate, shapes[id(candidate)])
-            judged = gain - (0.0 if candidate.curve.acts == JOINT else JOINTS_FIRST) - (
-                ONE_FIRST if candidate.curve.by else 0.0)
-            if best is None or judged > best[0]:
-                best = judged, term, gain
-        if best is None or best[0] < enough:
-            break
-        terms.append(best[1])
-        gains.append(best[2])
-        terms = _swept(seen, terms, shapes)
-    return solved(seen, terms, shapes, gains) if terms else None
-
-
-def relearned(seen: Visible, chosen: Sequence[TermCandidate]) -> Learned:
-    """Return terms that were chosen in other rows, learned from these."""
-    terms: list[Term] = []
-    gains: list[float] = []
-    shapes: dict[int, list[Shape]] = {}
-    for candidate in (again(seen, c) for c in chosen):
-        shapes[id(candidate)] = shapes_of(candidate)
+    shapes = {id(c): shapes_of(c) for c in chosen}
+    for candidate in chosen:
         if not shapes[id(candidate)]:
             raise NoResult("nothing of a learned term shows in these rows")
         term, gain = _Rest(seen, terms).fitted(candidate, shapes[id(candidate)])

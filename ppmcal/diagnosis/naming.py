@@ -61,12 +61,6 @@ class Told:
         """All effects that were added."""
         return tuple(a for _, own in self.effects for a in own)
 
-    @property
-    def wanders(self) -> bool:
-        """Whether something wanders in time, in no way that has a name."""
-        return any(isinstance(s := self.last.asked.sources[p.leader], UnknownCause) and s.way
-                   for p in self.last.unnamed)
-
     def label(self, member: Member, place: CausePlace) -> str:
         """Return what a member of a place is called, empty for nothing."""
         own = member.chosen - (frozenset(self.last.answer.best.chosen) - {place.block})

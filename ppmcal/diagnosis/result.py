@@ -203,7 +203,6 @@ class LearnedTerms:
         learned: terms and curves, from all rows; seen: those rows.
         without, fit: of all rows, without and with the terms.
         gap: on held-out poses, the terms learned without them.
-        blocks: the same where stretches are left out in turn.
         equations: for each term, a short equation that does as well, or None.
     """
 
@@ -212,7 +211,6 @@ class LearnedTerms:
     without: Fit
     fit: Fit
     gap: Gap
-    blocks: tuple[BlockGap, ...]
     equations: tuple[Equation | None, ...] = ()
 
 

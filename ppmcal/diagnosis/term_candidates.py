@@ -8,13 +8,12 @@ geometry and named effects could do instead.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from ppmcal import linalg
 from ppmcal.calibration.fit import Fit
 from ppmcal.diagnosis.joint_tolerances import joint_shifts
 from ppmcal.diagnosis.linear_system import System, Whitening
@@ -40,10 +39,6 @@ BEYOND = 30.0
 """A pose coordinate is an input where its range is so many times what residuals amount to."""
 PASSING = ("time",)
 """Inputs that no later command can have again: what follows them is told, and not learned."""
-WAVES = 12
-"""Half waves over the rows that are slow."""
-SLOW = 0.8
-"""An input is slow where slow waves over the rows are this part of its variance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,24 +108,16 @@ def all_settings(fit: Fit) -> list[Setting]:
     return out
 
 
-def candidates(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str] = ()
-               ) -> list[TermCandidate]:
-    """Return the terms that these rows could tell, those of joints first.
-
-    A term that moves the platform where the instrument is blind is not among them.
-
-    Args:
-        seen: the rows.
-        everywhere: all rows that the model has to hold in, for the nodes.
-        skipped: inputs that are not to be tried.
-    """
+def candidate(seen: Visible, curve: LearnedCurve, on: tuple[bool, ...]) -> TermCandidate | None:
+    """Return a term that rows could tell, None where it moves what the instrument does not see."""
     observed = observed_motion(seen.system)
-    tried = [(curve, on, columns_of(seen, curve, on))
-             for curve, on in forms(seen, everywhere, skipped) if _is_seen(observed, curve, on)]
-    return [TermCandidate(curve, on, columns, without_range(columns, seen.basis),
-                          _by_tolerances(observed, curve, on), *_displacements(
-                              seen, observed, curve, on))
-            for curve, on, columns in tried if np.isfinite(columns).all()]
+    if not (observed.joint_seen(on) if curve.acts == JOINT
+            else observed.place_seen(PLACE[curve.acts])):
+        return None
+    columns = columns_of(seen, curve, on)
+    return TermCandidate(curve, on, columns, without_range(columns, seen.basis),
+                         _by_tolerances(observed, curve, on),
+                         *_displacements(seen, observed, curve, on))
 
 
 def _displacements(seen: Visible, observed: ObservedMotion, curve: LearnedCurve,
@@ -141,13 +128,6 @@ def _displacements(seen: Visible, observed: ObservedMotion, curve: LearnedCurve,
         return observed.grams(weights, on)
     whole = sum((w.T @ w for w in weights), np.zeros((weights[0].shape[1],) * 2))
     return whole, observed.seen[PLACE[curve.acts], PLACE[curve.acts]] * whole
-
-
-def _is_seen(observed: ObservedMotion, curve: LearnedCurve, on: Sequence[bool]) -> bool:
-    """Return whether rows see the motion that a term makes."""
-    if curve.acts == JOINT:
-        return observed.joint_seen(on)
-    return observed.place_seen(PLACE[curve.acts])
 
 
 def _by_tolerances(observed: ObservedMotion, curve: LearnedCurve, on: Sequence[bool]) -> float:
@@ -162,44 +142,11 @@ def _varies(values: Array) -> Bools:
     return np.asarray(np.ptp(values, axis=0) > 1e-9 * np.max(np.abs(values), axis=0))
 
 
-def again(seen: Visible, term: TermCandidate) -> TermCandidate:
-    """Return a candidate's columns in other rows, or at another state."""
-    columns = columns_of(seen, term.curve, term.on)
-    return replace(term, columns=columns, free=without_range(columns, seen.basis))
-
-
-def slow_waves(row: Array) -> Array:
-    """Return half waves (N, k) over rows in the order of their numbers (N,)."""
-    place = np.argsort(np.argsort(row, kind="stable"), kind="stable") / max(row.size - 1.0, 1.0)
-    return np.asarray(np.cos(np.pi * place[:, None] * np.arange(1, WAVES + 1)))
-
-
-def slow_inputs(seen: Visible) -> set[str]:
-    """Return inputs that hardly change but slowly, in the order of the rows: temperatures mostly.
-
-    Where machine or instrument wander in time, nothing tells what follows such an input from what
-    follows the clock.
-    """
-    here = [p.setting for p in seen.system.firsts]
-    waves = slow_waves(np.concatenate([p.response.rows.row for p in seen.system.firsts]))
-    basis = linalg.column_basis(np.concatenate([np.ones((len(waves), 1)), waves], axis=1))
-    out = set()
-    for source in INPUTS.values():
-        x = np.concatenate([source.value(s) for s in here])
-        x = x.reshape(len(x), -1)
-        if len(x) > basis.shape[1] and np.isfinite(x).all():
-            x = x - x.mean(axis=0)
-            left = x - basis @ (basis.T @ x)
-            if np.sum(left**2) < (1.0 - SLOW) * np.sum(x**2):
-                out.add(source.name)
-    return out
-
-
-def forms(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str],
-          every: bool = False) -> Iterator[tuple[LearnedCurve, tuple[bool, ...]]]:
+def forms(seen: Visible, everywhere: Sequence[Setting]
+          ) -> Iterator[tuple[LearnedCurve, tuple[bool, ...]]]:
     """Yield curves in each recorded input, and the actuators that follow them.
 
-    ``every``: also by direction of approach for inputs other than the way travelled.
+    ``everywhere``: all rows that the model has to hold in, for the nodes.
     """
     mechanism = seen.system.problem.mechanism
     k = len(mechanism.actuators)
@@ -210,8 +157,7 @@ def forms(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str],
     sided = all(np.isfinite(s.approach).all() for s in here) and any(
         _varies(s.approach).any() for s in here)
     for source in INPUTS.values():
-        if source.name in PASSING or source.name in skipped or not _recorded(
-                source, here, mechanism.coordinates):
+        if source.name in PASSING or not _recorded(source, here, mechanism.coordinates):
             continue
         if source.name in PLACE and _is_residual(seen, source, here):
             continue
@@ -221,7 +167,7 @@ def forms(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str],
             if curve is None or source.name in PLACE:
                 continue
             yield curve, on
-            if sided and (source.name == "travel" or (every and not source.of_machine)):
+            if sided and not source.of_machine:
                 yield replace(curve, signed=True), on
             yield from ((c, on) for c in _pairs(curve, here, everywhere, on))
         if source.of_machine:

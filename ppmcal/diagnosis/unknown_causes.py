@@ -43,7 +43,7 @@ MOST_POSES = 200
 ROUND_OFF = 1e-11
 
 
-Made = tuple[str, Array, list[Array], bool, LearnedCurve | None, tuple[bool, ...], str]
+Made = tuple[str, Array, list[Array], bool, LearnedCurve | None, tuple[bool, ...]]
 """Label, columns, kernels, whether it acts on several joints at once, and as in a cause."""
 
 
@@ -51,7 +51,7 @@ Made = tuple[str, Array, list[Array], bool, LearnedCurve | None, tuple[bool, ...
 class UnknownCause:
     """One block of columns ``number`` to ``number + width``, and what it looks like.
 
-    ``curve``, ``on``: the learned term that it would be; None for a course in time of ``way``.
+    ``curve``, ``on``: the learned term that it would be, None of what is no function of an input.
     ``remedy``: what to measure to tell it from others.
     """
 
@@ -61,7 +61,6 @@ class UnknownCause:
     share: float
     curve: LearnedCurve | None = None
     on: tuple[bool, ...] = ()
-    way: str = ""
     remedy: str = ""
 
     def block(self, number: int) -> Block:
@@ -84,10 +83,10 @@ class UnknownCauses:
         for group in groups:
             singles = sum(1 for found in group if not found[3])
             several = len(group) - singles
-            for label, columns, kernels, together, curve, on, way in group:
+            for label, columns, kernels, together, curve, on in group:
                 half = (1.0 - SHAPES) / len(groups) * (0.5 if singles and several else 1.0)
                 self._take(label, columns, kernels, half / (several if together else singles),
-                           curve, on, way)
+                           curve, on)
         for label, columns, remedy in self._of_references():
             self._take(label, columns, [np.eye(columns.shape[1])], float(FAMILY) / float(UNKNOWN),
                        remedy=remedy)
@@ -122,7 +121,7 @@ class UnknownCauses:
             first += cause.width
 
     def _take(self, label: str, columns: Array, kernels: Sequence[Array], share: float,
-              curve: LearnedCurve | None = None, on: tuple[bool, ...] = (), way: str = "",
+              curve: LearnedCurve | None = None, on: tuple[bool, ...] = (),
               remedy: str = "") -> None:
         gram = columns.T @ columns
         if not np.isfinite(gram).all() or not np.trace(gram) > self.least**2 * self.system.count:
@@ -133,20 +132,20 @@ class UnknownCauses:
             roots.append(_root(kernel) / size)
         self._columns.append(columns)
         self.causes.append(UnknownCause(label, columns.shape[1], tuple(roots), share, curve, on,
-                                        way, remedy))
+                                        remedy))
 
     def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
         mechanism = self.system.problem.mechanism
         seen = Visible(self.system, Whitening(), np.zeros((self.system.observed.size, 0)),
                        self.system.residual.reshape(-1))
-        for curve, on in forms(seen, everywhere, (), every=True):
+        for curve, on in forms(seen, everywhere):
             kernels = self._kernels(curve, on)
             acted = [a for a, there in zip(mechanism.actuators, on, strict=True) if there]
             where = curve.acts if curve.acts != JOINT else " ".join(acted)
             together = curve.acts == JOINT and len(acted) > 1
             label = (f"a function of {' and '.join(curve.inputs)}"
                      f"{' by direction' if curve.signed else ''} acting on {where}")
-            yield label, columns_of(seen, curve, on), kernels, together, curve, on, ""
+            yield label, columns_of(seen, curve, on), kernels, together, curve, on
 
     def _kernels(self, curve: LearnedCurve, on: Sequence[bool]) -> list[Array]:
         """Return the kernels of a curve's values, by length.
@@ -181,7 +180,7 @@ class UnknownCauses:
             if way != "all zeros":
                 own = unit[..., None] * np.eye(poses.size)[place][:, None, :]
                 yield (f"a function of travel too fine to be seen acting on {way.split()[-1]}",
-                       own.reshape(-1, poses.size), [np.eye(poses.size)], False, None, (), "")
+                       own.reshape(-1, poses.size), [np.eye(poses.size)], False, None, ())
 
     def _of_ways(self) -> Iterator[Made]:
         """Yield functions of the way from the row before, where no file says how rows were reached.
@@ -224,7 +223,7 @@ class UnknownCauses:
                 acted = " ".join(mechanism.actuators[a] for a in on)
                 yield (f"a function of the way from the row before"
                        f"{' by direction' if signed else ''} acting on {acted}",
-                       columns, kernels, len(on) > 1, None, (), "")
+                       columns, kernels, len(on) > 1, None, ())
 
     def _of_loads(self) -> Iterator[Made]:
         """Yield what gives way to the load in no way that the library has.
@@ -246,7 +245,7 @@ class UnknownCauses:
         columns = [answers[i][j] + (answers[j][i] if i != j else 0.0)
                    for i in range(count) for j in range(i, count)]
         yield ("something that gives way to the load", np.stack(
-            [c.reshape(-1) for c in columns], axis=1), [np.eye(len(columns))], True, None, (), "")
+            [c.reshape(-1) for c in columns], axis=1), [np.eye(len(columns))], True, None, ())
 
     def _of_references(self) -> Iterator[tuple[str, Array, str]]:
         """Yield errors of what the machine is measured against: label, columns, and what to do.
@@ -277,7 +276,7 @@ class UnknownCauses:
                                           for u in units], axis=1)
                 each = [np.asarray(np.kron(np.eye(len(units)), k)) for k in _courses(wave)]
                 together = way == "all zeros" or len(units) > 1
-                yield f"a slow course{when} of {way}", columns, each, together, None, (), way
+                yield f"a slow course{when} of {way}", columns, each, together, None, ()
 
     @cached_property
     def _rows(self) -> Array:

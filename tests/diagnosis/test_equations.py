@@ -10,14 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.commands import ppmcal
-from helpers.learned import ROBUST, WEATHER, campaign, dip, fitted, squared, warped
+from helpers.learned import WEATHER, campaign, diagnosed, dip, squared, warped
 
-from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.equation_forms import Equation, InputForm, products_of, same_form, values_of
 from ppmcal.diagnosis.equations import chosen_products
-from ppmcal.diagnosis.held_out_gap import training_part
-from ppmcal.diagnosis.learned_terms import learned_terms
-from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.result import LearnedTerms
 from ppmcal.io.results.learned_equation import LearnedEquation
 from ppmcal.model.effects.learned import LearnedCurve, learned_kind
@@ -131,10 +127,7 @@ def test_it_is_printed_with_units_and_says_what_it_is(products: Any, sizes: Any,
 
 def learned(folder: Path, effects: list[dict[str, Any]], seed: int, **changes: Any
             ) -> LearnedTerms | None:
-    whole = fitted(*campaign(folder, effects, seed, count=80, **changes))
-    base, held = training_part(whole, DiagnosisOptions(seed=seed))
-    noise = Whitening()
-    return learned_terms(base, whole, held, noise, 1.0, seed, ROBUST)
+    return diagnosed(*campaign(folder, effects, seed, count=80, **changes), seed).learned
 
 
 @pytest.mark.slow

@@ -12,8 +12,17 @@ import pytest
 import real_priors
 import yaml
 from helpers.commands import ppmcal
-from helpers.learned import ROBUST, WEATHER, campaign, dip, fitted, hidden, squared
-from scipy.stats import binom
+from helpers.learned import (
+    ROBUST,
+    WEATHER,
+    campaign,
+    diagnosed,
+    dip,
+    fitted,
+    hidden,
+    squared,
+    terms,
+)
 
 import ppmcal as face
 from ppmcal.calibration.fit.fit_result import FitOptions
@@ -21,11 +30,11 @@ from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.held_out_gap import measure_gap, training_part
-from ppmcal.diagnosis.learned_terms import learned_terms, visible
-from ppmcal.diagnosis.learning import learn, relearned, shapes_of
+from ppmcal.diagnosis.learned_terms import visible
+from ppmcal.diagnosis.learning import learned, shapes_of
 from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.refit import with_mechanism
-from ppmcal.diagnosis.term_candidates import Visible, all_settings, candidates, columns_from
+from ppmcal.diagnosis.term_candidates import Visible, candidate, columns_from, forms
 from ppmcal.io import read_mechanism
 from ppmcal.linalg import Array, without_range
 from ppmcal.model.dataset import Dataset
@@ -55,7 +64,7 @@ def test_a_level_bed_is_not_explained_by_its_own_height() -> None:
     mechanism, data = touches(0.1)
     fit = identify(Problem(mechanism, data, mechanism.free), FitOptions(robust=False))
     seen = visible(fit, fit.keep, Whitening())
-    tried = candidates(seen, all_settings(fit))
+    tried = terms(fit, seen)
     inputs = {(c.curve.input, c.curve.acts) for c in tried}
     assert {("x", "z"), ("y", "z"), ("travel", "joint")} <= inputs
     assert not any(i == "z" or acts in ("x", "y") for i, acts in inputs)
@@ -96,10 +105,8 @@ SHAPES = {"dip": [dip()], "speed squared": [squared()], "bowl": bowl()}
 def test_most_of_the_gap_is_closed_that_the_truth_closes(tmp_path: Path, shape: str, seed: int
                                                          ) -> None:
     mechanism, data = campaign(tmp_path, SHAPES[shape], seed, count=80)
-    whole = fitted(mechanism, data)
-    base, held = training_part(whole, DiagnosisOptions(seed=seed))
-    noise = Whitening()
-    found = learned_terms(base, whole, held, noise, 1.0, seed, ROBUST)
+    base, held = training_part(fitted(mechanism, data), DiagnosisOptions(seed=seed))
+    found = diagnosed(mechanism, data, seed).learned
     assert found is not None
     best = measure_gap(base, with_mechanism(base, told(tmp_path, SHAPES[shape]), ROBUST), held, 1.0,
                        seed)
@@ -108,22 +115,8 @@ def test_most_of_the_gap_is_closed_that_the_truth_closes(tmp_path: Path, shape: 
     assert found.gap.closed is not None
     assert found.gap.confirmed
     assert found.gap.closed >= 0.8 * best.closed
-    assert not any(b.gap.worse for b in found.blocks)
     assert all(p.fixed for p in found.fit.problem.mechanism.parameters
                if p.name.startswith("learned."))
-
-
-@pytest.mark.slow
-def test_nothing_is_learned_where_nothing_is_hidden(tmp_path: Path) -> None:
-    """False terms before any held-out pose is asked: no more than 5 % of campaigns."""
-    seeds, wrong = 40, 0
-    for seed in range(seeds):
-        fit = fitted(*campaign(tmp_path, [], seed, count=24, out=f"s{seed}"))
-        seen = visible(fit, fit.keep, Whitening())
-        tried = candidates(seen, all_settings(fit))
-        assert {c.curve.input for c in tried} == {"travel", "velocity", "load", "x", "y", "rz"}
-        wrong += learn(seen, tried) is not None
-    assert binom.sf(wrong - 1, seeds, 0.05) > 0.05, wrong
 
 
 @pytest.mark.slow
@@ -135,9 +128,9 @@ def test_the_band_holds_the_truth(tmp_path: Path) -> None:
         effect = dip(rng.uniform(395.0, 485.0), rng.uniform(15.0, 45.0), 0.02)
         fit = fitted(*campaign(tmp_path, [effect], seed, count=50, out=f"s{seed}"))
         seen = visible(fit, fit.keep, Whitening())
-        tried = [c for c in candidates(seen, all_settings(fit)) if c.curve.inputs == ("travel",)
+        tried = [c for c in terms(fit, seen) if c.curve.inputs == ("travel",)
                  and not c.curve.signed and c.on == (False, True, False)]
-        found = relearned(seen, tried)
+        found = learned(seen, tried)
         curve, shape = found.curves[0], found.terms[0].shape
         true = 1e-3 * np.interp(1e3 * curve.nodes, effect["nodes"], effect["values"])
         basis = curve.basis(np.linspace(curve.nodes[0], curve.nodes[-1], 100)[2:-2])
@@ -152,7 +145,7 @@ def test_the_band_of_two_inputs_holds_the_truth(tmp_path: Path) -> None:
     """In the rows of one campaign, noise drawn anew: waves of travel that grow with temperature."""
     fit = fitted(*campaign(tmp_path, [], 1, count=50, conditions=WEATHER))
     seen = visible(fit, fit.keep, Whitening())
-    (term,) = [c for c in candidates(seen, all_settings(fit)) if c.on == (False, True, False)
+    (term,) = [c for c in terms(fit, seen) if c.on == (False, True, False)
                and c.curve.inputs == ("travel", "temperature")]
     nodes = [x.ravel() for x in np.meshgrid(term.curve.nodes, term.curve.by_nodes, indexing="ij")]
     at = [np.concatenate([i[:, 1] for i in both]) for both in zip(*(
@@ -169,7 +162,7 @@ def test_the_band_of_two_inputs_holds_the_truth(tmp_path: Path) -> None:
         hidden_there = columns_from(seen, term.curve, term.on, lambda s, f=true: f(  # type: ignore
             *term.curve.seen(s))[..., None])[:, 0]
         noisy = hidden_there + rng.standard_normal(hidden_there.size)
-        found = relearned(replace(seen, left=without_range(noisy, seen.basis)), [term])
+        found = learned(replace(seen, left=without_range(noisy, seen.basis)), [term])
         curve, shape = found.curves[0], found.terms[0].shape
         basis = curve.basis(*at)
         sigma = np.sqrt(np.einsum("ij,jk,ik->i", basis, curve.covariance, basis))
@@ -192,9 +185,9 @@ def _seen() -> Visible:
 def test_what_is_learned_is_free_of_what_geometry_does() -> None:
     """A free offset: no constant is learned, so the term moves no zero of a joint."""
     seen = _seen()
-    (term,) = [c for c in candidates(seen, [p.setting for p in seen.system.parts])
-               if c.curve.inputs == ("travel",) and not c.curve.signed
-               and c.on == (False, True, False)]
+    (term,) = [c for curve, on in forms(seen, [p.setting for p in seen.system.parts])
+               if curve.inputs == ("travel",) and not curve.signed
+               and on == (False, True, False) and (c := candidate(seen, curve, on))]
     assert np.abs(seen.basis.T @ term.free).max() < 1e-9 * np.abs(term.columns).max()
     for shape in shapes_of(term):
         assert shape.lost.shape[1] >= 1

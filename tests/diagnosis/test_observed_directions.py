@@ -5,13 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers.learned import campaign, dip, fitted
+from helpers.learned import campaign, dip, fitted, likeliest, terms
 
 from ppmcal.diagnosis.learned_terms import visible
-from ppmcal.diagnosis.learning import learn
 from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.observed_directions import ObservedMotion, observed_motion
-from ppmcal.diagnosis.term_candidates import Visible, all_settings, candidates
+from ppmcal.diagnosis.term_candidates import Visible
 from ppmcal.io import read_mechanism
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -54,11 +53,10 @@ def test_an_infinite_tolerance_says_nothing_of_how_far_the_platform_moves(day) -
     assert np.all(observed.place_sigma[moved] < whole.place_sigma[moved])
     # a drive's zero alone moves its own joint: by its tolerance of 0.4 mm
     assert observed.joint_sigma == pytest.approx(np.full(3, 0.4e-3), rel=1e-6)
-    tried = candidates(seen, all_settings(fit))
+    tried = terms(fit, seen)
     assert tried and all(0.0 < c.sigma < np.inf for c in tried)
     # and the worn place is found as with tolerances that are all finite
-    found = learn(seen, tried)
-    assert found is not None
+    found = likeliest(seen, tried)
     first = found.terms[0].candidate
     assert (first.curve.input, first.curve.acts, first.on) == ("travel", "joint", (
         False, True, False))
@@ -71,11 +69,10 @@ def test_where_all_tolerances_are_infinite_a_term_may_be_of_any_size(day) -> Non
     reach = fit.problem.mechanism.reach
     assert observed.place_sigma[:3] == pytest.approx(np.full(3, reach))
     assert observed.joint_sigma == pytest.approx(np.full(3, reach))
-    tried = candidates(seen, all_settings(fit))
+    tried = terms(fit, seen)
     assert tried and all(0.0 < c.sigma < np.inf for c in tried)
     with np.errstate(divide="raise", invalid="raise"):
-        found = learn(seen, tried)
-    assert found is not None
+        found = likeliest(seen, tried)
     first = found.terms[0].candidate
     assert (first.curve.input, first.curve.acts, first.on) == ("travel", "joint", (
         False, True, False))

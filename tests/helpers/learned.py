@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,16 @@ from helpers.diagnoses import BOXES, CONFIGS, STATION
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
+from ppmcal.diagnosis.learning import Learned, learned
+from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.term_candidates import (
+    TermCandidate,
+    Visible,
+    all_settings,
+    candidate,
+    forms,
+)
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
@@ -65,6 +76,22 @@ def campaign(folder: Path, effects: list[dict[str, Any]], seed: int, count: int 
     result.save(folder / out)
     mechanism = read_mechanism(folder / "m.yaml")
     return mechanism, read_campaign([folder / out / "measurements.csv"], mechanism)
+
+
+def terms(fit: Fit, seen: Visible) -> list[TermCandidate]:
+    """Return the terms that rows could tell."""
+    return [c for curve, on in forms(seen, all_settings(fit))
+            if (c := candidate(seen, curve, on)) is not None]
+
+
+def likeliest(seen: Visible, tried: Sequence[TermCandidate]) -> Learned:
+    """Return the one of some terms that gains most."""
+    return max((learned(seen, [c]) for c in tried), key=lambda found: found.gains[0])
+
+
+def diagnosed(mechanism: Mechanism, data: tuple[Dataset, ...], seed: int = 0) -> Diagnosis:
+    """Return the diagnosis of a campaign."""
+    return diagnose(Problem(mechanism, data, mechanism.free), DiagnosisOptions(seed=seed))
 
 
 def fitted(mechanism: Mechanism, data: tuple[Dataset, ...]) -> Fit:
