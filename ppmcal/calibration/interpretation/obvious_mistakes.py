@@ -14,7 +14,7 @@ from ppmcal.calibration.interpretation.stale_rows import stale
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import ZERO_CELSIUS, Dataset
-from ppmcal.model.mechanism import Limb, Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
 
 WORKSHOP = (-10.0, 45.0)
@@ -123,21 +123,19 @@ NEAR = 0.5
 """A joint whose middle is within this part of the opposite of its home value is negative."""
 
 
-def _is_strut(limb: Limb) -> bool:
-    """Whether a limb's actuator is its length, of which only the square is seen."""
-    return limb.kind.actuator == "length" and not any(s.is_bar for s in limb.kind.slots)
+def _struts(data: Dataset, mechanism: Mechanism) -> list[int]:
+    """Return the joints that are a limb's length, of which only the square is seen."""
+    return [limb.actuator for limb in mechanism.limbs
+            if data.commanded is None and limb.kind.actuator == "length"
+            and not any(s.is_bar for s in limb.kind.slots)]
 
 
 def _negative(data: Dataset, mechanism: Mechanism) -> Bools:
     """Return which joints (k,) are struts with a length of the other sign than at home."""
-    out = np.zeros(len(mechanism.actuators), dtype=bool)
-    if data.commanded is not None:
-        return out
-    home = home_state(mechanism).q
-    for limb in mechanism.limbs:
-        i = limb.actuator
+    home, out = home_state(mechanism).q, np.zeros(len(mechanism.actuators), dtype=bool)
+    for i in _struts(data, mechanism):
         known = data.q[np.isfinite(data.q[:, i]), i]
-        out[i] = bool(_is_strut(limb) and known.size and home[i] != 0.0 and abs(
+        out[i] = bool(known.size and home[i] != 0.0 and abs(
             float(np.median(known)) + home[i]) < NEAR * abs(home[i]))
     return out
 
@@ -147,13 +145,8 @@ def rows_with_negative_struts(data: Dataset, mechanism: Mechanism) -> Bools:
 
     The pose is as with the right sign, so that no residual shows it; what follows the travel would.
     """
-    home, out = home_state(mechanism).q, np.zeros(len(data), dtype=bool)
-    if data.commanded is not None:
-        return out
-    for limb in mechanism.limbs:
-        if _is_strut(limb):
-            out |= data.q[:, limb.actuator] * home[limb.actuator] < 0.0
-    return out
+    struts = _struts(data, mechanism)
+    return np.asarray((data.q[:, struts] * home_state(mechanism).q[struts] < 0.0).any(axis=1))
 
 
 def negative_struts(data: Dataset, mechanism: Mechanism) -> tuple[Mistake, ...]:
