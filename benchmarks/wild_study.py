@@ -38,7 +38,8 @@ from ppmcal.api.identify import identify
 from ppmcal.api.inputs import prepared
 from ppmcal.calibration.fit import Problem
 from ppmcal.calibration.interpretation import Misread, Misreading, plain_mistakes
-from ppmcal.calibration.interpretation.misreading import TELLING, trial
+from ppmcal.calibration.interpretation.limits import TELLING
+from ppmcal.calibration.interpretation.score import score
 from ppmcal.errors import PpmcalError
 
 KINDS = frozenset(("permuted", "sign", "unit", "rotation", "inverse", "mirrored", "exchanged",
@@ -128,7 +129,7 @@ def shows(folder: Path) -> bool:
     """Whether a campaign as written is beyond what a short fit explains."""
     try:
         machine, datasets = prepared(folder / "mechanism.yaml", [folder / "data.csv"])
-        return trial(Problem(machine, datasets, machine.free)).after > TELLING
+        return score(Problem(machine, datasets, machine.free), np.inf).noise > TELLING
     except (PpmcalError, np.linalg.LinAlgError):
         return True
 

@@ -88,11 +88,10 @@ class PoseReading:
     mirror: str = ""
     inverse: bool = False
 
-    @property
-    def of_rotation(self) -> PoseReading:
-        """The part of it that concerns the rotation columns only."""
-        return PoseReading(turn_order=self.turn_order, turn_signs=self.turn_signs,
-                           turn_unit=self.turn_unit, rotation=self.rotation)
+    def with_rotation(self, other: PoseReading) -> PoseReading:
+        """Return this reading with the rotation columns read as in another one."""
+        return replace(self, turn_order=other.turn_order, turn_signs=other.turn_signs,
+                       turn_unit=other.turn_unit, rotation=other.rotation)
 
     @property
     def parts(self) -> float:
@@ -119,7 +118,7 @@ class PoseReading:
         return position, rotation
 
     def _turned(self, rotation: Array, angle: float, convention: str, planar: bool) -> Array:
-        if self.of_rotation == PoseReading():
+        if PoseReading().with_rotation(self) == PoseReading():
             return rotation
         if planar:
             return rotation * self.turn_signs[2] * unit_factor(self.turn_unit, angle)

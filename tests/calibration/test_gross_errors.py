@@ -16,7 +16,7 @@ from ppmcal.calibration.fit import fit_result as fitting
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.interpretation.misreading import misfit
+from ppmcal.calibration.interpretation.read_rightly import misfit
 from ppmcal.calibration.validation.summary import report
 from ppmcal.diagnosis.refit import of_rows
 from ppmcal.io import read_campaign, read_mechanism, read_scenario

@@ -34,16 +34,17 @@ from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.interpretation.data_check import check
 from ppmcal.calibration.interpretation.misread import Misread
-from ppmcal.calibration.interpretation.misreading import (
-    misfit,
-    refuse_misread,
-    refuse_small_misreading,
-)
 from ppmcal.calibration.interpretation.mistakes import mistakes
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
-from ppmcal.calibration.interpretation.other_machine import other_machine, refuse_other_machine
+from ppmcal.calibration.interpretation.read_rightly import (
+    misfit,
+    other_machine,
+    refuse_after_fit,
+    refuse_misread,
+    refuse_other_machine,
+)
 from ppmcal.calibration.interpretation.stale_rows import stale
-from ppmcal.calibration.interpretation.wrong_rows import refuse_wrong_rows, wrong_parts
+from ppmcal.calibration.interpretation.wrong_rows import wrong_parts, wrong_rows
 from ppmcal.calibration.validation.residual_vectors import held_out, residuals
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.errors import BadInput
@@ -456,7 +457,7 @@ def test_a_diameter_that_tolerances_hide_is_named_by_what_the_fit_leaves(tmp_pat
     problem = campaign(tmp_path, "radius-platform", "crank-hexapod", 120)
     assert not misfit(problem).misread
     with pytest.raises(Misread, match="the platform points are twice as far out") as refused:
-        refuse_small_misreading(identify(problem))
+        refuse_after_fit(identify(problem))
     assert refused.value.found[0].block is None
 
 
@@ -502,7 +503,7 @@ def test_commands_refuse_the_file_of_another_machine(tmp_path: Path) -> None:
 def test_rows_that_hold_each_others_measurements_are_told(tmp_path: Path, machine: str) -> None:
     problem = campaign(tmp_path, "shuffled", machine)
     with pytest.raises(Misread, match="rows are in another order") as refused:
-        refuse_wrong_rows(identify(problem))
+        refuse_after_fit(identify(problem))
     (mistake,) = refused.value.found[0].mistakes
     assert mistake.kind == "shuffled" and refused.value.found[0].block is None
     right = campaign(tmp_path / "right", "none", machine)
@@ -539,7 +540,7 @@ def test_a_mistake_in_a_stretch_is_told_with_its_rows(tmp_path: Path, case: str,
 def test_what_happens_in_a_stretch_is_no_mistake(tmp_path: Path, case: str, machine: str) -> None:
     problem = campaign(tmp_path, case, machine, 90, 3.0)
     assert wrong_parts(problem) == ()
-    refuse_wrong_rows(identify(problem))
+    assert wrong_rows(identify(problem)) == ()
 
 
 def test_one_number_typed_wrong_is_no_other_machine(tmp_path: Path) -> None:
@@ -598,7 +599,7 @@ def test_right_files_are_read_as_they_are(tmp_path: Path, case: str, machine: st
         pytest.skip("cannot happen to it")
     problem = campaign(tmp_path, case, machine, 120, 3.0)
     assert not misfit(problem).misread
-    refuse_small_misreading(identify(problem))
+    refuse_after_fit(identify(problem))
 
 
 def test_repeats_are_not_stale_however_they_are_labelled(tmp_path: Path) -> None:

@@ -10,24 +10,24 @@ if TYPE_CHECKING:
     from ppmcal.calibration.interpretation.data_check import Check as Check
     from ppmcal.calibration.interpretation.data_check import check as check
     from ppmcal.calibration.interpretation.data_check import home_gaps as home_gaps
+    from ppmcal.calibration.interpretation.misread import NOISE as NOISE
     from ppmcal.calibration.interpretation.misread import Misread as Misread
+    from ppmcal.calibration.interpretation.misread import Misreading as Misreading
     from ppmcal.calibration.interpretation.misread import misreading_sentence as misreading_sentence
     from ppmcal.calibration.interpretation.mistakes import Mistake as Mistake
     from ppmcal.calibration.interpretation.mistakes import with_line as with_line
-    from ppmcal.calibration.interpretation.negative_struts import (
-        rows_with_negative_struts as rows_with_negative_struts,
-    )
     from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes as plain_mistakes
     from ppmcal.calibration.interpretation.obvious_mistakes import recorded_units as recorded_units
-    from ppmcal.calibration.interpretation.other_machine import (
-        refuse_other_machine as refuse_other_machine,
+    from ppmcal.calibration.interpretation.obvious_mistakes import (
+        rows_with_negative_struts as rows_with_negative_struts,
     )
     from ppmcal.calibration.interpretation.read_rightly import refuse_after_fit as refuse_after_fit
     from ppmcal.calibration.interpretation.read_rightly import (
         refuse_before_fit as refuse_before_fit,
     )
-    from ppmcal.calibration.interpretation.reading_trial import NOISE as NOISE
-    from ppmcal.calibration.interpretation.reading_trial import Misreading as Misreading
+    from ppmcal.calibration.interpretation.read_rightly import (
+        refuse_other_machine as refuse_other_machine,
+    )
     from ppmcal.calibration.interpretation.stale_rows import without_stale as without_stale
 
 if not TYPE_CHECKING:   # who checks types sees which names there are

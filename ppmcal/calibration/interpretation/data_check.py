@@ -25,11 +25,9 @@ from ppmcal.calibration.fit import (
     unidentifiable,
     whole_rank,
 )
-from ppmcal.calibration.interpretation.misread import mend_of, misreading_sentence
-from ppmcal.calibration.interpretation.misreading import MEND
+from ppmcal.calibration.interpretation.misread import Misreading, mend_of, misreading_sentence
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
-from ppmcal.calibration.interpretation.read_rightly import found_wrong
-from ppmcal.calibration.interpretation.reading_trial import Misreading
+from ppmcal.calibration.interpretation.read_rightly import MEND, found_wrong
 from ppmcal.calibration.knowledge import Identifiability, predict_identifiability
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, to_joint

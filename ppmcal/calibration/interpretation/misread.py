@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ppmcal.calibration.interpretation.mistakes import block_text
-from ppmcal.calibration.interpretation.reading_trial import NOISE, Misreading
+from ppmcal.calibration.interpretation.mistakes import Mistake, block_text
 from ppmcal.errors import NoResult
 from ppmcal.units import SI, Units
 
@@ -23,6 +23,41 @@ MENDS = {
 """What only the user can mend, by kind of mistake."""
 PLAIN = ("stale", "outside-limits")
 """Kinds that name their rows and are no other reading of them."""
+
+
+NOISE = "times the noise"
+"""In the place of a quantity: residuals over the noise, no length or angle."""
+
+
+@dataclass(frozen=True)
+class Misreading:
+    """A file that was read wrongly, and how it is to be read.
+
+    Attributes:
+        source: the CSV.
+        mistakes: what is wrong in it; ``block``: the sidecar's ``read`` that mends it, None
+            where only the user can.
+        quantity: of ``before`` and ``after``, the median misses, m or rad, that tell most; nan
+            where nothing was compared.
+        noise_after: what a short fit leaves, times the noise.
+        sigma: entries of the sidecar's ``instrument.sigma`` that are in the columns' unit too.
+        alternatives: other mistakes that explain the file as well, and change no more of it.
+    """
+
+    source: str
+    mistakes: tuple[Mistake, ...]
+    block: dict[str, object] | None = None
+    quantity: str = NOISE
+    before: float = np.nan
+    after: float = np.nan
+    noise_after: float = np.nan
+    sigma: Mapping[str, float] = field(default_factory=dict)
+    alternatives: tuple[tuple[Mistake, ...], ...] = ()
+
+    @property
+    def otherwise(self) -> str:
+        """The alternatives in words, to be put behind those of the mistakes; empty without any."""
+        return "".join(", or: " + " and ".join(m.text for m in way) for way in self.alternatives)
 
 
 class Misread(NoResult):
@@ -48,7 +83,7 @@ class Misread(NoResult):
 def misreading_sentence(found: Misreading, units: Units) -> str:
     """Return what is wrong in a file, and the evidence."""
     factor, unit = units.factor(found.quantity), units.name(found.quantity)
-    what = " and ".join(m.text for m in found.mistakes)
+    what = " and ".join(m.text for m in found.mistakes) + found.otherwise
     if np.isnan(found.after):
         return what
     if found.quantity == NOISE:

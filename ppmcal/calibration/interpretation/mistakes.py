@@ -6,7 +6,7 @@ The mend is the block ``read`` of the sidecar as a whole: what it already says, 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,13 +14,9 @@ import numpy as np
 
 from ppmcal.kinematics.pose_readings import (
     AXES,
-    IDENTITY,
-    PLUS,
     QUATERNIONS,
     TURNS,
     FileReading,
-    JointReading,
-    PoseReading,
     unit_factor,
 )
 from ppmcal.model.dataset import Dataset
@@ -45,109 +41,125 @@ class Mistake:
     rows: tuple[int, ...] = ()
 
 
+@dataclass(frozen=True)
+class _Sort:
+    """Columns of one sort, and how a reading has them: those of joints, places or rotations.
+
+    ``own``: which of them such a machine's files have; the rest as in
+    :class:`ppmcal.kinematics.pose_readings.JointReading`, with the ``declared`` units.
+    """
+
+    names: tuple[str, ...]
+    own: tuple[int, ...]
+    order: tuple[int, ...]
+    signs: tuple[int, ...]
+    units: tuple[str, ...]
+    declared: tuple[str, ...]
+
+    @property
+    def moved(self) -> tuple[int, ...]:
+        """Those that stand in another one's place."""
+        return tuple(i for i in self.own if self.order[i] != i)
+
+    @property
+    def turned(self) -> tuple[str, ...]:
+        """Names of those with the other sign."""
+        return tuple(n for n, s in zip(self.names, self.signs, strict=True) if s < 0)
+
+    def in_other_units(self) -> Iterator[Mistake]:
+        """Yield one mistake for each unit that is not the declared one."""
+        for unit in dict.fromkeys(self.units[i] for i in self.own if self.units[i]):
+            own = [i for i in self.own if self.units[i] == unit]
+            names = [self.names[i] for i in own]
+            yield Mistake("unit", tuple(names), f"{_of(names, 'is', 'are')} in {unit}, "
+                          f"not {self.declared[own[0]]}")
+
+
+def _sorts(reading: FileReading, mechanism: Mechanism, data: Dataset
+           ) -> tuple[_Sort, _Sort, _Sort]:
+    """Return how a reading has the columns of joints, places and rotations."""
+    pose, joints, k = reading.pose, reading.joints, len(mechanism.actuators)
+    planar, units = mechanism.motion == "planar", data.units
+    turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
+    return (_Sort(tuple(f"q_{a}" for a in mechanism.actuators), tuple(range(k)), joints.order,
+                     joints.signs, joints.units,
+                     tuple(units.name(q) for q in mechanism.actuator_quantity)),
+            _Sort(AXES, (0, 1) if planar else (0, 1, 2), pose.order, pose.signs, pose.units,
+                     (units.length,) * 3),
+            _Sort(turns, (2,) if planar else (0, 1, 2), pose.turn_order, pose.turn_signs,
+                     (pose.turn_unit,) * 3, (units.angle,) * 3))
+
+
 def mistakes(reading: FileReading, mechanism: Mechanism, data: Dataset) -> tuple[Mistake, ...]:
     """Return what a reading says is wrong in a file."""
-    out = [*_of_joints(reading.joints, mechanism, data),
-           *_of_positions(reading.pose, mechanism, data),
-           *_of_rotations(reading.pose, mechanism, data)]
+    joints, places, turns = _sorts(reading, mechanism, data)
+    measured = (*AXES, *TURNS) if data.kind == "pose" else AXES
+    out = [*_of_joints(joints), *_of_places(places)]
+    if reading.pose.mirror:
+        out.append(Mistake("mirrored", measured, "the poses are left-handed: the instrument's "
+                           f"{reading.pose.mirror} axis points the other way, or the "
+                           "mechanism file has the mirror image of the machine (home on the "
+                           "other side of the base, or legs numbered the other way round)"))
+    out += [*places.in_other_units(), *_of_turns(turns, reading.pose.rotation, data.convention)]
     if reading.pose.inverse:
-        out.append(Mistake("inverse", _measured(data), "the poses are inverse: the measuring "
+        out.append(Mistake("inverse", measured, "the poses are inverse: the measuring "
                            "frame seen from the platform"))
     if reading.shift:
         late = "behind" if reading.shift > 0 else "ahead of"
-        out.append(Mistake("shifted", _measured(data), "the measured columns are "
+        out.append(Mistake("shifted", measured, "the measured columns are "
                            f"{counted(abs(reading.shift), 'row')} {late} the joint columns"))
     return tuple(out)
 
 
-def _measured(data: Dataset) -> tuple[str, ...]:
-    return (*AXES, *TURNS) if data.kind == "pose" else AXES
+def _of_joints(sort: _Sort) -> Iterator[Mistake]:
+    names = sort.names
+    if sort.moved:
+        each = ", ".join(f"{names[i]} is in the column {names[sort.order[i]]}" for i in sort.moved)
+        yield Mistake("permuted", tuple(names[i] for i in sort.moved),
+                      " and ".join(names[i] for i in sort.moved) + " are exchanged"
+                      if len(sort.moved) == 2 else f"the joint columns are permuted: {each}")
+    yield from _with_other_sign(sort)
+    yield from sort.in_other_units()
 
 
-def _of_joints(joints: JointReading, mechanism: Mechanism, data: Dataset) -> list[Mistake]:
-    names = [f"q_{a}" for a in mechanism.actuators]
-    out = []
-    wrong = [i for i, o in enumerate(joints.order) if o != i]
-    if wrong:
-        each = ", ".join(f"{names[i]} is in the column {names[joints.order[i]]}" for i in wrong)
-        text = (f"{names[wrong[0]]} and {names[wrong[1]]} are exchanged" if len(wrong) == 2
-                else f"the joint columns are permuted: {each}")
-        out.append(Mistake("permuted", tuple(names[i] for i in wrong), text))
-    minus = [n for n, s in zip(names, joints.signs, strict=True) if s < 0]
-    if minus:
-        out.append(Mistake("sign", tuple(minus), f"{_list(minus)} "
-                           f"{'has' if len(minus) == 1 else 'have'} the other sign"))
-    for unit in dict.fromkeys(u for u in joints.units if u):
-        own = [i for i, u in enumerate(joints.units) if u == unit]
-        declared = data.units.name(mechanism.actuator_quantity[own[0]])
-        out.append(_unit([names[i] for i in own], unit, declared))
-    return out
+def _of_places(sort: _Sort) -> Iterator[Mistake]:
+    yield from _exchanged(sort)
+    if len(sort.turned) == 1:
+        yield Mistake("mirrored", sort.turned, f"{sort.turned[0]} has the other sign: that axis "
+                      "of the instrument points the other way")
+    else:
+        yield from _with_other_sign(sort)
 
 
-def _axes(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the columns of a place that such a machine's files have."""
-    return AXES[:2] if mechanism.motion == "planar" else AXES
+def _of_turns(sort: _Sort, rotation: str, convention: str) -> Iterator[Mistake]:
+    columns = QUATERNION if convention in QUATERNIONS else TURNS
+    yield from _exchanged(sort)
+    if rotation:
+        yield Mistake("rotation", columns, f"{', '.join(columns)} hold "
+                      f"{convention_words(rotation)}, not {convention_words(convention)}")
+    if len(sort.turned) == 3:
+        yield Mistake("rotation", columns, "the rotations are inverse (transposed): the "
+                      "measuring frame's turn seen from the platform")
+    else:
+        yield from _with_other_sign(sort)
+    yield from sort.in_other_units()
 
 
-def _turns(mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the columns of a rotation that such a machine's files have."""
-    return TURNS[2:] if mechanism.motion == "planar" else TURNS
+def _exchanged(sort: _Sort) -> Iterator[Mistake]:
+    if sort.moved:
+        yield Mistake("exchanged", tuple(sort.names[i] for i in sort.moved), "; ".join(
+            f"{sort.names[i]} is in the column {sort.names[sort.order[i]]}" for i in sort.moved))
 
 
-def _unit(names: Sequence[str], unit: str, declared: str) -> Mistake:
-    return Mistake("unit", tuple(names), f"{_list(names)} "
-                   f"{'is' if len(names) == 1 else 'are'} in {unit}, not {declared}")
+def _with_other_sign(sort: _Sort) -> Iterator[Mistake]:
+    if sort.turned:
+        yield Mistake("sign", sort.turned, f"{_of(sort.turned, 'has', 'have')} the other sign")
 
 
-def _list(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _of_positions(pose: PoseReading, mechanism: Mechanism, data: Dataset) -> list[Mistake]:
-    out = []
-    if pose.order != IDENTITY:
-        wrong = [i for i, o in enumerate(pose.order) if o != i]
-        out.append(Mistake("exchanged", tuple(AXES[i] for i in wrong),
-                           "; ".join(f"{AXES[i]} is in the column {AXES[pose.order[i]]}"
-                                     for i in wrong)))
-    minus = [a for a, s in zip(AXES, pose.signs, strict=True) if s < 0]
-    if len(minus) == 1:
-        out.append(Mistake("mirrored", tuple(minus), f"{minus[0]} has the other sign: that axis "
-                           "of the instrument points the other way"))
-    elif minus:
-        out.append(Mistake("sign", tuple(minus), f"{_list(minus)} have the other sign"))
-    if pose.mirror:
-        out.append(Mistake("mirrored", _measured(data), "the poses are left-handed: the "
-                           f"instrument's {pose.mirror} axis points the other way, or the "
-                           "mechanism file has the mirror image of the machine (home on the "
-                           "other side of the base, or legs numbered the other way round)"))
-    for unit in dict.fromkeys(u for u in pose.units if u):
-        own = [a for a, u in zip(_axes(mechanism), pose.units, strict=False) if u == unit]
-        out.append(_unit(own, unit, data.units.length))
-    return out
-
-
-def _of_rotations(pose: PoseReading, mechanism: Mechanism, data: Dataset) -> list[Mistake]:
-    out, columns = [], QUATERNION if data.convention.startswith("quat") else TURNS
-    if pose.turn_order != IDENTITY:
-        wrong = [i for i, o in enumerate(pose.turn_order) if o != i]
-        out.append(Mistake("exchanged", tuple(TURNS[i] for i in wrong),
-                           "; ".join(f"{TURNS[i]} is in the column {TURNS[pose.turn_order[i]]}"
-                                     for i in wrong)))
-    if pose.rotation:
-        out.append(Mistake("rotation", columns, f"{', '.join(columns)} hold "
-                           f"{convention_words(pose.rotation)}, not "
-                           f"{convention_words(data.convention)}"))
-    if pose.turn_signs == (-1, -1, -1):
-        out.append(Mistake("rotation", columns, "the rotations are inverse (transposed): the "
-                           "measuring frame's turn seen from the platform"))
-    elif pose.turn_signs != PLUS:
-        minus = [c for c, s in zip(TURNS, pose.turn_signs, strict=True) if s < 0]
-        out.append(Mistake("sign", tuple(minus), f"{_list(minus)} "
-                           f"{'has' if len(minus) == 1 else 'have'} the other sign"))
-    if pose.turn_unit:
-        out.append(_unit(_turns(mechanism), pose.turn_unit, data.units.angle))
-    return out
+def _of(names: Sequence[str], one: str, several: str) -> str:
+    """Return names and their verb."""
+    return (f"{names[0]} {one}" if len(names) == 1 else
+            f"{', '.join(names[:-1])} and {names[-1]} {several}")
 
 
 def convention_words(convention: str) -> str:
@@ -175,49 +187,28 @@ def read_block(reading: FileReading, mechanism: Mechanism, data: Dataset) -> dic
 
     What the sidecar says already stays, and is put together with what was found.
     """
-    old = dict(data.read)
-    pose, joints = reading.pose, reading.joints
-    columns = _columns(reading, mechanism, data)
-    signs = dict(old.get("signs", {}))
-    for name, sign in _signs(joints, pose, mechanism, data):
-        signs[name] = sign * signs.get(name, 1)
-    units = dict(old.get("units", {})) | _units(joints, pose, mechanism)
+    old, pose = dict(data.read), reading.pose
+    headers, signs, units = dict(data.headers), dict(old.get("signs", {})), dict(
+        old.get("units", {}))
+    for sort in _sorts(reading, mechanism, data):
+        for i in sort.own:
+            name, source = sort.names[i], sort.names[sort.order[i]]
+            if source != name or name in data.headers:
+                headers[name] = data.headers.get(source, source)
+            signs[name] = sort.signs[i] * signs.get(name, 1)
+            units |= {name: sort.units[i]} if sort.units[i] else {}
     rotation = pose.rotation or old.get("rotation", "")
     inverse = pose.inverse != (old.get("pose") == "inverse")
     mirror = "" if pose.mirror == old.get("mirror", "") else pose.mirror or old["mirror"]
     if (inverse or mirror) and data.convention in QUATERNIONS:
         rotation = rotation or data.convention
-    shift = reading.shift + int(old.get("shift", 0))
-    out = {"columns": columns, "ignore": old.get("ignore"), "units": units,
+    out = {"columns": {own: header for own, header in headers.items() if own != header},
+           "ignore": old.get("ignore"), "units": units,
            "counts_per_turn": old.get("counts_per_turn"),
            "signs": {n: s for n, s in signs.items() if s != 1}, "rotation": rotation,
-           "pose": "inverse" if inverse else "", "mirror": mirror, "shift": shift}
+           "pose": "inverse" if inverse else "", "mirror": mirror,
+           "shift": reading.shift + int(old.get("shift", 0))}
     return {key: value for key, value in out.items() if value}
-
-
-def _columns(reading: FileReading, mechanism: Mechanism, data: Dataset) -> dict[str, str]:
-    """Return our column -> the file's header, wherever they differ."""
-    headers = dict(data.headers)
-    names = [f"q_{a}" for a in mechanism.actuators]
-    for own, order in ((names, reading.joints.order), (AXES, reading.pose.order),
-                       (TURNS, reading.pose.turn_order)):
-        headers |= {own[i]: data.headers.get(own[o], own[o]) for i, o in enumerate(order)
-                    if o != i or own[i] in headers}
-    return {own: header for own, header in headers.items() if own != header}
-
-
-def _signs(joints: JointReading, pose: PoseReading, mechanism: Mechanism, data: Dataset
-           ) -> list[tuple[str, int]]:
-    turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
-    return [*zip([f"q_{a}" for a in mechanism.actuators], joints.signs, strict=True),
-            *zip(AXES, pose.signs, strict=True), *zip(turns, pose.turn_signs, strict=True)]
-
-
-def _units(joints: JointReading, pose: PoseReading, mechanism: Mechanism) -> dict[str, str]:
-    named = [*zip([f"q_{a}" for a in mechanism.actuators], joints.units, strict=True)]
-    named += [*zip(_axes(mechanism), pose.units, strict=False),
-              *((t, pose.turn_unit) for t in _turns(mechanism))]
-    return {name: unit for name, unit in named if unit}
 
 
 def other_sigma(reading: FileReading, data: Dataset, left: tuple[float, float]

@@ -1,4 +1,4 @@
-"""Mistakes that show without any fit: stale rows, units of the environment, joint limits."""
+"""Mistakes that show without any fit: units of the environment, limits, signs of struts."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.interpretation.misread import Misread
+from ppmcal.calibration.interpretation.limits import MOST
+from ppmcal.calibration.interpretation.misread import Misread, Misreading
 from ppmcal.calibration.interpretation.mistakes import Mistake, with_line
-from ppmcal.calibration.interpretation.reading_trial import NOISE, Misreading
 from ppmcal.calibration.interpretation.stale_rows import stale
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Bools
@@ -65,8 +65,7 @@ def refuse_wrong_units(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Non
     Raises:
         Misread: with the lines to write into the sidecars.
     """
-    found = [Misreading(d.source, (mistake,), with_line(d, "units", {column: unit}), NOISE,
-                        np.nan, np.nan, np.nan)
+    found = [Misreading(d.source, (mistake,), with_line(d, "units", {column: unit}))
              for d in datasets for mistake, column, unit in recorded_units(d, mechanism)]
     if found:
         raise Misread.of(found, mechanism.units)
@@ -79,12 +78,10 @@ def plain_mistakes(data: Dataset, mechanism: Mechanism, others: Sequence[Misread
     ``others``: misreadings that a search has found; joints outside their limits are not told of
     columns that one of them concerns, which is why they are outside.
     """
-    nothing: tuple[str, float, float, float] = ("length", np.nan, np.nan, np.nan)
     for mistake in stale(replace(data, unusable=None), mechanism)[1]:
-        yield Misreading(data.source, (mistake,), None, *nothing)
+        yield Misreading(data.source, (mistake,))
     for mistake, column, unit in recorded_units(data, mechanism):
-        yield Misreading(data.source, (mistake,), with_line(data, "units", {column: unit}),
-                         *nothing)
+        yield Misreading(data.source, (mistake,), with_line(data, "units", {column: unit}))
     told = {c for other in others if other.source == data.source for m in other.mistakes
             for c in m.columns}
     for name, outside in _outside(data, mechanism):
@@ -93,7 +90,7 @@ def plain_mistakes(data: Dataset, mechanism: Mechanism, others: Sequence[Misread
         rows = tuple(int(n) for n in data.rows[outside])
         yield Misreading(data.source, (Mistake(
             "outside-limits", (name,), f"{name} is outside its limits in "
-            f"{counted(len(rows), 'row')}", rows),), None, *nothing)
+            f"{counted(len(rows), 'row')}", rows),))
 
 
 def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Misreading, ...]:
@@ -105,7 +102,7 @@ def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Misreading, ...]:
     home = home_state(mechanism).q
     inside = {f"q_{a}" for a, within in zip(
         mechanism.actuators, (low <= home) & (home <= high), strict=True) if within}
-    most = {name for name, outside in _outside(data, mechanism) if outside.mean() > 0.5} & inside
+    most = {name for name, outside in _outside(data, mechanism) if outside.mean() > MOST} & inside
     return tuple(m for m in plain_mistakes(data, mechanism)
                  if m.mistakes[0].kind == "outside-limits" and set(m.mistakes[0].columns) <= most)
 
@@ -118,3 +115,57 @@ def _outside(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[str, Bools]]
             outside = (data.q[:, i] < low) | (data.q[:, i] > high)
         if outside.any():
             yield f"q_{name}", outside
+
+
+# --- struts of negative length: only the square is seen, and a fit would take any sign ------------
+
+NEAR = 0.5
+"""A joint whose middle is within this part of the opposite of its home value is negative."""
+
+
+def _struts(data: Dataset, mechanism: Mechanism) -> list[int]:
+    """Return the joints that are a limb's length, of which only the square is seen."""
+    return [limb.actuator for limb in mechanism.limbs
+            if data.commanded is None and limb.kind.actuator == "length"
+            and not any(s.is_bar for s in limb.kind.slots)]
+
+
+def _negative(data: Dataset, mechanism: Mechanism) -> Bools:
+    """Return which joints (k,) are struts with a length of the other sign than at home."""
+    home, out = home_state(mechanism).q, np.zeros(len(mechanism.actuators), dtype=bool)
+    for i in _struts(data, mechanism):
+        known = data.q[np.isfinite(data.q[:, i]), i]
+        out[i] = bool(known.size and home[i] != 0.0 and abs(
+            float(np.median(known)) + home[i]) < NEAR * abs(home[i]))
+    return out
+
+
+def rows_with_negative_struts(data: Dataset, mechanism: Mechanism) -> Bools:
+    """Return the rows (N,) with a strut's length of the other sign than at home: mistyped ones.
+
+    The pose is as with the right sign, so that no residual shows it; what follows the travel would.
+    """
+    struts = _struts(data, mechanism)
+    return np.asarray((data.q[:, struts] * home_state(mechanism).q[struts] < 0.0).any(axis=1))
+
+
+def negative_struts(data: Dataset, mechanism: Mechanism) -> tuple[Mistake, ...]:
+    """Return the joint columns that have the other sign, as one mistake."""
+    names = tuple(f"q_{a}" for a, n in zip(mechanism.actuators, _negative(data, mechanism),
+                                           strict=True) if n)
+    if not names:
+        return ()
+    has = "has" if len(names) == 1 else "have"
+    return (Mistake("sign", names, f"{', '.join(names)} {has} the other sign: lengths of struts, "
+                    "which are not negative at home"),)
+
+
+def with_positive_struts(data: Dataset, mechanism: Mechanism) -> Dataset:
+    """Return the data with those columns turned, as their sidecar should say."""
+    turned = _negative(data, mechanism)
+    if not turned.any():
+        return data
+    lines = {f"q_{a}": -data.read.get("signs", {}).get(f"q_{a}", 1)
+             for a, n in zip(mechanism.actuators, turned, strict=True) if n}
+    return replace(data, q=np.where(turned, -data.q, data.q), whole=None, place=None,
+                   read=with_line(data, "signs", lines))

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
-from ppmcal.calibration.interpretation.reading_candidates import (
-    combined,
+from ppmcal.calibration.interpretation.candidates import (
     joint_readings,
     position_readings,
     rotation_readings,
@@ -53,22 +52,16 @@ NEWTON_STEPS = 12
 
 @dataclass(frozen=True)
 class Scored:
-    """One reading and what it leaves: median miss of positions, m, and of rotations, rad.
-
-    ``score``: both together over how far the platform moves.
-    """
+    """One reading, and the median miss that it leaves over how far the platform moves."""
 
     reading: FileReading
-    position: float
-    rotation: float
     score: float
 
 
 def search_readings(mechanism: Mechanism, data: Dataset) -> list[Scored]:
     """Return readings of one data set of poses or positions, best first.
 
-    ``score`` is the median miss with the nominal machine over how far the platform moves; a
-    rotation counts on the machine's length scale. The reading as declared is among them.
+    A rotation counts on the machine's length scale. The reading as declared is among them.
     """
     out: list[Scored] = []
     for shift in (0, *SHIFTS):
@@ -154,7 +147,7 @@ class _Scene:
         out = []
         for f in np.argsort(median / sizes[c], kind="stable")[:BEST_PAIRS]:
             pose = poses[p[f]]
-            own = [pose] if pose.inverse else [combined(pose, r) for r in rotations]
+            own = [pose] if pose.inverse else [pose.with_rotation(r) for r in rotations]
             if pose.inverse:
                 seen = self._read(pose)[1][None]
             else:
@@ -162,8 +155,9 @@ class _Scene:
                     turned[pose.mirror] = np.stack([self._read(r)[1] for r in own])
                 seen = turned[pose.mirror]
             angles = self._rotation_misses(frames[f] @ self.turns[c[f]], seen)
-            out += [self._one(int(c[f]), t, float(median[f]), float(a), float(sizes[c[f]]))
-                    for t, a in zip(own, angles, strict=True)]
+            score = np.hypot(median[f], self.mechanism.length_scale * np.nan_to_num(angles))
+            out += [Scored(FileReading(self.joints[c[f]], t, self.shift), s) for t, s in
+                    zip(own, (score / sizes[c[f]]).tolist(), strict=True)]
         return out
 
     def _read(self, pose: PoseReading) -> tuple[Array, Array]:
@@ -175,13 +169,6 @@ class _Scene:
         middle = np.nanmedian(self.origins, axis=1, keepdims=True)
         away = np.nanmedian(np.linalg.norm(self.origins - middle, axis=-1), axis=1)
         return np.asarray(np.maximum(away, 1e-12))
-
-    def _one(self, c: int, pose: PoseReading, position: float, rotation: float, size: float
-             ) -> Scored:
-        angle = 0.0 if np.isnan(rotation) else rotation
-        score = float(np.hypot(position, self.mechanism.length_scale * angle))
-        return Scored(FileReading(self.joints[c], pose, self.shift), position, rotation,
-                      score / size)
 
     def _registered(self, c: Index, b: Array, rounds: int, with_target: bool
                     ) -> tuple[Array, Array]:

@@ -5,17 +5,19 @@ dp = B dq. If joint i stands in another column, with another sign or unit, the c
 those of the machine's own Jacobian J in another order, with that sign and factor; a turn of the
 measuring frame, a mirrored axis or exchanged axes change B^T B not at all. So the order and the
 signs that bring the correlations B^T B nearest to J^T J are the ones to try: all of them are
-compared at once (at most 720 orders of 32 signs), before anything is registered or solved.
+compared at once (at most 720 orders of 32 signs), before anything is registered or solved. Where
+rotations are measured they follow the columns in the same way, wherever the target is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import permutations, product
+from itertools import islice, permutations, product
 
 import numpy as np
 
+from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.errors import LinearAlgebraError
 from ppmcal.kinematics.closure import Model
@@ -36,7 +38,7 @@ from ppmcal.units import ANGLES, LENGTHS, TURN
 MOST_JOINTS = 6
 """Of more joints than these not all orders are compared, only single changes."""
 KEPT = 40
-"""Orders and signs that go on, best first."""
+"""Orders and signs that go on, best first, by positions and by rotations together."""
 FEW = 12
 NEAR = 1.6
 """A column that moves the point by a factor within this of a unit's factor may be in that unit."""
@@ -89,18 +91,45 @@ def _single(mechanism: Mechanism, data: Dataset, plain: JointReading) -> Iterato
 
 
 def _by_slopes(mechanism: Mechanism, data: Dataset) -> Iterator[JointReading]:
-    """Yield readings by how positions follow the columns, likeliest first."""
-    measured = _slopes(data)
-    if measured is None:
-        return
-    model = Model(mechanism)
-    home = home_state(mechanism).q[None]
-    closure, pose = model.closure(home), mechanism.home[None]
+    """Yield readings by how positions, and rotations where they are known, follow the columns.
+
+    The likeliest first, by positions before by rotations.
+    """
+    closure, pose = Model(mechanism).closure(home_state(mechanism).q[None]), mechanism.home[None]
     try:
         speeds = -linalg.solve(closure.pose_matrix(pose)[0], closure.joint_matrix(pose)[0])
     except LinearAlgebraError:
         return
-    own = speeds[[n for n, c in enumerate(mechanism.dof) if c < 3]]
+    seen = _motions(mechanism, data)
+    for turn, values in enumerate(seen):
+        measured = _slopes(data.q, values)
+        own = speeds[[n for n, c in enumerate(mechanism.dof) if (c >= 3) == bool(turn)]]
+        if measured is not None:
+            yield from islice(_by_correlations(mechanism, data, measured, own),
+                              2 * KEPT // len(seen))
+
+
+def _motions(mechanism: Mechanism, data: Dataset) -> list[Array]:
+    """Return positions, and rotations from the middle row on, as vectors (N, 3).
+
+    Rotations follow the joints alike wherever the target is; positions of a far target do not.
+    """
+    position = np.where(np.isfinite(data.position).any(axis=0), data.position, 0.0)
+    known = np.flatnonzero(finite_rows(data.rotation))
+    if mechanism.motion != "spatial" or not known.size:
+        return [position]
+    motors = cga.motor_from_rotation_vector(data.rotation[known], np.zeros(3))
+    turns = cga.rotation_matrix(motors)
+    middle = turns[np.argmin(np.linalg.norm(
+        data.rotation[known] - np.median(data.rotation[known], axis=0), axis=1))]
+    out = np.full_like(data.rotation, np.nan)
+    out[known] = cga.rotation_vector(cga.motor_from_matrix(middle.T @ turns, np.zeros(3)))
+    return [position, out]
+
+
+def _by_correlations(mechanism: Mechanism, data: Dataset, measured: Array, own: Array
+                     ) -> Iterator[JointReading]:
+    """Yield readings by how the cosines between measured slopes (3, k) become the machine's."""
     (shape, size), (nominal, length) = _correlations(measured), _correlations(own)
     if min(size.min(), length.min()) <= 0.0:
         return
@@ -131,11 +160,10 @@ def _nearest_unit(slope: float, units: dict[str, float]) -> str:
     return best if best and off(units[best]) < min(np.log(NEAR), off(1.0)) else ""
 
 
-def _slopes(data: Dataset) -> Array | None:
-    """Return d position / d column (3, k) over all rows, None where they do not say."""
-    position = np.where(np.isfinite(data.position).any(axis=0), data.position, 0.0)
-    rows = np.flatnonzero(finite_rows(position) & finite_rows(data.q))
-    q, p = data.q[rows], position[rows]
+def _slopes(columns: Array, values: Array) -> Array | None:
+    """Return d values / d column (3, k) over all rows, None where they do not say."""
+    rows = np.flatnonzero(finite_rows(values) & finite_rows(columns))
+    q, p = columns[rows], values[rows]
     if len(rows) < 2 * q.shape[1] + 2:
         return None
     q, p = q - np.median(q, axis=0), p - np.median(p, axis=0)
@@ -161,6 +189,12 @@ def _correlations(columns: Array) -> tuple[Array, Array]:
     size = np.linalg.norm(columns, axis=0)
     unit = columns / np.where(size > 0.0, size, 1.0)
     return unit.T @ unit, size
+
+
+def pose_readings(data: Dataset, planar: bool) -> list[PoseReading]:
+    """Return single changes of the measured columns, as declared first."""
+    return [*position_readings(data, planar), *rotation_readings(data, planar)[1:],
+            *whole_pose_readings(data, planar)]
 
 
 def position_readings(data: Dataset, planar: bool) -> list[PoseReading]:
@@ -208,9 +242,3 @@ def whole_pose_readings(data: Dataset, planar: bool) -> list[PoseReading]:
     return [replace(r, inverse=True, units=(u, u, u)) for r in rotation_readings(data, planar)
             for u in ("", *(n for n, v in LENGTHS.items()
                             if r.parts == 0 and not np.isclose(v, LENGTHS[data.units.length])))]
-
-
-def combined(position: PoseReading, rotation: PoseReading) -> PoseReading:
-    """Return both readings as one."""
-    return replace(position, turn_order=rotation.turn_order, turn_signs=rotation.turn_signs,
-                   turn_unit=rotation.turn_unit, rotation=rotation.rotation)

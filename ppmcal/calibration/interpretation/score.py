@@ -1,0 +1,279 @@
+"""How well a file fits its machine, read in some way: one number, from few rows.
+
+The rows are registered as well as can be and compared with the nominal machine, against what the
+stated noise *and* the tolerances explain: V = I + J T^2 J^T in units of the noise, T the
+tolerances. Where that is not hopeless a short robust fit, with the tolerances as prior, says what
+noise it leaves and how far it bends the geometry; both together are the score. Before the fit half
+of the rows tell, which is all that is asked of a start; what it leaves is asked of all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import chdtri
+
+from ppmcal.calibration.fit import (
+    Distances,
+    Problem,
+    State,
+    column_scale,
+    coordinates,
+    distances,
+    explained_distances,
+    gross_errors,
+    huber_weights,
+    least_squares,
+    prior_weights,
+    toleranced,
+)
+from ppmcal.calibration.interpretation.limits import ALLOWED, LANDS, MOST
+from ppmcal.errors import NoResult, PpmcalError
+from ppmcal.kinematics.pose_readings import FileReading
+from ppmcal.linalg import Array, Bools, Ints, finite_rows, range_basis, subsample
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import SCALARS
+from ppmcal.model.mechanism import Mechanism
+
+ROWS, ITERATIONS = 48, 10
+PARTS = 3
+"""A third of the rows, the first or the last, is looked at alone where nothing explains all."""
+OFFSET = "offset"
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a way to read a file leaves.
+
+    Attributes:
+        nominal: times what noise and tolerances explain, without a fit; half of the rows are
+            farther off.
+        miss: positions, m, and rotations, rad, so too; nan where not measured.
+        noise: times the noise, after a short fit, all rows (:func:`all_rows`); geometry: by how
+            many tolerances that moves it.
+        left: as ``miss``, after the fit.
+    """
+
+    nominal: float = np.inf
+    miss: tuple[float, float] = (np.nan, np.nan)
+    noise: float = np.inf
+    geometry: float = np.nan
+    left: tuple[float, float] = (np.nan, np.nan)
+
+    @property
+    def total(self) -> float:
+        """Times what is left by the right machine, read rightly; 1 at best."""
+        if np.isfinite(self.noise):
+            return max(1.0, self.noise) * max(1.0, self.geometry / ALLOWED)
+        return max(1.0, self.nominal)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Few rows of a problem, every parameter free that has a tolerance.
+
+    Raises:
+        BadInput: as :meth:`ppmcal.calibration.fit.Problem.start`.
+    """
+
+    problem: Problem
+    state: State
+
+    @classmethod
+    def at(cls, problem: Problem) -> Look:
+        """Return the look at a problem."""
+        problem = toleranced(problem)
+        keep = subsample([np.ones(len(d), dtype=bool) for d in problem.datasets], ROWS)
+        few = replace(problem, earlier=None, datasets=tuple(
+            d.take(np.flatnonzero(k)) if k.any() else d
+            for d, k in zip(problem.datasets, keep, strict=True)))
+        return cls(few, few.start())
+
+    @cached_property
+    def posed(self) -> list[Bools]:
+        """Which rows have a pose, by data set (N,)."""
+        return [finite_rows(p) for p in self.state.poses]
+
+    @cached_property
+    def explained(self) -> Distances:
+        """How far rows are from the nominal machine, freed of what tolerances explain."""
+        return explained_distances(self.problem, self.state)
+
+    @property
+    def nominal(self) -> float:
+        """That of half of the rows, times the noise."""
+        return self.explained.times(self.posed)
+
+    @property
+    def lost(self) -> tuple[int, int]:
+        """How many rows have no pose, and how many there are."""
+        return sum(int((~k).sum()) for k in self.posed), sum(k.size for k in self.posed)
+
+    @cached_property
+    def sound(self) -> list[Bools]:
+        """The rows without gross errors: values typed wrong are no sign of how a file is read."""
+        return [k & ~g for k, g in zip(
+            self.posed, gross_errors(self.problem, self.state, self.posed), strict=True)]
+
+    def fitted(self) -> State:
+        """Return where a short robust fit ends."""
+        def weigh(at: State) -> Sequence[Array]:
+            return huber_weights(self.problem, at, self.sound)
+
+        return least_squares(self.problem, self.state, self.sound,
+                             prior_weights(self.problem, "prior"), ITERATIONS, weigh).state
+
+    def score(self, lands: float = LANDS) -> Score:
+        """Return the score; without a fit where the nominal machine is farther off than ``lands``.
+
+        Raises:
+            NoResult: most rows have no pose.
+        """
+        lost, rows = self.lost
+        if lost > MOST * rows:
+            raise NoResult("most rows have no pose",
+                           ", ".join(d.source for d in self.problem.datasets))
+        miss = medians(self.problem, self.state)
+        if not self.nominal <= lands:
+            return Score(self.nominal, miss)
+        end = self.fitted()
+        found = distances(self.problem, end)
+        square, size = (np.concatenate([v[k] for v, k in zip(values, self.posed, strict=True)])
+                        for values in (found.square, found.size))
+        return Score(self.nominal, miss, float(all_rows(square, size)),
+                     rms(tolerances_away(self.problem, end)), medians(self.problem, end))
+
+
+def all_rows(square: Array, size: Array) -> Array:
+    """Return times the noise that rows are off together (...): the mean of their logarithms.
+
+    That is the likelihood where each row has noise of its own size, the stated one or any larger.
+    Single rows may be far off; a way that is right for half of the rows only leaves the others,
+    which a median would not see: poses that were visited twice are read rightly so a row late.
+
+    Args:
+        square: squared distances over the noise (..., n), nan where there is none.
+        size: number of coordinates behind them (..., n).
+    """
+    away = np.maximum(1.0, square / chdtri(np.maximum(size, 1.0), 0.5))
+    judged = np.isfinite(square) & (size > 0)
+    total = np.sum(np.log(np.where(judged, away, 1.0)), axis=-1)
+    return np.asarray(np.exp(0.5 * total / np.maximum(judged.sum(axis=-1), 1)))
+
+
+def score(problem: Problem, lands: float = LANDS) -> Score:
+    """Return the score of a problem; an infinite one where it cannot be had."""
+    with suppress(PpmcalError):
+        return Look.at(problem).score(lands)
+    return Score()
+
+
+def medians(problem: Problem, state: State) -> tuple[float, float]:
+    """Return the median miss of positions, m, and rotations, rad; nan where not measured."""
+    out: dict[bool, list[float]] = {False: [], True: []}
+    for rows in problem.rows(state, False):
+        places = np.array(coordinates(problem.datasets[rows.dataset], problem.mechanism.motion))
+        for turn in out:
+            raw = np.where(rows.observed, rows.raw, 0.0)[:, (places >= 3) == turn]
+            if raw.shape[1]:
+                out[turn] += np.linalg.norm(raw, axis=1).tolist()
+    position, rotation = (float(np.median(v)) if v else float("nan") for v in out.values())
+    return position, rotation
+
+
+def tolerances_away(problem: Problem, state: State) -> dict[str, float]:
+    """Return by how many tolerances the geometry is from nominal, zeros of drives left out."""
+    out = {}
+    for i in problem.free:
+        parameter = problem.mechanism.parameters[i]
+        tau = parameter.prior_sigma
+        if tau and parameter.tolerance_class and parameter.tolerance_class != OFFSET:
+            out[parameter.name] = abs(float(state.g[i]) - parameter.nominal) / tau
+    return out
+
+
+def rms(away: dict[str, float]) -> float:
+    """Return the root mean square of distances, 0 without any."""
+    return float(np.sqrt(np.mean(np.square([*away.values()])))) if away else 0.0
+
+
+def end_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints, Problem]]:
+    """Yield each data set with its first and its last rows, and the problem of these alone."""
+    for data in problem.datasets:
+        for part in np.array_split(np.arange(len(data)), PARTS)[::PARTS - 1]:
+            yield data, part, problem.alone(data.take(part))
+
+
+def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
+    """Yield data sets and their first or last rows that fit alone: something happened in between.
+
+    What is read wrongly is wrong from the first row to the last.
+    """
+    for data, part, alone in end_parts(problem):
+        if score(alone, 0.0).nominal <= LANDS:
+            yield data, part
+
+
+def readable(data: Dataset) -> bool:
+    """Whether a data set can be read otherwise: poses or positions at given joint values."""
+    return data.kind not in SCALARS and data.commanded is None
+
+
+# --- many ways at once, to first order ------------------------------------------------------------
+
+def read_in_ways(data: Dataset, rows: Ints, readings: Sequence[FileReading],
+                 mechanism: Mechanism) -> Dataset:
+    """Return some rows of a data set read in every way, one after another (R n,).
+
+    A shift takes the measurement of other rows of the file, which have to be there.
+    """
+    own = data.take(rows)
+    read = [replace(own, position=data.position[rows + r.shift],
+                    rotation=data.rotation[rows + r.shift]) if r.shift else r.of(own, mechanism)
+            for r in readings]
+    return replace(data.take(np.tile(rows, len(read))), q=np.concatenate([d.q for d in read]),
+                   position=np.concatenate([d.position for d in read]),
+                   rotation=np.concatenate([d.rotation for d in read]), whole=None, place=None)
+
+
+def first_order_scores(problem: Problem, rows: Ints, readings: Sequence[FileReading]) -> Array:
+    """Return the scores (R,) of one data set with its measured columns read in other ways.
+
+    The machine stays where it is to first order: what the columns of a fit with the tolerances as
+    prior cannot explain of the residuals, and how far it would move.
+
+    Args:
+        problem: of one data set, every parameter with a tolerance free.
+        rows: that count, none of them gross.
+        readings: without other joint columns; the first is the present one.
+    """
+    (data,), count = problem.datasets, len(readings)
+    few = replace(problem, datasets=(data.take(rows),), pivots=(problem.opens[0].about,),
+                  given=(problem.environments[0].take(rows),))
+    state = few.start()
+    many = replace(few, datasets=(read_in_ways(data, rows, readings, problem.mechanism),),
+                   given=(few.environments[0].take(np.tile(np.arange(len(rows)), count)),))
+    there = replace(state, poses=(np.tile(state.poses[0], (count, 1)),))
+    parts = [*many.rows(there, False)]
+    residual = np.concatenate([p.residual for p in parts])
+    seen = np.concatenate([p.observed for p in parts])
+    if len(residual) != count * len(rows):
+        return np.full(count, np.inf)
+    jacobian = np.concatenate([p.jacobian for p in few.rows(state, True)])
+    weight = prior_weights(few, "prior")
+    whole = np.vstack([jacobian.reshape(-1, len(weight)), np.diag(weight)]) * column_scale(few)
+    basis = range_basis(whole, 1e-9)
+    flat = residual.reshape(count, -1)
+    flat = np.hstack([flat, np.zeros((count, len(weight)))])
+    rest = flat - (flat @ basis) @ basis.T
+    square = np.sum(rest[:, :-len(weight)].reshape(count, len(rows), -1)**2, axis=2)
+    size = seen.reshape(count, len(rows), -1).sum(axis=2)
+    moved = rest[:, -len(weight):][:, weight > 0.0]
+    away = np.sqrt(np.mean(moved**2, axis=1)) if moved.size else np.zeros(count)
+    out = all_rows(square, size) * np.maximum(1.0, away / ALLOWED)
+    fewer = size.sum(axis=1) < size[0].sum()
+    return np.asarray(np.where(fewer, np.inf, out))
