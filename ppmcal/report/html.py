@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -129,8 +130,15 @@ def error_bar(error: float | None, tolerance: float | None, half: float | None) 
 @cache
 def _environment() -> Environment:
     """Return the templates; text is escaped unless it is ready HTML."""
-    return Environment(loader=PackageLoader("ppmcal.report"), autoescape=True,
+    made = Environment(loader=PackageLoader("ppmcal.report"), autoescape=True,
                        keep_trailing_newline=True, undefined=StrictUndefined)
+    made.filters["sentence"] = _sentence
+    return made
+
+
+def _sentence(text: object) -> Markup:
+    """Return plain text as HTML, with what stands in backticks as code."""
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", escape(str(text))))
 
 
 def part(name: str, *values: Any) -> str:

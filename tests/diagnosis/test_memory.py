@@ -105,7 +105,7 @@ def test_commands_that_make_up_for_play(tmp_path: Path) -> None:
     folder = campaign(tmp_path, "play")
     diagnose(folder)
     assert found_in(folder)["verdict"] in ("named", "named-set")
-    targets = [[500 + 20 * (i % 2), 288 + i, 30 + 0.1 * i] for i in range(8)]
+    targets = [[470 + 20 * (i % 2), 288 + i, 30 + 0.1 * i] for i in range(8)]
     write_csv(folder / "t.csv", [dict(zip(("x", "y", "rz"), t, strict=True)) for t in targets])
     bad = ppmcal("compensate", "d/model.yaml", "t.csv", "--frame", "base", "--out", "c",
                  cwd=folder, expect=2)
