@@ -29,7 +29,7 @@ from ppmcal.diagnosis.other_models import readings
 from ppmcal.diagnosis.question import ROW_FAMILY
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import MOST_STEPS as REFIT_STEPS
-from ppmcal.diagnosis.result import LEARNED_AFTER, Diagnosis, LearnedTerms, Onset
+from ppmcal.diagnosis.result import LEARNED_AFTER, SILENT, Diagnosis, LearnedTerms, Onset
 from ppmcal.diagnosis.session_effects import with_sessions
 from ppmcal.diagnosis.told_places import candidates, effects, left, possible, unknown
 from ppmcal.wording import counted
@@ -85,7 +85,9 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     gap = held.gap if not options.by_session else next(
         (b.gap for b in blocks if b.by == SESSION), None)
     out = secondary("what left-out rows have in common", partial(left_out, final),
-                    LeftOut(0, 0, False, "", 0.0, 1.0), notes)
+                    LeftOut(0, 0, False, "", 0.0, 0.0), notes)
+    if out.follows and held.verdict in SILENT:
+        held = replace(held, verdict="unnamed")     # what is at a place, though no cause bends to it
     said = [*held.said, *what.given_up, *findings(whole, final, rest, own, gap, out)]
     own, apart = secondary("the size of effects in each session", partial(
         with_sessions, final, own), (own, []), notes) if own else (own, [])

@@ -29,6 +29,8 @@ OfUnit = Annotated[float, Quantity(of="unit")]
 VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
 NAMED = ("named", "named-set", "partial")
 """Verdicts that name something."""
+SILENT = ("none", "weak")
+"""Verdicts that say of nothing that it is there."""
 LEARNED_AFTER = ("unnamed", "partial")
 """Verdicts that leave something to learn."""
 SURELY = 2.0

@@ -12,30 +12,19 @@ from dataclasses import dataclass
 from itertools import combinations, pairwise, product
 
 import numpy as np
-from scipy.special import bdtrc, gammaln
 
 from ppmcal.calibration.fit import Fit, rows_with_outliers
 from ppmcal.calibration.validation.residual_vectors import Residuals
+from ppmcal.inference.priors import sure
+from ppmcal.inference.shares import everywhere, in_a_part
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.model.repeats import repeats
 from ppmcal.wording import counted
 from ppmcal.wording.progress import stage
 
-GROSS_SHARE = 0.1
-"""Gross errors may be this part of the rows; more is a finding,"""
-LEVEL = 0.01
-"""where chance would give as many, or as clear a pattern over all that are tried, this rarely."""
-FEWEST = 4
-"""Fewer rows have no pattern."""
-FEWEST_POSES = 3
-"""Nor have fewer poses of a stretch of travel: two that were typed wrong are near by chance."""
 THIRDS = 3
-FOR_STRETCHES, FOR_PLACES = 0.2, 0.2
-"""Stretches of travel are many, and so are places: each have this part of the level, all others the
-rest."""
 STRETCHES = 8
 """Parts of a joint's travel, which overlap: what is worn in one of them hits the rows there."""
 
@@ -46,9 +35,9 @@ class LeftOut:
 
     Attributes:
         count, rows: how many, and of how many.
-        too_many: whether gross errors do not explain so many.
-        follows: what they have in common, "" if nothing; ``share`` of them have it.
-        p_value: chance of as clear a pattern, over all that were tried.
+        too_many: whether gross errors surely do not explain so many.
+        follows: what they surely have in common, "" if nothing; ``share`` of them have it.
+        probability: that they have something in common.
         stretch: the stretch of a joint's travel that they have in common: its index, and both
             ends, SI; None: something else, or nothing.
     """
@@ -58,26 +47,16 @@ class LeftOut:
     too_many: bool
     follows: str
     share: float
-    p_value: float
+    probability: float
     stretch: tuple[int, float, float] | None = None
-
-    @property
-    def of_travel(self) -> bool:
-        """Whether what they have in common is a stretch of a joint's travel."""
-        return self.stretch is not None
-
-    @property
-    def suspicious(self) -> bool:
-        """Whether these were not gross errors only."""
-        return self.too_many or bool(self.follows)
 
     @property
     def sentence(self) -> str:
         """What there is to say of them, "" if nothing."""
         rows = f"{counted(self.count, 'row')} of {self.rows} left out as outliers"
         if self.follows:
-            return (f"{rows}: {self.share:.0%} of them {self.follows} (p = {self.p_value:.1g}); "
-                    "gross errors have no such pattern, so the model misses something there")
+            return (f"{rows}: {self.share:.0%} of them {self.follows}; gross errors have no "
+                    "such pattern, so the model misses something there")
         return f"{rows}: more than gross errors explain" if self.too_many else ""
 
 
@@ -100,32 +79,29 @@ class DoubtfulStretch:
 
 
 def left_out(fit: Fit) -> LeftOut:
-    """Return what the rows that a fit left out have in common."""
+    """Return what the rows that a fit left out have in common.
+
+    Rows are left out as often as gross errors come, or more often, each row as often as any other,
+    or those with a pattern; patterns of circumstances, of stretches and of places are as likely,
+    and so are all of a kind.
+    """
     gone, datasets = fit.outliers, fit.problem.datasets
     used = rows_with_outliers(fit)
     count, rows = (sum(int(m.sum()) for m in masks) for masks in (gone, used))
-    too_many = count > 0 and bool(bdtrc(count - 1, rows, GROSS_SHARE) < LEVEL)
+    # what hits a pose hits all its rows: what they have in common they have once
+    poses = _one_of_each(used, gone, [d.groups for d in datasets])
     found: list[tuple[float, float, _Pattern]] = []
-    for patterns, level in ((_circumstances, 1.0 - FOR_STRETCHES - FOR_PLACES),
-                            (_stretches, FOR_STRETCHES), (_places, FOR_PLACES)):
-        # what hits a pose hits all its rows: at a place they are one, in a stretch its repeats
-        mine = used if patterns is _circumstances else _one_of_each(
-            used, gone, [d.groups if patterns is _places else repeats(d) for d in datasets])
-        out, total = _rows_in(gone, mine), _rows_in(mine, mine)
-        tests = []
-        for pattern in _patterns(fit, patterns) if FEWEST <= out < total else ():
-            inside = _rows_in(pattern.rows, mine)
-            hits = sum(int((m & g & u).sum()) for m, g, u in zip(
-                pattern.rows, gone, mine, strict=True))
-            few = patterns is _stretches and _poses(fit, pattern.rows) < FEWEST_POSES
-            if 0 < inside < total:
-                tests.append((1.0 if few else _as_many(hits, total, inside, out), hits / out,
-                              pattern))
-        found += [(min(1.0, p * len(tests) / level), share, pattern) for p, share, pattern in tests]
-    best, share, pattern = min(found, default=(1.0, 0.0, _Pattern("", [])), key=lambda f: f[:2])
-    if best >= LEVEL:
-        return LeftOut(count, rows, too_many, "", share, best)
-    return LeftOut(count, rows, too_many, pattern.words, share, best, pattern.stretch)
+    for patterns in KINDS:
+        some = [_Hit.of(p, poses if _of_poses(fit, p) else used, gone)
+                for p in _patterns(fit, patterns)]
+        some = [h for h in some if 0 < h.inside < h.total and 0 < h.count < h.total]
+        found += [(in_a_part(h.hits, h.inside, h.count, h.total) / len(KINDS) / len(some),
+                   h.hits / h.count, h.pattern) for h in some]
+    odds = sum(f[0] for f in found)
+    _, share, pattern = max(found, default=(0.0, 0.0, _Pattern("", [])), key=lambda f: f[:2])
+    follows, stretch = (pattern.words, pattern.stretch) if sure(odds) else ("", None)
+    return LeftOut(count, rows, sure(everywhere(count, rows)), follows, share, odds / (1.0 + odds),
+                   stretch)
 
 
 def _rows_in(one: Sequence[Bools], other: Sequence[Bools]) -> int:
@@ -143,12 +119,6 @@ def _one_of_each(used: Sequence[Bools], gone: Sequence[Bools], labels: Sequence[
         mask[rows[np.unique(label[rows], return_index=True)[1]]] = True
         out.append(mask)
     return out
-
-
-def _poses(fit: Fit, rows: Sequence[Bools]) -> int:
-    """Return at how many commanded poses some of the rows (N,) were left out."""
-    return sum(np.unique(d.groups[r & o]).size for d, r, o in zip(
-        fit.problem.datasets, rows, fit.outliers, strict=True))
 
 
 @dataclass(frozen=True)
@@ -177,20 +147,6 @@ def doubtful_stretches(fit: Fit, after: Residuals, out: LeftOut) -> tuple[Doubtf
     missed = after.figures(rows)
     position, rotation = (missed.get(kind, {}).get("rms", 0.0) for kind in ("position", "rotation"))
     return (DoubtfulStretch(fit.problem.mechanism.actuators[joint], low, high, position, rotation),)
-
-
-def _as_many(hits: int, rows: int, inside: int, count: int) -> float:
-    """Return the chance of at least ``hits`` of ``count`` rows among ``inside`` of all.
-
-    The hypergeometric tail; scipy.stats, which has it, takes half a second to load.
-    """
-    def log_choices(n: int, k: Array) -> Array:
-        return np.asarray(gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0))
-
-    k = np.arange(max(hits, count - (rows - inside), 0), min(inside, count) + 1.0)
-    parts = (log_choices(inside, k) + log_choices(rows - inside, count - k)
-             - log_choices(rows, np.array([float(count)])))
-    return min(1.0, float(np.sum(np.exp(parts))))
 
 
 Found = tuple[str, Bools, tuple[int, float, float] | None]
@@ -286,6 +242,37 @@ def _stretches(fit: Fit, index: int) -> Iterator[Found]:
                 low, high = (float(f(data.q[mask, a])) for f in (np.min, np.max))
                 yield (f"have {name} between {low / factor:.6g} and {high / factor:.6g} "
                        f"{unit}".rstrip(), mask, (a, low, high))
+
+
+@dataclass(frozen=True)
+class _Hit:
+    """How many rows with a pattern were left out: ``hits`` of ``inside``, ``count`` of ``total``."""
+
+    pattern: _Pattern
+    hits: int
+    inside: int
+    count: int
+    total: int
+
+    @classmethod
+    def of(cls, pattern: _Pattern, mine: Sequence[Bools], gone: Sequence[Bools]) -> _Hit:
+        """Return it of ``mine`` of the rows."""
+        both = [m & g for m, g in zip(pattern.rows, gone, strict=True)]
+        return cls(pattern, *(_rows_in(mine, some) for some in (both, pattern.rows, gone, mine)))
+
+
+def _of_poses(fit: Fit, pattern: _Pattern) -> bool:
+    """Return whether at most poses all rows have the pattern, or none."""
+    poses, mixed = 0, 0
+    for data, mask in zip(fit.problem.datasets, pattern.rows, strict=True):
+        labels = np.unique(data.groups)
+        poses += labels.size
+        mixed += np.unique(np.stack([data.groups, mask]), axis=1).shape[1] - labels.size
+    return 2 * mixed < poses
+
+
+KINDS = (_circumstances, _stretches, _places)
+"""Kinds of patterns."""
 
 
 def thirds(values: Array) -> list[Bools]:

@@ -209,7 +209,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     held, note = _held(fit, options, holdout, seed, other, leave_out, inflation, notes)
     after = residuals(fit.problem, fit.state)
     out = secondary("what left-out rows have in common", lambda: left_out(fit),
-                    LeftOut(0, 0, False, "", 0.0, 1.0), notes)
+                    LeftOut(0, 0, False, "", 0.0, 0.0), notes)
     index = secondary("the observability indices", lambda: observability(
         rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep)), {}, notes)
     told = _findings(fit, noise, inflation, found, out, wider, notes)
