@@ -107,7 +107,6 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
         tried_sets,
         unknown_causes,
         verdict,
-        worst_block,
     )
 
     console.say(f"{record.name}: {verdict(record)}")
@@ -116,7 +115,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
     for line in [*_effects(record), *_days(record), *_suspected(result), *_left(result)]:
         console.say(line)
     for line in (unknown_causes(record), tried_sets(record),
-                 gap_closed(record) if record.effects else "", worst_block(record),
+                 gap_closed(record) if record.effects else "",
                  predicted(record),
                  imitated(record), *learned(record), learned_gap(record)):
         if line:

@@ -16,7 +16,6 @@ from ppmcal.diagnosis.findings import (
     refuse_unredundant,
     swallowed,
 )
-from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.learned_terms import learned_beyond
 from ppmcal.diagnosis.localization import localise
 from ppmcal.diagnosis.misread_causes import refuse_misread
@@ -26,6 +25,7 @@ from ppmcal.diagnosis.onsets import refined, with_onsets
 from ppmcal.diagnosis.options import DiagnosisOptions as DiagnosisOptions
 from ppmcal.diagnosis.other_days import other_days, worse_days
 from ppmcal.diagnosis.other_models import readings
+from ppmcal.diagnosis.predictive_check import session_gap
 from ppmcal.diagnosis.question import ROW_FAMILY
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import MOST_STEPS as REFIT_STEPS
@@ -80,10 +80,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     own = with_onsets(effects(what, found.last), events) if named else ()
     start = left(found.first, what.rounds[0])
     rest = left(found.last, what.last) if named else start
-    blocks = secondary("the gap on stretches of rows", partial(
-        block_gaps, whole, final, found.noise, options.seed), (), notes) if own else ()
-    gap = held.gap if not options.by_session else next(
-        (b.gap for b in blocks if b.by == SESSION), None)
+    gap = session_gap(held.predictive) if options.by_session else held.gap
     out = secondary("what left-out rows have in common", partial(left_out, final),
                     LeftOut(0, 0, False, "", 0.0, 0.0), notes)
     if out.follows and held.verdict in SILENT:
@@ -117,7 +114,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         before=reported.fit if final is whole and not terms else whole, identification=reported,
         found=found, proposal=proposed,
         findings=(*said, *apart, *worse_days(days), *([far] if far else []), *notes),
-        blocks=blocks, others=others, learned=terms, days=days,
+        others=others, learned=terms, days=days,
         nothing=what.last.answer.nothing((ROW_FAMILY,)),
         unknown=tuple(unknown(what, p) for p in what.last.unnamed), predictive=held.predictive)
 

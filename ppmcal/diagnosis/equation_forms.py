@@ -78,13 +78,13 @@ class Equation(LearnedCurve):
     """A learned function as an equation: ``values`` (F,) are the sizes of its ``products``.
 
     Attributes:
-        stability: in what part of the bootstraps each product was chosen again (F,).
+        probability: of these forms, among all sets of products that were tried.
         after: rms over the noise in poses left out of the fits, with it in place of the term;
             nan before that is known.
     """
 
     products: tuple[Product, ...] = ()
-    stability: Array = field(default_factory=lambda: np.zeros(0))
+    probability: float = np.nan
     after: float = np.nan
 
     def basis(self, x: Array, by: Array | None = None) -> Array:

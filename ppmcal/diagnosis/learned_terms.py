@@ -120,7 +120,7 @@ def _as_well(base: Fit, fit: Fit, terms: Learned, seen: Visible, gap: Gap,
     ``gap``: of it.
     """
     out: list[Equation | None] = []
-    for i, found in enumerate(equations(seen, terms, options.seed)):
+    for i, found in enumerate(equations(seen, terms)):
         after = None
         if found is not None:
             curves = (*terms.curves[:i], found, *terms.curves[i + 1:])

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ppmcal.diagnosis.explanation import Round
-from ppmcal.diagnosis.held_out_blocks import schemes
+from ppmcal.diagnosis.held_out_gap import Gap
+from ppmcal.diagnosis.left_out_schemes import SESSION, schemes
 from ppmcal.diagnosis.question import ROW_FAMILY
 from ppmcal.diagnosis.result import LeftOutBlocks, Predictions
 from ppmcal.inference.block_sets import state
@@ -42,6 +43,17 @@ def predictions(asked: Round) -> tuple[LeftOutBlocks, ...]:
             group[group >= 0] = places.reshape(-1)
             out.append(_compared(by, averaged(bare, group), averaged(whole, group)))
     return tuple(out)
+
+
+def session_gap(found: Sequence[LeftOutBlocks]) -> Gap | None:
+    """Return the gap on sessions that are left out in turn, None where there are none."""
+    by = next((b for b in found if b.by == SESSION), None)
+    if by is None:
+        return None
+    before, after = by.geometry.error, by.averaged.error
+    closed = 1.0 - float(np.sqrt(max(after**2 - 1.0, 0.0) / (before**2 - 1.0))) if (
+        before > 1.0) else None
+    return Gap(1.0, before, after, closed, None, by.surely_better, by.surely_worse, by.blocks)
 
 
 def _models(asked: Round, sets: Sequence[Sequence[int]], noise: int

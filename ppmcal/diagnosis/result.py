@@ -12,7 +12,6 @@ from ppmcal.calibration.fit import ENOUGH_REPEATS, Z95, Fit
 from ppmcal.calibration.validation import Identification, Validated
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.extended_model import Added
-from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
 from ppmcal.diagnosis.learning import Learned
@@ -164,6 +163,11 @@ class LeftOutBlocks:
     gain_sigma: float
 
     @property
+    def surely_better(self) -> bool:
+        """Whether geometry alone surely predicts worse."""
+        return self.gain - SURELY * self.gain_sigma > 0.0
+
+    @property
     def surely_worse(self) -> bool:
         """Whether geometry alone surely predicts better."""
         return self.gain + SURELY * self.gain_sigma < 0.0
@@ -257,7 +261,6 @@ class Diagnosis:
     found: Found
     proposal: Proposal
     findings: tuple[str, ...]
-    blocks: tuple[BlockGap, ...] = ()
     others: tuple[Reading, ...] = ()
     learned: LearnedTerms | None = None
     days: tuple[Validated, ...] = ()

@@ -24,7 +24,6 @@ from ppmcal.io.results.diagnosis_wording import (
     tried_sets,
     unconfirmed,
     unknown_causes,
-    worst_block,
 )
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_format import amounts, in_unit, odds_to
@@ -58,7 +57,7 @@ def diagnosis_section(d: Diagnosed) -> Section:
 
 def _lead(r: DiagnosisRecord) -> str:
     text = paragraph(headline(r), "big")
-    facts = [stages(r), gap_closed(r), worst_block(r), predicted(r)]
+    facts = [stages(r), gap_closed(r), predicted(r)]
     if r.confirmed is False and r.effects:
         facts.append(unconfirmed(r))
     return text + paragraph(" ".join(f for f in facts if f))

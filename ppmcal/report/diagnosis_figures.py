@@ -18,7 +18,6 @@ from ppmcal.io.results.diagnosis_wording import (
     left_out_poses,
     name_of,
     together,
-    worst_block,
 )
 from ppmcal.plotting.bars import Chart, Row, ratio_ticks
 from ppmcal.plotting.canvas import Drawing
@@ -70,7 +69,7 @@ def gap(record: DiagnosisRecord) -> Drawing | None:
         "Upper bars: the rows that effects were searched in; each bar adds one thing to the "
         "model. The upright line is the noise alone: where nothing is missing, bars end there.",
         "; ".join(f"{step_name(record, s)}: {sig(v)} times the noise" for s, v in steps) + ".",
-        f"{gap_closed(record)} {worst_block(record)}".strip())
+        f"{gap_closed(record)}")
 
 
 def _gap_row(label: str, value: float, kind: str) -> Row:

@@ -17,7 +17,7 @@ from ppmcal.calibration.fit.homing_shift import homing_shifts
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.knowledge.intervals import by_sessions
 from ppmcal.calibration.validation.residual_vectors import split
-from ppmcal.diagnosis.held_out_blocks import SESSION, schemes
+from ppmcal.diagnosis.left_out_schemes import SESSION, schemes
 from ppmcal.errors import BadInput
 from ppmcal.io.campaign import joined
 from ppmcal.io.results.diagnosis import DiagnosisRecord

@@ -13,7 +13,7 @@ from helpers.commands import ppmcal
 from helpers.learned import WEATHER, campaign, diagnosed, dip, squared, warped
 
 from ppmcal.diagnosis.equation_forms import Equation, InputForm, products_of, same_form, values_of
-from ppmcal.diagnosis.equations import chosen_products
+from ppmcal.diagnosis.equations import likeliest
 from ppmcal.diagnosis.result import LearnedTerms
 from ppmcal.io.results.learned_equation import LearnedEquation
 from ppmcal.model.effects.learned import LearnedCurve, learned_kind
@@ -37,10 +37,10 @@ def test_the_sparsest_set_is_chosen() -> None:
     rng = np.random.default_rng(1)
     x = rng.standard_normal((300, 40))
     noise = rng.standard_normal(300)
-    price, kinks = np.full(40, np.log(40 / 0.01)), np.zeros(40, dtype=bool)
+    kinks, forms = np.zeros(40, dtype=bool), np.arange(40)
 
     def chosen(y: Any, some: Any) -> set[int]:
-        return set(chosen_products(x.T @ x, x.T @ y, float(y @ y), 300, price, some))
+        return set(likeliest(x.T @ x, x.T @ y, float(y @ y), 300, forms, some)[0])
 
     target = 2.0 * x[:, 7] - 3.0 * x[:, 30] + noise
     assert chosen(target, kinks) == {7, 30}
@@ -117,7 +117,7 @@ def test_it_is_printed_with_units_and_says_what_it_is(products: Any, sizes: Any,
     """The text, evaluated by Python in the file's units, is the function in SI."""
     found = Equation("travel", np.array([0.1, 0.5]), np.array(sizes), np.zeros((len(sizes),) * 2),
                      by="temperature", by_nodes=np.array([-10.0, 10.0]), products=products,
-                     stability=np.ones(len(sizes)))
+                     probability=1.0)
     told = LearnedEquation.of(found, "leg2", MM)
     assert told.text == text
     x, warm = np.array([0.12, 0.34, 0.47]), np.array([-7.0, 3.0, 9.0])
@@ -195,7 +195,7 @@ def test_console_file_and_report_have_it_and_clean_data_none(tmp_path: Path) -> 
     (term,) = told["terms"]
     # 0.05 mm at 30 mm/s
     assert abs(term["size"] - 0.05 / 9.0) < 3.0 * term["sigma"]
-    assert term["stability"] >= 0.75
+    assert told["probability"] > 0.95
     assert told["text"] in " ".join(run.out.split())
     ppmcal("report", "d", "--out", "r", cwd=tmp_path, expect=0)
     assert "(velocity/10 mm/s)^2" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")

@@ -14,7 +14,6 @@ from ppmcal.calibration.fit.fit_result import OUTLIER, Fit
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.validation.residual_vectors import fresh_state
-from ppmcal.diagnosis.held_out_blocks import block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, gap_of, measure_gap
 from ppmcal.diagnosis.next_experiment import (
     ODDS,
@@ -185,22 +184,6 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Fit, tuple[Dataset
     part = np.arange(len(data)) % 4 > 0
     fit = identify(Problem(mechanism, (data.take(part),), mechanism.free))
     return fit, (data.take(~part),)
-
-
-def missing(fit: Fit, rows: list[int]) -> Fit:
-    """Return a fit that misses some rows, by its geometry, and has left them out for that."""
-    keep = fit.keep[0].copy()
-    keep[rows] = False
-    return replace(fit, keep=(keep,), reasons=(dict.fromkeys(rows, f"{OUTLIER}: far away"),))
-
-
-def test_blocks_hold_the_rows_that_the_new_fit_left_out(
-        fitted: tuple[Fit, tuple[Dataset, ...]]) -> None:
-    fit, _ = fitted
-    poses = np.unique(fit.problem.datasets[0].groups).size
-    for pair in ((fit, missing(fit, [3, 8, 13])), (missing(fit, [3, 8, 13]), fit)):
-        for block in block_gaps(*pair, 1.0, 0):
-            assert block.gap.poses == poses
 
 
 def test_a_machine_without_a_pose_at_held_out_rows_is_worse(

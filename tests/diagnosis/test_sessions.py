@@ -17,7 +17,8 @@ from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.validation.residual_vectors import on_other_rows
 from ppmcal.diagnosis import session_effects
-from ppmcal.diagnosis.held_out_blocks import _left_out, schemes
+from ppmcal.diagnosis.diagnose import DiagnosisOptions
+from ppmcal.diagnosis.diagnose import diagnose as diagnose_
 from ppmcal.diagnosis.result import NamedEffect, SessionEffect
 from ppmcal.io import read_campaign, read_mechanism
 
@@ -45,10 +46,10 @@ def test_what_is_there_on_both_days_is_the_machines(tmp_path: Path) -> None:
         width = s["parameters"]["width"]
         assert abs(width["value"] - 0.03) < 4.0 * width["sigma"]
     assert one["same_in_sessions_p"] > 1e-3
-    by_session = next(b for b in found["gap"]["blocks"] if b["by"] == "session")
-    assert by_session["closed"] > 0.8
+    by_session = next(b for b in found["predictive"] if b["by"] == "session")
+    assert found["gap"]["closed"] > 0.8
     # it is what was asked for in place of held-out poses
-    assert found["gap"]["closed"] == by_session["closed"]
+    assert found["gap"]["after"] == by_session["averaged"]["error"]
 
 
 @pytest.mark.slow
@@ -124,16 +125,17 @@ def test_a_left_out_session_is_predicted_to_first_order_as_by_a_fit_without_it(
     two_days(tmp_path, [], [])
     mechanism = read_mechanism(tmp_path / "m.yaml")
     data = read_campaign([tmp_path / DATA, tmp_path / OTHER], mechanism)
-    plainly = FitOptions(robust=False)
-    whole = identify(Problem(mechanism, data, mechanism.free), plainly)
-    by, folds = next(iter(schemes(whole.problem)))
-    assert by == "session"
+    told = diagnose_(Problem(mechanism, data, mechanism.free), DiagnosisOptions(by_session=True))
+    (found,) = (b for b in told.predictive if b.by == "session")
+    assert told.gap is not None and told.gap.before == found.geometry.error
+    square = count = 0.0
     for out, other in ((0, 1), (1, 0)):
-        found = np.sqrt(np.mean(_left_out(whole, folds[out], whole.keep).square))
-        fit = identify(Problem(mechanism, (data[other],), mechanism.free), plainly)
+        fit = identify(Problem(mechanism, (data[other],), mechanism.free), FitOptions(robust=False))
         errors, _ = on_other_rows(fit, [data[out]])
-        wanted = np.sqrt(np.mean(np.nansum((errors.vector[0] / errors.sigma[0]) ** 2, axis=1)))
-        assert found == pytest.approx(wanted, rel=0.02)
+        white = errors.vector[0] / errors.sigma[0]
+        # its own frame is fitted to the session itself
+        square, count = square + np.nansum(white**2), count + np.isfinite(white).sum() - 3
+    assert found.geometry.error == pytest.approx(np.sqrt(square / count), rel=0.02)
 
 
 def test_what_differs_between_sessions_names_its_own_actuator(

@@ -191,7 +191,7 @@ def test_the_same_sentences_on_the_console_and_in_the_report(
     section = diagnosis_section(Diagnosed("d", found.whole, None))
     page = " ".join(unescape(html_of(section)).split())
     step = wording.next_step(found.whole)
-    for sentence in (wording.gap_closed(found.whole), wording.worst_block(found.whole)):
+    for sentence in (wording.gap_closed(found.whole), wording.predicted(found.whole)):
         assert sentence.endswith(".")
         assert sentence in said
         assert sentence in page

@@ -360,17 +360,18 @@ def test_more_rows_than_gross_errors_explain(plain: Fit) -> None:
 def test_a_block_is_predicted_as_by_a_fit_without_it(tmp_path: Path) -> None:
     """By the formula and by honest refits: to 1 % of the noise, without and with the effect."""
     gap = pytest.importorskip("ppmcal.diagnosis.held_out_gap")
-    blocks = pytest.importorskip("ppmcal.diagnosis.held_out_blocks")
+    schemes = pytest.importorskip("ppmcal.diagnosis.left_out_schemes").schemes
     simulate(tmp_path, "3-RPR", [effect("leg_thermal", ["leg2"], expansion=15e-6)], count=60,
              conditions={"temperature": {"mean": 24, "swing": 6}})
     told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.DiagnosisOptions())
     assert [e.kind for e in told.effects] == ["leg_thermal"]
-    assert {b.by for b in told.blocks} == {"time", "temperature"}
+    assert {b.by for b in told.predictive} == {"pose", "time", "temperature"}
     keep = [a & b for a, b in zip(told.before.keep, told.identification.fit.keep, strict=True)]
     plain_fit = FitOptions(robust=False)
-    for by, folds in blocks.schemes(told.before.problem):
-        (own,) = (b.gap for b in told.blocks if b.by == by)
-        for fit, rms in ((told.before, own.before), (told.identification.fit, own.after)):
+    for by, folds in schemes(told.before.problem):
+        (own,) = (b for b in told.predictive if b.by == by)
+        for fit, rms in ((told.before, own.geometry.error),
+                         (told.identification.fit, own.averaged.error)):
             square = count = 0.0
             for fold in folds:
                 rest = of_rows(fit, [k & ~f for k, f in zip(keep, fold, strict=True)], plain_fit)
@@ -389,9 +390,10 @@ def test_what_is_there_predicts_every_stretch(tmp_path: Path, hidden: dict[str, 
     _, found = diagnose(tmp_path)
     assert found["verdict"] == "named"
     assert named(found) == {hidden["kind"]: set(hidden["on"])}
-    assert {b["by"] for b in found["gap"]["blocks"]} == {"time", "temperature"}
-    for block in found["gap"]["blocks"]:
-        assert block["closed"] > 0.8 and block["interval"][1] > 0.9
+    assert {b["by"] for b in found["predictive"]} == {"pose", "time", "temperature"}
+    for block in found["predictive"]:
+        assert block["gain"] > 2.0 * block["gain_sigma"]
+        assert block["averaged"]["error"] < 1.2 < block["geometry"]["error"]
 
 
 def with_jump(folder: Path, shift: float, seed: int, at: float = 0.5) -> Path:

@@ -97,7 +97,7 @@ class DiagnosisRecord(Record):
             remainder=ResidualAfter(
                 follows=left.follows or None, p_value=None, known=left.known,
                 rms_ratio=left.ratio, noise_reference=left.source, noise_ratio=left.reference),
-            gap=HeldOutGap.of(result.gap, result.blocks, CHOSEN),
+            gap=HeldOutGap.of(result.gap, CHOSEN),
             confirmed=_confirmed(result),
             fit=FitRatios(before=result.start.ratio, after=left.ratio,
                           rows=sum(int(k.sum()) for k in fit.keep)),

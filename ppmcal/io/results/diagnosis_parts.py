@@ -11,7 +11,6 @@ import numpy as np
 from ppmcal.calibration.fit import half_interval
 from ppmcal.calibration.knowledge import coverage
 from ppmcal.diagnosis.derived_errors import derived
-from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.result import (
     Candidate,
@@ -191,12 +190,10 @@ class HeldOutGap(Part):
     """Residuals without and with the effects in rows left out of the fits, over the noise.
 
     ``closed`` = 1 - excess(after)/excess(before), with its 95 % ``interval``; ``rms_closed`` =
-    1 - rms(after)/rms(before). ``blocks``: the same with a third of the rows left out in turn,
-    ``by`` what the thirds are of. ``chose``: what was chosen with the help of these rows, for
+    1 - rms(after)/rms(before). ``chose``: what was chosen with the help of these rows, for
     which they are not unseen: ``effects``, ``learned terms``; sizes were not fitted to them.
     """
 
-    by: Text = ""
     noise: Shown | None = None
     before: Shown | None = None
     after: Shown | None = None
@@ -205,13 +202,11 @@ class HeldOutGap(Part):
     interval: tuple[Shown, ...] | None = None
     poses: Whole = 0
     chose: tuple[Text, ...] = ()
-    blocks: tuple[HeldOutGap, ...] = ()
 
     @classmethod
-    def of(cls, gap: Gap | None, blocks: Sequence[BlockGap], chose: Sequence[str]) -> HeldOutGap:
-        """Return the gap on held-out poses, and on blocks; ``chose``: what was chosen by them."""
-        return cls(**_gap(gap), chose=tuple(chose) if gap is not None else (),
-                   blocks=tuple(cls(by=b.by, **_gap(b.gap)) for b in blocks))
+    def of(cls, gap: Gap | None, chose: Sequence[str]) -> HeldOutGap:
+        """Return the gap on held-out poses; ``chose``: what was chosen by them."""
+        return cls(**_gap(gap), chose=tuple(chose) if gap is not None else ())
 
 
 class FitRatios(Part):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ppmcal.diagnosis.held_out_blocks import SESSION
+from ppmcal.diagnosis.left_out_schemes import SESSION
 from ppmcal.diagnosis.result import LeftOutBlocks
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
@@ -313,20 +313,6 @@ def unconfirmed(record: DiagnosisRecord) -> str:
     """Return that what was left out of the fits does not bear the effects out."""
     return ("Sessions left out of the fits in turn do not bear the effects out."
             if record.validation else "The held-out poses alone do not prove the improvement.")
-
-
-def worst_block(record: DiagnosisRecord) -> str:
-    """Return how much is closed on the stretch or condition left out that closes least."""
-    blocks = record.gap.blocks
-    judged = [(closed, b) for b in blocks if (closed := finite(b.closed)) is not None]
-    if not judged:
-        return ""
-    closed, worst = min(judged, key=lambda pair: pair[0])
-    thirds = [b.by for b in blocks if b.by != SESSION]
-    left = " or ".join([*([f"a {SESSION}"] if len(thirds) < len(blocks) else []),
-                        *([f"a third of the rows by {', '.join(thirds)}"] if thirds else [])])
-    return (f"With {left} left out at a time, "
-            f"{_percent(closed)} is gone where that is least, by {worst.by}{_interval(worst)}.")
 
 
 def _interval(gap: HeldOutGap) -> str:

@@ -29,24 +29,24 @@ class EquationFactor(Part):
 
 
 class EquationTerm(Part):
-    """``size`` times its factors; ``stability``: in what part of bootstraps it was chosen again."""
+    """``size`` times its factors."""
 
     size: Shown | None = None
     sigma: Shown | None = None
-    stability: Shown | None = None
     factors: tuple[EquationFactor, ...] = ()
 
 
 class LearnedEquation(Part):
     """The sum of ``terms``, in ``unit``, as ``text``; times the direction where ``by`` says so.
 
-    ``after``: rms over the noise in poses left out of the fits, with it in the term's place.
+    ``probability``: of these factors among all that were tried. ``after``: rms over the noise in poses left out of the fits, with it in the term's place.
     """
 
     text: Text = ""
     unit: Text = ""
     by: Text = ""
     terms: tuple[EquationTerm, ...] = ()
+    probability: Shown | None = None
     after: Shown | None = None
 
     @classmethod
@@ -59,15 +59,14 @@ class LearnedEquation(Part):
             per = _si_scale(found, product, factors, units) / own
             size = float(found.values[n]) * per
             sigma = math.sqrt(max(float(found.covariance[n, n]), 0.0)) * per
-            terms.append(EquationTerm(size=size, sigma=sigma, factors=tuple(factors),
-                                      stability=float(found.stability[n])))
+            terms.append(EquationTerm(size=size, sigma=sigma, factors=tuple(factors)))
             words = " * ".join([f"{number(abs(size), 3)} {unit}", *(_words(f) for f in factors),
                                 *([APPROACH] if found.signed else [])])
             sign = "-" if size < 0.0 else ""
             parts.append(f"{sign}{words}" if n == 0 else f" {sign or '+'} {words}")
         return cls(text=f"{on}: {''.join(parts)}", unit=unit,
                    by=DIRECTION.name if found.signed else "", terms=tuple(terms),
-                   after=found.after)
+                   probability=found.probability, after=found.after)
 
 
 APPROACH = "approach"

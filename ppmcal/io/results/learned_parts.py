@@ -70,7 +70,7 @@ class LearnedEntry(Part):
         if result.learned is None:
             return ()
         units = result.identification.mechanism.units
-        gap = HeldOutGap.of(result.learned.gap, (), ("learned terms",))
+        gap = HeldOutGap.of(result.learned.gap, ("learned terms",))
         return tuple(cls.of(s, gap, units) for s in shapes(result.learned, result.found.first))
 
     @classmethod
