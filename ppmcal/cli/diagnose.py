@@ -33,6 +33,23 @@ if TYPE_CHECKING:
     from ppmcal.io.results.diagnosis_parts import EffectValue
 
 
+def _priors(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
+    """Print the numbers that decide, and leave."""
+    if not asked or ctx.resilient_parsing:
+        return
+    import textwrap
+
+    from ppmcal.inference.priors import CORRELATIONS, table
+
+    several = ", ".join(f"{c:g}" for c in CORRELATIONS)
+    for name, value, reason in (
+            *((name, f"{p.value:.4g}", p.reason) for name, p in table().items()),
+            ("correlations", several, "noise from row to row may have, each as often")):
+        click.echo(f"{name.lower().replace('_', ' ')}: {value}")
+        click.echo(textwrap.indent(textwrap.fill(reason, 74), "    "))
+    ctx.exit()
+
+
 @click.command("diagnose", epilog=examples("ppmcal diagnose mine.yaml run2.csv"))
 @click.argument("mech", type=MODEL)
 @click.argument("data", type=FILE, nargs=-1, required=True)
@@ -48,6 +65,8 @@ if TYPE_CHECKING:
               help="Part of the poses that no fit sees, on which the gap is measured.")
 @leave_out_option
 @click.option("--png", is_flag=True, help="Write the pictures as PNG too.")
+@click.option("--priors", is_flag=True, is_eager=True, expose_value=False, callback=_priors,
+              help="Print every number that decides what is in the data, and its reason.")
 @seed_option
 @console_options
 def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, ...],

@@ -84,7 +84,8 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     out = secondary("what left-out rows have in common", partial(left_out, final),
                     LeftOut(0, 0, False, "", 0.0, 0.0), notes)
     if out.follows and held.verdict in SILENT:
-        held = replace(held, verdict="unnamed")     # what is at a place, though no cause bends to it
+        # something is at a place, though no cause bends to it
+        held = replace(held, verdict="unnamed")
     said = [*held.said, *what.given_up, *findings(whole, final, rest, own, gap, out)]
     own, apart = secondary("the size of effects in each session", partial(
         with_sessions, final, own), (own, []), notes) if own else (own, [])

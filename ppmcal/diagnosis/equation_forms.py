@@ -7,7 +7,7 @@ linear. The row before is an input too: ``last move`` is how far the joint is fr
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 

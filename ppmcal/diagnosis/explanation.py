@@ -23,6 +23,7 @@ from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.inference.block_sets import Numbers, state
+from ppmcal.inference.priors import SURE
 from ppmcal.inference.sets import Member, SetPosterior, posterior
 from ppmcal.linalg import Bools
 from ppmcal.model.effects import Setting
@@ -36,8 +37,6 @@ UNSETTLED = (f"causes that were fitted, and asked for again at that fit, did not
              f"{ROUNDS} rounds: those of the last round are told; {TRY}")
 UNFITTED = ("with {} there is no fit ({}): what is told is from the fit without, where their "
             f"derivatives may be far off; {TRY}")
-MASS = 0.95
-"""Of the probability, what the families that are told in one place have together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +114,7 @@ class Round:
         for n, i in enumerate(self.answer.best.chosen):
             if blocks[i].family == ROW_FAMILY:
                 continue
-            members, leader = self._leading(self.answer.likely(n, MASS), i)
+            members, leader = self._leading(self.answer.likely(n, SURE.value), i)
             source = self.asked.sources[leader]
             h = source if isinstance(source, Hypothesis) and not source.anonymous else None
             out.append(CausePlace(members, i, leader, blocks[leader].name, h,

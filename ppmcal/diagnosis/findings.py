@@ -12,11 +12,12 @@ from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.naming import Told, nearest
 from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
 from ppmcal.diagnosis.other_models import others
-from ppmcal.diagnosis.remainder import TOO_MUCH, Remainder
+from ppmcal.diagnosis.remainder import Remainder
 from ppmcal.diagnosis.result import NAMED, Found, NamedEffect, Swallowed
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL, Stage
 from ppmcal.diagnosis.unknown_causes import UnknownCause
 from ppmcal.errors import NoResult
+from ppmcal.inference.priors import SURE_SIGMAS
 from ppmcal.wording import counted
 
 
@@ -65,7 +66,7 @@ def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEf
                         "explained by the effects and back in use")
     if out.sentence:
         said.append(out.sentence)
-    if left.excess >= TOO_MUCH:
+    if left.excess >= SURE_SIGMAS:
         said.append(f"what is left is {left.ratio:.2f} times the {left.source} noise: something "
                     "unrecorded, or a sigma that is too small")
     if left.ratio < OVERSTATED:

@@ -12,15 +12,13 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.diagnosis.refit import near
-from ppmcal.inference.priors import MOST_GROSS
+from ppmcal.inference.priors import MOST_GROSS, UNSETTLED
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Effect
 
-PART = 0.5
-"""A row's start is unknown where it may change du by this part of its RMS over the file."""
 REASON = "where the play stood is not known here: no move yet has crossed it"
 
 
@@ -63,7 +61,7 @@ def _unsettled(model: Model, effect: Effect, data: Dataset, rows: Environment) -
     size = np.zeros_like(unknown)
     for (limb, _), du in kind.evaluate(at, on, values).shift.slots.items():
         size[:, at.limbs[limb].actuator] = du
-    return np.asarray((unknown > PART * _rms(size)).any(axis=1))
+    return np.asarray((unknown > UNSETTLED.value * _rms(size)).any(axis=1))
 
 
 def _rms(size: Array) -> Array:

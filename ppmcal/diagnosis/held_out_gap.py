@@ -28,6 +28,7 @@ from ppmcal.calibration.validation import fresh_state, split
 from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.recorded import usable
 from ppmcal.diagnosis.refit import of_rows
+from ppmcal.inference.priors import SURE
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.sessions import pose_labels
@@ -37,8 +38,6 @@ TOGETHER = 2**19
 """So many poses are drawn together."""
 UNPREDICTED = 100.0
 """Variance of a prediction over that of the noise, beyond which it is none."""
-CHANCE = 0.05
-"""How often noise alone makes the largest error of all rows larger than that of a gross row."""
 
 
 @dataclass(frozen=True)
@@ -196,7 +195,8 @@ def without_common_misses(old: HeldOutErrors, new: HeldOutErrors, noise: float, 
     away = np.minimum(*(e.square / (noise**2 + e.variance / count) for e in both))
     # where both are far from half of the rows, it is not rows that are wrong
     scale = max(1.0, float(np.median((away / chdtri(count, 0.5))[told])))
-    most = scale * chdtri(count, CHANCE / max(int(told.sum()), 1))
+    # noise alone makes the largest error of all rows as seldom larger
+    most = scale * chdtri(count, (1.0 - SURE.value) / max(int(told.sum()), 1))
     gross = away > most
     squares = [np.where(gross, most / np.maximum(away, most), 1.0) * e.square for e in both]
     common = np.where(gross, np.minimum(*squares) - scale * noise**2 * count, 0.0)

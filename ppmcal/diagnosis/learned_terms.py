@@ -24,14 +24,13 @@ from ppmcal.diagnosis.result import Found, LearnedTerms
 from ppmcal.diagnosis.term_candidates import Visible, candidate
 from ppmcal.diagnosis.unknown_causes import UnknownCause
 from ppmcal.errors import NoResult, PpmcalError
+from ppmcal.inference.priors import SURE
 from ppmcal.linalg import Bools, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects.learned import JOINT, LearnedCurve, learned_kind
 from ppmcal.model.mechanism import Mechanism, with_effect
 
-AS_WELL = 0.05
-"""An equation may leave so much more of what a learned term closes (of the squares)."""
-Form = tuple[LearnedCurve, tuple[bool, ...]]
+Placed = tuple[LearnedCurve, tuple[bool, ...]]
 """A function without its values, and the joints on which it acts."""
 
 
@@ -60,13 +59,13 @@ def learned_beyond(asked: Round, found: Found, named: bool, whole: Fit, held: Se
                          found.noise, options)
 
 
-def _forms(asked: Round) -> list[Form]:
+def _forms(asked: Round) -> list[Placed]:
     """Return the functions that lead where something has no name; shapes of travel are one."""
     sources = asked.asked.sources
     causes = {(c.curve.inputs, c.curve.acts, c.curve.signed, c.on): c for c in sources
               if isinstance(c, UnknownCause) and c.curve is not None}
     every = asked.fit.problem.mechanism.actuators
-    out: dict[object, Form] = {}
+    out: dict[object, Placed] = {}
     for place in asked.unnamed:
         source = sources[place.leader]
         if isinstance(source, Hypothesis):
@@ -85,7 +84,7 @@ def with_learned(whole: Fit, terms: LearnedTerms | None, options: FitOptions) ->
 
 
 def learned_terms(training: tuple[Fit, Sequence[Bools]], whole: tuple[Fit, Sequence[Bools]],
-                  forms: Sequence[Form], held: Sequence[Dataset], whitening: Whitening,
+                  forms: Sequence[Placed], held: Sequence[Dataset], whitening: Whitening,
                   noise: float, options: DiagnosisOptions) -> LearnedTerms | None:
     """Return functions learned beyond a fit, None where rows do not tell them or speak against.
 
@@ -130,13 +129,14 @@ def _as_well(base: Fit, fit: Fit, terms: Learned, seen: Visible, gap: Gap,
                 after = measure_gap(fit, other, held, gap.noise, options.seed)
             except PpmcalError:
                 after = None
+        spare = (1.0 - SURE.value) * max(gap.before**2 - gap.after**2, 0.0)
         good = after is not None and not after.worse and (
-            after.after**2 - after.before**2 <= AS_WELL * max(gap.before**2 - gap.after**2, 0.0))
+            after.after**2 - after.before**2 <= spare)
         out.append(replace(found, after=after.after) if good and found and after else None)
     return tuple(out)
 
 
-def _fitted(fit: Fit, rows: Sequence[Bools], forms: Sequence[Form], whitening: Whitening,
+def _fitted(fit: Fit, rows: Sequence[Bools], forms: Sequence[Placed], whitening: Whitening,
             options: FitOptions) -> tuple[Learned, Visible, Fit]:
     """Return the terms, the rows that they are from, and the fit with them.
 

@@ -18,16 +18,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import linalg
+from ppmcal.diagnosis.kernels import LENGTHS, SECOND, matern
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
 from ppmcal.diagnosis.term_candidates import TermCandidate, Visible
 from ppmcal.errors import NoResult
 from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import LearnedCurve
 
-LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 2.0)
-"""Lengths of the kernel that are tried, in parts of the range."""
-SECOND = 2.0
-"""Length of the kernel along a second input."""
 SIZES = np.geomspace(1e-2, 1e4, 25)
 """Sizes that are tried: the standard deviation of a column's whole effect, in sigmas."""
 NEGLIGIBLE = 12.0
@@ -119,13 +116,13 @@ def _swept(seen: Visible, terms: list[Term], shapes: dict[int, list[Shape]]) -> 
 def shapes_of(candidate: TermCandidate) -> list[Shape]:
     """Return the shapes that a candidate may have, one for each length of the kernel."""
     curve = candidate.curve
-    second = _matern(curve.by_nodes, SECOND) if curve.by else np.ones((1, 1))
+    second = matern(curve.by_nodes, SECOND) if curve.by else np.ones((1, 1))
     seen = candidate.columns.T @ candidate.columns
     # one unit of z moves all rows together by one sigma
     scale = 1.0 / np.sqrt(max(float(np.trace(seen)) / len(seen), 1e-300))
     out = []
     for length in LENGTHS:
-        kernel = np.kron(_matern(curve.nodes, length), second)
+        kernel = np.kron(matern(curve.nodes, length), second)
         w, v = linalg.eigh(np.asarray(kernel, dtype=float))
         keep = w > 1e-10 * w[-1]
         root = v[:, keep] * (scale * np.sqrt(w[keep]))
@@ -151,13 +148,6 @@ def _blind(candidate: TermCandidate, root: Array) -> Array:
     blind = moved - root.T @ candidate.observed @ root
     part, v = linalg.eigh(0.5 * (blind + blind.T), metric=metric)
     return np.asarray(v[:, part > 1.0 - WEAK_SURVIVAL**2].T @ metric)
-
-
-def _matern(nodes: Array, length: float) -> Array:
-    """Return the Matern kernel (5/2) between nodes (n, n); ``length`` in parts of their range."""
-    far = np.abs(nodes[:, None] - nodes[None, :]) / (nodes[-1] - nodes[0])
-    x = np.sqrt(5.0) * far / length
-    return np.asarray((1.0 + x + x**2 / 3.0) * np.exp(-x))
 
 
 def absorbed(candidate: TermCandidate, root: Array) -> tuple[Array, Array]:

@@ -18,41 +18,21 @@ from ppmcal.model.sessions import session_masks
 LEVELS = 3
 """A load of fewer levels cannot be left out: the others would not tell what it does."""
 SESSION = "session"
-IN_STEP = 0.7
-"""What has so large a rank correlation with the rows' order is as good as time."""
 
 
 def schemes(problem: Problem) -> Iterator[tuple[str, list[list[Bools]]]]:
-    """Yield what rows are left out by, and the blocks: a mask (N,) by data set for each.
-
-    No stretch of time is left out of a campaign with an event: what happened in it cannot be
-    known without it, nor what follows if the rest follows in it.
-    """
+    """Yield what rows are left out by, and the blocks: a mask (N,) by data set for each."""
     parts = session_masks(problem.datasets)
     if len(parts) > 1:
         yield SESSION, [mask for _, mask in parts]
-    events = any(e.kind.onset for e in problem.mechanism.effects)
     order = [thirds(np.arange(len(d), dtype=float)) for d in problem.datasets]
-    if not events:
-        yield "time", [list(masks) for masks in zip(*order, strict=True)]
-    row = np.concatenate([c.row for c in problem.environments])
+    yield "time", [list(masks) for masks in zip(*order, strict=True)]
     heat = np.concatenate([c.temperature for c in problem.environments])
     load = np.concatenate([np.linalg.norm(c.wrench, axis=1) for c in problem.environments])
     ends = np.cumsum([len(d) for d in problem.datasets])[:-1]
     for by, values in (("temperature", heat), ("load", load)):
-        if events and abs(_rank_correlation(values, row)) > IN_STEP:
-            continue
         if _varies(values) and (by != "load" or np.unique(np.round(values, 9)).size >= LEVELS):
             yield by, [np.split(mask, ends) for mask in thirds(values)]
-
-
-def _rank_correlation(a: Array, b: Array) -> float:
-    """Return Spearman's rank correlation where both are known, 0 where one is the same."""
-    known = np.isfinite(a) & np.isfinite(b)
-    ranks = [np.argsort(np.argsort(v[known], kind="stable")).astype(float) for v in (a, b)]
-    if known.sum() < 3 or np.ptp(a[known]) == 0.0:
-        return 0.0
-    return float(np.corrcoef(ranks[0], ranks[1])[0, 1])
 
 
 def _varies(values: Array) -> bool:

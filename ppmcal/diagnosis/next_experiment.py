@@ -18,6 +18,7 @@ from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.stage import Stage, without
+from ppmcal.inference.priors import SURE_ODDS, SURE_SIGMAS
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
@@ -32,12 +33,8 @@ WIDER = 0.25
 """Poses are drawn from the measured range, wider by this part on each side."""
 FEWEST_ROWS, MOST_ROWS = 4, 120
 """Where one row would do, it could be an outlier, and would be taken for one."""
-ODDS = 20.0
-"""Rivals count as told apart at these odds."""
-SETTLED = 2.0 * np.log(ODDS)
-"""The same as twice the log-likelihood ratio."""
-SURE = 1.645
-"""Quantile of the chance, 95 %, that the measurements' own noise does not prevent it."""
+SETTLED = 2.0 * np.log(SURE_ODDS)
+"""Odds at which rivals count as told apart, as twice the log-likelihood ratio."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +90,8 @@ def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) 
     start = 2.0 * abs(float(np.log(odds)))
     goal = wanted(start)
     picked, gain = _pick(old, new, value_a, value_b, goal)
-    after = float(np.exp(np.clip((gain - 2.0 * SURE * np.sqrt(gain) - start) / 2.0, 0.0, 300.0)))
+    unlucky = gain - 2.0 * SURE_SIGMAS * np.sqrt(gain)
+    after = float(np.exp(np.clip((unlucky - start) / 2.0, 0.0, 300.0)))
     label = " and ".join(shorter(f.label, len(mechanism.actuators)) for f in (a, b))
     if gain < goal:
         many = (counted(len(picked), "further measurement") if picked
@@ -111,12 +109,12 @@ def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) 
     measured = np.concatenate([d.q for d in stage.system.problem.datasets])
     # nothing has been seen of either out there: told apart is what they should be, not how far
     if np.any((data.q[rows] < measured.min(axis=0)) | (data.q[rows] > measured.max(axis=0))):
-        after = min(after, ODDS)
+        after = min(after, SURE_ODDS)
         reason += (", some of them outside the measured range, where the model has not been seen "
                    "to hold")
     elif "time" in needed and any(f.effect is not None and "time" in f.effect.needs
                                   for f in (a, b)):
-        after = min(after, ODDS)
+        after = min(after, SURE_ODDS)
         reason += ", after the last row, to which either goes on if it does"
     return Proposal(reason, data.q[rows], pose, needed, odds, after)
 
@@ -128,7 +126,7 @@ def wanted(start: float) -> float:
     must outweigh what the old rows say, ``start``, in the worse case the wrong way, and then
     reach :data:`SETTLED`.
     """
-    return float((SURE + np.sqrt(SURE**2 + SETTLED + start)) ** 2)
+    return float((SURE_SIGMAS + np.sqrt(SURE_SIGMAS**2 + SETTLED + start)) ** 2)
 
 
 def _remedy(a: Hypothesis, b: Hypothesis) -> str:

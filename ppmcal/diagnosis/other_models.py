@@ -20,18 +20,17 @@ from ppmcal.diagnosis.extended_model import extended
 from ppmcal.diagnosis.learned_terms import with_learned
 from ppmcal.diagnosis.naming import Told
 from ppmcal.diagnosis.options import DiagnosisOptions
-from ppmcal.diagnosis.refit import MOST_STEPS, with_mechanism
+from ppmcal.diagnosis.refit import MOST_STEPS, outside, with_mechanism
 from ppmcal.diagnosis.result import (
     LearnedTerms,
 )
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY
 from ppmcal.errors import PpmcalError
 from ppmcal.inference.block_sets import Numbers
+from ppmcal.inference.priors import COUNTS
 from ppmcal.inference.sets import Member
 from ppmcal.model.mechanism import Mechanism
 
-LONG_ODDS = 1000.0
-"""Odds beyond which a set of effects is not worth a fit."""
 MOST_READINGS = 8
 
 
@@ -53,7 +52,7 @@ def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
             except PpmcalError as error:
                 notes.append(f"{NOTE}the machine with {label} ({error.what})")
                 continue
-            if (sized and not fit.converged) or beyond_physics(fit):
+            if (sized and not fit.converged) or outside(fit.problem, fit.state):
                 notes.append(f"{NOTE}the machine with {label} (" + (
                     "sizes that no machine has)" if fit.converged else "its fit has no end)"))
                 continue
@@ -73,18 +72,9 @@ def others(what: Told) -> list[tuple[CausePlace, Member, float]]:
            for place, _ in what.effects for m in place.members[1:]]
     once = dict[Numbers, tuple[CausePlace, Member, float]]()
     for other in sorted(out, key=lambda o: o[2]):
-        if other[2] <= LONG_ODDS:
+        if other[2] * COUNTS.value <= 1.0:
             once.setdefault(other[1].chosen, other)
     return list(once.values())
-
-
-def beyond_physics(fit: Fit) -> bool:
-    """Whether an effect that a fit was free to size has a value outside its physical range."""
-    mechanism, free = fit.problem.mechanism, set(fit.problem.free)
-    return any(
-        not spec.low <= fit.state.g[effect.parameters[spec.name]] <= spec.high
-        for effect in mechanism.effects for spec in effect.kind.parameters(mechanism.motion)
-        if effect.parameters[spec.name] in free)
 
 
 def fitted(fit: Fit) -> Mechanism:

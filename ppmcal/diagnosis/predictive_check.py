@@ -14,10 +14,8 @@ from ppmcal.diagnosis.result import LeftOutBlocks, Predictions
 from ppmcal.inference.block_sets import state
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.predictive import LeftOutGroups, averaged
+from ppmcal.inference.priors import COUNTS
 from ppmcal.linalg import Array, Ints
-
-COUNTS = 0.01
-"""Sets less probable than this do not change what is predicted."""
 
 
 def predictions(asked: Round) -> tuple[LeftOutBlocks, ...]:
@@ -31,7 +29,7 @@ def predictions(asked: Round) -> tuple[LeftOutBlocks, ...]:
     answer, question = asked.answer, asked.asked.question
     noise, blocks = answer.best.likeliest[0], question.blocks
     rows = [i for i in answer.best.chosen if blocks[i].family == ROW_FAMILY]
-    sets = [sorted(key) for key, p in answer.log_p.items() if p > np.log(COUNTS)]
+    sets = [sorted(key) for key, p in answer.log_p.items() if p > np.log(COUNTS.value)]
     whole, bare = (list(_models(asked, some, noise)) for some in (sets or [rows], [rows]))
     belong = question.observed.copy()
     belong[[source for i in rows if isinstance(source := asked.asked.sources[i], int)]] = False

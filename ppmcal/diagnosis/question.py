@@ -12,7 +12,7 @@ from ppmcal.calibration.fit import prior_weights, to_prior
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.library_columns import Products
 from ppmcal.diagnosis.linear_system import System
-from ppmcal.diagnosis.unknown_causes import SHAPES, UNKNOWN_FAMILY, UnknownCause, UnknownCauses
+from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import JoinedColumns, UnitColumns
 from ppmcal.inference.priors import (
@@ -25,6 +25,7 @@ from ppmcal.inference.priors import (
     OWN_NOISE_FREEDOM,
     PLAIN,
     SELDOM,
+    SHAPES,
     UNKNOWN,
     WIDE,
 )
@@ -170,7 +171,7 @@ def _opposite(block: Block) -> tuple[Block, UnknownCause]:
 def _prior(h: Hypothesis) -> float:
     """Return the prior that one of the families of a sort acts."""
     if h.anonymous:
-        return float(UNKNOWN) * SHAPES
+        return float(UNKNOWN) * SHAPES.value
     seldom = h.effect is not None and h.effect.seldom
     return float(FAMILY) * (float(SELDOM) if seldom else 1.0) * (
         float(GOES_WITH) if h.effect and h.kind == PRODUCT.name else 1.0)

@@ -15,13 +15,11 @@ import numpy as np
 
 from ppmcal.calibration.fit import Problem, with_unknown_directions
 from ppmcal.calibration.interpretation import rows_with_negative_struts
+from ppmcal.inference.priors import MOST_GROSS
 from ppmcal.kinematics.effect_response import environment_of
 from ppmcal.linalg import Bools, finite_rows
 from ppmcal.model.dataset import WRENCH, Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
-
-ENOUGH = 0.8
-"""A column counts as recorded where this part of the rows has it."""
 
 
 def with_whole_rows(problem: Problem) -> Problem:
@@ -57,7 +55,7 @@ def _whole(mechanism: Mechanism, data: Dataset, rows: Environment) -> Dataset:
         if have in (0, len(data)):
             continue
         changed = True
-        if have >= ENOUGH * len(data) or needed & set(names):
+        if have >= (1.0 - MOST_GROSS.value) * len(data) or needed & set(names):
             data = data.without(~recorded, f"{names[0]} is not known here")
             continue
         findings.append(f"{data.name}: {names[0]} is known in {have} of {len(data)} rows only: "

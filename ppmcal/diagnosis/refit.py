@@ -34,12 +34,12 @@ def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
     problem, start = started(fit, mechanism)
     found = near(problem, start, options)
     held = set[int]()
-    while gone := outside(found.problem, found.state):
+    while gone := _lost(found):
         g = found.state.g.copy()
         g[gone] = start.g[gone]
         without = near(_holding(found.problem, gone), replace(found.state, g=g), options)
         again = without if held & set(gone) else near(found.problem, without.state, options)
-        found = without if outside(again.problem, again.state) else again
+        found = without if _lost(again) else again
         held.update(gone)
     return found
 
@@ -55,11 +55,17 @@ def _holding(problem: Problem, held: Sequence[int]) -> Problem:
 
 
 def outside(problem: Problem, state: State) -> list[int]:
-    """Return the free constants, by parameter, that have no meaning where a state has them."""
+    """Return the free parameters of effects that are beyond what physics allows."""
     mechanism = problem.mechanism
     return [p for e in mechanism.effects for spec in e.kind.parameters(mechanism.motion)
-            if (p := e.parameters[spec.name]) in problem.free and mechanism.parameters[p].nonlinear
+            if (p := e.parameters[spec.name]) in problem.free
             and not spec.low <= state.g[p] <= spec.high]
+
+
+def _lost(fit: Fit) -> list[int]:
+    """Return those that have no meaning there: constants, not sizes."""
+    return [p for p in outside(fit.problem, fit.state)
+            if fit.problem.mechanism.parameters[p].nonlinear]
 
 
 def started(fit: Fit, mechanism: Mechanism) -> tuple[Problem, State]:

@@ -22,11 +22,12 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.inference.priors import SURE_ODDS
 from ppmcal.linalg import finite_rows
 from ppmcal.wording.progress import begin
 
-AS_GOOD = 10.0
-"""What explains as much may have a BIC that is worse by this: odds of e^5."""
+AS_GOOD = 2.0 * np.log(SURE_ODDS)
+"""What explains as much may have a BIC that is worse by this."""
 
 
 def diagnose_with_registration(problem: Problem, options: DiagnosisOptions) -> Diagnosis:

@@ -11,10 +11,8 @@ from scipy.special import chdtrc, ndtri
 from ppmcal.calibration.fit import ENOUGH_REPEATS, noise_source
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.stage import Stage
+from ppmcal.inference.priors import NOISE_FREEDOM, SURE_SIGMAS
 from ppmcal.model.repeats import repeats
-
-TOO_MUCH = 3.5
-"""Residuals exceed the noise where their mean square does so by this many sigmas."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ class Remainder:
     @property
     def adequate(self) -> bool:
         """Whether nothing is left to explain."""
-        return not self.follows and self.excess < TOO_MUCH
+        return not self.follows and self.excess < SURE_SIGMAS
 
 
 def remainder(stage: Stage, pure: PureError | None, follows: str, known: float) -> Remainder:
@@ -84,7 +82,8 @@ def remainder(stage: Stage, pure: PureError | None, follows: str, known: float) 
     rows = np.sum(stage.left(stage.chosen).reshape(stage.system.residual.shape) ** 2, axis=1)
     mean = float(rows.sum()) / freedom
     error = float(rows.std()) * np.sqrt(rows.size) / freedom
-    reference, source, own = 1.0, noise_source(stage.system.problem.datasets), 0.0
+    reference, source = 1.0, noise_source(stage.system.problem.datasets)
+    own = float(np.sqrt(2.0 / NOISE_FREEDOM.value))
     if pure is not None and pure.freedom >= ENOUGH_REPEATS:
         reference, source = pure.ratio, "repeats"
         own = pure.ratio**2 * np.sqrt(2.0 / pure.freedom)

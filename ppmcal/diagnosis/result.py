@@ -20,6 +20,7 @@ from ppmcal.diagnosis.next_experiment import Proposal
 from ppmcal.diagnosis.remainder import Remainder, pure_error
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.term_candidates import Visible
+from ppmcal.inference.priors import SURE_SIGMAS
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Quantity
@@ -32,8 +33,6 @@ SILENT = ("none", "weak")
 """Verdicts that say of nothing that it is there."""
 LEARNED_AFTER = ("unnamed", "partial")
 """Verdicts that leave something to learn."""
-SURELY = 2.0
-"""Standard errors by which a score has to be lower to be surely lower."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class SessionEffect:
         labels: of the sessions in which it can be seen (S,).
         names: of its free parameters in the model (p,).
         value, sigma: SI (S, p).
-        p_value: of being the same in all of them.
+        same: probability of being the same in all of them.
         times: half of a 95 % interval over ``sigma``, the noise's size not being known exactly.
     """
 
@@ -61,7 +60,7 @@ class SessionEffect:
     names: tuple[str, ...]
     value: Array
     sigma: Array
-    p_value: float
+    same: float
     times: float = Z95
 
 
@@ -165,12 +164,12 @@ class LeftOutBlocks:
     @property
     def surely_better(self) -> bool:
         """Whether geometry alone surely predicts worse."""
-        return self.gain - SURELY * self.gain_sigma > 0.0
+        return self.gain - SURE_SIGMAS * self.gain_sigma > 0.0
 
     @property
     def surely_worse(self) -> bool:
         """Whether geometry alone surely predicts better."""
-        return self.gain + SURELY * self.gain_sigma < 0.0
+        return self.gain + SURE_SIGMAS * self.gain_sigma < 0.0
 
 
 @dataclass(frozen=True)

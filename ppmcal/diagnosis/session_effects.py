@@ -10,20 +10,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import chdtrc
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, column_scale, coverage_of, residual_freedom, variances
 from ppmcal.diagnosis.hypotheses import UNLIKE
 from ppmcal.diagnosis.linear_system import MOST_ROWS, System, build
 from ppmcal.diagnosis.result import NamedEffect, SessionEffect
+from ppmcal.inference.differences import differing
+from ppmcal.inference.priors import SURE, UNKNOWN
 from ppmcal.linalg import Array, Bools, subsample
 from ppmcal.model.sessions import session_masks
 from ppmcal.wording import where
 
 SEEN = 1e-10
 """An effect is not seen in a session that holds less than this of its squared column."""
-DIFFERENT = 0.01
 
 
 def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
@@ -38,7 +38,7 @@ def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
     mechanism = fit.problem.mechanism
     told = []
     for effect, sizes in zip(effects, found, strict=True):
-        if sizes is not None and sizes.p_value < DIFFERENT:
+        if sizes is not None and sizes.same < 1.0 - SURE.value:
             first = sizes.names[0]
             quantity = mechanism.parameters[mechanism.names.index(first)].quantity
             unit = mechanism.units.factor(quantity)
@@ -51,8 +51,8 @@ def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
             # one hypothesis may have a value for each of several actuators
             kind = effect.hypothesis.label.partition(" on ")[0].removesuffix(UNLIKE)
             name = f"{kind} on {place}" if place else kind
-            told.append(f"{name} is not the same in all sessions (p = "
-                        f"{sizes.p_value:.1g}): {first.rpartition('.')[2]} {each} (95 %)")
+            told.append(f"{name} is not the same in all sessions (the same with probability "
+                        f"{sizes.same:.1g}): {first.rpartition('.')[2]} {each} (95 %)")
     return tuple(replace(e, sessions=s) for e, s in zip(effects, found, strict=True)), told
 
 
@@ -115,11 +115,12 @@ def _cut(fit: Fit, system: System, own: Sequence[int], masks: Sequence[Bools],
 
 
 def _apart(step: Array, covariance: Array) -> float:
-    """Return the p-value of all rows of ``step`` (S, p) being the same."""
+    """Return the probability of all rows of ``step`` (S, p) being the same."""
     count, size = step.shape
     # differences against the first session
     differences = np.kron(np.concatenate([-np.ones((count - 1, 1)), np.eye(count - 1)], axis=1),
                           np.eye(size))
     away = differences @ step.reshape(-1)
     inverse = linalg.pinv(differences @ covariance @ differences.T, hermitian=True)
-    return float(chdtrc((count - 1) * size, away @ inverse @ away))
+    odds = differing(float(away @ inverse @ away), (count - 1) * size)
+    return 1.0 / (1.0 + odds * UNKNOWN.value / (1.0 - UNKNOWN.value))

@@ -22,9 +22,7 @@ from ppmcal.diagnosis.result import (
 )
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY
-
-WEAK = 0.05
-"""Causes of this probability are suspected."""
+from ppmcal.inference.priors import SURE
 
 
 def unknown(what: Told, place: CausePlace) -> UnknownFound:
@@ -63,7 +61,7 @@ def possible(listed: Sequence[Candidate], verdict: str) -> tuple[Candidate, ...]
     """Return what may be there but is too weak to be named."""
     if verdict != "weak":
         return ()
-    return tuple(replace(c, status="weak") for c in listed if c.probability >= WEAK)[:3]
+    return tuple(replace(c, status="weak") for c in listed if c.probability >= 1.0 - SURE.value)[:3]
 
 
 def _survival(stage: Stage, h: Hypothesis) -> float:

@@ -15,11 +15,12 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.diagnosis.grids import start_values
+from ppmcal.diagnosis.kernels import LENGTHS, SECOND, matern
 from ppmcal.diagnosis.linear_system import System, Whitening
 from ppmcal.diagnosis.term_candidates import Visible, columns_of, forms
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.priors import FAMILY, GOES_WITH, UNKNOWN
+from ppmcal.inference.priors import FAMILY, GOES_WITH, SHAPES, UNKNOWN
 from ppmcal.linalg import Array
 from ppmcal.model.effects import Setting, Shift, effect_kinds
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
@@ -28,14 +29,8 @@ from ppmcal.model.effects.setting import COORDINATES, PLACE
 
 UNKNOWN_FAMILY = "unknown"
 """The family of what no kind of the library does."""
-SHAPES = 1 / 3
-"""Part of the unknown that is a shape of one joint's travel without a width of its own."""
-LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0)
-"""Lengths of a kernel, in parts of the input's range."""
 SHORT = LENGTHS[:2]
 """Ways within which a reversal is taken up: over longer ones it is a slope and no reversal."""
-SECOND = 2.0
-"""Length along a second input."""
 WAVES = 24
 """Half waves of a course in time; of a body, in all coordinates at once, half as many."""
 MOST_POSES = 200
@@ -83,7 +78,7 @@ class UnknownCauses:
         for group in groups:
             weights = {alike: sum(_simple(m) for m in group if m[3] == alike)
                        for alike in (False, True)}
-            each = (1.0 - SHAPES) / len(groups) / sum(w > 0.0 for w in weights.values())
+            each = (1.0 - SHAPES.value) / len(groups) / sum(w > 0.0 for w in weights.values())
             for made in group:
                 label, columns, kernels, together, curve, on = made
                 self._take(label, columns, kernels, each * _simple(made) / weights[together],
@@ -154,7 +149,7 @@ class UnknownCauses:
         What one input does by itself, or a direction alone, is a cause of its own: a function of
         two, or by direction, is what is left of it (functional analysis of variance).
         """
-        whole = [_matern(curve.nodes, length) for length in LENGTHS]
+        whole = [matern(curve.nodes, length) for length in LENGTHS]
         if not (curve.by or curve.signed):
             return whole
         acted = np.array(on)
@@ -164,7 +159,7 @@ class UnknownCauses:
         rest = _beyond_mean(whole, curve.nodes, own[0])
         if not curve.by:
             return rest
-        second, = _beyond_mean([_matern(curve.by_nodes, SECOND)], curve.by_nodes, own[1])
+        second, = _beyond_mean([matern(curve.by_nodes, SECOND)], curve.by_nodes, own[1])
         return [np.asarray(np.kron(first, second)) for first in rest]
 
     def _of_places(self) -> Iterator[Made]:
@@ -211,11 +206,11 @@ class UnknownCauses:
                 along = way * side
                 low, high = np.nanmin(along[:, list(on)]), np.nanmax(along[:, list(on)])
                 nodes = np.linspace(float(low), float(high), WAVES)
-                kernels = [_matern(nodes, length) for length in LENGTHS]
+                kernels = [matern(nodes, length) for length in LENGTHS]
                 if signed:  # beyond a reversal, or a reversal that short ways take up in part
                     known = along[:, list(on)]
                     kernels = [*_beyond_mean(kernels, nodes, known[np.isfinite(known)]),
-                               *(1.0 + _matern(nodes, length) for length in SHORT)]
+                               *(1.0 + matern(nodes, length) for length in SHORT)]
                 columns = np.zeros((system.observed.size, WAVES))
                 for a in on:
                     weight = spline_basis(nodes, np.nan_to_num(along[:, a])) * np.isfinite(
@@ -358,10 +353,3 @@ def _beyond_mean(kernels: Sequence[Array], nodes: Array, x: Array) -> list[Array
     along = [kernel @ mean for kernel in kernels]
     return [np.asarray(kernel - np.outer(a, a) / float(mean @ a))
             for kernel, a in zip(kernels, along, strict=True)]
-
-
-def _matern(nodes: Array, length: float) -> Array:
-    """Return the Matern kernel (5/2) between nodes (n, n); ``length`` in parts of their range."""
-    far = np.abs(nodes[:, None] - nodes[None, :]) / (nodes[-1] - nodes[0])
-    x = np.sqrt(5.0) * far / length
-    return np.asarray((1.0 + x + x**2 / 3.0) * np.exp(-x))

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from scipy.special import ndtri
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -40,7 +42,10 @@ GROSS_ROW = Prior(1 / 100, "one row in a hundred is a wrong point, a typo, or a 
 NO_WEIGHT = Prior(1 / 20, "a row that hardly counts is left out: by it nothing would move")
 MOST_GROSS = Prior(1 / 4, "where more than a quarter of the rows do not belong, the others are it")
 
+SHAPES = Prior(1 / 3, "of what nobody listed a third is one worn place, dent or kink of a travel")
+UNSETTLED = Prior(1 / 2, "a start that may change half of an effect is not known")
 SURE = Prior(0.95, "what is told as sure is right 19 times in 20, as an interval is")
+COUNTS = Prior(1 / 100, "sets less probable than this change no prediction and no command")
 
 CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)
 """Correlations from row to row that noise may have; with the same prior each."""
@@ -48,6 +53,16 @@ SIZE_STEPS = 34
 """Points between the smallest and the largest size: three to the factor of two or so."""
 
 
+SURE_ODDS = SURE.value / (1.0 - SURE.value)
+SURE_SIGMAS = float(ndtri(SURE.value))
+"""The same as odds, and as standard errors to one side."""
+
+
 def sure(odds: float) -> bool:
     """Return whether odds for something are enough to tell it."""
-    return odds > float(SURE) / (1.0 - float(SURE))
+    return odds > SURE_ODDS
+
+
+def table() -> dict[str, Prior]:
+    """Return all of them by name, as they stand above."""
+    return {name: value for name, value in globals().items() if isinstance(value, Prior)}

@@ -9,8 +9,8 @@ import pytest
 
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
-from ppmcal.diagnosis.remainder import TOO_MUCH
 from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.inference.priors import SURE_SIGMAS
 
 TIMES = 4.9
 
@@ -37,4 +37,4 @@ def test_too_small_a_sigma_is_not_nothing(seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_noise_as_stated_is_not_too_much(seed: int) -> None:
     """The other side of the same rule: the excess of noise as stated stays below its limit."""
-    assert small_campaign(seed, 1.0).remainder.excess < TOO_MUCH
+    assert small_campaign(seed, 1.0).remainder.excess < SURE_SIGMAS

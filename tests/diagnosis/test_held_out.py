@@ -10,7 +10,7 @@ import pytest
 from helpers.diagnoses import DATA, effect, simulate
 from helpers.rounds import stage_at
 
-from ppmcal.calibration.fit.fit_result import OUTLIER, Fit
+from ppmcal.calibration.fit.fit_result import Fit
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.validation.residual_vectors import fresh_state
@@ -21,7 +21,7 @@ from ppmcal.diagnosis.next_experiment import (
     possible_rows,
     propose,
 )
-from ppmcal.diagnosis.other_models import beyond_physics
+from ppmcal.diagnosis.refit import outside
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.tables import forward_table
@@ -217,7 +217,7 @@ def test_a_rival_that_no_machine_is_is_beyond_physics(
     ended = replace(fit, problem=replace(fit.problem, mechanism=machine, free=machine.free),
                     state=replace(fit.state, g=np.append(fit.state.g, [expansion, 0.0])))
     assert len(ended.state.g) == len(machine.parameters)
-    assert beyond_physics(ended) != told
+    assert bool(outside(ended.problem, ended.state)) != told
 
 
 def test_what_to_measure_next_is_away_from_dead_points(

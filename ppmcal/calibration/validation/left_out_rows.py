@@ -246,7 +246,7 @@ def _stretches(fit: Fit, index: int) -> Iterator[Found]:
 
 @dataclass(frozen=True)
 class _Hit:
-    """How many rows with a pattern were left out: ``hits`` of ``inside``, ``count`` of ``total``."""
+    """Rows with a pattern, ``hits`` of ``inside`` left out, and ``count`` of ``total``."""
 
     pattern: _Pattern
     hits: int

@@ -120,7 +120,7 @@ class DiagnosedEffect(CalledKind):
     ``alternatives_on`` with their actuators, ``probabilities`` and the ``odds`` for the effect
     against each; ``p_value``: null, as what was found has the smallest of thousands. ``derived`` is
     at ``mid_stroke``. ``sessions``: its size in each where there are several,
-    ``same_in_sessions_p`` the p-value of being the same. ``side``: of what changes with the
+    ``same_in_sessions_p`` the probability of being the same. ``side``: of what changes with the
     direction of approach, whether the joint ``lags`` what its encoder reads (which sits before what
     gives way) or ``leads`` it (behind).
     """
@@ -152,7 +152,7 @@ class DiagnosedEffect(CalledKind):
                    alternatives=tuple(kind_of(a) for a in effect.alternatives),
                    alternatives_on=effect.alternatives, odds=effect.odds,
                    sessions=EffectInSession.each(result, effect.sessions),
-                   same_in_sessions_p=None if effect.sessions is None else effect.sessions.p_value,
+                   same_in_sessions_p=None if effect.sessions is None else effect.sessions.same,
                    side=effect.side(result.identification.mechanism),
                    **_event(result, effect), **_derived(result, effect))
 

@@ -39,7 +39,8 @@ class EquationTerm(Part):
 class LearnedEquation(Part):
     """The sum of ``terms``, in ``unit``, as ``text``; times the direction where ``by`` says so.
 
-    ``probability``: of these factors among all that were tried. ``after``: rms over the noise in poses left out of the fits, with it in the term's place.
+    ``probability``: of these factors among all that were tried. ``after``: rms over the noise in
+    poses left out of the fits, with it in the term's place.
     """
 
     text: Text = ""
