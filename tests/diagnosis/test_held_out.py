@@ -16,12 +16,12 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.validation.residual_vectors import fresh_state
 from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, gap_of, measure_gap
 from ppmcal.diagnosis.next_experiment import (
-    ODDS,
     WIDER,
     possible_rows,
     propose,
 )
 from ppmcal.diagnosis.refit import outside
+from ppmcal.inference.priors import SURE_ODDS
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.tables import forward_table
@@ -248,5 +248,5 @@ def test_what_to_measure_next_follows_the_last_row(tmp_path: Path) -> None:
     pace = float(np.median(np.diff(time)))
     assert found.columns["time"] == pytest.approx(
         time.max() + pace * np.arange(1, found.rows + 1))
-    # what only time tells goes on after the last row, if it does: no more than 20 to 1
-    assert propose(stage, drift, base, 1.5, 1).odds_after <= ODDS * (1.0 + 1e-9)
+    # what only time tells goes on after the last row, if it does: no more than 19 to 1
+    assert propose(stage, drift, base, 1.5, 1).odds_after <= SURE_ODDS * (1.0 + 1e-9)
