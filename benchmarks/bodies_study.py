@@ -44,7 +44,7 @@ class Answer:
     """What `diagnose` said of a world: each effect named, with its alternatives, and its sizes.
 
     ``gap``: before and after, over the noise; ``refused``: why there is no diagnosis; ``chances``
-    and ``kinds``: the probability of each name that leads.
+    of each name that leads: its kind, probability, and those that may be in its place.
     """
 
     verdict: str
@@ -53,8 +53,7 @@ class Answer:
     sizes: tuple[tuple[str, float, float, str], ...] = ()
     gap: tuple[float, float] = (np.nan, np.nan)
     refused: str = ""
-    chances: tuple[float, ...] = ()
-    kinds: tuple[str, ...] = ()
+    chances: tuple[tuple[str, float, tuple[tuple[str, float], ...]], ...] = ()
 
 
 def wrong(case: Case, answer: Answer) -> list[str]:
@@ -81,8 +80,8 @@ def ask(folder: Path) -> Answer:
                   for e in record.effects for n, p in e.parameters.items() if p.sigma is not None)
     return Answer(record.verdict, named, text, sizes,
                   (record.gap.before or np.nan, record.gap.after or np.nan),
-                  chances=tuple(e.probability for e in record.effects),
-                  kinds=tuple(e.kind for e in record.effects))
+                  chances=tuple((e.kind, e.probability, tuple(zip(
+                      e.alternatives, e.probabilities, strict=True))) for e in record.effects))
 
 
 def random_run(machine: Machine, shape: Shape, rng: np.random.Generator, rows: int) -> Any:

@@ -17,7 +17,7 @@ import sys
 import time
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -176,17 +176,23 @@ def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome
         covered=coverage(found, result), closed="" if closed is None else f"{closed:.4f}",
         closed_truth=told(found, result, job.seed % 1000),
         nothing=result.nothing, known=result.remainder.known,
-        said=reliability((e.probability, family(e.kind, e.parameters) in truth)
-                         for e in result.effects),
+        said=reliability(((family(e.kind, e.parameters), e.probability, zip(
+            map(label, e.alternatives), e.probabilities, strict=True))
+            for e in result.effects), truth),
         seconds=round(seconds, 2))
 
 
-def reliability(effects: Iterable[tuple[float | None, bool]]) -> str:
-    """Return the probability of each name that leads, and whether it is right: ``0.9731:1``.
+def reliability(effects: Iterable[tuple[str, float | None, Iterable[tuple[str, float]]]],
+                truth: Collection[str]) -> str:
+    """Return the probability of each kind that leads, and whether it is right: ``0.9731:1``.
 
-    Names that have none are left out.
+    Of each name its kind, its probability and those of the kinds that may be in its place: the
+    same kind on other joints is the same kind. Names that have none are left out; one effect on
+    several joints is one.
     """
-    return " ".join(f"{p:.4f}:{int(right)}" for p, right in effects if p is not None)
+    told = dict.fromkeys((kind, f"{p + sum(q for other, q in others if other == kind):.4f}")
+                         for kind, p, others in effects if p is not None)
+    return " ".join(f"{p}:{int(kind in truth)}" for kind, p in told)
 
 
 def family(kind: str, parameters: Iterable[str]) -> str:

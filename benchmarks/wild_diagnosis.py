@@ -149,8 +149,9 @@ def _line(job: Job, truth: Mapping[str, Any], found: Mapping[str, Any], start: f
         " ".join(t["input"] for t in learned), _number(before), _number(after),
         _closed(before, after), int(before is not None and after is not None
                                     and after > before * 1.001),
-        reliability((e.get("probability", np.nan), e["kind"] in kinds | accept)
-                    for e in found.get("effects", ())),
+        reliability(((e["kind"], e["probability"], zip(
+            map(kind_of, e["alternatives"]), e["probabilities"], strict=True))
+            for e in found.get("effects", ())), kinds | accept),
         round(time.perf_counter() - start, 1))
 
 

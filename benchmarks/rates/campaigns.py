@@ -153,8 +153,7 @@ def _bodies(job: Job) -> Judged:
     right = bool(case.right) and all(names & said for names in case.must) and bool(answer.named)
     wrong = sum(not names & case.right for names in answer.named)
     sizes = [len(f) for f in answer.named]
-    chances = diagnosis_study.reliability(
-        (p, kind in case.right) for p, kind in zip(answer.chances, answer.kinds, strict=True))
+    chances = diagnosis_study.reliability(answer.chances, case.right)
     return (_group(job), answer.verdict, answer.text, int(right and not answer.refused),
             int(right and said <= case.right), wrong, float(np.mean(sizes)) if sizes else 0.0,
             chances)

@@ -44,7 +44,7 @@ def _sizes(lines: Sequence[Line]) -> list[str]:
 
 
 def reliability(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
-    """Return how often names are right, by the probability that was said."""
+    """Return how often kinds are right, by the probability that was said, on whatever joints."""
     said = [(float(p), hit == "1") for r in lines for p, _, hit in (
         word.partition(":") for word in r["said"].split())]
     out = [_said(lines, about), "", "| said | names | mean of what was said | right |",
