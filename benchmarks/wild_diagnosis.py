@@ -43,6 +43,7 @@ from wild.machines import MACHINES  # noqa: E402
 from ppmcal.api.diagnose import diagnose  # noqa: E402
 from ppmcal.calibration.interpretation import Misread  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
+from ppmcal.inference.priors import SURE_SIGMAS  # noqa: E402
 
 GROUPS = ("none", "gross", "event", "memory", "physics")
 ONSET = 2
@@ -66,7 +67,7 @@ class Line:
     """What became of one campaign; one line of wild.csv. ``learned``: inputs of learned terms.
 
     ``before``, ``after``: residuals over the noise in unseen poses, without and with all that was
-    found; ``worse``: whether it grew; ``said``: the probability of each name, and if it is right.
+    found; ``worse``: whether geometry alone surely predicts poses better; ``said``: the probability of each name, and if it is right.
     """
 
     group: str
@@ -147,8 +148,9 @@ def _line(job: Job, truth: Mapping[str, Any], found: Mapping[str, Any], start: f
         "; ".join("/".join(sorted(f)) for f in families), int(right),
         int(right and set().union(*families) <= kinds), wrong,
         " ".join(t["input"] for t in learned), _number(before), _number(after),
-        _closed(before, after), int(before is not None and after is not None
-                                    and after > before * 1.001),
+        _closed(before, after),
+        int(any(b["by"] == "pose" and b["gain"] + SURE_SIGMAS * b["gain_sigma"] < 0.0
+                for b in found.get("predictive", ()))),
         reliability(((e["kind"], e["probability"], zip(
             map(kind_of, e["alternatives"]), e["probabilities"], strict=True))
             for e in found.get("effects", ())), kinds | accept),
@@ -208,7 +210,7 @@ def _targets(lines: Sequence[Mapping[str, str]]) -> list[str]:
          f"{100 * np.median(shut):.0f} %" if shut else "-"),
         ("all: a wrong name, in whatever verdict", "at most 1 %",
          share(lines, lambda r: int(r["wrong"]) > 0)),
-        ("all: worse in poses that no fit has seen", "never",
+        ("all: geometry alone surely predicts poses better", "never",
          share(lines, lambda r: int(r["worse"]) > 0))]
     return ["| | wanted | found (95 %) |", "|---|---|---|",
             *(f"| {a} | {b} | {c} |" for a, b, c in rows)]

@@ -97,6 +97,8 @@ def _questions() -> list[tuple[str, Callable[[Sequence[Line]], list[Line]],
         ("a cause in no library: said to be there", of("unknown"), said),
         ("the same: a wrong name", of("unknown"), wrong),
         ("all: a wrong name, in whatever verdict", lambda lines: list(lines), wrong),
+        ("all: geometry alone surely predicts poses better", lambda lines: list(lines),
+         lambda r: r.get("worse") == "1"),
         ("all: a right file refused, or called misread", lambda lines: list(lines),
          lambda r: r["verdict"] in ("refused", "misread", "fault"))]
 
