@@ -45,7 +45,8 @@ class Answer:
     """What `diagnose` said of a world: each effect named, with its alternatives, and its sizes.
 
     ``gap``: before and after, over the noise; ``refused``: why there is no diagnosis; ``worse``:
-    whether geometry alone surely predicts poses left out better; ``chances``: of each name that leads: its kind, probability, and those that may be in its place.
+    whether geometry alone surely predicts poses left out better; ``chances``: of each name that
+    leads its kind, its probability, and those that may be in its place.
     """
 
     verdict: str

@@ -67,7 +67,8 @@ class Line:
     """What became of one campaign; one line of wild.csv. ``learned``: inputs of learned terms.
 
     ``before``, ``after``: residuals over the noise in unseen poses, without and with all that was
-    found; ``worse``: whether geometry alone surely predicts poses better; ``said``: the probability of each name, and if it is right.
+    found; ``worse``: whether geometry alone surely predicts poses better; ``said``: the
+    probability of each kind, and if it is right.
     """
 
     group: str

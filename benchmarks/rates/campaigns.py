@@ -49,8 +49,8 @@ class Line(Job):
     ``group``: nothing, poor noise, one, several, event, memory, unknown; ``right``: every cause is
     named, alone or in a set; ``wrong``: names that are none of them, in whatever verdict;
     ``size``: mean number of names in a set, 0 where nothing is named; ``worse``: whether geometry
-    alone surely predicts poses left out better than all that may be there together; ``said``: the probability
-    of each name that leads, and whether it is right, as ``0.9731:1``.
+    alone surely predicts poses left out better than all that may be there together; ``said``: the
+    probability of each kind that leads, and whether it is right, as ``0.9731:1``.
     """
 
     group: str
