@@ -50,7 +50,7 @@ AFTERWARDS = ("diagnosis/session_effects.py",)
 
 STUDIES = (
     Study("diagnosis", DIAGNOSIS,
-          {"docs/diagnosis.md": ("rates", "beside", "reliability", "rates-by-case"),
+          {"docs/diagnosis.md": ("rates", "reliability", "rates-by-case"),
            "README.md": ("rates",)},
           but=AFTERWARDS),
     Study("next", DIAGNOSIS, {"docs/diagnosis.md": ("next",)},
