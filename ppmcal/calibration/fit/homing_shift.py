@@ -13,24 +13,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import linalg
+from ppmcal.calibration.fit.added_columns import AddedColumns, added_columns
 from ppmcal.calibration.fit.coverage import coverage_of, variances
 from ppmcal.calibration.fit.fit_result import Fit
-from ppmcal.calibration.fit.linearisation import to_prior
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
-from ppmcal.inference.priors import ALL_ALIKE, MOVED, SURE, WIDE
+from ppmcal.inference.priors import ALL_ALIKE, MOVED, SURE
 from ppmcal.inference.question import Question
 from ppmcal.inference.sets import posterior
-from ppmcal.linalg import Array, Bools, Ints, reciprocals, subsample
+from ppmcal.linalg import Bools
 from ppmcal.model.sessions import session_masks
 
 MANY_OUT = 0.3
 """Rows left out count again where more than this part of their session was."""
 SEEN = 3e-8
 """Directions of less than this part of the strongest are round-off."""
-MOST = 20000
-"""Shifts of zeros are looked for in at most so many rows, evenly spread."""
 
 
 @dataclass(frozen=True)
@@ -55,54 +53,49 @@ def homing_shifts(fit: Fit) -> Iterator[HomingShift]:
         return
     keep = _taken_back(fit, sessions)
     if len(sessions) == 2:    # what moved in one moved the other way in the other
-        sessions = [min(reversed(sessions), key=lambda s: s[1].size)]
-    names = fit.problem.mechanism.actuators
-    rows, right, count = _reduced(fit, keep, [own for _, own in sessions])
-    size = fit.scale.size
-    held, away = fit.prior * fit.scale, to_prior(fit.problem, fit.state) / fit.scale
-    one = np.log(float(MOVED) * (1.0 - float(ALL_ALIKE)) / len(names))
-    every = np.log(float(MOVED) * float(ALL_ALIKE))
+        sessions = [min(reversed(sessions), key=lambda s: sum(map(np.sum, s[1])))]
+    problem, names = fit.problem, fit.problem.mechanism.actuators
+    homed = replace(problem, pivots=tuple(o.about for o in problem.opens), datasets=tuple(
+        replace(d, homing="alone") if d.homing == "shared" else d for d in problem.datasets))
+    rows = added_columns(problem, fit.state, keep, fit.prior, homed, [
+        {i: (o.homing, m) for i, (o, m) in enumerate(zip(homed.opens, masks, strict=True))
+         if m.any()} for _, masks in sessions])
     joints = [(label, a) for label, _ in sessions for a in names]
-    blocks = [Block(f"{a} of {label}", f"{a} of {label}", (n,), float(one), group=label)
+    moved = _moved(rows, joints, len(names))
+    if moved:
+        yield from (HomingShift(*joints[c], *found, p) for (c, p), found in zip(
+            moved.items(), _fitted(rows, list(moved)), strict=True))
+
+
+def _moved(rows: AddedColumns, joints: Sequence[tuple[str, str]], each: int) -> dict[int, float]:
+    """Return which of the joints of sessions surely moved, ``each`` a session, and how likely."""
+    one = float(np.log(float(MOVED) * (1.0 - float(ALL_ALIKE)) / each))
+    every = float(np.log(float(MOVED) * float(ALL_ALIKE)))
+    blocks = [Block(f"{a} of {label}", f"{a} of {label}", (n,), one, group=label)
               for n, (label, a) in enumerate(joints)]
-    blocks += [Block(label, label, tuple(range(n * len(names), (n + 1) * len(names))), float(every))
-               for n, (label, _) in enumerate(sessions) if len(names) > 1]
+    blocks += [Block(joints[n][0], joints[n][0], tuple(range(n, n + each)), every)
+               for n in range(0, len(joints), each) if each > 1]
     found = posterior(Question(
-        MatrixColumns(rows[:, size:]), right - rows[:, :size] @ away,
-        rows[:, :size] * reciprocals(held, float(WIDE)), tuple(blocks),
-        np.ones((right.size, 1), dtype=bool), np.zeros(right.size - 1, dtype=np.int64),
-        measured=count))
+        MatrixColumns(rows.added), rows.values, rows.geometry, tuple(blocks),
+        np.ones((rows.right.size, 1), dtype=bool), np.zeros(rows.right.size - 1, dtype=np.int64),
+        measured=rows.count))
     sure = [i for n, i in enumerate(found.best.chosen) if not any(
         m.probability > 1.0 - float(SURE) for m in found.members(n) if not m.family)]
-    moved = sorted({c for i in sure for c in blocks[i].columns})
-    probability = np.zeros(len(joints))
-    for block, p in zip(blocks, found.probability.tolist(), strict=True):
-        probability[list(block.columns)] += p
-    if moved:
-        yield from (HomingShift(*joints[c], value, sigma, half, min(float(probability[c]), 1.0))
-                    for c, (value, sigma, half) in zip(moved, _fitted(
-                        rows[:, [*range(size), *(size + c for c in moved)]], right, held, away,
-                        count), strict=True))
+    own = {c for i in sure for c in blocks[i].columns}
+    return {c: min(sum(float(p) for b, p in zip(blocks, found.probability, strict=True)
+                       if c in b.columns), 1.0) for c in sorted(own)}
 
 
-def _fitted(rows: Array, right: Array, held: Array, away: Array, count: int
-            ) -> Iterator[tuple[float, float, float]]:
-    """Yield value, sigma and half of the 95 % interval of the columns after the C of a fit.
-
-    Args:
-        rows: reduced, of all columns.
-        right: their residuals.
-        held: weight of each of the C columns' distance from nominal.
-        away: how far nominal is (C,).
-        count: values behind the rows.
-    """
-    size = held.size
-    whole = np.concatenate([rows, np.eye(size, rows.shape[1]) * held[:, None]])
+def _fitted(found: AddedColumns, some: Sequence[int]) -> Iterator[tuple[float, float, float]]:
+    """Yield value, sigma and half of the 95 % interval of some of the added columns."""
+    size, right = found.held.size, found.right
+    rows = np.concatenate([found.rows, found.added[:, some]], axis=1)
+    whole = np.concatenate([rows, np.eye(size, rows.shape[1]) * found.held[:, None]])
     solved = linalg.pinv(whole, rcond=SEEN)
-    step = solved @ np.concatenate([right, held * away])
+    step = solved @ np.concatenate([right, found.held * found.away])
     # what the rows then miss; tolerances give way too, which is no noise
     left = float(np.sum((right - rows @ step) ** 2))
-    degrees = max(count - float(np.sum(rows * solved[:, :right.size].T)), 1.0)
+    degrees = max(found.count - float(np.sum(rows * solved[:, :right.size].T)), 1.0)
     noise = max(1.0, left / degrees)
     times = coverage_of(variances(left / noise, degrees))
     for value, own in zip(step[size:].tolist(), solved[size:], strict=True):
@@ -110,57 +103,18 @@ def _fitted(rows: Array, right: Array, held: Array, away: Array, count: int
         yield value, sigma, times * sigma
 
 
-def _sessions(problem: Problem) -> list[tuple[str, Ints]]:
-    """Return label and rows, numbered through all data sets, where zeros are taken as shared."""
-    shared = np.concatenate([np.full(len(d), d.homing != "per-file") for d in problem.datasets])
-    found = ((label, np.flatnonzero(np.concatenate(mask) & shared))
-             for label, mask in session_masks(problem.datasets))
-    return [(label, rows) for label, rows in found if rows.size]
+def _sessions(problem: Problem) -> list[tuple[str, list[Bools]]]:
+    """Return label and rows (N,) by data set of each session, where zeros are taken as shared."""
+    found = ((label, [m & (d.homing != "per-file") for m, d in zip(
+        mask, problem.datasets, strict=True)]) for label, mask in session_masks(problem.datasets))
+    return [(label, masks) for label, masks in found if any(m.any() for m in masks)]
 
 
-def _taken_back(fit: Fit, sessions: Sequence[tuple[str, Ints]]) -> list[Bools]:
-    """Return the rows for the test: those used, and all of a session that was mostly left out."""
-    whole = np.concatenate(list(fit.keep))
-    out = np.concatenate(fit.outliers)
-    for _, rows in sessions:
-        if out[rows].mean() > MANY_OUT:
-            whole[rows] |= out[rows]
-    return subsample(_by_dataset(whole, fit.keep), MOST)
-
-
-def _by_dataset(whole: Bools, keep: Sequence[Bools]) -> list[Bools]:
-    """Return a mask of all rows as one by data set, as long as those of ``keep``."""
-    return np.split(whole, np.cumsum([len(k) for k in keep])[:-1])
-
-
-def _reduced(fit: Fit, keep: Sequence[Bools], sessions: Sequence[Ints]
-             ) -> tuple[Array, Array, int]:
-    """Return the fit's rows, reduced: columns (k, C + S joints), residuals (k,), values behind.
-
-    Its columns in natural units, then the shifts of all joints in each session, SI.
-    """
-    problem, joints = fit.problem, len(fit.problem.mechanism.actuators)
-    homed = replace(problem, pivots=tuple(o.about for o in problem.opens), datasets=tuple(
-        replace(d, homing="alone") if d.homing == "shared" else d for d in problem.datasets))
-    own, size = [homed.columns.index(n) for n in problem.columns], fit.scale.size
-    begin = np.cumsum([0, *(len(d) for d in problem.datasets)])
-    session = np.full(begin[-1], -1)
-    for s, rows in enumerate(sessions):
-        session[rows] = s
-    stack, count = np.zeros((0, size + len(sessions) * joints + 1)), 0.0
-    if problem.earlier is not None:
-        missed, slope = problem.earlier.rows(problem.mechanism, list(problem.free), fit.state.g)
-        stack = np.zeros((missed.size, stack.shape[1]))
-        stack[:, :len(problem.free)] = slope * fit.scale[:len(problem.free)]
-        stack[:, -1], count = missed, missed.size
-    for part in homed.rows(fit.state, True, keep):
-        block = np.zeros((*part.residual.shape, stack.shape[1]))
-        block[..., :size], block[..., -1] = part.jacobian[..., own] * fit.scale, part.residual
-        mine = session[begin[part.dataset] + part.index]
-        for s in range(len(sessions)):
-            at = size + s * joints
-            block[mine == s, :, at:at + joints] = part.jacobian[
-                mine == s][..., homed.opens[part.dataset].homing]
-        stack = linalg.triangle(np.concatenate([stack, block.reshape(-1, stack.shape[1])]))
-        count += part.count
-    return stack[:, :-1], stack[:, -1], round(count)
+def _taken_back(fit: Fit, sessions: Sequence[tuple[str, Sequence[Bools]]]) -> list[Bools]:
+    """Return the rows that are asked: those used, and all of a session that was mostly left out."""
+    keep = [k.copy() for k in fit.keep]
+    for _, masks in sessions:
+        gone = [o & m for o, m in zip(fit.outliers, masks, strict=True)]
+        if sum(map(np.sum, gone)) > MANY_OUT * sum(map(np.sum, masks)):
+            keep = [k | g for k, g in zip(keep, gone, strict=True)]
+    return keep

@@ -31,8 +31,8 @@ class Explanation:
     """Something that may have changed.
 
     ``columns``: what moves by one natural unit, name -> weight, for each of its numbers;
-    ``parts``: what these are called; ``share``: its part of the prior of what may have moved; ``group``: what
-    one thing does share it, as of a block.
+    ``parts``: what these are called; ``share``: its part of the prior of what may have moved;
+    ``group``: what one thing does share it, as of a block.
     """
 
     name: str

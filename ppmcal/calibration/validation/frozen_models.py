@@ -24,9 +24,11 @@ from ppmcal.calibration.fit import (
     gross_errors,
     identify,
     is_open,
+    odds_of_opening,
     opened,
     secondary,
     squares_by_noise_of,
+    surely,
     values_taken,
     white_squares,
 )
@@ -232,39 +234,37 @@ def _demanded(models: Sequence[FrozenModel], data: Dataset
     possible = [w for w in OPENED.get(data.kind, OPEN) if not is_open(data, w)]
     now: dict[int, Fit] = {}
     while possible:
-        gains = {}
-        for word in possible:    # what the first does not ask for, all do not
-            wider = opened(data, [*found, word])
-            gain, fits = np.inf, dict[int, Fit]()
-            for i, model in enumerate(models):
-                before = now.setdefault(i, _registered(model.mechanism, opened(data, found)))
-                fits[i] = _registered(model.mechanism, wider)
-                gain = min(gain, _gain(before, fits[i]))
-                if gain <= 0.0:
-                    break
-            gains[word] = gain, fits
-        best = max(gains, key=lambda w: gains[w][0])
-        if gains[best][0] <= 0.0:
-            break
+        least = np.full(len(possible), np.inf)
+        for i, model in enumerate(models):    # what the first does not ask for, all do not
+            fit = now.setdefault(i, _registered(model.mechanism, opened(data, found)))
+            least = np.minimum(least, odds_of_opening(
+                fit.problem, fit.state, [finite_rows(fit.state.poses[0])], fit.prior,
+                [(0, w) for w in possible]))
+            if not surely(least.max()):
+                return tuple(found), now
+        best = possible[int(np.argmax(least))]
+        wider = {}
+        for i, model in enumerate(models):
+            wider[i] = _registered(model.mechanism, opened(data, [*found, best]))
+            if not _worth(now[i], wider[i]):
+                return tuple(found), now
         found.append(best)
         possible.remove(best)
-        now = gains[best][1]
+        now = wider
     return tuple(found), now
 
 
-def _gain(before: Fit, after: Fit) -> float:
-    """Return by which part the error falls, 0 where that is too little or may be chance.
+def _worth(before: Fit, after: Fit) -> bool:
+    """Return whether the error falls by enough to matter.
 
     Both errors are weighted by the noise at the wider registration, by which it is the minimum:
     each by its own, a wider one could seem to fit worse.
     """
-    taken = values_taken(after)
     rows = [finite_rows(p) & finite_rows(q) for p, q in
             zip(before.state.poses, after.state.poses, strict=True)]
     wide = after.problem, after.state
-    square, count = white_squares(*wide, rows)
     narrow = squares_by_noise_of((before.problem, before.state), wide, rows)
-    return fall(narrow, square, count, taken, taken - values_taken(before))
+    return fall(narrow, white_squares(*wide, rows)[0]) > 0.0
 
 
 def _error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[str]) -> ModelError:
