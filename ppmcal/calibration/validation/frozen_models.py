@@ -181,12 +181,11 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
                seed: int, notes: list[str]) -> Validated:
     asked = tuple(w for w in OPEN if is_open(data, w)) if register is None else tuple(
         w for w in OPEN if w in register)
-    whole, data = data, _typed_right(models, opened(data, asked, register is not None))
-    demanded: tuple[str, ...] = ()
-    known: dict[int, Fit] = {}
-    if register is None:
-        demanded, known = _demanded(models, data)
-        data = opened(data, demanded)
+    whole, data = data, opened(data, asked, register is not None)
+    data = secondary("rows that are typed wrong", partial(_typed_right, models, data), data, notes)
+    demanded, known = secondary("what else the registration has to fit", partial(
+        _demanded, models, data), ((), dict[int, Fit]()), notes) if register is None else ((), {})
+    data = opened(data, demanded)
     fits = [known.get(i) or _registered(m.mechanism, data) for i, m in enumerate(models)]
     rows = np.all([finite_rows(f.state.poses[0]) for f in fits], axis=0)
     if rows.sum() < FEWEST:
