@@ -45,7 +45,8 @@ def fit_of(*files: Array, keep: list[NDArray[np.bool_]] | None = None, free: tup
 def answer(half: tuple[float, float], labels: tuple[str, ...] = ("a 1", "a 2"),
            **more: Any) -> Disagreement:
     none = np.zeros((2, 1))
-    return Disagreement(labels, np.eye(2), np.array(half), 0.0, none, none, np.ones(1), {}, **more)
+    return Disagreement(labels, np.eye(2), np.array(half), 0.0, none, none, np.ones(1),
+                        np.zeros(1), {}, **more)
 
 
 @pytest.fixture

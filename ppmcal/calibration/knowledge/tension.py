@@ -24,10 +24,11 @@ from ppmcal.calibration.fit import (
     to_prior,
     typical_noise,
 )
-from ppmcal.calibration.knowledge.disagreement import SURE
 from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset
 
+SURE = 0.01
+"""Instruments pull apart below this p-value."""
 DRAWS = 200
 """Of the noises, over which the probability is integrated."""
 MOST_ROWS = 200
