@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from ppmcal.calibration.interpretation.misread import NOISE as NOISE
     from ppmcal.calibration.interpretation.misread import Misread as Misread
     from ppmcal.calibration.interpretation.misread import Misreading as Misreading
+    from ppmcal.calibration.interpretation.misread import Mistake as Mistake
     from ppmcal.calibration.interpretation.misread import misreading_sentence as misreading_sentence
-    from ppmcal.calibration.interpretation.mistakes import Mistake as Mistake
-    from ppmcal.calibration.interpretation.mistakes import with_line as with_line
+    from ppmcal.calibration.interpretation.misread import with_line as with_line
     from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes as plain_mistakes
     from ppmcal.calibration.interpretation.obvious_mistakes import recorded_units as recorded_units
     from ppmcal.calibration.interpretation.obvious_mistakes import (

@@ -27,7 +27,7 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.calibration.interpretation.misread import Misreading, mend_of, misreading_sentence
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
-from ppmcal.calibration.interpretation.read_rightly import MEND, found_wrong
+from ppmcal.calibration.interpretation.read_rightly import refusal
 from ppmcal.calibration.knowledge import Identifiability, predict_identifiability
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, to_joint
@@ -145,14 +145,15 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     misreadings: tuple[Misreading, ...] = ()
     if datasets and mechanism.free and value >= SINGULAR_HOME:
         problem = Problem(mechanism, tuple(datasets), mechanism.free)
-        found, misreadings = found_wrong(problem)
+        refused = refusal(problem)
+        misreadings = refused.found if refused else ()
         findings = _not_told(findings, misreadings)
         for m in misreadings:
             what = misreading_sentence(m, mechanism.units)
             findings.append(f"{m.source}: {what}{'' if what.endswith('?') else '.'} "
                             f"{mend_of([m])}.")
-        if found.misread and not misreadings:
-            findings.append(f"{found.sentence(mechanism.units)}. {MEND}.")
+        if refused and not misreadings:
+            findings.append(f"{refused.what}. {refused.mend}.")
     listed = (*misreadings, *(m for d in datasets
                               for m in plain_mistakes(d, mechanism, misreadings)))
     rank, columns = 0, 0

@@ -11,7 +11,6 @@ way explains is the file of another machine, or of none.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,8 +26,8 @@ from ppmcal.calibration.interpretation.limits import (
     TELLING,
     WORST,
 )
-from ppmcal.calibration.interpretation.misread import Misreading
-from ppmcal.calibration.interpretation.mistakes import Mistake, mistakes, other_sigma, read_block
+from ppmcal.calibration.interpretation.misread import Misreading, Mistake
+from ppmcal.calibration.interpretation.readings import FileReading
 from ppmcal.calibration.interpretation.score import (
     Look,
     Score,
@@ -39,7 +38,6 @@ from ppmcal.calibration.interpretation.score import (
 )
 from ppmcal.calibration.interpretation.search import SHIFTS, search_readings
 from ppmcal.errors import PpmcalError
-from ppmcal.kinematics.pose_readings import FileReading, JointReading
 from ppmcal.model.scaled_points import other_radii
 
 TRIED = 8
@@ -74,8 +72,8 @@ def _ways(alone: Problem, as_read: Score) -> list[Way]:
     data, mechanism = alone.datasets[0], alone.mechanism
     readings = dict.fromkeys([*_near_nominal(alone), *(
         _near_fit(alone) if as_read.nominal <= LANDS else ())])
-    out = [Way(mistakes(r, mechanism, data), r.parts,
-               replace(alone, datasets=(r.of(data, mechanism),)), r) for r in readings]
+    out = [Way(r.mistakes(data), r.parts, replace(alone, datasets=(r.of(data),)), r)
+           for r in readings]
     if _beyond_tolerances(alone, as_read):
         out += _registrations(alone)
     for machine, ends, words in other_radii(mechanism):
@@ -87,10 +85,10 @@ def _ways(alone: Problem, as_read: Score) -> list[Way]:
 
 def _near_nominal(alone: Problem) -> list[FileReading]:
     """Return the readings that come nearest to the nominal machine."""
-    found = [s for s in search_readings(alone.mechanism, alone.datasets[0]) if s.reading.parts]
-    near = [s for s in found if s.score <= NEAR_BEST * found[0].score]
-    near = sorted(near, key=lambda s: (s.reading.parts, s.score))[:TRIED]
-    return [s.reading for s in (*near, *found[:1])]
+    found = [f for f in search_readings(alone.mechanism, alone.datasets[0]) if f[1].parts]
+    near = [f for f in found if f[0] <= NEAR_BEST * found[0][0]]
+    near = sorted(near, key=lambda f: (f[1].parts, f[0]))[:TRIED]
+    return [reading for _, reading in (*near, *found[:1])]
 
 
 def _near_fit(alone: Problem) -> list[FileReading]:
@@ -102,15 +100,14 @@ def _near_fit(alone: Problem) -> list[FileReading]:
         look = Look.at(alone)
     except PpmcalError:
         return []
-    data, mechanism = alone.datasets[0], alone.mechanism
+    data = alone.datasets[0]
     edge = max(SHIFTS)
     rows = np.flatnonzero(np.isin(data.rows, look.problem.datasets[0].rows[look.sound[0]]))
     rows = rows[(rows >= edge) & (rows < len(data) - edge)]
     if len(rows) < 2 * edge:
         return []
-    plain = JointReading.plain(len(mechanism.actuators))
-    readings = [FileReading(plain, p) for p in pose_readings(data, mechanism.motion == "planar")]
-    readings += [FileReading(plain, shift=s) for s in SHIFTS]
+    plain = FileReading.as_declared(alone.mechanism, data)
+    readings = [*pose_readings(plain, data), *(replace(plain, shift=s) for s in SHIFTS)]
     scores = first_order_scores(toleranced(alone), rows, readings)
     order = sorted(range(1, len(readings)), key=lambda i: (scores[i], readings[i].parts))
     return [readings[i] for i in order[:TRIED // 2]]
@@ -121,7 +118,7 @@ def _beyond_tolerances(alone: Problem, as_read: Score) -> bool:
     if as_read.geometry > FAR:
         return True
     return as_read.nominal > LANDS and score(
-        toleranced(alone, fixed=True), 0.0).nominal > ALLOWED
+        toleranced(alone, fixed=True), 0.0).total > ALLOWED
 
 
 def _registrations(alone: Problem) -> Iterator[Way]:
@@ -148,7 +145,8 @@ def find_misreading(problem: Problem, index: int) -> Misreading | None:
         return None
     alone = problem.alone(data)
     as_read = score(alone)
-    if as_read.total <= TELLING or (np.isinf(as_read.total) and _right_where_posed(alone)):
+    # what is read wrongly is wrong in all rows, also in those that have a pose
+    if as_read.total <= TELLING or (np.isinf(as_read.total) and as_read.nominal <= LANDS):
         return None
     good = _better(alone, as_read)
     if not good:
@@ -160,18 +158,12 @@ def find_misreading(problem: Problem, index: int) -> Misreading | None:
         return None
     block, sigma = None, dict[str, float]()
     if way.reading is not None:
-        block = read_block(way.reading, problem.mechanism, data)
-        sigma = other_sigma(way.reading, data, best.left)
+        block, sigma = way.reading.block(data), way.reading.sigma(data, best.left)
     told = (as_read.miss, best.miss) if as_read.nominal > LANDS else (as_read.left, best.left)
+    if np.isinf(as_read.total):
+        told = (np.nan, np.nan), told[1]
     return Misreading(data.source, way.what, block, *_telling(*told), best.noise, sigma,
                       alternatives)
-
-
-def _right_where_posed(alone: Problem) -> bool:
-    """Whether the rows that have a pose fit: what is read wrongly is wrong in all rows."""
-    with suppress(PpmcalError):
-        return Look.at(alone).nominal <= LANDS
-    return False
 
 
 def _better(alone: Problem, as_read: Score) -> list[tuple[Way, Score]]:
@@ -186,7 +178,8 @@ def _better(alone: Problem, as_read: Score) -> list[tuple[Way, Score]]:
         if way.parts > enough:
             break
         found = score(way.problem, lands)
-        if np.isfinite(found.noise) and _explains(as_read, found) and _tells(way.problem, found):
+        fitted = np.isfinite(found.noise + found.total)
+        if fitted and _explains(as_read, found) and _tells(way.problem, found):
             out.append((way, found))
             if found.total <= AS_GOOD:
                 enough = min(enough, way.parts)

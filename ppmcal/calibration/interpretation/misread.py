@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ppmcal.calibration.interpretation.mistakes import Mistake, block_text
 from ppmcal.errors import NoResult
+from ppmcal.model.dataset import Dataset
 from ppmcal.units import SI, Units
 
 MENDS = {
@@ -27,6 +28,21 @@ PLAIN = ("stale", "outside-limits")
 
 NOISE = "times the noise"
 """In the place of a quantity: residuals over the noise, no length or angle."""
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One way in which a file is not what it was read as.
+
+    ``kind``: permuted, sign, unit, rotation, inverse, mirrored, exchanged, shifted, stale,
+    outside-limits or radius; ``columns`` that it concerns; ``text``: in words; ``rows``: where
+    not all of them, by number in the CSV.
+    """
+
+    kind: str
+    columns: tuple[str, ...]
+    text: str
+    rows: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -92,6 +108,16 @@ def misreading_sentence(found: Misreading, units: Units) -> str:
               if np.isfinite(found.before) else "hardly a row had a pose; the median miss now is")
     return (f"{what}: {before} {found.after / factor:.3g} {unit}, and a short fit comes to "
             f"{found.noise_after:.2g} times the noise")
+
+
+def with_line(data: Dataset, key: str, lines: Mapping[str, object]) -> dict[str, object]:
+    """Return the sidecar's block ``read`` with more of one key, such as units: {payload: g}."""
+    return {**data.read, key: {**data.read.get(key, {}), **lines}}
+
+
+def block_text(block: Mapping[str, object]) -> str:
+    """Return the sidecar's block ``read`` in one line of YAML."""
+    return json.dumps(block).replace('"', "")
 
 
 def mend_of(found: Sequence[Misreading]) -> str:

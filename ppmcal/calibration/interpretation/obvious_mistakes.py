@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.interpretation.limits import MOST
-from ppmcal.calibration.interpretation.misread import Misread, Misreading
-from ppmcal.calibration.interpretation.mistakes import Mistake, with_line
+from ppmcal.calibration.interpretation.misread import Misread, Misreading, Mistake, with_line
 from ppmcal.calibration.interpretation.stale_rows import stale
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Bools
@@ -130,16 +129,6 @@ def _struts(data: Dataset, mechanism: Mechanism) -> list[int]:
             and not any(s.is_bar for s in limb.kind.slots)]
 
 
-def _negative(data: Dataset, mechanism: Mechanism) -> Bools:
-    """Return which joints (k,) are struts with a length of the other sign than at home."""
-    home, out = home_state(mechanism).q, np.zeros(len(mechanism.actuators), dtype=bool)
-    for i in _struts(data, mechanism):
-        known = data.q[np.isfinite(data.q[:, i]), i]
-        out[i] = bool(known.size and home[i] != 0.0 and abs(
-            float(np.median(known)) + home[i]) < NEAR * abs(home[i]))
-    return out
-
-
 def rows_with_negative_struts(data: Dataset, mechanism: Mechanism) -> Bools:
     """Return the rows (N,) with a strut's length of the other sign than at home: mistyped ones.
 
@@ -149,23 +138,22 @@ def rows_with_negative_struts(data: Dataset, mechanism: Mechanism) -> Bools:
     return np.asarray((data.q[:, struts] * home_state(mechanism).q[struts] < 0.0).any(axis=1))
 
 
-def negative_struts(data: Dataset, mechanism: Mechanism) -> tuple[Mistake, ...]:
-    """Return the joint columns that have the other sign, as one mistake."""
-    names = tuple(f"q_{a}" for a, n in zip(mechanism.actuators, _negative(data, mechanism),
-                                           strict=True) if n)
-    if not names:
-        return ()
+def with_positive_struts(data: Dataset, mechanism: Mechanism
+                         ) -> tuple[Dataset, tuple[Mistake, ...]]:
+    """Return the data with columns of struts turned that are negative, and that as a mistake."""
+    home, turned = home_state(mechanism).q, []
+    for i in _struts(data, mechanism):
+        known = data.q[np.isfinite(data.q[:, i]), i]
+        if known.size and abs(float(np.median(known)) + home[i]) < NEAR * abs(home[i]):
+            turned.append(i)
+    if not turned:
+        return data, ()
+    names = tuple(f"q_{mechanism.actuators[i]}" for i in turned)
+    q = data.q.copy()
+    q[:, turned] *= -1.0
+    signs = data.read.get("signs", {})
+    right = replace(data, q=q, whole=None, place=None, read=with_line(
+        data, "signs", {n: -signs.get(n, 1) for n in names}))
     has = "has" if len(names) == 1 else "have"
-    return (Mistake("sign", names, f"{', '.join(names)} {has} the other sign: lengths of struts, "
-                    "which are not negative at home"),)
-
-
-def with_positive_struts(data: Dataset, mechanism: Mechanism) -> Dataset:
-    """Return the data with those columns turned, as their sidecar should say."""
-    turned = _negative(data, mechanism)
-    if not turned.any():
-        return data
-    lines = {f"q_{a}": -data.read.get("signs", {}).get(f"q_{a}", 1)
-             for a, n in zip(mechanism.actuators, turned, strict=True) if n}
-    return replace(data, q=np.where(turned, -data.q, data.q), whole=None, place=None,
-                   read=with_line(data, "signs", lines))
+    return right, (Mistake("sign", names, f"{', '.join(names)} {has} the other sign: lengths of "
+                           "struts, which are not negative at home"),)

@@ -10,27 +10,22 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, Problem, State, beyond, distances, identify
+from ppmcal.calibration.fit import Fit, Problem, State, distances, identify
 from ppmcal.calibration.interpretation.judgement import find_misreading
 from ppmcal.calibration.interpretation.limits import (
     ALLOWED,
     FAR,
     FEWEST_PARAMETERS,
-    HARDLY_LESS,
     LANDS,
-    MANY_GROSS,
-    MOST,
     TELLING,
-    WORST,
 )
-from ppmcal.calibration.interpretation.misread import Misread, Misreading
-from ppmcal.calibration.interpretation.mistakes import Mistake
+from ppmcal.calibration.interpretation.misread import Misread, Misreading, Mistake
 from ppmcal.calibration.interpretation.obvious_mistakes import (
-    negative_struts,
     other_zeros,
     refuse_wrong_units,
     with_positive_struts,
@@ -39,7 +34,6 @@ from ppmcal.calibration.interpretation.score import (
     Look,
     Score,
     end_parts,
-    medians,
     right_parts,
     rms,
     score,
@@ -60,48 +54,30 @@ MEND = ("Check the order and signs of the q columns, their units, and how the ro
 
 @dataclass(frozen=True)
 class Misfit:
-    """How far measurements are from a machine, half of the rows being farther.
+    """How far measurements are from a machine, all files together, and how they were meant.
 
-    Attributes:
-        score: of the nominal machine, all files together, without a fit.
-        before, after: times the noise, without and with a short fit; nan where none was needed.
-        lost: rows without a pose, of ``rows``; gross: part of them that are gross errors.
-        readings: how the files are to be read instead, where that explains everything.
+    ``readings``: how the files are to be read instead, where that explains everything.
     """
 
     score: Score
-    before: float = np.nan
-    after: float = np.nan
-    lost: int = 0
-    rows: int = 0
     readings: tuple[Misreading, ...] = ()
-    gross: float = 0.0
-
-    @property
-    def times(self) -> float:
-        """Times what noise and tolerances explain, nominal machine, best registration."""
-        return self.score.nominal
-
-    @property
-    def doubted(self) -> bool:
-        """Whether so much is wrong that a fit of all rows may go astray."""
-        return self.times > LANDS or self.gross > MANY_GROSS
 
     @property
     def misread(self) -> bool:
         """Whether neither tolerances nor another geometry explain the measurements."""
-        return bool(self.readings) or self.after > max(WORST**0.5, HARDLY_LESS * self.before)
+        return bool(self.readings) or self.score.hopeless
 
     def sentence(self, units: Units) -> str:
         """Return what was seen, in file units."""
+        found = self.score
         parts = [f"{value / units.factor(quantity):.3g} {units.name(quantity)}"
-                 for value, quantity in zip(self.score.miss, ("length", "angle"), strict=True)
+                 for value, quantity in zip(found.miss, ("length", "angle"), strict=True)
                  if np.isfinite(value)]
-        lost = f"; {self.lost} of {self.rows} rows have no pose at all" if self.lost else ""
+        lost = f"; {found.lost} of {found.rows} rows have no pose at all" if found.lost else ""
         return ("the measurements do not fit this machine: registered as well as can be, half of "
-                f"the rows miss by more than {' and '.join(parts)}, {self.times:.3g} times what "
+                f"the rows miss by more than {' and '.join(parts)}, {found.nominal:.3g} times what "
                 f"tolerances and noise explain{lost}; other dimensions of the machine still leave "
-                f"{self.after:.3g} times the noise")
+                f"{found.noise:.3g} times the noise")
 
 
 def misfit(problem: Problem) -> Misfit:
@@ -113,20 +89,14 @@ def misfit(problem: Problem) -> Misfit:
     Raises:
         BadInput: as :meth:`ppmcal.calibration.fit.Problem.start`.
     """
-    mechanism = problem.mechanism
-    signs = [negative_struts(d, mechanism) for d in problem.datasets]
-    if not any(signs):
+    turned = [with_positive_struts(d, problem.mechanism) for d in problem.datasets]
+    if not any(sign for _, sign in turned):
         return _misfit(problem)
-    turned = replace(problem, given=None, datasets=tuple(
-        with_positive_struts(d, mechanism) for d in problem.datasets))
-    found = _misfit(turned)
+    found = _misfit(replace(problem, given=None, datasets=tuple(d for d, _ in turned)))
     other = {m.source: m for m in found.readings}
-    readings = []
-    for data, sign in zip(turned.datasets, signs, strict=True):
-        one = other.get(data.source, Misreading(data.source, (), dict(data.read)))
-        if sign or one.mistakes:
-            readings.append(replace(one, mistakes=(*sign, *one.mistakes)))
-    return replace(found, readings=tuple(readings))
+    readings = (replace(one, mistakes=(*sign, *one.mistakes)) for sign, one in (
+        (sign, other.get(d.source, Misreading(d.source, (), dict(d.read)))) for d, sign in turned))
+    return replace(found, readings=tuple(m for m in readings if m.mistakes))
 
 
 def _misfit(problem: Problem) -> Misfit:
@@ -138,23 +108,19 @@ def _misfit(problem: Problem) -> Misfit:
         found = found or _other_zeros(problem)
         if not found:
             raise
-        return Misfit(Score(), readings=found)
-    lost, rows = look.lost
-    gross = sum(int(g.sum()) for g in beyond(look.explained, look.posed)) / max(rows, 1)
-    out = Misfit(Score(look.nominal, medians(look.problem, look.state)), lost=lost, rows=rows,
-                 gross=gross)
-    if out.times <= LANDS and lost <= MOST * rows:
-        return out
+        return Misfit(Score(), found)
+    as_read = look.score(0.0)
+    if as_read.total <= LANDS:
+        return Misfit(as_read)
     # a way that explains everything needs no fit of what is read wrongly, which is slow
     found = _misreadings(problem)
     if found:
-        return replace(out, readings=found)
-    before, after = (distances(look.problem, state).times(look.posed)
-                     for state in (look.state, look.fitted()))
-    found = _other_zeros(problem) if after > TELLING else ()
+        return Misfit(as_read, found)
+    fitted = look.score(np.inf)
+    found = _other_zeros(problem) if fitted.noise > TELLING else ()
     if not found and any(True for _ in right_parts(problem)):
-        return out
-    return replace(out, before=before, after=after, readings=found)
+        return Misfit(as_read)
+    return Misfit(fitted, found)
 
 
 def _misreadings(problem: Problem) -> tuple[Misreading, ...]:
@@ -167,12 +133,12 @@ def _other_zeros(problem: Problem) -> tuple[Misreading, ...]:
 
 
 @stage("trying other readings")
-def refuse_misread(problem: Problem) -> Misfit:
+def refuse_misread(problem: Problem) -> None:
     """Refuse measurements that are not of this machine as the files are read.
 
     Raises:
-        Misread: neither tolerances nor another geometry explain them; it says how they are to be
-            read, where that is found.
+        Misread: neither tolerances nor another geometry explain them, or the first rows do and
+            others do not; it says how they are to be read, where that is found.
     """
     found = misfit(problem)
     log.info("other readings of the files: %s", f"{len(found.readings)} found" if found.readings
@@ -181,7 +147,8 @@ def refuse_misread(problem: Problem) -> Misfit:
     if found.misread:
         raise Misread(found.sentence(problem.mechanism.units),
                       ", ".join(d.source for d in problem.datasets), MEND)
-    return found
+    if found.score.doubted:
+        _refuse(wrong_parts(problem), problem)
 
 
 def _refuse(found: Sequence[Misreading], problem: Problem) -> None:
@@ -202,8 +169,7 @@ def refuse_before_fit(problem: Problem, every_column: bool = False) -> None:
     """
     if every_column or problem.mechanism.effects:
         refuse_wrong_units(problem.mechanism, problem.datasets)
-    if refuse_misread(problem).doubted:
-        _refuse(wrong_parts(problem), problem)
+    refuse_misread(problem)
 
 
 def refuse_after_fit(fit: Fit) -> None:
@@ -258,28 +224,22 @@ def refuse_other_machine(fit: Fit) -> None:
     _refuse([found] if found else [], fit.problem)
 
 
-def found_wrong(problem: Problem) -> tuple[Misfit, tuple[Misreading, ...]]:
-    """Return how far measurements are from a machine, and what the refusals would say of them.
+def refusal(problem: Problem) -> Misread | None:
+    """Return what the refusals say of measurements, None where they let them through.
 
     A fit of all rows is made only where a short one leaves more than noise, or goes far.
     """
-    found = misfit(problem)
-    if found.readings or found.misread:
-        return found, found.readings
-    parts = wrong_parts(problem) if found.doubted else ()
-    return found, parts or _by_fit(problem)
-
-
-def _by_fit(problem: Problem) -> tuple[Misreading, ...]:
-    as_read = score(problem, np.inf)
-    if as_read.noise <= TELLING and as_read.geometry <= FAR:
-        return ()
     try:
-        fit = identify(problem)
-        refuse_after_fit(fit)
-        refuse_other_machine(fit)
+        refuse_misread(problem)
     except Misread as error:
-        return error.found
-    except PpmcalError:
-        pass    # a fit that cannot be had tells nothing of the file
-    return ()
+        return error
+    if score(problem, np.inf).total > TELLING:
+        # a fit that cannot be had tells nothing of the file
+        with suppress(PpmcalError):
+            try:
+                fit = identify(problem)
+                refuse_after_fit(fit)
+                refuse_other_machine(fit)
+            except Misread as error:
+                return error
+    return None

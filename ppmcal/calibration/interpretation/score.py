@@ -18,9 +18,9 @@ import numpy as np
 from scipy.special import chdtri
 
 from ppmcal.calibration.fit import (
-    Distances,
     Problem,
     State,
+    beyond,
     column_scale,
     coordinates,
     distances,
@@ -31,13 +31,13 @@ from ppmcal.calibration.fit import (
     prior_weights,
     toleranced,
 )
-from ppmcal.calibration.interpretation.limits import ALLOWED, LANDS, MOST
-from ppmcal.errors import NoResult, PpmcalError
-from ppmcal.kinematics.pose_readings import FileReading
+from ppmcal.calibration.interpretation.limits import ALLOWED, HARDLY_LESS, LANDS, MOST, WORST
+from ppmcal.calibration.interpretation.readings import FileReading
+from ppmcal.errors import PpmcalError
+from ppmcal.inference.priors import MOST_GROSS
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, range_basis, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import SCALARS
-from ppmcal.model.mechanism import Mechanism
 
 ROWS, ITERATIONS = 48, 10
 PARTS = 3
@@ -53,13 +53,18 @@ class Score:
         nominal: times what noise and tolerances explain, without a fit; half of the rows are
             farther off.
         miss: positions, m, and rotations, rad, so too; nan where not measured.
-        noise: times the noise, after a short fit, all rows (:func:`all_rows`); geometry: by how
-            many tolerances that moves it.
+        lost: rows without a pose, of ``rows``; gross: part of them that are gross errors.
+        before, noise: times the noise, all rows (:func:`all_rows`), before and after a short fit;
+            geometry: by how many tolerances that moves it.
         left: as ``miss``, after the fit.
     """
 
     nominal: float = np.inf
     miss: tuple[float, float] = (np.nan, np.nan)
+    lost: int = 0
+    rows: int = 0
+    gross: float = 0.0
+    before: float = np.inf
     noise: float = np.inf
     geometry: float = np.nan
     left: tuple[float, float] = (np.nan, np.nan)
@@ -67,9 +72,21 @@ class Score:
     @property
     def total(self) -> float:
         """Times what is left by the right machine, read rightly; 1 at best."""
+        if self.lost > MOST * self.rows:
+            return np.inf
         if np.isfinite(self.noise):
             return max(1.0, self.noise) * max(1.0, self.geometry / ALLOWED)
         return max(1.0, self.nominal)
+
+    @property
+    def doubted(self) -> bool:
+        """Whether so much is wrong that a fit of all rows may go astray."""
+        return self.nominal > LANDS or self.gross > float(MOST_GROSS)
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether neither tolerances nor, by a short fit, another geometry explain the rows."""
+        return bool(max(WORST**0.5, HARDLY_LESS * self.before) < self.noise < np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,27 +116,12 @@ class Look:
         return [finite_rows(p) for p in self.state.poses]
 
     @cached_property
-    def explained(self) -> Distances:
-        """How far rows are from the nominal machine, freed of what tolerances explain."""
-        return explained_distances(self.problem, self.state)
-
-    @property
-    def nominal(self) -> float:
-        """That of half of the rows, times the noise."""
-        return self.explained.times(self.posed)
-
-    @property
-    def lost(self) -> tuple[int, int]:
-        """How many rows have no pose, and how many there are."""
-        return sum(int((~k).sum()) for k in self.posed), sum(k.size for k in self.posed)
-
-    @cached_property
     def sound(self) -> list[Bools]:
         """The rows without gross errors: values typed wrong are no sign of how a file is read."""
         return [k & ~g for k, g in zip(
             self.posed, gross_errors(self.problem, self.state, self.posed), strict=True)]
 
-    def fitted(self) -> State:
+    def _fitted(self) -> State:
         """Return where a short robust fit ends."""
         def weigh(at: State) -> Sequence[Array]:
             return huber_weights(self.problem, at, self.sound)
@@ -127,25 +129,24 @@ class Look:
         return least_squares(self.problem, self.state, self.sound,
                              prior_weights(self.problem, "prior"), ITERATIONS, weigh).state
 
-    def score(self, lands: float = LANDS) -> Score:
-        """Return the score; without a fit where the nominal machine is farther off than ``lands``.
+    def _noise(self, state: State) -> float:
+        found = distances(self.problem, state)
+        return float(all_rows(*(np.concatenate([v[k] for v, k in zip(
+            values, self.posed, strict=True)]) for values in (found.square, found.size))))
 
-        Raises:
-            NoResult: most rows have no pose.
-        """
-        lost, rows = self.lost
-        if lost > MOST * rows:
-            raise NoResult("most rows have no pose",
-                           ", ".join(d.source for d in self.problem.datasets))
-        miss = medians(self.problem, self.state)
-        if not self.nominal <= lands:
-            return Score(self.nominal, miss)
-        end = self.fitted()
-        found = distances(self.problem, end)
-        square, size = (np.concatenate([v[k] for v, k in zip(values, self.posed, strict=True)])
-                        for values in (found.square, found.size))
-        return Score(self.nominal, miss, float(all_rows(square, size)),
-                     rms(tolerances_away(self.problem, end)), medians(self.problem, end))
+    def score(self, lands: float = LANDS) -> Score:
+        """Return the score, without a fit where the nominal machine is farther off than this."""
+        explained = explained_distances(self.problem, self.state)
+        rows = sum(k.size for k in self.posed)
+        gross = sum(int(g.sum()) for g in beyond(explained, self.posed)) / max(rows, 1)
+        found = Score(explained.times(self.posed), medians(self.problem, self.state),
+                      sum(int((~k).sum()) for k in self.posed), rows, gross)
+        if not found.nominal <= lands:
+            return found
+        end = self._fitted()
+        return replace(found, before=self._noise(self.state), noise=self._noise(end),
+                       geometry=rms(tolerances_away(self.problem, end)),
+                       left=medians(self.problem, end))
 
 
 def all_rows(square: Array, size: Array) -> Array:
@@ -214,7 +215,7 @@ def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
     What is read wrongly is wrong from the first row to the last.
     """
     for data, part, alone in end_parts(problem):
-        if score(alone, 0.0).nominal <= LANDS:
+        if score(alone, 0.0).total <= LANDS:
             yield data, part
 
 
@@ -225,15 +226,14 @@ def readable(data: Dataset) -> bool:
 
 # --- many ways at once, to first order ------------------------------------------------------------
 
-def read_in_ways(data: Dataset, rows: Ints, readings: Sequence[FileReading],
-                 mechanism: Mechanism) -> Dataset:
+def read_in_ways(data: Dataset, rows: Ints, readings: Sequence[FileReading]) -> Dataset:
     """Return some rows of a data set read in every way, one after another (R n,).
 
     A shift takes the measurement of other rows of the file, which have to be there.
     """
     own = data.take(rows)
-    read = [replace(own, position=data.position[rows + r.shift],
-                    rotation=data.rotation[rows + r.shift]) if r.shift else r.of(own, mechanism)
+    read = [replace(r, shift=0).of(replace(own, position=data.position[rows + r.shift],
+                                           rotation=data.rotation[rows + r.shift]))
             for r in readings]
     return replace(data.take(np.tile(rows, len(read))), q=np.concatenate([d.q for d in read]),
                    position=np.concatenate([d.position for d in read]),
@@ -255,7 +255,7 @@ def first_order_scores(problem: Problem, rows: Ints, readings: Sequence[FileRead
     few = replace(problem, datasets=(data.take(rows),), pivots=(problem.opens[0].about,),
                   given=(problem.environments[0].take(rows),))
     state = few.start()
-    many = replace(few, datasets=(read_in_ways(data, rows, readings, problem.mechanism),),
+    many = replace(few, datasets=(read_in_ways(data, rows, readings),),
                    given=(few.environments[0].take(np.tile(np.arange(len(rows)), count)),))
     there = replace(state, poses=(np.tile(state.poses[0], (count, 1)),))
     parts = [*many.rows(there, False)]

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.fit import coordinates, shown
-from ppmcal.calibration.interpretation.mistakes import Mistake
+from ppmcal.calibration.interpretation.misread import Mistake
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import SCALARS

@@ -33,12 +33,12 @@ from ppmcal.calibration.interpretation.limits import (
     LANDS,
     SLACK,
 )
-from ppmcal.calibration.interpretation.misread import Misreading
-from ppmcal.calibration.interpretation.mistakes import Mistake, block_text, mistakes, read_block
+from ppmcal.calibration.interpretation.misread import Misreading, Mistake, block_text
+from ppmcal.calibration.interpretation.readings import FileReading
 from ppmcal.calibration.interpretation.score import PARTS, read_in_ways, readable, right_parts
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.pose_readings import AXES, TURNS, FileReading, JointReading
+from ppmcal.kinematics.pose_readings import AXES, TURNS
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
@@ -137,17 +137,16 @@ class _LeftOut:
 
     def read(self, readings: Sequence[FileReading], rows: Ints) -> Bools:
         """Return which rows fit under which readings (R, n), all of them at once."""
-        data = read_in_ways(self.data, rows, readings, self.fit.problem.mechanism)
+        data = read_in_ways(self.data, rows, readings)
         return self.fits(data, np.tile(rows, len(readings))).reshape(len(readings), len(rows))
 
 
 def _stretch(apart: _LeftOut) -> Misreading | None:
     """Return a stretch of rows that another reading brings to the noise, None if none does."""
     mechanism, data, rows = apart.fit.problem.mechanism, apart.data, apart.rows
-    plain = JointReading.plain(len(mechanism.actuators))
-    own = data.take(rows)
-    readings = [*(FileReading(j) for j in joint_readings(mechanism, own)[1:]), *(
-        FileReading(plain, p) for p in pose_readings(own, mechanism.motion == "planar")[1:])]
+    own, plain = data.take(rows), FileReading.as_declared(mechanism, data)
+    readings = [*(replace(plain, joints=j) for j in joint_readings(mechanism, own)[1:]),
+                *pose_readings(plain, own)[1:]]
     few = rows[subsample([np.ones(len(rows), bool)], SCREENED)[0]]
     share = apart.read(readings, few).mean(axis=1)
     best = max(range(len(share)), key=lambda i: (share[i], -readings[i].parts))
@@ -161,8 +160,8 @@ def _stretch(apart: _LeftOut) -> Misreading | None:
     if sure < FEWEST_ROWS:
         return None
     numbers = tuple(int(n) for n in data.rows[begin:end])
-    told = [replace(m, rows=numbers) for m in mistakes(readings[best], mechanism, data)]
-    block = block_text(read_block(readings[best], mechanism, data))
+    told = [replace(m, rows=numbers) for m in readings[best].mistakes(data)]
+    block = block_text(readings[best].block(data))
     told[0] = replace(told[0], text=f"rows {numbers[0]} to {numbers[-1]}: {told[0].text}")
     told[-1] = replace(told[-1], text=f"{told[-1].text} (`read: {block}` there)")
     return Misreading(data.source, tuple(told))
