@@ -34,7 +34,7 @@ from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.interpretation.data_check import check
 from ppmcal.calibration.interpretation.misread import Misread
-from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
+from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes, stale
 from ppmcal.calibration.interpretation.read_rightly import (
     misfit,
     other_machine,
@@ -43,7 +43,6 @@ from ppmcal.calibration.interpretation.read_rightly import (
     refuse_other_machine,
 )
 from ppmcal.calibration.interpretation.readings import FileReading
-from ppmcal.calibration.interpretation.stale_rows import stale
 from ppmcal.calibration.interpretation.wrong_rows import wrong_parts, wrong_rows
 from ppmcal.calibration.validation.residual_vectors import held_out, residuals
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
@@ -138,7 +137,7 @@ def test_a_mistake_is_named_and_its_mend_mends(tmp_path: Path, name: str) -> Non
     assert {m.kind for m in found.mistakes} == kinds
     mended(path, found.block)
     after = misfit(problem_of(path))
-    assert not after.misread and after.score.nominal < 1.0
+    assert not after.misread and after.nominal < 1.0
 
 
 @pytest.mark.slow
@@ -149,7 +148,7 @@ def test_the_mend_of_the_message_can_be_copied(tmp_path: Path) -> None:
     line = re.search(r"`read: (.*)`", refused.value.mend)
     assert line is not None
     mended(path, yaml.safe_load(line[1]))
-    assert misfit(problem_of(path)).score.nominal < 1.0
+    assert misfit(problem_of(path)).nominal < 1.0
 
 
 @pytest.mark.parametrize("unit", ["in", "m"])
@@ -467,7 +466,7 @@ def test_values_typed_wrong_do_not_hide_swapped_columns(tmp_path: Path) -> None:
 def test_what_happens_in_mid_run_is_no_misreading(tmp_path: Path) -> None:
     """A drive that slipped a turn: half of the rows are off by millimetres, the first are right."""
     found = misfit(campaign(tmp_path, "slip-turn", "3-RRR", 120, 3.0))
-    assert found.score.nominal > 5.0 and not found.misread
+    assert found.nominal > 5.0 and not found.misread
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
-from ppmcal.calibration.interpretation.readings import Columns, FileReading
+from ppmcal.calibration.interpretation.readings import FileReading, ReadColumns
 from ppmcal.errors import LinearAlgebraError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
@@ -42,7 +42,7 @@ TURNED = {**ANGLES, "turn": TURN}
 ONE_SIGN, ALL_SIGNS = ((-1, 1, 1), (1, -1, 1), (1, 1, -1)), (-1, -1, -1)
 
 
-def joint_readings(mechanism: Mechanism, data: Dataset, single: bool = True) -> list[Columns]:
+def joint_readings(mechanism: Mechanism, data: Dataset, single: bool = True) -> list[ReadColumns]:
     """Return the readings of the joint columns that are worth a look, as declared first.
 
     What the positions' slopes by the columns say; with ``single`` also each single change (two
@@ -57,7 +57,7 @@ def joint_readings(mechanism: Mechanism, data: Dataset, single: bool = True) -> 
     return list(dict.fromkeys(found))
 
 
-def other_units(mechanism: Mechanism, plain: Columns) -> list[dict[str, float]]:
+def other_units(mechanism: Mechanism, plain: ReadColumns) -> list[dict[str, float]]:
     """Return, by joint, the units that its column may be in and their factors on its values."""
     return [{} if bare else _others(LENGTHS if quantity == "length" else TURNED, declared)
             for quantity, bare, declared in zip(
@@ -69,7 +69,7 @@ def _others(known: Mapping[str, float], declared: float) -> dict[str, float]:
     return {u: v / declared for u, v in known.items() if not np.isclose(v, declared)}
 
 
-def _single(plain: Columns, units: Sequence[Mapping[str, float]]) -> Iterator[Columns]:
+def _single(plain: ReadColumns, units: Sequence[Mapping[str, float]]) -> Iterator[ReadColumns]:
     k = len(plain.own)
     for i, j in combinations(range(k), 2):
         yield replace(plain, order=tuple({i: j, j: i}.get(n, n) for n in range(k)))
@@ -80,7 +80,7 @@ def _single(plain: Columns, units: Sequence[Mapping[str, float]]) -> Iterator[Co
                 unit if n in own and unit in units[n] else "" for n in range(k)))
 
 
-def _by_slopes(mechanism: Mechanism, data: Dataset, plain: Columns) -> Iterator[Columns]:
+def _by_slopes(mechanism: Mechanism, data: Dataset, plain: ReadColumns) -> Iterator[ReadColumns]:
     """Yield readings by how positions, and rotations where they are known, follow the columns.
 
     The likeliest first, by positions before by rotations.
@@ -108,17 +108,16 @@ def _motions(mechanism: Mechanism, data: Dataset) -> list[Array]:
     known = np.flatnonzero(finite_rows(data.rotation))
     if mechanism.motion != "spatial" or not known.size:
         return [position]
-    motors = cga.motor_from_rotation_vector(data.rotation[known], np.zeros(3))
-    turns = cga.rotation_matrix(motors)
-    middle = turns[np.argmin(np.linalg.norm(
-        data.rotation[known] - np.median(data.rotation[known], axis=0), axis=1))]
+    rotation = data.rotation[known]
+    turns = cga.rotation_matrix(cga.motor_from_rotation_vector(rotation, np.zeros(3)))
+    middle = turns[np.argmin(np.linalg.norm(rotation - np.median(rotation, axis=0), axis=1))]
     out = np.full_like(data.rotation, np.nan)
     out[known] = cga.rotation_vector(cga.motor_from_matrix(middle.T @ turns, np.zeros(3)))
     return [position, out]
 
 
-def _by_correlations(plain: Columns, units: Sequence[Mapping[str, float]], measured: Array,
-                     own: Array) -> Iterator[Columns]:
+def _by_correlations(plain: ReadColumns, units: Sequence[Mapping[str, float]], measured: Array,
+                     own: Array) -> Iterator[ReadColumns]:
     """Yield readings by how the cosines between measured slopes (3, k) become the machine's."""
     (shape, size), (nominal, length) = _correlations(measured), _correlations(own)
     if min(size.min(), length.min()) <= 0.0:
@@ -143,33 +142,30 @@ def _by_correlations(plain: Columns, units: Sequence[Mapping[str, float]], measu
 
 def _nearest_unit(slope: float, units: Mapping[str, float]) -> str:
     """Return the unit whose numbers are as many times too large as the slope is too small."""
-    def off(factor: float) -> float:
-        return abs(float(np.log(max(slope, 1e-300) / factor)))
-
-    best = min(units, key=lambda u: off(units[u]), default="")
-    return best if best and off(units[best]) < min(np.log(NEAR), off(1.0)) else ""
+    off = {u: abs(float(np.log(max(slope, 1e-300) / f))) for u, f in {"": 1.0, **units}.items()}
+    best = min(off, key=lambda u: off[u])
+    return best if off[best] < np.log(NEAR) else ""
 
 
 def _slopes(columns: Array, values: Array) -> Array | None:
     """Return d values / d column (3, k) over all rows, None where they do not say."""
-    rows = np.flatnonzero(finite_rows(values) & finite_rows(columns))
-    q, p = columns[rows], values[rows]
-    if len(rows) < 2 * q.shape[1] + 2:
+    rows, k = np.flatnonzero(finite_rows(values) & finite_rows(columns)), columns.shape[1]
+    if len(rows) < 2 * k + 2:
         return None
-    q, p = q - np.median(q, axis=0), p - np.median(p, axis=0)
+    q, p = (v[rows] - np.median(v[rows], axis=0) for v in (columns, values))
     spread = np.median(np.abs(q), axis=0)
     if not np.all(spread > 0.0):
         return None
+    x = np.column_stack([q / spread, np.ones(len(q))])
     # values typed wrong pull hardest where they are far out: a few rounds without them
-    keep = (np.abs(q / spread) < 20.0).all(axis=1)
+    keep = (np.abs(x) < 20.0).all(axis=1)
     for _ in range(4):
-        if keep.sum() < 2 * q.shape[1] + 2:
+        if keep.sum() < 2 * k + 2:
             return None
-        columns = np.column_stack([q[keep] / spread, np.ones(int(keep.sum()))])
-        slopes, rank = linalg.lstsq(columns, p[keep], rcond=1e-8)
-        if rank < columns.shape[1]:
+        slopes, rank = linalg.lstsq(x[keep], p[keep], rcond=1e-8)
+        if rank <= k:
             return None
-        away = np.linalg.norm(p - np.column_stack([q / spread, np.ones(len(q))]) @ slopes, axis=1)
+        away = np.linalg.norm(p - x @ slopes, axis=1)
         keep = away <= 4.0 * np.median(away) + 1e-300
     return np.asarray((slopes[:-1] / spread[:, None]).T)
 

@@ -10,7 +10,7 @@ way explains is the file of another machine, or of none.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,12 +27,11 @@ from ppmcal.calibration.interpretation.limits import (
     WORST,
 )
 from ppmcal.calibration.interpretation.misread import Misreading, Mistake
-from ppmcal.calibration.interpretation.readings import FileReading
+from ppmcal.calibration.interpretation.readings import FileReading, readable
 from ppmcal.calibration.interpretation.score import (
     Look,
     Score,
     first_order_scores,
-    readable,
     right_parts,
     score,
 )
@@ -44,12 +43,11 @@ TRIED = 8
 """Readings that are scored, of those near the nominal machine, and half as many near a fit."""
 NEAR_BEST = 2.5
 """Their median miss is within this factor of the least."""
-REGISTERED: Mapping[str, tuple[str, str]] = {
-    "frame": ("frame", "the measuring frame is not where the sidecar has it"),
-    "target": ("target", "the measured point is not where the sidecar has it"),
-    "target_rotation": ("target-rotation", "the measured body is turned otherwise than the "
-                        "sidecar says")}
-"""What a sidecar may give and be wrong about: kind of mistake and text, by its key."""
+REGISTERED = {
+    "frame": "the measuring frame is not where the sidecar has it",
+    "target": "the measured point is not where the sidecar has it",
+    "target_rotation": "the measured body is turned otherwise than the sidecar says"}
+"""What a sidecar may give and be wrong about, in words, by its key."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,24 +113,19 @@ def _near_fit(alone: Problem) -> list[FileReading]:
 
 def _beyond_tolerances(alone: Problem, as_read: Score) -> bool:
     """Whether no tolerance explains a file; those of what the machine's file holds count too."""
-    if as_read.geometry > FAR:
-        return True
-    return as_read.nominal > LANDS and score(
-        toleranced(alone, fixed=True), 0.0).total > ALLOWED
+    return as_read.geometry > FAR or (as_read.nominal > LANDS and score(
+        toleranced(alone, fixed=True), 0.0).total > ALLOWED)
 
 
 def _registrations(alone: Problem) -> Iterator[Way]:
     """Yield the problem with what the sidecar gives of its registration open instead."""
     data = alone.datasets[0]
-    given = [key for key in REGISTERED if not getattr(data, key).fitted]
-    if alone.mechanism.motion == "translational":
-        given = [key for key in given if key == "frame"]    # the platform never turns
-    if data.kind != "pose":
-        given = [key for key in given if key != "target_rotation"]
-    some = [(key,) for key in given]
-    for keys in [*some, tuple(given)] if len(given) > 1 else some:
+    turns = alone.mechanism.motion != "translational"    # else its platform never does
+    given = [key for key in REGISTERED if not getattr(data, key).fitted and (
+        key == "frame" or turns) and (key != "target_rotation" or data.kind == "pose")]
+    for keys in dict.fromkeys([*((key,) for key in given), tuple(given)]) if given else ():
         opened = replace(data, **{k: replace(getattr(data, k), fitted=True) for k in keys})
-        yield Way(tuple(Mistake(REGISTERED[k][0], (), REGISTERED[k][1]) for k in keys),
+        yield Way(tuple(Mistake(k.replace("_", "-"), (), REGISTERED[k]) for k in keys),
                   len(keys) + 0.1, replace(alone, datasets=(opened,)))
 
 
@@ -195,22 +188,16 @@ def _chosen(good: Sequence[tuple[Way, Score]]
     """
     least = min(s.total for _, s in good)
     near = [g for g in good if g[1].total <= AS_GOOD * least]
-    near = [g for g in near if g[0].parts <= min(w.parts for w, _ in near)]
-    way, best = near[0]
-    for other, found in near[1:]:
-        if found.total < best.total and not _same(found, best):
-            way, best = other, found
-    kinds, out = [{m.kind for m in way.what}], []
-    for other, found in near:
-        own = {m.kind for m in other.what}
-        if own not in kinds and not _same(found, best):
-            kinds.append(own)
-            out.append(other.what)
-    return way, best, tuple(out)
-
-
-def _same(one: Score, other: Score) -> bool:
-    return bool(np.isclose(one.nominal, other.nominal, rtol=1e-6))
+    distinct: list[tuple[Way, Score]] = []
+    for way, found in near:
+        if way.parts <= min(w.parts for w, _ in near) and not any(
+                np.isclose(found.nominal, s.nominal, rtol=1e-6) for _, s in distinct):
+            distinct.append((way, found))
+    best = min(distinct, key=lambda g: g[1].total)
+    kinds: dict[frozenset[str], tuple[Mistake, ...]] = {}
+    for way, _ in (best, *distinct):
+        kinds.setdefault(frozenset(m.kind for m in way.what), way.what)
+    return *best, tuple(kinds.values())[1:]
 
 
 def _explains(as_read: Score, found: Score) -> bool:

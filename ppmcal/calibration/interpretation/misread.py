@@ -17,10 +17,8 @@ MENDS = {
                      "that far from nominal, give larger tolerances, or --prior flat",
     "shuffled": "No entry of the sidecar mends that: put the measurements in the order of the "
                 "joint values again, where they were recorded, or leave those rows out",
-    "frame": "Write into the sidecar: `frame: unknown`",
-    "target": "Write into the sidecar: `target: unknown`",
-    "target-rotation": "Write into the sidecar: `target_rotation: unknown`",
-}
+    **{key.replace("_", "-"): f"Write into the sidecar: `{key}: unknown`"
+       for key in ("frame", "target", "target_rotation")}}
 """What only the user can mend, by kind of mistake."""
 PLAIN = ("stale", "outside-limits")
 """Kinds that name their rows and are no other reading of them."""

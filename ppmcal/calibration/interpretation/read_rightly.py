@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,7 +42,6 @@ from ppmcal.calibration.interpretation.score import (
 from ppmcal.calibration.interpretation.wrong_rows import wrong_parts, wrong_rows
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.model.parameters import NO_TOLERANCE
-from ppmcal.units import Units
 from ppmcal.wording.progress import stage
 
 log = logging.getLogger(__package__)
@@ -52,35 +51,7 @@ MEND = ("Check the order and signs of the q columns, their units, and how the ro
         "machine really is that far from its nominal geometry, give larger tolerances")
 
 
-@dataclass(frozen=True)
-class Misfit:
-    """How far measurements are from a machine, all files together, and how they were meant.
-
-    ``readings``: how the files are to be read instead, where that explains everything.
-    """
-
-    score: Score
-    readings: tuple[Misreading, ...] = ()
-
-    @property
-    def misread(self) -> bool:
-        """Whether neither tolerances nor another geometry explain the measurements."""
-        return bool(self.readings) or self.score.hopeless
-
-    def sentence(self, units: Units) -> str:
-        """Return what was seen, in file units."""
-        found = self.score
-        parts = [f"{value / units.factor(quantity):.3g} {units.name(quantity)}"
-                 for value, quantity in zip(found.miss, ("length", "angle"), strict=True)
-                 if np.isfinite(value)]
-        lost = f"; {found.lost} of {found.rows} rows have no pose at all" if found.lost else ""
-        return ("the measurements do not fit this machine: registered as well as can be, half of "
-                f"the rows miss by more than {' and '.join(parts)}, {found.nominal:.3g} times what "
-                f"tolerances and noise explain{lost}; other dimensions of the machine still leave "
-                f"{found.noise:.3g} times the noise")
-
-
-def misfit(problem: Problem) -> Misfit:
+def misfit(problem: Problem) -> Score:
     """Return how far measurements are from a machine, and how they may have been meant.
 
     Args:
@@ -94,12 +65,13 @@ def misfit(problem: Problem) -> Misfit:
         return _misfit(problem)
     found = _misfit(replace(problem, given=None, datasets=tuple(d for d, _ in turned)))
     other = {m.source: m for m in found.readings}
-    readings = (replace(one, mistakes=(*sign, *one.mistakes)) for sign, one in (
-        (sign, other.get(d.source, Misreading(d.source, (), dict(d.read)))) for d, sign in turned))
-    return replace(found, readings=tuple(m for m in readings if m.mistakes))
+    readings = ((sign, other.get(d.source, Misreading(d.source, (), dict(d.read))))
+                for d, sign in turned)
+    return replace(found, readings=tuple(replace(m, mistakes=(*sign, *m.mistakes))
+                                         for sign, m in readings if sign or m.mistakes))
 
 
-def _misfit(problem: Problem) -> Misfit:
+def _misfit(problem: Problem) -> Score:
     """Return what :func:`misfit` does, of joints whose signs are right."""
     try:
         look = Look.at(problem)
@@ -108,19 +80,19 @@ def _misfit(problem: Problem) -> Misfit:
         found = found or _other_zeros(problem)
         if not found:
             raise
-        return Misfit(Score(), found)
+        return Score(readings=found)
     as_read = look.score(0.0)
     if as_read.total <= LANDS:
-        return Misfit(as_read)
+        return as_read
     # a way that explains everything needs no fit of what is read wrongly, which is slow
     found = _misreadings(problem)
     if found:
-        return Misfit(as_read, found)
+        return replace(as_read, readings=found)
     fitted = look.score(np.inf)
     found = _other_zeros(problem) if fitted.noise > TELLING else ()
     if not found and any(True for _ in right_parts(problem)):
-        return Misfit(as_read)
-    return Misfit(fitted, found)
+        return as_read
+    return replace(fitted, readings=found)
 
 
 def _misreadings(problem: Problem) -> tuple[Misreading, ...]:
@@ -147,7 +119,7 @@ def refuse_misread(problem: Problem) -> None:
     if found.misread:
         raise Misread(found.sentence(problem.mechanism.units),
                       ", ".join(d.source for d in problem.datasets), MEND)
-    if found.score.doubted:
+    if found.doubted:
         _refuse(wrong_parts(problem), problem)
 
 
@@ -203,10 +175,9 @@ def other_machine(problem: Problem, state: State) -> Misreading | None:
     far = sorted((name for name, times in away.items() if times > FAR), key=lambda n: -away[n])
     if rms(away) <= FAR or len(far) < FEWEST_PARAMETERS:
         return None
-    for *_, alone in end_parts(problem):
-        part = score(alone, np.inf)
-        if part.noise <= TELLING and part.geometry <= ALLOWED:
-            return None
+    if any(part.noise <= TELLING and part.geometry <= ALLOWED
+           for *_, part in end_parts(problem, np.inf)):
+        return None
     words = ", ".join(f"{name} by {away[name]:.0f}" for name in far[:3])
     text = (f"geometry {rms(away):.0f} tolerances from nominal (RMS; {words}): the file of another "
             "machine?")

@@ -27,6 +27,7 @@ from ppmcal.kinematics.pose_readings import (
 )
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import SCALARS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import ANGLES, LENGTHS, TURN
 from ppmcal.wording import counted
@@ -36,8 +37,8 @@ UNITS = {**LENGTHS, **ANGLES, "turn": TURN}
 
 
 @dataclass(frozen=True)
-class Columns:
-    """Columns of one sort, of joints, places or rotations, and how they are read.
+class ReadColumns:
+    """ReadColumns of one sort, of joints, places or rotations, and how they are read.
 
     Attributes:
         names: of the k columns; ``own``: which of them such a machine's files have.
@@ -56,7 +57,7 @@ class Columns:
 
     @classmethod
     def as_declared(cls, names: Sequence[str], own: Sequence[int], declared: Sequence[str],
-                    factors: Sequence[float]) -> Columns:
+                    factors: Sequence[float]) -> ReadColumns:
         """Return columns that are what the file says."""
         k = len(names)
         return cls(tuple(names), tuple(own), tuple(declared), tuple(factors), tuple(range(k)),
@@ -89,7 +90,7 @@ class Columns:
         """Yield the mistake that they stand in other places."""
         if self.moved:
             names = [self.names[i] for i in self.moved]
-            yield Mistake(kind, tuple(names), f"{_of(names, '', 'are')} exchanged"
+            yield Mistake(kind, tuple(names), f"{with_verb(names, '', 'are')} exchanged"
                           if len(names) == 2 else "the columns are permuted: " + ", ".join(
                               f"{self.names[i]} is in the column {self.names[self.order[i]]}"
                               for i in self.moved))
@@ -98,14 +99,14 @@ class Columns:
         """Yield the mistake that some have the other sign."""
         if self.turned:
             yield Mistake("sign", self.turned,
-                          f"{_of(self.turned, 'has', 'have')} the other sign")
+                          f"{with_verb(self.turned, 'has', 'have')} the other sign")
 
     def in_other_units(self) -> Iterator[Mistake]:
         """Yield one mistake for each unit that is not the declared one."""
         for unit in dict.fromkeys(self.units[i] for i in self.own if self.units[i]):
             own = [i for i in self.own if self.units[i] == unit]
             names = [self.names[i] for i in own]
-            yield Mistake("unit", tuple(names), f"{_of(names, 'is', 'are')} in {unit}, "
+            yield Mistake("unit", tuple(names), f"{with_verb(names, 'is', 'are')} in {unit}, "
                           f"not {self.declared[own[0]]}")
 
 
@@ -115,10 +116,15 @@ def _minority(values: Sequence[object], usual: object) -> int:
     return 1 if len(other) == len(values) > 1 and len(set(other)) == 1 else len(other)
 
 
-def _of(names: Sequence[str], one: str, several: str) -> str:
+def with_verb(names: Sequence[str], one: str, several: str) -> str:
     """Return names and their verb."""
     return (f"{names[0]} {one}" if len(names) == 1 else
             f"{', '.join(names[:-1])} and {names[-1]} {several}")
+
+
+def readable(data: Dataset) -> bool:
+    """Whether a data set can be read otherwise: poses or positions at given joint values."""
+    return data.kind not in SCALARS and data.commanded is None
 
 
 @dataclass(frozen=True)
@@ -133,9 +139,9 @@ class FileReading:
         shift: the measured columns are so many rows late.
     """
 
-    joints: Columns
-    places: Columns
-    turns: Columns
+    joints: ReadColumns
+    places: ReadColumns
+    turns: ReadColumns
     convention: str
     rotation: str = ""
     mirror: str = ""
@@ -148,13 +154,13 @@ class FileReading:
         planar, units = mechanism.motion == "planar", data.units
         turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
         return cls(
-            Columns.as_declared([f"q_{a}" for a in mechanism.actuators],
+            ReadColumns.as_declared([f"q_{a}" for a in mechanism.actuators],
                                 range(len(mechanism.actuators)),
                                 [units.name(q) for q in mechanism.actuator_quantity],
                                 mechanism.joint_factors(units).tolist()),
-            Columns.as_declared(AXES, range(2 if planar else 3), (units.length,) * 3,
+            ReadColumns.as_declared(AXES, range(2 if planar else 3), (units.length,) * 3,
                                 (LENGTHS[units.length],) * 3),
-            Columns.as_declared(turns, (2,) if planar else range(3), (units.angle,) * 3,
+            ReadColumns.as_declared(turns, (2,) if planar else range(3), (units.angle,) * 3,
                                 (ANGLES[units.angle],) * 3), data.convention)
 
     @property

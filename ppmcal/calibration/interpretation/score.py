@@ -32,12 +32,13 @@ from ppmcal.calibration.fit import (
     toleranced,
 )
 from ppmcal.calibration.interpretation.limits import ALLOWED, HARDLY_LESS, LANDS, MOST, WORST
+from ppmcal.calibration.interpretation.misread import Misreading
 from ppmcal.calibration.interpretation.readings import FileReading
 from ppmcal.errors import PpmcalError
 from ppmcal.inference.priors import MOST_GROSS
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, range_basis, subsample
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.instruments import SCALARS
+from ppmcal.units import Units
 
 ROWS, ITERATIONS = 48, 10
 PARTS = 3
@@ -57,6 +58,7 @@ class Score:
         before, noise: times the noise, all rows (:func:`all_rows`), before and after a short fit;
             geometry: by how many tolerances that moves it.
         left: as ``miss``, after the fit.
+        readings: how the files are to be read instead, where that explains everything.
     """
 
     nominal: float = np.inf
@@ -68,6 +70,7 @@ class Score:
     noise: float = np.inf
     geometry: float = np.nan
     left: tuple[float, float] = (np.nan, np.nan)
+    readings: tuple[Misreading, ...] = ()
 
     @property
     def total(self) -> float:
@@ -84,9 +87,21 @@ class Score:
         return self.nominal > LANDS or self.gross > float(MOST_GROSS)
 
     @property
-    def hopeless(self) -> bool:
+    def misread(self) -> bool:
         """Whether neither tolerances nor, by a short fit, another geometry explain the rows."""
-        return bool(max(WORST**0.5, HARDLY_LESS * self.before) < self.noise < np.inf)
+        hopeless = max(WORST**0.5, HARDLY_LESS * self.before) < self.noise < np.inf
+        return bool(self.readings) or hopeless
+
+    def sentence(self, units: Units) -> str:
+        """Return what was seen of a machine, in file units."""
+        parts = [f"{value / units.factor(quantity):.3g} {units.name(quantity)}"
+                 for value, quantity in zip(self.miss, ("length", "angle"), strict=True)
+                 if np.isfinite(value)]
+        lost = f"; {self.lost} of {self.rows} rows have no pose at all" if self.lost else ""
+        return ("the measurements do not fit this machine: registered as well as can be, half of "
+                f"the rows miss by more than {' and '.join(parts)}, {self.nominal:.3g} times what "
+                f"tolerances and noise explain{lost}; other dimensions of the machine still leave "
+                f"{self.noise:.3g} times the noise")
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,11 +217,11 @@ def rms(away: dict[str, float]) -> float:
     return float(np.sqrt(np.mean(np.square([*away.values()])))) if away else 0.0
 
 
-def end_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints, Problem]]:
-    """Yield each data set with its first and its last rows, and the problem of these alone."""
+def end_parts(problem: Problem, lands: float) -> Iterator[tuple[Dataset, Ints, Score]]:
+    """Yield each data set with its first and its last rows, and the score of these alone."""
     for data in problem.datasets:
         for part in np.array_split(np.arange(len(data)), PARTS)[::PARTS - 1]:
-            yield data, part, problem.alone(data.take(part))
+            yield data, part, score(problem.alone(data.take(part)), lands)
 
 
 def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
@@ -214,14 +229,7 @@ def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
 
     What is read wrongly is wrong from the first row to the last.
     """
-    for data, part, alone in end_parts(problem):
-        if score(alone, 0.0).total <= LANDS:
-            yield data, part
-
-
-def readable(data: Dataset) -> bool:
-    """Whether a data set can be read otherwise: poses or positions at given joint values."""
-    return data.kind not in SCALARS and data.commanded is None
+    return ((data, part) for data, part, alone in end_parts(problem, 0.0) if alone.total <= LANDS)
 
 
 # --- many ways at once, to first order ------------------------------------------------------------

@@ -21,7 +21,7 @@ from ppmcal.calibration.interpretation.candidates import (
     rotation_readings,
     whole_pose_readings,
 )
-from ppmcal.calibration.interpretation.readings import Columns, FileReading
+from ppmcal.calibration.interpretation.readings import FileReading, ReadColumns
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.pose_readings import shifted_rows
@@ -75,7 +75,7 @@ def _at_shift(mechanism: Mechanism, data: Dataset, shift: int) -> list[tuple[flo
                         rotation_readings(plain, few))
 
 
-def _distinct(joints: Sequence[Columns], origins: Array) -> list[int]:
+def _distinct(joints: Sequence[ReadColumns], origins: Array) -> list[int]:
     """Return which readings reach most rows; of those that predict the same, the simplest."""
     out: dict[bytes, int] = {}
     for i in sorted(range(len(joints)), key=lambda i: joints[i].parts):
@@ -104,7 +104,7 @@ class _Scene:
     data: Dataset
     origins: Array
     turns: Array
-    joints: Sequence[Columns]
+    joints: Sequence[ReadColumns]
 
     @property
     def planar(self) -> bool:
