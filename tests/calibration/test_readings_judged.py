@@ -16,11 +16,12 @@ from wild import catalogue
 from ppmcal.api.inputs import prepared
 from ppmcal.calibration.fit import Problem, toleranced
 from ppmcal.calibration.interpretation.candidates import joint_readings, pose_readings
-from ppmcal.calibration.interpretation.judgement import Way, _chosen, find_misreading
 from ppmcal.calibration.interpretation.limits import TELLING
 from ppmcal.calibration.interpretation.misread import Misreading, Mistake, misreading_sentence
+from ppmcal.calibration.interpretation.read_rightly import _chosen, find_misreading
 from ppmcal.calibration.interpretation.readings import FileReading
 from ppmcal.calibration.interpretation.score import Score, all_rows, first_order_scores, score
+from ppmcal.calibration.interpretation.search import Way
 from ppmcal.calibration.interpretation.wrong_rows import _best_stretch
 from ppmcal.io.results.misreading import misreading_entries
 from ppmcal.model.dataset import Dataset

@@ -120,6 +120,10 @@ def block_text(block: Mapping[str, object]) -> str:
 
 def mend_of(found: Sequence[Misreading]) -> str:
     """Return the lines to write into the sidecars, or what else to do."""
+    every = [x for m in found for x in m.mistakes]
+    mends = dict.fromkeys(MENDS[x.kind] for x in every if x.kind in MENDS)
+    if mends:
+        return ". ".join(mends)
     blocks: dict[tuple[str, str], list[str]] = {}
     for m in found:
         if m.block is not None:
@@ -127,19 +131,15 @@ def mend_of(found: Sequence[Misreading]) -> str:
             sigma = ", ".join(f"{k}: {np.format_float_positional(v, trim='-')}"
                               for k, v in m.sigma.items())
             blocks.setdefault((block_text(m.block), sigma), []).append(m.source)
-    own = [MENDS[x.kind] for m in found for x in m.mistakes if x.kind in MENDS]
-    if own:
-        return ". ".join(dict.fromkeys(own))
-    if not blocks and any(x.rows and x.kind not in PLAIN for m in found for x in m.mistakes):
-        return ("Put those rows into a file of their own whose sidecar says so, or leave them "
-                "out")
     if not blocks:
-        beyond = [c for m in found for x in m.mistakes if x.kind == "outside-limits"
-                  for c in x.columns]
+        if any(x.rows and x.kind not in PLAIN for x in every):
+            return ("Put those rows into a file of their own whose sidecar says so, or leave them "
+                    "out")
+        beyond = [c for x in every if x.kind == "outside-limits" for c in x.columns]
         return ("Correct the mechanism file" if not beyond else
                 f"Correct the zero of {', '.join(beyond)}: its offset in the mechanism file, or "
                 "the column; or the limits, if they are wrong")
-    mirrored = any(x.kind == "mirrored" for m in found for x in m.mistakes)
+    mirrored = any(x.kind == "mirrored" for x in every)
     named = len({m.source for m in found}) > 1    # which file is meant must be said then
     place = {b: f"sidecar{'s' * (len(own) > 1)} of {' and '.join(own)}" if named else "sidecar"
              for b, own in blocks.items()}

@@ -1,9 +1,10 @@
 """Whether files were read as they were meant: one path for check, identify and diagnose.
 
-Before the fit: units of the environment, files that the tolerances do not explain, and a part of
-the rows that goes astray. After it: files that leave more than noise or bend the geometry, mistakes
-in some of the rows, and the file of another machine, which is what is left where nothing else
-explains it.
+Every way to read a file is scored as the file is that stands; the one that changes least of those
+that do as well is what was meant, where it explains more of what is wrong than it leaves. Before
+the fit that is asked of files that the tolerances do not explain, with units of the environment
+and a part of the rows that goes astray; after it of files that leave more than noise or bend the
+geometry, with mistakes in some of the rows. What nothing explains is the file of another machine.
 """
 
 from __future__ import annotations
@@ -16,13 +17,15 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, Problem, State, distances, identify
-from ppmcal.calibration.interpretation.judgement import find_misreading
 from ppmcal.calibration.interpretation.limits import (
     ALLOWED,
+    AS_GOOD,
     FAR,
     FEWEST_PARAMETERS,
     LANDS,
+    LITTLE,
     TELLING,
+    WORST,
 )
 from ppmcal.calibration.interpretation.misread import Misread, Misreading, Mistake
 from ppmcal.calibration.interpretation.obvious_mistakes import (
@@ -30,6 +33,7 @@ from ppmcal.calibration.interpretation.obvious_mistakes import (
     refuse_wrong_units,
     with_positive_struts,
 )
+from ppmcal.calibration.interpretation.readings import readable
 from ppmcal.calibration.interpretation.score import (
     Look,
     Score,
@@ -39,6 +43,7 @@ from ppmcal.calibration.interpretation.score import (
     score,
     tolerances_away,
 )
+from ppmcal.calibration.interpretation.search import Way, ways
 from ppmcal.calibration.interpretation.wrong_rows import wrong_parts, wrong_rows
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.model.parameters import NO_TOLERANCE
@@ -50,6 +55,101 @@ MEND = ("Check the order and signs of the q columns, their units, and how the ro
         "(rotation vector rx, ry, rz; quaternion x, y, z, w; from platform to base). If the "
         "machine really is that far from its nominal geometry, give larger tolerances")
 
+
+def find_misreading(problem: Problem, index: int) -> Misreading | None:
+    """Return how one data set is to be read, None where it stands, or where nothing explains it."""
+    data = problem.datasets[index]
+    if not readable(data):
+        return None
+    alone = problem.alone(data)
+    as_read = score(alone)
+    # what is read wrongly is wrong in all rows, also in those that have a pose
+    if as_read.total <= TELLING or (np.isinf(as_read.total) and as_read.nominal <= LANDS):
+        return None
+    good = _better(alone, as_read)
+    if not good:
+        return None
+    way, best, alternatives = _chosen(good)
+    # something is there beside: is it not that alone, and in some of the rows?
+    if best.total > TELLING and (any(True for _ in right_parts(alone))
+                                 or not _explains(score(alone, np.inf), best)):
+        return None
+    block, sigma = None, dict[str, float]()
+    if way.reading is not None:
+        block, sigma = way.reading.block(data), way.reading.sigma(data, best.left)
+    told = (as_read.miss, best.miss) if as_read.nominal > LANDS else (as_read.left, best.left)
+    if np.isinf(as_read.total):
+        told = (np.nan, np.nan), told[1]
+    return Misreading(data.source, way.what, block, *_telling(*told), best.noise, sigma,
+                      alternatives)
+
+
+def _better(alone: Problem, as_read: Score) -> list[tuple[Way, Score]]:
+    """Return the ways that explain what is wrong; behind one that comes to the noise none is asked.
+
+    Those would change more.
+    """
+    out: list[tuple[Way, Score]] = []
+    enough = np.inf
+    lands = min(LANDS, max(TELLING, as_read.nominal))
+    for way in ways(alone, as_read):
+        if way.parts > enough:
+            break
+        found = score(way.problem, lands)
+        fitted = np.isfinite(found.noise + found.total)
+        if fitted and _explains(as_read, found) and _tells(way.problem, found):
+            out.append((way, found))
+            if found.total <= AS_GOOD:
+                enough = min(enough, way.parts)
+    return out
+
+
+def _chosen(good: Sequence[tuple[Way, Score]]
+            ) -> tuple[Way, Score, tuple[tuple[Mistake, ...], ...]]:
+    """Return the way that changes least of those as good as the best, its score, and alternatives.
+
+    These are of another kind and change no more. What leaves the same to round-off is the same
+    file but for a turn of its frame: the first of the list stands for all.
+    """
+    least = min(s.total for _, s in good)
+    near = [g for g in good if g[1].total <= AS_GOOD * least]
+    distinct: list[tuple[Way, Score]] = []
+    for way, found in near:
+        if way.parts <= min(w.parts for w, _ in near) and not any(
+                np.isclose(found.nominal, s.nominal, rtol=1e-6) for _, s in distinct):
+            distinct.append((way, found))
+    best = min(distinct, key=lambda g: g[1].total)
+    kinds: dict[frozenset[str], tuple[Mistake, ...]] = {}
+    for way, _ in (best, *distinct):
+        kinds.setdefault(frozenset(m.kind for m in way.what), way.what)
+    return *best, tuple(kinds.values())[1:]
+
+
+def _explains(as_read: Score, found: Score) -> bool:
+    """Whether a way explains more of what is wrong than it leaves, and enough to be sure."""
+    return as_read.total >= TELLING * found.total and min(as_read.total, WORST) >= found.total**2
+
+
+def _tells(alone: Problem, found: Score) -> bool:
+    """Whether what is left is little beside how far the measurements go."""
+    data = alone.datasets[0]
+    for values, left in zip((data.position, data.rotation), found.left, strict=True):
+        known = values[:, np.isfinite(values).any(axis=0)]
+        if known.size and np.isfinite(left):
+            away = np.linalg.norm(known - np.nanmedian(known, axis=0), axis=1)
+            if left <= LITTLE * float(np.nanmedian(away)):
+                return True
+    return not np.isfinite(found.left).any()
+
+
+def _telling(before: tuple[float, float], after: tuple[float, float]) -> tuple[str, float, float]:
+    """Return the quantity whose miss falls most, of positions and rotations, before and after."""
+    falls = [b / max(a, 1e-300) for b, a in zip(before, after, strict=True)]
+    turned = falls[1] > 2.0 * falls[0] or not np.isfinite(after[0])
+    return "angle" if turned else "length", before[turned], after[turned]
+
+
+# --- what is refused, before a fit and after it ---------------------------------------------------
 
 def misfit(problem: Problem) -> Score:
     """Return how far measurements are from a machine, and how they may have been meant.

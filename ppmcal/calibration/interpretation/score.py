@@ -262,26 +262,23 @@ def first_order_scores(problem: Problem, rows: Ints, readings: Sequence[FileRead
     (data,), count = problem.datasets, len(readings)
     few = replace(problem, datasets=(data.take(rows),), pivots=(problem.opens[0].about,),
                   given=(problem.environments[0].take(rows),))
-    state = few.start()
+    state, each = few.start(), np.tile(np.arange(len(rows)), count)
     many = replace(few, datasets=(read_in_ways(data, rows, readings),),
-                   given=(few.environments[0].take(np.tile(np.arange(len(rows)), count)),))
-    there = replace(state, poses=(np.tile(state.poses[0], (count, 1)),))
-    parts = [*many.rows(there, False)]
-    residual = np.concatenate([p.residual for p in parts])
-    seen = np.concatenate([p.observed for p in parts])
-    if len(residual) != count * len(rows):
+                   given=(few.environments[0].take(each),))
+    parts = [*many.rows(replace(state, poses=(state.poses[0][each],)), False)]
+    residual, seen = (np.concatenate(v) for v in zip(*((p.residual, p.observed) for p in parts),
+                                                     strict=True))
+    if len(residual) != len(each):
         return np.full(count, np.inf)
-    jacobian = np.concatenate([p.jacobian for p in few.rows(state, True)])
     weight = prior_weights(few, "prior")
+    jacobian = np.concatenate([p.jacobian for p in few.rows(state, True)])
     whole = np.vstack([jacobian.reshape(-1, len(weight)), np.diag(weight)]) * column_scale(few)
     basis = range_basis(whole, 1e-9)
-    flat = residual.reshape(count, -1)
-    flat = np.hstack([flat, np.zeros((count, len(weight)))])
+    flat = np.hstack([residual.reshape(count, -1), np.zeros((count, len(weight)))])
     rest = flat - (flat @ basis) @ basis.T
     square = np.sum(rest[:, :-len(weight)].reshape(count, len(rows), -1)**2, axis=2)
     size = seen.reshape(count, len(rows), -1).sum(axis=2)
     moved = rest[:, -len(weight):][:, weight > 0.0]
     away = np.sqrt(np.mean(moved**2, axis=1)) if moved.size else np.zeros(count)
     out = all_rows(square, size) * np.maximum(1.0, away / ALLOWED)
-    fewer = size.sum(axis=1) < size[0].sum()
-    return np.asarray(np.where(fewer, np.inf, out))
+    return np.asarray(np.where(size.sum(axis=1) < size[0].sum(), np.inf, out))

@@ -1,33 +1,42 @@
-"""The search for the way in which a file was meant: all readings against the nominal machine.
+"""The ways in which a file may have been meant, those that are worth a score.
 
-Every reading of the joint columns gives predicted poses (one batch of Newton steps), every
-reading of the measured columns gives measured ones; both are brought together by the best rigid
-registration, robustly, and judged by the median miss. All pairs are compared at once, so two
-mistakes in one file are found like one.
+A way is a reading of its columns, a registration that the sidecar gives and that is opened, or a
+mechanism file with diameters for radii. Readings are ranked against the nominal machine: every one
+of the joint columns gives predicted poses (one batch of Newton steps), every one of the measured
+columns measured ones; both are brought together by the best rigid registration, robustly, and
+judged by the median miss. All pairs are compared at once, so two mistakes in one file are found
+like one. What tolerances hide there is ranked by what they leave of it, to first order.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
+from ppmcal.calibration.fit import Problem, toleranced
 from ppmcal.calibration.interpretation.candidates import (
     joint_readings,
+    pose_readings,
     position_readings,
     rotation_readings,
     whole_pose_readings,
 )
+from ppmcal.calibration.interpretation.limits import ALLOWED, FAR, LANDS
+from ppmcal.calibration.interpretation.misread import Mistake
 from ppmcal.calibration.interpretation.readings import FileReading, ReadColumns
+from ppmcal.calibration.interpretation.score import Look, Score, first_order_scores, score
+from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.pose_readings import shifted_rows
 from ppmcal.linalg import Array, Ints, finite_rows, nearest_rotation, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.scaled_points import other_radii
 
 ROWS = 40
 """Rows that decide between readings."""
@@ -42,7 +51,95 @@ LONGLIST = 300
 """Pairs that are registered with care, after a look at all of them."""
 CHUNK = 2000
 NEWTON_STEPS = 12
+TRIED = 8
+"""Readings that are scored, of those near the nominal machine, and half as many near a fit."""
+NEAR_BEST = 2.5
+"""Their median miss is within this factor of the least."""
+REGISTERED = {
+    "frame": "the measuring frame is not where the sidecar has it",
+    "target": "the measured point is not where the sidecar has it",
+    "target_rotation": "the measured body is turned otherwise than the sidecar says"}
+"""What a sidecar may give and be wrong about, in words, by its key."""
 
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """One way in which a file may have been meant, with the problem that it makes.
+
+    ``parts``: how many things are otherwise than they are read; ``reading``: of the columns.
+    """
+
+    what: tuple[Mistake, ...]
+    parts: float
+    problem: Problem
+    reading: FileReading | None = None
+
+
+def ways(alone: Problem, as_read: Score) -> list[Way]:
+    """Return the ways that are worth a score, those that change least first."""
+    data, mechanism = alone.datasets[0], alone.mechanism
+    readings = dict.fromkeys([*_near_nominal(alone), *(
+        _near_fit(alone) if as_read.nominal <= LANDS else ())])
+    out = [Way(r.mistakes(data), r.parts, replace(alone, datasets=(r.of(data),)), r)
+           for r in readings]
+    if _beyond_tolerances(alone, as_read):
+        out += _registrations(alone)
+    for machine, ends, words in other_radii(mechanism):
+        text = f"{mechanism.source}: {words.format(reason='the measurements say')}"
+        out.append(Way((Mistake("radius", tuple(f"{e}.point" for e in ends), text),), 1.2,
+                       replace(alone, mechanism=machine, free=machine.free)))
+    return sorted(out, key=lambda w: w.parts)
+
+
+def _near_nominal(alone: Problem) -> list[FileReading]:
+    """Return the readings that come nearest to the nominal machine."""
+    found = [f for f in search_readings(alone.mechanism, alone.datasets[0]) if f[1].parts]
+    near = [f for f in found if f[0] <= NEAR_BEST * found[0][0]]
+    near = sorted(near, key=lambda f: (f[1].parts, f[0]))[:TRIED]
+    return [reading for _, reading in (*near, *found[:1])]
+
+
+def _near_fit(alone: Problem) -> list[FileReading]:
+    """Return readings of measured columns that tolerances hide from a look at the nominal machine.
+
+    Euler angles of small turns; a row more or less on a dense path.
+    """
+    try:
+        look = Look.at(alone)
+    except PpmcalError:
+        return []
+    data = alone.datasets[0]
+    edge = max(SHIFTS)
+    rows = np.flatnonzero(np.isin(data.rows, look.problem.datasets[0].rows[look.sound[0]]))
+    rows = rows[(rows >= edge) & (rows < len(data) - edge)]
+    if len(rows) < 2 * edge:
+        return []
+    plain = FileReading.as_declared(alone.mechanism, data)
+    readings = [*pose_readings(plain, data), *(replace(plain, shift=s) for s in SHIFTS)]
+    scores = first_order_scores(toleranced(alone), rows, readings)
+    order = sorted(range(1, len(readings)), key=lambda i: (scores[i], readings[i].parts))
+    return [readings[i] for i in order[:TRIED // 2]]
+
+
+def _beyond_tolerances(alone: Problem, as_read: Score) -> bool:
+    """Whether no tolerance explains a file; those of what the machine's file holds count too."""
+    return as_read.geometry > FAR or (as_read.nominal > LANDS and score(
+        toleranced(alone, fixed=True), 0.0).total > ALLOWED)
+
+
+def _registrations(alone: Problem) -> Iterator[Way]:
+    """Yield the problem with what the sidecar gives of its registration open instead."""
+    data = alone.datasets[0]
+    turns = alone.mechanism.motion != "translational"    # else its platform never does
+    given = [key for key in REGISTERED if not getattr(data, key).fitted and (
+        key == "frame" or turns) and (key != "target_rotation" or data.kind == "pose")]
+    for keys in dict.fromkeys([*((key,) for key in given), tuple(given)]) if given else ():
+        opened = replace(data, **{k: replace(getattr(data, k), fitted=True) for k in keys})
+        yield Way(tuple(Mistake(k.replace("_", "-"), (), REGISTERED[k]) for k in keys),
+                  len(keys) + 0.1, replace(alone, datasets=(opened,)))
+
+
+# --- all readings against the nominal machine -----------------------------------------------------
 
 def search_readings(mechanism: Mechanism, data: Dataset) -> list[tuple[float, FileReading]]:
     """Return readings of one data set of poses or positions with their misses, best first.
