@@ -86,23 +86,22 @@ class ReadColumns:
         moved = len(self.moved)
         return (moved > 0) + 0.1 * moved + _minority(self.signs, 1) + _minority(self.units, "")
 
-    def permuted(self, kind: str) -> Iterator[Mistake]:
-        """Yield the mistake that they stand in other places."""
+    def mistakes(self, permuted: str, sign: Mistake | None = None) -> Iterator[Mistake]:
+        """Yield what is wrong: places, signs, and each unit that is not the declared one.
+
+        Args:
+            permuted: kind of mistake of columns that stand in other places.
+            sign: what other signs mean, where they mean more than that.
+        """
         if self.moved:
             names = [self.names[i] for i in self.moved]
-            yield Mistake(kind, tuple(names), f"{with_verb(names, '', 'are')} exchanged"
+            yield Mistake(permuted, tuple(names), f"{with_verb(names, '', 'are')} exchanged"
                           if len(names) == 2 else "the columns are permuted: " + ", ".join(
                               f"{self.names[i]} is in the column {self.names[self.order[i]]}"
                               for i in self.moved))
-
-    def with_other_sign(self) -> Iterator[Mistake]:
-        """Yield the mistake that some have the other sign."""
         if self.turned:
-            yield Mistake("sign", self.turned,
-                          f"{with_verb(self.turned, 'has', 'have')} the other sign")
-
-    def in_other_units(self) -> Iterator[Mistake]:
-        """Yield one mistake for each unit that is not the declared one."""
+            yield sign or Mistake("sign", self.turned, with_verb(self.turned, "has", "have")
+                                  + " the other sign")
         for unit in dict.fromkeys(self.units[i] for i in self.own if self.units[i]):
             own = [i for i in self.own if self.units[i] == unit]
             names = [self.names[i] for i in own]
@@ -189,38 +188,30 @@ class FileReading:
 
     def mistakes(self, data: Dataset) -> tuple[Mistake, ...]:
         """Return what this way says is wrong in a file."""
-        joints, places, turns = self.joints, self.places, self.turns
         measured = (*AXES, *TURNS) if data.kind == "pose" else AXES
         written_in = QUATERNION if self.convention in QUATERNIONS else TURNS
-        out = [*joints.permuted("permuted"), *joints.with_other_sign(), *joints.in_other_units(),
-               *places.permuted("exchanged")]
-        if len(places.turned) == 1:
-            out.append(Mistake("mirrored", places.turned, f"{places.turned[0]} has the other "
-                               "sign: that axis of the instrument points the other way"))
-        else:
-            out += places.with_other_sign()
+        left, back, late = self.places.turned, self.turns.turned, self.shift > 0
+        out = [*self.joints.mistakes("permuted"), *self.places.mistakes("exchanged", Mistake(
+            "mirrored", left, f"{left[0]} has the other sign: that axis of the instrument points "
+            "the other way") if len(left) == 1 else None)]
         if self.mirror:
             out.append(Mistake("mirrored", measured, "the poses are left-handed: the instrument's "
                                f"{self.mirror} axis points the other way, or the mechanism file "
                                "has the mirror image of the machine (home on the other side of "
                                "the base, or legs numbered the other way round)"))
-        out += [*places.in_other_units(), *turns.permuted("exchanged")]
         if self.rotation:
             out.append(Mistake("rotation", written_in, f"{', '.join(written_in)} hold "
                                f"{_in_words(self.rotation)}, not {_in_words(self.convention)}"))
-        if len(turns.turned) == 3:
-            out.append(Mistake("rotation", written_in, "the rotations are inverse (transposed): "
-                               "the measuring frame's turn seen from the platform"))
-        else:
-            out += turns.with_other_sign()
-        out += turns.in_other_units()
+        out += self.turns.mistakes("exchanged", Mistake(
+            "rotation", written_in, "the rotations are inverse (transposed): the measuring "
+            "frame's turn seen from the platform") if len(back) == 3 else None)
         if self.inverse:
             out.append(Mistake("inverse", measured, "the poses are inverse: the measuring frame "
                                "seen from the platform"))
         if self.shift:
-            late = "behind" if self.shift > 0 else "ahead of"
             out.append(Mistake("shifted", measured, "the measured columns are "
-                               f"{counted(abs(self.shift), 'row')} {late} the joint columns"))
+                               f"{counted(abs(self.shift), 'row')} "
+                               f"{'behind' if late else 'ahead of'} the joint columns"))
         return tuple(out)
 
     def block(self, data: Dataset) -> dict[str, Any]:

@@ -248,36 +248,39 @@ def read_in_ways(data: Dataset, rows: Ints, readings: Sequence[FileReading]) -> 
                    rotation=np.concatenate([d.rotation for d in read]), whole=None, place=None)
 
 
-def first_order_scores(problem: Problem, rows: Ints, readings: Sequence[FileReading]) -> Array:
+def first_order_scores(problem: Problem, readings: Sequence[FileReading]) -> Array:
     """Return the scores (R,) of one data set with its measured columns read in other ways.
 
     The machine stays where it is to first order: what the columns of a fit with the tolerances as
-    prior cannot explain of the residuals, and how far it would move.
+    prior cannot explain of the residuals, and how far it would move. Infinite where few rows tell.
 
     Args:
-        problem: of one data set, every parameter with a tolerance free.
-        rows: that count, none of them gross.
+        problem: of one data set.
         readings: without other joint columns; the first is the present one.
+
+    Raises:
+        BadInput: as :meth:`ppmcal.calibration.fit.Problem.start`.
     """
-    (data,), count = problem.datasets, len(readings)
-    few = replace(problem, datasets=(data.take(rows),), pivots=(problem.opens[0].about,),
-                  given=(problem.environments[0].take(rows),))
-    state, each = few.start(), np.tile(np.arange(len(rows)), count)
-    many = replace(few, datasets=(read_in_ways(data, rows, readings),),
-                   given=(few.environments[0].take(each),))
+    look, (data,), count = Look.at(problem), problem.datasets, len(readings)
+    few, state, edge = look.problem, look.state, max(abs(r.shift) for r in readings)
+    here = np.flatnonzero(subsample([np.ones(len(data), dtype=bool)], ROWS)[0])    # the look's
+    keep = look.sound[0] & (here >= edge) & (here < len(data) - edge)
+    each = np.tile(np.flatnonzero(keep), count)
+    many = replace(few, datasets=(read_in_ways(data, here[keep], readings),),
+                   pivots=(few.opens[0].about,), given=(few.environments[0].take(each),))
     parts = [*many.rows(replace(state, poses=(state.poses[0][each],)), False)]
-    residual, seen = (np.concatenate(v) for v in zip(*((p.residual, p.observed) for p in parts),
-                                                     strict=True))
-    if len(residual) != len(each):
+    if keep.sum() < 2 * edge or sum(len(p.residual) for p in parts) != len(each):
         return np.full(count, np.inf)
+    residual, seen = (np.concatenate(v).reshape(count, int(keep.sum()), -1) for v in zip(
+        *((p.residual, p.observed) for p in parts), strict=True))
     weight = prior_weights(few, "prior")
-    jacobian = np.concatenate([p.jacobian for p in few.rows(state, True)])
+    jacobian = np.concatenate([p.jacobian for p in few.rows(state, True, [keep])])
     whole = np.vstack([jacobian.reshape(-1, len(weight)), np.diag(weight)]) * column_scale(few)
     basis = range_basis(whole, 1e-9)
     flat = np.hstack([residual.reshape(count, -1), np.zeros((count, len(weight)))])
     rest = flat - (flat @ basis) @ basis.T
-    square = np.sum(rest[:, :-len(weight)].reshape(count, len(rows), -1)**2, axis=2)
-    size = seen.reshape(count, len(rows), -1).sum(axis=2)
+    square = np.sum(rest[:, :-len(weight)].reshape(residual.shape)**2, axis=2)
+    size = seen.sum(axis=2)
     moved = rest[:, -len(weight):][:, weight > 0.0]
     away = np.sqrt(np.mean(moved**2, axis=1)) if moved.size else np.zeros(count)
     out = all_rows(square, size) * np.maximum(1.0, away / ALLOWED)

@@ -28,7 +28,7 @@ from ppmcal.calibration.interpretation.candidates import (
 from ppmcal.calibration.interpretation.limits import ALLOWED, FAR, LANDS
 from ppmcal.calibration.interpretation.misread import Mistake
 from ppmcal.calibration.interpretation.readings import FileReading, ReadColumns
-from ppmcal.calibration.interpretation.score import Look, Score, first_order_scores, score
+from ppmcal.calibration.interpretation.score import Score, first_order_scores, score
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
@@ -104,21 +104,15 @@ def _near_fit(alone: Problem) -> list[FileReading]:
 
     Euler angles of small turns; a row more or less on a dense path.
     """
-    try:
-        look = Look.at(alone)
-    except PpmcalError:
-        return []
     data = alone.datasets[0]
-    edge = max(SHIFTS)
-    rows = np.flatnonzero(np.isin(data.rows, look.problem.datasets[0].rows[look.sound[0]]))
-    rows = rows[(rows >= edge) & (rows < len(data) - edge)]
-    if len(rows) < 2 * edge:
-        return []
     plain = FileReading.as_declared(alone.mechanism, data)
     readings = [*pose_readings(plain, data), *(replace(plain, shift=s) for s in SHIFTS)]
-    scores = first_order_scores(toleranced(alone), rows, readings)
+    try:
+        scores = first_order_scores(alone, readings)
+    except PpmcalError:
+        return []
     order = sorted(range(1, len(readings)), key=lambda i: (scores[i], readings[i].parts))
-    return [readings[i] for i in order[:TRIED // 2]]
+    return [readings[i] for i in order[:TRIED // 2] if np.isfinite(scores[i])]
 
 
 def _beyond_tolerances(alone: Problem, as_read: Score) -> bool:
