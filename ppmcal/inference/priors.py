@@ -29,7 +29,6 @@ OWN_NOISE_FREEDOM = Prior(5.0, "noise estimated before anything is named holds w
 FURTHER = Prior(1 / 4, "where one thing happened, or one joint has it, a second may: one in four")
 CORRELATED = Prior(1 / 2, "noise from row to row is as often correlated as it is not")
 
-SURE = Prior(0.95, "what is told for sure is wrong in one case of twenty at most, as intervals are")
 WIDE = Prior(1e3, "frames, targets and offsets: known to nobody, yet within 1000 natural units")
 FAMILY = Prior(1 / 50, "some 30 families; of three calibrations about one shows an effect of some")
 MOVED = Prior(1 / 10, "joints are homed, instruments, beds, bodies set up anew between sessions: "
