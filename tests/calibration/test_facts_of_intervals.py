@@ -127,6 +127,7 @@ def test_three_parameters_are_named_and_the_others_counted(monkeypatch: pytest.M
     monkeypatch.setattr(intervals, "_values", lambda fit, found, c: f"p{c}")
     found = replace(answer((2.0, 2.0)), p_value=np.array([1e-9 * (6 - c) if c >= 6 - count else 1.0
                                                           for c in range(6)]),
+                    apart=np.array([0.96 if c >= 6 - count else 0.94 for c in range(6)]),
                     half=np.full(6, 2.0))
     fit = fit_of(free=tuple(range(6)))
     assert int(found.disagree.sum()) == count

@@ -59,7 +59,8 @@ class RegistrationHint:
     of the data set's white residuals; ``position``: of its positions before and after, m;
     ``square``, ``count``, ``fitted``: sum of white squares of
     all rows, how many values they have and how many of these the fit takes, with it open; ``keep``:
-    the rows behind these; ``opened``: the problem that has it open.
+    the rows behind these; ``opened``: the problem that has it open; ``instead``: data sets and what
+    of them may have to be open in its place, with it 95 % of the probability.
     """
 
     dataset: int
@@ -72,6 +73,7 @@ class RegistrationHint:
     fitted: float
     keep: tuple[Bools, ...]
     opened: Problem
+    instead: tuple[tuple[int, str], ...] = ()
 
     @property
     def mend(self) -> str:
@@ -171,7 +173,9 @@ def _hint(fit: Fit, problem: Problem, state: State, keep: Sequence[Bools]
     odds = odds_of_opening(problem, state, keep, prior, possible)
     if not possible or not surely(odds):
         return None
-    i, what = possible[int(np.argmax(odds))]
+    order = np.argsort(-odds, kind="stable")
+    more = np.cumsum(np.exp(odds[order] - logsumexp(odds))) < float(SURE)
+    (i, what), *instead = [possible[n] for n in order[:int(more.sum()) + 1].tolist()]
     wider, there, rows = _opened(problem, state, keep, i, what)
     prior = _padded(wider, fit)
     after = _refitted(wider, there, rows, prior)
@@ -187,7 +191,7 @@ def _hint(fit: Fit, problem: Problem, state: State, keep: Sequence[Bools]
     now = linearised(wider, after, rows, prior)
     fitted = values_fitted(*now.small.seen(), prior)
     return RegistrationHint(i, what, white[0], white[1], (place[0], place[1]), total.white,
-                            total.values, fitted, tuple(keep), wider), after
+                            total.values, fitted, tuple(keep), wider, tuple(instead)), after
 
 
 def _with_outliers(fit: Fit) -> list[Bools]:
@@ -302,8 +306,12 @@ CAUSES = {"frame": "the instrument was moved", "target": "the target was moved",
 
 def hint_words(fit: Fit, hint: RegistrationHint) -> str:
     """Return the mend and where it goes: ``frame: unknown in day2.yaml``."""
-    place = Path(fit.problem.datasets[hint.dataset].source).with_suffix(".yaml").name
-    return f"{hint.mend} in " + (f"each session's own {place}" if hint.what == SESSIONS else place)
+    return _words(fit, hint.dataset, hint.what)
+
+
+def _words(fit: Fit, dataset: int, what: str) -> str:
+    place = Path(fit.problem.datasets[dataset].source).with_suffix(".yaml").name
+    return f"{MENDS[what]} in " + (f"each session's own {place}" if what == SESSIONS else place)
 
 
 def hint_sentences(fit: Fit, hints: Sequence[RegistrationHint]) -> list[str]:
@@ -312,7 +320,8 @@ def hint_sentences(fit: Fit, hints: Sequence[RegistrationHint]) -> list[str]:
     for h in hints:
         data = fit.problem.datasets[h.dataset]
         was, now = (v / units.factor("length") for v in h.position)
+        also = "".join(f", or `{_words(fit, *other)}`" for other in h.instead)
         out.append(f"{data.name}: `{hint_words(fit, h)}` takes its error from {was:.3g} to "
                    f"{now:.3g} {units.length} rms ({h.before:.3g} to {h.after:.3g} times the "
-                   f"noise): {CAUSES[h.what]}, perhaps")
+                   f"noise): {CAUSES[h.what]}, perhaps{also}")
     return out
