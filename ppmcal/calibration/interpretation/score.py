@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from ppmcal.calibration.fit import (
+    Distances,
     Problem,
     State,
     beyond,
@@ -25,7 +26,6 @@ from ppmcal.calibration.fit import (
     coordinates,
     distances,
     explained_distances,
-    gross_errors,
     huber_weights,
     least_squares,
     prior_weights,
@@ -131,17 +131,31 @@ class Look:
         return [finite_rows(p) for p in self.state.poses]
 
     @cached_property
+    def explained(self) -> Distances:
+        """How far rows are from the nominal machine, freed of what tolerances explain."""
+        return explained_distances(self.problem, self.state)
+
+    @cached_property
+    def gross(self) -> list[Bools]:
+        """The rows with gross errors."""
+        return beyond(self.explained, self.posed)
+
+    @property
     def sound(self) -> list[Bools]:
-        """The rows without gross errors: values typed wrong are no sign of how a file is read."""
-        return [k & ~g for k, g in zip(
-            self.posed, gross_errors(self.problem, self.state, self.posed), strict=True)]
+        """The others: values typed wrong are no sign of how a file is read, if they are few."""
+        gross, posed = (sum(int(k.sum()) for k in keep) for keep in (self.gross, self.posed))
+        if gross > float(MOST_GROSS) * posed:
+            return self.posed
+        return [k & ~g for k, g in zip(self.posed, self.gross, strict=True)]
 
     def _fitted(self) -> State:
         """Return where a short robust fit ends."""
-        def weigh(at: State) -> Sequence[Array]:
-            return huber_weights(self.problem, at, self.sound)
+        sound = self.sound
 
-        return least_squares(self.problem, self.state, self.sound,
+        def weigh(at: State) -> Sequence[Array]:
+            return huber_weights(self.problem, at, sound)
+
+        return least_squares(self.problem, self.state, sound,
                              prior_weights(self.problem, "prior"), ITERATIONS, weigh).state
 
     def _noise(self, state: State) -> float:
@@ -151,11 +165,11 @@ class Look:
 
     def score(self, lands: float = LANDS) -> Score:
         """Return the score, without a fit where the nominal machine is farther off than this."""
-        explained = explained_distances(self.problem, self.state)
+        lost, gross = (sum(int(k.sum()) for k in rows)
+                       for rows in ([~k for k in self.posed], self.gross))
         rows = sum(k.size for k in self.posed)
-        gross = sum(int(g.sum()) for g in beyond(explained, self.posed)) / max(rows, 1)
-        found = Score(explained.times(self.posed), medians(self.problem, self.state),
-                      sum(int((~k).sum()) for k in self.posed), rows, gross)
+        found = Score(self.explained.times(self.posed), medians(self.problem, self.state),
+                      lost, rows, gross / max(rows, 1))
         if not found.nominal <= lands:
             return found
         end = self._fitted()
