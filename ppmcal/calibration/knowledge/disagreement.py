@@ -249,9 +249,8 @@ def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float
               zip(parts.names, drawn[:, :-1].T, strict=True)}
     return Disagreement(data.labels, covariance * unit, half,
                         chances.evidence(0.5 * np.log(drawn[::THIN])), own * scale,
-                        sigma * scale, np.asarray(chdtrc(len(own) - 1.0, square), dtype=float),
-                        _apart(data, square),
-                        spread,
+                        sigma * scale, np.asarray(chdtrc(len(own) - 1, square)),
+                        _apart(data, square), spread,
                         coverage=coverage_of(drawn[:, -1] / np.median(drawn[:, -1])))
 
 
