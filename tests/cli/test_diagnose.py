@@ -22,7 +22,6 @@ from helpers.commands import (
     write_csv,
 )
 from helpers.diagnoses import (
-from ppmcal.inference.priors import SURE_ODDS
     BACKLASH,
     DATA,
     SQUEEZED,
@@ -35,6 +34,8 @@ from ppmcal.inference.priors import SURE_ODDS
     simulate,
     value,
 )
+
+from ppmcal.inference.priors import SURE_ODDS
 
 WRITTEN = {"model.yaml", "effects.csv", "residuals.csv", "diagnosis.json"}
 VERDICTS = {"none", "weak", "named", "named-set", "partial", "unnamed"}
