@@ -91,9 +91,11 @@ def test_what_runs_afterwards_changes_no_verdict_and_no_name(monkeypatch: pytest
     assert without.effects == tuple(replace(e, sessions=None) for e in whole.effects)
 
 
-def test_a_name_without_a_probability_is_in_no_reliability():
-    """A null in diagnosis.json ended the campaign as a fault."""
-    assert reliability([(None, True), (0.97314, True), (0.5, False)]) == "0.9731:1 0.5000:0"
+def test_reliability_is_of_kinds_with_a_probability():
+    """One of several joints is told once; the same kind on others is the same kind."""
+    lag = ("lag", 0.6, [("gain", 0.1), ("lag", 0.25)])
+    assert reliability([("play", None, []), lag, lag, ("gain", 0.5, [])], {"lag"}) == (
+        "0.8500:1 0.5000:0")
 
 
 def test_the_digest_sees_code_and_no_words():

@@ -295,6 +295,6 @@ def _each(data: Clusters, prior: Array, count: int, noise: float) -> tuple[Array
 
 def _apart(data: Clusters, square: Array) -> Array:
     """Return the probability (F,) that clusters differ in each parameter, by chi-squared (F,)."""
-    more = log_ratio(square, np.full(square.size, len(data.labels) - 1.0),
+    more = log_ratio(np.maximum(square, 0.0), np.full(square.size, len(data.labels) - 1.0),
                      float(NOISE_FREEDOM) + float(data.count.sum()))
     return np.asarray(expit(logit(float(MOVED)) + more))
