@@ -45,8 +45,9 @@ class Study:
 
 
 DIAGNOSIS = ("diagnosis", "inference")
-AFTERWARDS = ("diagnosis/session_effects.py",)
-"""What runs once the names stand: sizes by session, of which no rate is made."""
+AFTERWARDS = ("diagnosis/equations.py", "diagnosis/session_effects.py")
+"""What runs once the names stand: equations of what was learned, sizes by session, of which no rate
+is made."""
 
 STUDIES = (
     Study("diagnosis", DIAGNOSIS,
