@@ -33,7 +33,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import numpy as np  # noqa: E402
-from diagnosis_study import reliability  # noqa: E402
+from diagnosis_study import reliability, surely_worse  # noqa: E402
 from study_runner import read, remaining, work  # noqa: E402
 from study_summary import share  # noqa: E402
 from wild.cases import CASES  # noqa: E402
@@ -43,7 +43,6 @@ from wild.machines import MACHINES  # noqa: E402
 from ppmcal.api.diagnose import diagnose  # noqa: E402
 from ppmcal.calibration.interpretation import Misread  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
-from ppmcal.inference.priors import SURE_SIGMAS  # noqa: E402
 
 GROUPS = ("none", "gross", "event", "memory", "physics")
 ONSET = 2
@@ -113,17 +112,18 @@ def run(job: Job) -> Line | None:
             return None
         start = time.perf_counter()
         try:
-            found = diagnose(folder / "mechanism.yaml", [folder / "data.csv"]).record.entries()
+            found = diagnose(folder / "mechanism.yaml", [folder / "data.csv"]).record
         except Misread as error:
             kinds = " ".join(m.kind for f in error.found for m in f.mistakes)
             return _line(job, truth, {"verdict": f"misread {kinds}".strip()}, start)
         except PpmcalError as error:
             print(f"{job}: {error}", file=sys.stderr)
             return _line(job, truth, {"verdict": "refused"}, start)
-        return _line(job, truth, found, start)
+        return _line(job, truth, found.entries(), start, surely_worse(found.predictive))
 
 
-def _line(job: Job, truth: Mapping[str, Any], found: Mapping[str, Any], start: float) -> Line:
+def _line(job: Job, truth: Mapping[str, Any], found: Mapping[str, Any], start: float,
+          worse: int = 0) -> Line:
     """Compare a diagnosis with the truth."""
     effects = [e for e in truth["effects"] if e["kind"] != "learned"]
     accept, kinds = set(truth["accept"]), {e["kind"] for e in effects}
@@ -149,9 +149,7 @@ def _line(job: Job, truth: Mapping[str, Any], found: Mapping[str, Any], start: f
         "; ".join("/".join(sorted(f)) for f in families), int(right),
         int(right and set().union(*families) <= kinds), wrong,
         " ".join(t["input"] for t in learned), _number(before), _number(after),
-        _closed(before, after),
-        int(any(b["by"] == "pose" and b["gain"] + SURE_SIGMAS * b["gain_sigma"] < 0.0
-                for b in found.get("predictive", ()))),
+        _closed(before, after), worse,
         reliability(((e["kind"], e["probability"], zip(
             map(kind_of, e["alternatives"]), e["probabilities"], strict=True))
             for e in found.get("effects", ())), kinds | accept),

@@ -13,7 +13,6 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from markupsafe import escape as escaped
 
 from ppmcal.io.output import json_text
 from ppmcal.plotting.canvas import Drawing
@@ -139,7 +138,7 @@ def _environment() -> Environment:
 
 def _sentence(text: object) -> Markup:
     """Return plain text as HTML, with what stands in backticks as code."""
-    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escaped(str(text)))))
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", Markup.escape(str(text))))
 
 
 def part(name: str, *values: Any) -> str:

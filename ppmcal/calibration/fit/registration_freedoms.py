@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import logsumexp
 
 from ppmcal.calibration.fit.added_columns import Group, added_columns
 from ppmcal.calibration.fit.fit_result import Fit, values_fitted
@@ -25,7 +25,7 @@ from ppmcal.inference.blocks import Block, batches
 from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.evidence import BatchOdds, total
 from ppmcal.inference.given import Conditioned
-from ppmcal.inference.priors import MOVED, SURE
+from ppmcal.inference.priors import MOVED, SURE, SURE_ODDS
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import SCALARS
@@ -109,7 +109,7 @@ def fall(before: float, after: float) -> float:
 
 def surely(log_odds: float | Array) -> bool:
     """Whether something is there: one thing, or one of several, by their odds against nothing."""
-    return bool(expit(logsumexp(log_odds)) > float(SURE))
+    return bool(logsumexp(log_odds) > np.log(SURE_ODDS))
 
 
 def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
