@@ -86,8 +86,9 @@ def test_distances_that_do_not_fit_are_told() -> None:
     """029: its solver made 288 mm rods 292 to 297 mm long."""
     event = {**event_of("029"), "geometry_start": event_of("028")["geometry_saved"]}
     fit = real_priors.fitted(*real_priors.machine(event, "single"), "prior")
-    assert np.max(np.abs(real_priors.rods_of(fit) - 288.13)) < 1.5
     told = report(fit, FitOptions(), 0.0, 0)
+    # as noisy as such rows are, they say nothing against rods within their tolerance
+    assert np.max(np.abs(real_priors.rods_of(told.fit) - 288.13)) < real_priors.TOLERANCES["length"]
     assert told.noise.failed and told.noise.by_dataset["distances"] > 3.0
     assert any("times the stated noise" in finding for finding in told.findings)
 

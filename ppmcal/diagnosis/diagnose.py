@@ -26,12 +26,13 @@ from ppmcal.diagnosis.options import DiagnosisOptions as DiagnosisOptions
 from ppmcal.diagnosis.other_days import other_days, worse_days
 from ppmcal.diagnosis.other_models import readings
 from ppmcal.diagnosis.predictive_check import session_gap
-from ppmcal.diagnosis.question import ROW_FAMILY
+from ppmcal.diagnosis.question import NO_CAUSES
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import MOST_STEPS as REFIT_STEPS
 from ppmcal.diagnosis.result import LEARNED_AFTER, SILENT, Diagnosis, LearnedTerms, Onset
 from ppmcal.diagnosis.session_effects import with_sessions
 from ppmcal.diagnosis.told_places import candidates, effects, left, possible, unknown
+from ppmcal.diagnosis.wrong_files import without, wrong_files
 from ppmcal.wording import counted
 from ppmcal.wording.progress import begin
 
@@ -66,12 +67,10 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None) -> Diagn
 def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     """Fit, ask, judge on held-out poses, tell: with as many steps of fits as there are."""
     notes = list[str]()
-    begin("fitting geometry")
-    whole = identify(with_whole_rows(problem), options.fit)
-    refuse_unconverged(whole)
-    refuse_after_fit(whole)
-    begin("asking which causes are in the data")
-    what = told(whole, options.fit, options.kinds)
+    whole, what = _asked(with_whole_rows(problem), options)
+    if gone := wrong_files(what.last):
+        problem = without(problem, gone)
+        whole, what = _asked(with_whole_rows(problem), options)
     refuse_misread(what.last)
     held = held_out(what, options, notes)
     found, named = held.found, held.named
@@ -117,8 +116,18 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         found=found, proposal=proposed,
         findings=(*said, *apart, *worse_days(days), *([far] if far else []), *notes),
         others=others, learned=terms, days=days,
-        nothing=what.last.answer.nothing((ROW_FAMILY,)),
+        nothing=what.last.answer.nothing(NO_CAUSES),
         unknown=tuple(unknown(what, p) for p in what.last.unnamed), predictive=held.predictive)
+
+
+def _asked(problem: Problem, options: DiagnosisOptions) -> tuple[Fit, Told]:
+    """Return the fit of the geometry, and what is in what it leaves."""
+    begin("fitting geometry")
+    whole = identify(problem, options.fit)
+    refuse_unconverged(whole)
+    refuse_after_fit(whole)
+    begin("asking which causes are in the data")
+    return whole, told(whole, options.fit, options.kinds)
 
 
 def _with_events(fit: Fit, options: DiagnosisOptions, notes: list[str]

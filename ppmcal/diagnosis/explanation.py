@@ -15,7 +15,7 @@ from ppmcal.diagnosis.cause_sizes import LINEAR, CauseSizes, between_points, siz
 from ppmcal.diagnosis.extended_model import Added, Sized, columns_added, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import System, Whitening, build
-from ppmcal.diagnosis.question import ROW_FAMILY, Asked, Source, question
+from ppmcal.diagnosis.question import NO_CAUSES, Asked, Source, WrongRows, question
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.stage import without
 from ppmcal.diagnosis.term_candidates import all_settings
@@ -112,7 +112,7 @@ class Round:
         misread = {b.family for b, s in zip(blocks, self.asked.sources, strict=True)
                    if isinstance(s, Hypothesis) and s.misread}
         for n, i in enumerate(self.answer.best.chosen):
-            if blocks[i].family == ROW_FAMILY:
+            if blocks[i].family in NO_CAUSES:
                 continue
             members, leader = self._leading(self.answer.likely(n, SURE.value), i)
             source = self.asked.sources[leader]
@@ -158,10 +158,11 @@ class Round:
     @property
     def rows(self) -> frozenset[tuple[int, int]]:
         """Rows that do not belong: data set and number in it, whatever rows a system has lost."""
-        blocks, system = self.asked.question.blocks, self.asked.system
-        return frozenset((int(system.dataset[source]), int(system.row[source]))
-                         for i in self.answer.best.chosen if blocks[i].family == ROW_FAMILY
-                         if isinstance(source := self.asked.sources[i], int))
+        system = self.asked.system
+        return frozenset((int(system.dataset[n]), int(system.row[n]))
+                         for i in self.answer.best.chosen
+                         if isinstance(source := self.asked.sources[i], WrongRows)
+                         for n in source.rows)
 
     @property
     def verdict(self) -> str:
@@ -169,7 +170,7 @@ class Round:
         sure = [p for p in self.places if p.sure]
         named = [p for p in sure if p.named]
         if not sure:
-            return "none" if self.answer.nothing((ROW_FAMILY,)) > 0.5 else "weak"
+            return "none" if self.answer.nothing(NO_CAUSES) > 0.5 else "weak"
         if not named:
             return "unnamed"
         if len(named) < len(sure):
@@ -287,10 +288,15 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
 
 
 def _left_out(fit: Fit, asked: Asked) -> list[int]:
-    """Return the blocks of the rows that a fit has left out as outliers."""
-    at = asked.system
-    return [n for n, row in enumerate(asked.sources) if isinstance(row, int)
-            and fit.outliers[at.dataset[row]][at.row[row]]]
+    """Return the blocks of the rows, and of whole files, that a fit has left out as outliers."""
+    at, out, found = asked.system, set[int](), list[int]()
+    gone = [bool(fit.outliers[d][r]) for d, r in zip(at.dataset, at.row, strict=True)]
+    wrong = [(n, s.rows) for n, s in enumerate(asked.sources) if isinstance(s, WrongRows)]
+    for n, rows in sorted(wrong, key=lambda w: -len(w[1])):
+        if not out.issuperset(rows) and all(gone[r] for r in rows):
+            out.update(rows)
+            found.append(n)
+    return found
 
 
 def _at_fitted(sources: Sequence[Source], start: Sequence[int], moved: Sequence[Hypothesis]

@@ -24,10 +24,11 @@ from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.predictive_check import predictions
+from ppmcal.diagnosis.question import Source, WrongRows
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.result import NAMED, Found, LeftOutBlocks
 from ppmcal.diagnosis.stage import Stage, stage_of, without
-from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause
+from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY
 from ppmcal.errors import PpmcalError
 from ppmcal.inference.sets import Member
 from ppmcal.model.dataset import Dataset
@@ -73,9 +74,9 @@ class Told:
         return [s for s in sources if isinstance(s, Hypothesis) and not s.anonymous]
 
 
-def _called(source: Hypothesis | UnknownCause | int) -> str:
-    if isinstance(source, int):
-        return f"row {source}"
+def _called(source: Source) -> str:
+    if isinstance(source, WrongRows):
+        return source.label
     if isinstance(source, Hypothesis) and not source.anonymous:
         return source.label
     return f"{UNKNOWN_FAMILY} cause ({source.label})"

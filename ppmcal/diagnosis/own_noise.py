@@ -12,6 +12,7 @@ from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.wrong_files import left_out, without
 from ppmcal.wording.progress import begin
 
 LESS = 0.95
@@ -39,7 +40,8 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
     fit = found.identification.fit
     machine = fit.problem.mechanism.with_values(fit.state.g)
     less, sentences = with_own_noise(
-        replace(problem, mechanism=machine, free=machine.free), options.fit)
+        replace(without(problem, left_out(fit.problem)), mechanism=machine, free=machine.free),
+        options.fit)
     if not _quieter(less, own):
         return found, told
     begin("again with the noise that what was named leaves")

@@ -33,8 +33,18 @@ from ppmcal.inference.question import Question
 from ppmcal.linalg import Array, Bools, reciprocals
 from ppmcal.model.effects.product import PRODUCT
 
-Source = Hypothesis | UnknownCause | int
-"""What a block stands for; a number is a row that does not belong."""
+
+
+@dataclass(frozen=True)
+class WrongRows:
+    """Rows of a system that do not belong: one, or all of a file, of another machine perhaps."""
+
+    rows: tuple[int, ...]
+    label: str
+
+
+Source = Hypothesis | UnknownCause | WrongRows
+"""What a block stands for."""
 Form = tuple[tuple[str, ...], bool]
 """Actuators on which a family acts, and whether with one value for all of them."""
 
@@ -94,7 +104,8 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     own_noise = all(d.estimated for d in problem.datasets)
     first = library.count + unknown.columns.count
     every: list[tuple[Block, Source]] = [*blocks(library, unknown.least),
-                                         *unknown.blocks(library.count), *rows(observed, first)]
+                                         *unknown.blocks(library.count), *rows(observed, first),
+                                         *files(system, first)]
     asked = Question(columns, values, flat * prior, tuple(b for b, _ in every), observed,
                      system.apart, frozenset({ROW_FAMILY}),
                      float(OWN_NOISE_FREEDOM if own_noise else NOISE_FREEDOM))
@@ -107,7 +118,15 @@ ROW_FAMILY = "row"
 """The family of rows that do not belong, a wrong point, a typo, a broken beam."""
 
 
-def rows(observed: Bools, first: int) -> Iterator[tuple[Block, int]]:
+FILE_FAMILY = "file"
+"""The family of files none of whose rows belongs: they are another machine's, or nothing's."""
+NO_CAUSES = (ROW_FAMILY, FILE_FAMILY)
+"""Families that are no cause in the machine."""
+MOST_VALUES = 200
+"""Values of a file of which each may be off by itself: so many take a tenth of the time."""
+
+
+def rows(observed: Bools, first: int) -> Iterator[tuple[Block, WrongRows]]:
     """Yield a block for each row that does not belong; ``first``: number of its first column."""
     width = observed.shape[1]
     for n, seen in enumerate(observed):
@@ -115,7 +134,22 @@ def rows(observed: Bools, first: int) -> Iterator[tuple[Block, int]]:
         if own.size:
             yield Block(f"row {n}", ROW_FAMILY,
                         tuple((first + n * width + own).tolist()),
-                        float(np.log(float(GROSS_ROW)))), n
+                        float(np.log(float(GROSS_ROW)))), WrongRows((n,), f"row {n}")
+
+
+def files(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:
+    """Yield a block for each of several files that may not belong; ``first``: as of :func:`rows`.
+
+    It may be all that a long file is of another machine: that shows before anything is asked.
+    """
+    width = system.observed.shape[1]
+    for d, data in enumerate(system.problem.datasets if len(system.problem.datasets) > 1 else ()):
+        mine = np.flatnonzero(system.dataset == d)
+        own = (mine[:, None] * width + np.arange(width))[system.observed[mine]]
+        if 1 < mine.size and own.size <= MOST_VALUES:
+            yield (Block(data.name, FILE_FAMILY, tuple((first + own).tolist()),
+                         float(np.log(float(MISREAD)))),
+                   WrongRows(tuple(mine.tolist()), f"{data.name} is of another machine"))
 
 
 def blocks(library: Library, least: float = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import chdtrc
@@ -50,7 +50,7 @@ class Fit:
         keep: rows used, by data set.
         iterations, converged: of the loop.
         times: by how many times the noise each row that was left out is off, by data set.
-        noise_factor: robust scale of the residuals over the stated noise, at least 1.
+        noise_factor: robust scale of the residuals over the stated noise, at least 1 (D,).
         prior_scale: factor on the tolerances that generalised cross-validation chose.
         stopped: where a fit was ended on purpose before it had converged, in words.
         noise: the rows at the end are white by this many times the stated noise.
@@ -67,7 +67,7 @@ class Fit:
     keep: tuple[Bools, ...]
     iterations: int
     converged: bool
-    noise_factor: float = 1.0
+    noise_factor: Array = field(default_factory=lambda: np.ones(1))
     times: tuple[dict[int, float], ...] = ()
     prior_scale: float = 1.0
     stopped: str = ""
@@ -75,6 +75,10 @@ class Fit:
     reasons: tuple[dict[int, str], ...] = ()
     taken_back: int = 0
     summed: int = 0
+
+    def __post_init__(self) -> None:
+        each = np.broadcast_to(self.noise_factor, len(self.problem.datasets))
+        object.__setattr__(self, "noise_factor", each)
 
     @property
     def ended(self) -> bool:

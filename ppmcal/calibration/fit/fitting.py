@@ -131,7 +131,8 @@ def _fitted(problem: Problem, options: FitOptions, state: State, near: bool, at_
         with stage("judging each row"):
             fit = weighed(fit, suspects, unused, options)
         log.info("%d rows left out as gross errors, the noise of the others %.3g times the stated "
-                 "one", sum(int(o.sum()) for o in fit.outliers), fit.noise_factor)
+                 "one", sum(int(o.sum()) for o in fit.outliers),
+                 fit.noise_factor.max(initial=1.0))
     if options.method == "gcv":
         # gross errors would pass for a machine that is farther off than it is
         fit = _cross_validated(fit, options)

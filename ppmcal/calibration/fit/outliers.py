@@ -38,9 +38,15 @@ class Distances:
     square: tuple[Array, ...]
     size: tuple[Array, ...]
 
-    def factor(self, keep: Sequence[Bools]) -> float:
-        """Return the robust scale of the residuals over the stated noise, at least 1."""
-        return max(1.0, self.times(keep))
+    def factor(self, keep: Sequence[Bools]) -> Array:
+        """Return the robust scale of the residuals over the stated noise (D,), at least 1.
+
+        That of all rows, in a data set that is quieter its own: noise there is no excuse here.
+        """
+        own = [Distances((d,), (m,)).times([k]) for d, m, k in
+               zip(self.square, self.size, keep, strict=True)]
+        # a data set of which no row is in use shows nothing
+        return np.maximum(1.0, [min(o or np.inf, self.times(keep)) for o in own])
 
     def times(self, keep: Sequence[Bools]) -> float:
         """Return the median distance of the rows in use over that of noise, 0 without rows."""
@@ -50,24 +56,28 @@ class Distances:
         ratios = ratios[np.isfinite(ratios)]
         return float(np.sqrt(np.median(ratios))) if ratios.size else 0.0
 
-    def over_noise(self, factor: float) -> list[Array]:
-        """Return how many times the noise rows are off, rms of a row's values (N,)."""
-        return [np.sqrt(d / np.maximum(m, 1.0)) / factor
-                for d, m in zip(self.square, self.size, strict=True)]
+    def over_noise(self, factor: Array) -> list[Array]:
+        """Return how many times the noise, ``factor`` (D,) times what is stated, rows are off.
 
-    def weights(self, keep: Sequence[Bools], factor: float) -> list[Array]:
+        Rms of a row's values (N,), by data set.
+        """
+        return [np.sqrt(d / np.maximum(m, 1.0)) / f
+                for d, m, f in zip(self.square, self.size, factor, strict=True)]
+
+    def weights(self, keep: Sequence[Bools], factor: Array) -> list[Array]:
         """Return the weight of each row (N,) by data set, 1 where its distance is not known.
 
         Args:
             keep: rows that belong so far (N,).
-            factor: noise over the stated one.
+            factor: noise over the stated one (D,).
         """
         known = [np.isfinite(d) & (m > 0) for d, m in zip(self.square, self.size, strict=True)]
         freedom = float(NOISE_FREEDOM) + sum(
             float(m[k].sum()) for m, k in zip(self.size, keep, strict=True))
-        square, size = (np.concatenate([a[k] for a, k in zip(all_, known, strict=True)])
-                        for all_ in (self.square, self.size))
-        found = row_weights(square / factor**2, size, freedom, sum(int(k.sum()) for k in keep))
+        size = np.concatenate([m[k] for m, k in zip(self.size, known, strict=True)])
+        square = np.concatenate([d[k] / f**2 for d, k, f in
+                                 zip(self.square, known, factor, strict=True)])
+        found = row_weights(square, size, freedom, sum(int(k.sum()) for k in keep))
         out = [np.where(np.isinf(d), 0.0, 1.0) for d in self.square]
         ends = np.cumsum([int(k.sum()) for k in known])[:-1]
         for own, k, w in zip(out, known, np.split(found, ends), strict=True):

@@ -64,16 +64,17 @@ def weighed(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
                    summed=first.summed)
 
 
-def _moves(fit: Fit, found: Distances, factor: float, keep: Sequence[Bools],
+def _moves(fit: Fit, found: Distances, factor: Array, keep: Sequence[Bools],
            weights: Sequence[Array], others: Sequence[Array]) -> float:
     """Return by how many standard deviations other weights may move estimates, at most or so."""
     lever = values_taken(fit) / max(sum(int(k.sum()) for k in keep), 1)
-    return float(np.sqrt(lever)) / factor * sum(
-        float(np.sum(np.abs(w - o)[k] * np.sqrt(d[k])))
-        for w, o, d, k in zip(weights, others, found.square, keep, strict=True))
+    return float(np.sqrt(lever)) * sum(
+        float(np.sum(np.abs(w - o)[k] * np.sqrt(d[k]))) / f
+        for w, o, d, k, f in zip(weights, others, found.square, keep, factor.tolist(),
+                                 strict=True))
 
 
-def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: float) -> Fit:
+def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: Array) -> Fit:
     """Return the fit with the reasons for which some of the rows (N,) are left out."""
     reasons: list[dict[int, str]] = []
     times: list[dict[int, float]] = []

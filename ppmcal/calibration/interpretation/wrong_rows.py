@@ -80,12 +80,12 @@ def _fit_of_part(problem: Problem, part: Ints) -> Fit | None:
     for _ in range(2):
         some = identify(replace(problem, datasets=(problem.datasets[0].take(keep),)),
                         FitOptions(iterations=12))
-        if some.noise_factor > LANDS:
+        if some.noise_factor[0] > LANDS:
             return None
         whole = replace(problem, pivots=(some.problem.opens[0].about,))
         state = whole.solve(State(some.state.g, some.state.registrations, whole.start().poses))
         found = distances(whole, state, prediction_covariance(some), [np.zeros_like(keep)])
-        keep = _within(found.square[0], found.size[0], some.noise_factor)
+        keep = _within(found.square[0], found.size[0], float(some.noise_factor[0]))
     if keep.mean() < 1.0 / PARTS:
         return None
     return replace(some, problem=whole, state=state, keep=(keep,))
@@ -134,7 +134,7 @@ class _LeftOut:
         registration = fit.state.registrations[i]
         pose = alone.reached(0, Model(fit.problem.mechanism, fit.state.g), registration.homing)
         found = distances(alone, State(fit.state.g, (registration,), (pose,)))
-        return _within(found.square[0], found.size[0], fit.noise_factor)
+        return _within(found.square[0], found.size[0], float(fit.noise_factor[i]))
 
     def read(self, readings: Sequence[FileReading], rows: Ints) -> Bools:
         """Return which rows fit under which readings (R, n), all of them at once."""

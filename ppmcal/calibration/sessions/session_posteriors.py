@@ -146,7 +146,7 @@ def _with_left_out(fit: Fit, problem: Problem, columns: _Columns) -> tuple[Fit, 
         fit = replace(fit, state=fit.problem.solve(fit.state), keep=tuple(rows_with_outliers(fit)))
         total = sum(int(k.sum()) for k in fit.keep)
     size = len(fit.problem.free) + len(columns.names) + len(columns.gone)
-    cut = _Cut(np.zeros(size), fit.noise_factor, total)
+    cut = _Cut(np.zeros(size), float(fit.noise_factor.max()), total)
     for _ in range(ROUNDS):
         found = _reduced(fit, problem, columns, cut)
         moved = found.triangle @ (found.step - cut.step)

@@ -1,0 +1,34 @@
+"""Files none of whose rows belongs: they are asked for as causes are, and then left out."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.calibration.fit import Problem
+from ppmcal.diagnosis.explanation import Round
+from ppmcal.diagnosis.question import FILE_FAMILY
+from ppmcal.inference.priors import SURE
+
+REASON = "none of the file's rows goes with the other files: of another machine, or misread"
+
+
+def wrong_files(asked: Round) -> frozenset[str]:
+    """Return the names of the files that surely do not belong."""
+    blocks, answer = asked.asked.question.blocks, asked.answer
+    return frozenset(blocks[i].name for i in answer.best.chosen if blocks[i].family == FILE_FAMILY
+                     and answer.probability[i] > SURE.value)
+
+
+def without(problem: Problem, names: Container[str]) -> Problem:
+    """Return a problem in which no row of some files is used."""
+    return replace(problem, datasets=tuple(
+        d.without(np.ones(len(d), dtype=bool), REASON) if d.name in names else d
+        for d in problem.datasets))
+
+
+def left_out(problem: Problem) -> frozenset[str]:
+    """Return the names of the files that were left out here."""
+    return frozenset(d.name for d in problem.datasets if REASON in (d.unusable or ()))
