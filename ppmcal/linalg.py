@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ppmcal.errors import LinearAlgebraError
 
@@ -389,3 +389,16 @@ def ways(q: Array) -> Array:
     last = np.maximum.accumulate(np.where(move != 0.0, rows, -1), axis=0)
     found = np.take_along_axis(move, np.maximum(last, 0), axis=0)
     return np.where(last >= 0, found, np.nan)
+
+
+def logsumexp(values: ArrayLike, axis: int | tuple[int, ...] | None = None) -> Array:
+    """Return the logarithm of the sum of exponentials, -inf of nothing.
+
+    As scipy's, whose calls take longer than most of the sums that are asked for.
+    """
+    x = np.asarray(values, dtype=float)
+    top = np.max(x, axis=axis, keepdims=True, initial=-np.inf)
+    top = np.where(np.isfinite(top), top, 0.0)
+    with np.errstate(divide="ignore"):
+        out = np.log(np.sum(np.exp(x - top), axis=axis, keepdims=True)) + top
+    return np.asarray(np.squeeze(out, axis=axis))

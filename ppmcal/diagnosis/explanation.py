@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -23,7 +23,7 @@ from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.inference.block_sets import Numbers, state
-from ppmcal.inference.priors import SURE
+from ppmcal.inference.priors import COUNTS, SURE
 from ppmcal.inference.sets import Member, SetPosterior, posterior
 from ppmcal.linalg import Bools
 from ppmcal.model.effects import Setting
@@ -94,7 +94,16 @@ class Round:
     @cached_property
     def keys(self) -> frozenset[object]:
         """What the best set is made of, by what is the same in the question of another round."""
-        return frozenset(_key(self.asked.sources[i]) for i in self.answer.best.chosen)
+        return self._what(self.answer.best.chosen)
+
+    @cached_property
+    def likely(self) -> list[frozenset[object]]:
+        """What sets are made of that change a prediction, none of a search that was cut short."""
+        return [] if self.cut else [self._what(some) for some, p in self.answer.log_p.items()
+                                    if p > np.log(COUNTS.value)]
+
+    def _what(self, some: Iterable[int]) -> frozenset[object]:
+        return frozenset(_key(self.asked.sources[i]) for i in some)
 
     @cached_property
     def whitening(self) -> Whitening:
@@ -224,7 +233,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
         if any(new == what_is_fitted(a.hypothesis for a in r.added) for r in rounds):
             if not last.cut:
                 break
-            rounds[-1] = ask(last.fit, last.added, before=last.keys)
+            rounds[-1] = ask(last.fit, last.added, before=last)
             continue
         if len(rounds) == ROUNDS:
             rounds[-1] = replace(last, given_up=(*last.given_up, UNSETTLED))
@@ -234,12 +243,12 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
             now = with_mechanism(fit, machine, options) if sized else fit
         except (BadInput, NoResult) as error:
             if last.cut:
-                last = ask(last.fit, last.added, before=last.keys)
+                last = ask(last.fit, last.added, before=last)
             what = ", ".join(s.hypothesis.label for s in sized)
             rounds[-1] = replace(last, given_up=(
                 *last.given_up, UNFITTED.format(what, error.what)))
             break
-        rounds.append(ask(now, added, before=last.keys, large=len(rounds) < ROUNDS // 2))
+        rounds.append(ask(now, added, before=last, large=len(rounds) < ROUNDS // 2))
     return rounds
 
 
@@ -250,11 +259,11 @@ def what_is_fitted(some: Iterable[Hypothesis]) -> frozenset[object]:
 
 def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools],
            everywhere: Sequence[Setting], kinds: Sequence[str] | None,
-           before: Container[object] = (), large: bool = False) -> Round:
+           before: Round | None = None, large: bool = False) -> Round:
     """Ask what is in the data of the ``whole``, its geometry as in a fit with what was ``added``.
 
-    Residuals hold all that was added. ``before``: of what the best set was made in the round
-    before; from there the search goes on. Where what was added is not linear, or stands at no
+    Residuals hold all that was added. ``before``: the round before; from its best set the search
+    goes on. Where what was added is not linear, or stands at no
     point of a grid, that counts of two ways to ask in which this set is likelier. ``large``:
     whether the search ends at what is too large for its derivatives.
     """
@@ -269,15 +278,17 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
         first: dict[object, int] = {}
         for n, source in enumerate(asked.sources):
             first.setdefault(_key(source), n)
-        start = [n for key, n in first.items() if key in before]
+        start = [n for key, n in first.items() if before is not None and key in before.keys]
+        known = [frozenset(first[key] for key in some) for some in (before.likely if before else ())
+                 if some <= first.keys()]
         if columns:
             start = _at_fitted(asked.sources, start, moved)
-        ways.append((asked, found, start))
-    asked, found, start = ways[0] if len(ways) == 1 else max(
+        ways.append((asked, found, start, known))
+    asked, found, start, known = ways[0] if len(ways) == 1 else max(
         ways, key=lambda way: state(way[0].question, way[2]).log_p)
     ask = partial(CauseSizes, fit, keep, asked, {a.hypothesis.family for a in added})
     size = ask()
-    answer = posterior(asked.question, start, size.too_large if large else None)
+    answer = posterior(asked.question, start, size.too_large if large else None, known)
     # where one cause bends to several wrong rows at a time, the search may have begun with it
     rows = _left_out(fit, asked)
     if rows and state(asked.question, rows).log_p > answer.best.log_p:

@@ -12,7 +12,12 @@ from ppmcal.calibration.fit import prior_weights, to_prior
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.library_columns import Products
 from ppmcal.diagnosis.linear_system import System
-from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause, UnknownCauses
+from ppmcal.diagnosis.unknown_causes import (
+    MOST_POSES,
+    UNKNOWN_FAMILY,
+    UnknownCause,
+    UnknownCauses,
+)
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import JoinedColumns, UnitColumns
 from ppmcal.inference.priors import (
@@ -32,7 +37,6 @@ from ppmcal.inference.priors import (
 from ppmcal.inference.question import Question
 from ppmcal.linalg import Array, Bools, reciprocals
 from ppmcal.model.effects.product import PRODUCT
-
 
 
 @dataclass(frozen=True)
@@ -122,8 +126,6 @@ FILE_FAMILY = "file"
 """The family of files none of whose rows belongs: they are another machine's, or nothing's."""
 NO_CAUSES = (ROW_FAMILY, FILE_FAMILY)
 """Families that are no cause in the machine."""
-MOST_VALUES = 200
-"""Values of a file of which each may be off by itself: so many take a tenth of the time."""
 
 
 def rows(observed: Bools, first: int) -> Iterator[tuple[Block, WrongRows]]:
@@ -146,7 +148,7 @@ def files(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:
     for d, data in enumerate(system.problem.datasets if len(system.problem.datasets) > 1 else ()):
         mine = np.flatnonzero(system.dataset == d)
         own = (mine[:, None] * width + np.arange(width))[system.observed[mine]]
-        if 1 < mine.size and own.size <= MOST_VALUES:
+        if mine.size > 1 and own.size <= MOST_POSES:
             yield (Block(data.name, FILE_FAMILY, tuple((first + own).tolist()),
                          float(np.log(float(MISREAD)))),
                    WrongRows(tuple(mine.tolist()), f"{data.name} is of another machine"))

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import logsumexp
 
+from ppmcal import linalg
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.evidence import BatchOdds, most_of_all, odds_of_some
 from ppmcal.inference.given import Conditioned
@@ -53,6 +53,17 @@ class BlockSet:
         """The likeliest of the views."""
         return max(self.views, key=lambda view: view[1])
 
+    def about_without(self, cause: int) -> float:
+        """Return log p without a cause, the others at the sizes that they have: no more than it is.
+
+        But for rows that do not belong, whose sizes may be chosen anew, and what leans on it.
+        """
+        k, question = self.causes.index(cause), self.question
+        prior = question.log_prior(i for i in self.chosen if i != cause) + sum(
+            row.slack for row in self.rows.values())
+        return prior + float(linalg.logsumexp(np.array([
+            question.views[n].log_prior + found.without[k] for n, _, found in self.views])))
+
     @property
     def scored(self) -> bool:
         """Whether scores are known, as far as they were asked for."""
@@ -87,12 +98,12 @@ class BlockSet:
         more[list(self.chosen)] = -np.inf
         every = [(log_p, [BatchOdds.of(given, batch) for batch in question.views[n].batches])
                  for n, log_p, found in self.views for given in (self.given(n, found),)]
-        out = np.asarray(more + logsumexp(
+        out = np.asarray(more + linalg.logsumexp(
             [log_p + most_of_all(own, count) for log_p, own in every], axis=0))
         asked = out > least
         asked[question.with_ratio] = True
-        out[asked] = (more + logsumexp([log_p + odds_of_some(own, asked) for log_p, own in every],
-                                       axis=0))[asked]
+        out[asked] = (more + linalg.logsumexp(
+            [log_p + odds_of_some(own, asked) for log_p, own in every], axis=0))[asked]
         rows = {i: row.size for i, row in self.rows.items()}
         for i in question.with_ratio:       # of which the other's size says how large it may be
             if out[i] > self.log_p - NEGLIGIBLE:
@@ -133,7 +144,7 @@ def state(question: Question, chosen: Sequence[int], likely: Sequence[int] = (),
     views = tuple((n, log_z + prior, j) for (n, j), log_z in zip(found, each, strict=True)
                   if n <= most)
     kept = [z + few[n].in_ratio(j) for z, (n, j) in zip(each, found, strict=True)]
-    log_p = float(logsumexp(kept)) + prior if question.complete(chosen) else -np.inf
+    log_p = float(linalg.logsumexp(kept)) + prior if question.complete(chosen) else -np.inf
     return BlockSet(question, tuple(chosen), log_p, views, own)
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import logsumexp
 
+from ppmcal import linalg
 from ppmcal.inference.ranges import SIZES
 
 
@@ -20,4 +20,4 @@ def differing(chi2: float, freedom: int) -> float:
     """
     wider = 1.0 + SIZES**2
     each = 0.5 * (chi2 * (1.0 - 1.0 / wider) - freedom * np.log(wider))
-    return float(np.exp(np.minimum(logsumexp(each) - np.log(SIZES.size), 700.0)))
+    return float(np.exp(np.minimum(linalg.logsumexp(each) - np.log(SIZES.size), 700.0)))

@@ -15,7 +15,6 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy.special import logsumexp
 
 from ppmcal import linalg
 from ppmcal.inference.blocks import Batch
@@ -136,7 +135,7 @@ class BatchOdds:
 def total(log_odds: Array) -> Array:
     """Return the log odds of each block (B,), of all roots and sizes (B, G, S) together."""
     few = log_odds[0].size if len(log_odds) else 1
-    return np.asarray(logsumexp(log_odds, axis=(1, 2)) - np.log(few))
+    return np.asarray(linalg.logsumexp(log_odds, axis=(1, 2)) - np.log(few))
 
 
 def within(given: NoiseScale, lift: Array, own: Array, part: Array, low: Array, high: Array,

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from ppmcal import linalg
 from ppmcal.inference.blocks import Block
@@ -38,7 +37,7 @@ class RowSize:
     @classmethod
     def of(cls, log_odds: Array, size: int) -> RowSize:
         """Return it from the log odds at each size (S,)."""
-        whole = float(logsumexp(log_odds)) - float(np.log(log_odds.size))
+        whole = float(linalg.logsumexp(log_odds)) - float(np.log(log_odds.size))
         return cls(size, whole, whole - float(log_odds[size]))
 
 

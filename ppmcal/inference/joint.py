@@ -10,7 +10,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from ppmcal import linalg
 from ppmcal.inference.blocks import Block
@@ -32,11 +31,13 @@ class JointBlocks:
         sizes: number of each block's size. grid: of its root.
         values, sigmas: each block's coefficients (k,), mean and standard deviation in units of the
             stated noise.
+        without: log evidence with each block gone, the others at the sizes that they have (B,).
     """
 
     log_evidence: float
     sizes: Ints
     grid: Ints
+    without: Array
     values: tuple[Array, ...] = ()
     sigmas: tuple[Array, ...] = ()
 
@@ -59,15 +60,15 @@ def joint_of_each(given: Sequence[Conditioned], blocks: Sequence[Sequence[Block]
     """
     count = len(blocks[0])
     if not count:
-        none = np.zeros(0, dtype=np.int64)
-        return [JointBlocks(one.log_evidence, none, none) for one in given]
+        empty = np.zeros(0, dtype=np.int64)
+        return [JointBlocks(one.log_evidence, empty, empty, np.zeros(0)) for one in given]
     system, views = _System(given, blocks), np.arange(len(given))
     start = np.array([own or (len(SIZES) // 2, 0) for own in near or [None] * count])
     sizes, grid = (np.tile(start[:, n], (len(given), 1)) for n in (0, 1))      # (V, B)
     order = sorted(range(count), key=lambda k: bool(near and near[k]))
-    known: dict[tuple[int, bytes, bytes], tuple[Array, Array]] = {}
+    known: dict[tuple[int, bytes, bytes], tuple[Array, Array, Array]] = {}
 
-    def along(k: int) -> tuple[Array, Array]:
+    def along(k: int) -> tuple[Array, Array, Array]:
         """Return what is known of a block beside the others as they are now, asked once."""
         rest = np.arange(count) != k
         key = (k, sizes[:, rest].tobytes(), grid[:, rest].tobytes())
@@ -83,14 +84,17 @@ def joint_of_each(given: Sequence[Conditioned], blocks: Sequence[Sequence[Block]
             sizes[:, k], grid[:, k] = np.unravel_index(most, found.shape[1:])
         if np.array_equal(before[0], sizes) and np.array_equal(before[1], grid):
             break
-    slack = np.zeros(len(given))
+    slack, none = np.zeros((2, count, len(given)))
     for k in order:
-        free, found = along(k)
+        free, found, none[k] = along(k)
         best = free[views, sizes[:, k], grid[:, k]]
-        slack += logsumexp(found, axis=(1, 2)) - np.log(found[0].size) - best
-    return [JointBlocks(one.log_evidence + float(odds), sizes[v], grid[v], *coefficients)
-            for v, (one, odds, coefficients) in enumerate(zip(
-                given, best + slack, system.coefficients(sizes, grid), strict=True))]
+        slack[k] = linalg.logsumexp(found, axis=(1, 2)) - np.log(found[0].size) - best
+    whole = np.sum(slack, axis=0)
+    return [JointBlocks(one.log_evidence + float(odds), sizes[v], grid[v],
+                        one.log_evidence + without, *coefficients)
+            for v, (one, odds, without, coefficients) in enumerate(zip(
+                given, best + whole, (none + whole - slack).T, system.coefficients(sizes, grid),
+                strict=True))]
 
 
 def taken_blocks(given: Conditioned, blocks: Sequence[Block], sizes: Sequence[int] | Ints,
@@ -136,10 +140,10 @@ class _System:
         np.add.at(out, np.array(at), np.moveaxis(roots, 2, 0))
         return np.moveaxis(out, 0, 2)
 
-    def along(self, k: int, sizes: Ints, grid: Ints) -> tuple[Array, Array]:
+    def along(self, k: int, sizes: Ints, grid: Ints) -> tuple[Array, Array, Array]:
         """Return log odds against none of them (V, S, G), block k at every size, others as set.
 
-        First wherever its coefficient is, then with it between its ends.
+        First wherever its coefficient is, then with it between its ends; then without it (V,).
         """
         fixed = self._fixed([i for i in range(len(self.roots)) if i != k], sizes, grid)
         across = np.swapaxes(fixed, 1, 2) @ np.concatenate(
@@ -153,12 +157,14 @@ class _System:
         lift, (low, high) = self.lifts[k], self.ends[k]
         own, turn = small_eigh(np.swapaxes(lift, 2, 3) @ left[:, None] @ lift)
         part = (along[:, None, None] @ lift @ turn)[..., 0, :]
+        rest = np.maximum(1.0 - gone / self.spread, LEAST)
+        none = (base - 0.5 * self.freedom * np.log(rest))[:, 0, 0]
         out = base + odds_by_size(self, own, part**2, gone)
         if not bounded(low, high).size:
-            return np.swapaxes(out, 1, 2), np.swapaxes(out, 1, 2)
+            return np.swapaxes(out, 1, 2), np.swapaxes(out, 1, 2), none
         inside = within(self, self.roots[k] @ turn, own, part, low[None], high[None], gone)
         inside -= self.usual[k][:, None, None]
-        return np.swapaxes(out, 1, 2), np.swapaxes(out + inside, 1, 2)
+        return np.swapaxes(out, 1, 2), np.swapaxes(out + inside, 1, 2), none
 
     def coefficients(self, sizes: Ints, grid: Ints
                      ) -> list[tuple[tuple[Array, ...], tuple[Array, ...]]]:

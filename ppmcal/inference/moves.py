@@ -324,10 +324,13 @@ class SetSearch:
         return list(found.values())
 
     def _pruned(self, at: BlockSet, held: int) -> BlockSet:
-        """Return the likeliest of a set and those with less, ``held`` in all of them."""
+        """Return the likeliest of a set and those with less, ``held`` in all of them.
+
+        What is needed at the sizes that others have is hardly less so at any.
+        """
         while True:
             fewer = [self.visit(tuple(j for j in at.chosen if j != k)) for k in at.causes
-                     if k != held]
+                     if k != held and at.about_without(k) > at.log_p - CLOSE]
             best = max(fewer, key=lambda s: s.log_p, default=at)
             if best.log_p <= at.log_p:
                 return at

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
 from ppmcal import linalg
 from ppmcal.errors import LinearAlgebraError
@@ -126,10 +126,10 @@ def averaged(models: Sequence[tuple[float, Conditioned]], group: Ints) -> LeftOu
     log_p = np.array([p for p, _ in models])
     each = [predicted(given, group) for _, given in models]
     without = log_p[:, None] - np.stack([e.log_score for e in each])
-    rest = logsumexp(without, axis=0)
+    rest = linalg.logsumexp(without, axis=0)
     known = group >= 0
     weight = np.exp(without - rest)[:, group[known]]
     error = np.sum(weight * np.stack([e.missed[known] for e in each]), axis=0)
-    return LeftOutGroups(logsumexp(log_p) - rest,
+    return LeftOutGroups(linalg.logsumexp(log_p) - rest,
                          np.bincount(group[known], error**2, rest.size).astype(float),
                          each[int(np.argmax(log_p))].directions)

@@ -9,8 +9,8 @@ from functools import cached_property
 from itertools import chain
 
 import numpy as np
-from scipy.special import logsumexp
 
+from ppmcal import linalg
 from ppmcal.inference.blocks import Batch, Block, batches
 from ppmcal.inference.columns import ColumnSource
 from ppmcal.inference.correlation import RowNoise, Whitened
@@ -133,7 +133,7 @@ class Question:
     @cached_property
     def _of_group(self) -> dict[str, float]:
         """Log prior of each group: that one of its blocks is there."""
-        return {group: float(logsumexp([self.blocks[i].log_prior for i in own]))
+        return {group: float(linalg.logsumexp([self.blocks[i].log_prior for i in own]))
                 for group, own in self.groups.items()}
 
     @cached_property

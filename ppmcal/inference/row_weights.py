@@ -11,8 +11,9 @@ the values behind it, both are Student's, of what is known of that noise:
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import expit, logit, logsumexp
+from scipy.special import expit, logit
 
+from ppmcal import linalg
 from ppmcal.inference.priors import GROSS_ROW, NOISE_FREEDOM
 from ppmcal.inference.ranges import SIZES
 from ppmcal.linalg import Array
@@ -36,7 +37,7 @@ def log_ratio(square: Array, size: Array, freedom: float) -> Array:
         some = slice(begin, begin + AT_ONCE)
         d, m = square[some, None], size[some, None]
         each = 0.5 * (freedom + m) * (np.log1p(d / freedom) - np.log1p(d / (freedom * own)))
-        out[some] = logsumexp(each - 0.5 * m * np.log(own), axis=1) - np.log(own.size)
+        out[some] = linalg.logsumexp(each - 0.5 * m * np.log(own), axis=1) - np.log(own.size)
     return out
 
 

@@ -5,14 +5,14 @@ log p(H | y) = log Z(H) + log pi(H), for every correlation of the noise, and the
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import logsumexp
 
+from ppmcal import linalg
 from ppmcal.inference.block_sets import NEGLIGIBLE, BlockSet, Numbers
 from ppmcal.inference.moves import MOST, SetSearch
 from ppmcal.inference.priors import WITHIN
@@ -120,13 +120,18 @@ class SetPosterior:
                      if what in needed)
 
     @cached_property
+    def _what(self) -> tuple[tuple[str, str], ...]:
+        """Which family each block is, and where."""
+        return tuple((b.family, b.where) for b in self.best.question.blocks)
+
+    @cached_property
     def _at_other_priors(self) -> tuple[dict[Numbers, float], ...]:
         """Log probability of the sets if families act more often, or more seldom, than is said."""
         prior, times = self.best.question.log_prior, float(np.log(float(WITHIN)))
         out = []
         for more_often in (times, -times):
             log_p = {key: p + prior(key, more_often) - prior(key) for key, p in self.log_p.items()}
-            total = float(logsumexp(list(log_p.values())))
+            total = float(linalg.logsumexp(list(log_p.values())))
             out.append({key: p - total for key, p in log_p.items()})
         return tuple(out)
 
@@ -136,38 +141,42 @@ class SetPosterior:
         for key, p in log_p.items():
             found[self._in_place(self.best.chosen[place], key)].append((p, key))
         members = {what: Member(" and ".join(sorted({family for family, _ in what})),
-                                float(np.exp(logsumexp([p for p, _ in own]))),
+                                float(np.exp(linalg.logsumexp([p for p, _ in own]))),
                                 max(own, key=lambda o: o[0])[1]) for what, own in found.items()}
         return dict(sorted(members.items(), key=lambda m: -m[1].probability))
 
     def _in_place(self, mine: int, key: Numbers) -> Answer:
         """Return which families are where in a set, in the place of a block of the best set."""
-        blocks, best = self.best.question.blocks, frozenset(self.best.chosen)
-        there = Counter((blocks[i].family, blocks[i].where) for i in key)
-        own = (blocks[mine].family, blocks[mine].where)
-        if mine in key or there[own] >= sum((blocks[i].family, blocks[i].where) == own
-                                            for i in best):
-            return frozenset({own})
-        return frozenset((blocks[i].family, blocks[i].where) for i in key - best
-                         if blocks[i].family not in self.best.question.alone)
+        best, what = frozenset(self.best.chosen), self._what
+        if mine in key:
+            return frozenset({what[mine]})
+        if sum(what[i] == what[mine] for i in key) >= sum(what[i] == what[mine] for i in best):
+            return frozenset({what[mine]})
+        return frozenset(what[i] for i in key - best
+                         if what[i][0] not in self.best.question.alone)
 
 
 def posterior(question: Question, start: Sequence[int] = (),
-              enough: Callable[[BlockSet], bool] | None = None) -> SetPosterior:
+              enough: Callable[[BlockSet], bool] | None = None,
+              known: Sequence[Numbers] = ()) -> SetPosterior:
     """Return which blocks are in the data: search from a set, then what is near the best.
 
     Args:
         question: what may be there.
         start: the set from which the search begins; nothing is looked at too.
         enough: whether the search is to end at a set; asked of each that it comes to.
+        known: sets that were likely where a search of almost the same question ended at ``start``:
+            from there nothing is looked for again that is farther away than one move.
     """
     seen = SetSearch(question)
     best = seen.whole(seen.visit(()))
     if start:
-        best = seen.whole(max(best, seen.settle(tuple(start)), key=lambda at: at.log_p))
+        others = [seen.settle(tuple(sorted(key))) for key in known]
+        best = seen.whole(max(best, seen.settle(tuple(start)), *others, key=lambda at: at.log_p))
     for _ in range(MOVES):
+        again = known and frozenset(best.chosen) == frozenset(start)
         better = None if enough is not None and enough(best) else (
-            seen.better(best) or seen.far(best) or seen.overlooked(best))
+            seen.better(best) or (None if again else seen.far(best)) or seen.overlooked(best))
         if better is None:
             break
         best = seen.whole(better)
@@ -181,7 +190,7 @@ def posterior(question: Question, start: Sequence[int] = (),
     # what is beside the best is counted there, and once
     counted = {key: log_p for key, log_p in counted.items()
                if not (key > mine and len(key) == len(mine) + 1)}
-    total = float(logsumexp(list(counted.values())))
+    total = float(linalg.logsumexp(list(counted.values())))
     return SetPosterior(best, {key: log_p - total for key, log_p in counted.items()},
                         best.scores - best.log_p, seen.left <= 0 or len(best.causes) >= MOST)
 

@@ -68,10 +68,9 @@ def _moves(fit: Fit, found: Distances, factor: Array, keep: Sequence[Bools],
            weights: Sequence[Array], others: Sequence[Array]) -> float:
     """Return by how many standard deviations other weights may move estimates, at most or so."""
     lever = values_taken(fit) / max(sum(int(k.sum()) for k in keep), 1)
-    return float(np.sqrt(lever)) * sum(
-        float(np.sum(np.abs(w - o)[k] * np.sqrt(d[k]))) / f
-        for w, o, d, k, f in zip(weights, others, found.square, keep, factor.tolist(),
-                                 strict=True))
+    return float(np.sqrt(lever)) * float(np.sum([
+        np.sum(np.abs(w - o)[k] * np.sqrt(d[k])) / f
+        for w, o, d, k, f in zip(weights, others, found.square, keep, factor, strict=True)]))
 
 
 def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: Array) -> Fit:

@@ -84,7 +84,8 @@ PLATE_COMPLIANCE = register(EffectKind(
     fixed_list(*(EffectParameter(part, "length/N", low=0.0, usual=(0.0, 0.1),
                                  why="stiffer than 10 N/m, as drives are", size=1e-9)
                  for part in PARTS),
-               EffectParameter("reach", "length", None, low=LEAST_REACH, reciprocal=True, scan=_reaches)),
+               EffectParameter("reach", "length", None, low=LEAST_REACH, reciprocal=True,
+                               scan=_reaches)),
     ("wrench",), _terms, per_actuator=False, uses_load=True, one_by_one=True, seldom=True,
     remedy="indicate the base and the platform beside a joint while the payload is put on",
     worked=Worked({"base": 1e-8, "platform": 0.0, "reach": 0.1}, {"forces": 200.0, "base": 0.3},
