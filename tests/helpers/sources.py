@@ -1,0 +1,10 @@
+"""The package's own modules as syntax trees, each parsed once."""
+
+import ast
+from functools import cache
+from pathlib import Path
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
