@@ -33,6 +33,7 @@ from bodies_world.files import sidecar, table, write  # noqa: E402
 from bodies_world.machines import MACHINES, Machine, Shape  # noqa: E402
 from bodies_world.mjcf import Faults  # noqa: E402
 from bodies_world.session import measure  # noqa: E402
+from diagnosis_study import surely_worse  # noqa: E402
 from scipy.spatial.transform import Rotation  # noqa: E402
 
 import ppmcal  # noqa: E402
@@ -44,8 +45,9 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord  # noqa: E402
 class Answer:
     """What `diagnose` said of a world: each effect named, with its alternatives, and its sizes.
 
-    ``gap``: before and after, over the noise; ``refused``: why there is no diagnosis; ``chances``
-    of each name that leads: its kind, probability, and those that may be in its place.
+    ``gap``: before and after, over the noise; ``refused``: why there is no diagnosis; ``worse``:
+    whether geometry alone surely predicts poses left out better; ``chances``: of each name that
+    leads its kind, its probability, and those that may be in its place.
     """
 
     verdict: str
@@ -54,6 +56,7 @@ class Answer:
     sizes: tuple[tuple[str, float, float, str], ...] = ()
     gap: tuple[float, float] = (np.nan, np.nan)
     refused: str = ""
+    worse: int = 0
     chances: tuple[tuple[str, float, tuple[tuple[str, float], ...]], ...] = ()
 
 
@@ -87,7 +90,8 @@ def answer_of(record: DiagnosisRecord) -> Answer:
     return Answer(record.verdict, named, text, sizes,
                   (record.gap.before or np.nan, record.gap.after or np.nan),
                   chances=tuple((e.kind, e.probability, tuple(zip(
-                      e.alternatives, e.probabilities, strict=True))) for e in record.effects))
+                      e.alternatives, e.probabilities, strict=True))) for e in record.effects),
+                  worse=surely_worse(record.predictive))
 
 
 def random_run(machine: Machine, shape: Shape, rng: np.random.Generator, rows: int) -> Any:

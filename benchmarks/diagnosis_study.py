@@ -17,7 +17,7 @@ import sys
 import time
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -37,7 +37,7 @@ from ppmcal.calibration.validation import split  # noqa: E402
 from ppmcal.diagnosis.diagnose import DiagnosisOptions as RunOptions  # noqa: E402
 from ppmcal.diagnosis.diagnose import diagnose  # noqa: E402
 from ppmcal.diagnosis.held_out_gap import measure_gap  # noqa: E402
-from ppmcal.diagnosis.result import Diagnosis  # noqa: E402
+from ppmcal.diagnosis.result import Diagnosis, LeftOutBlocks  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 from ppmcal.model.effects import effect_kinds  # noqa: E402
 from ppmcal.model.mechanism import Given, with_effect  # noqa: E402
@@ -76,7 +76,8 @@ class Outcome:
     """What became of one campaign; one line of study.csv.
 
     ``nothing``: probability that geometry is all there is; ``known``: that what is left has no
-    unknown cause; ``said``: as :func:`reliability`.
+    unknown cause; ``worse``: whether geometry alone surely predicts poses left out better;
+    ``said``: as :func:`reliability`.
     """
 
     cell: str
@@ -100,6 +101,7 @@ class Outcome:
     closed_truth: str
     nothing: float
     known: float
+    worse: int
     said: str
     seconds: float
 
@@ -152,7 +154,7 @@ def run(job: Job) -> Outcome | None:
         return Outcome(**asdict(job), survival=min((t.survival for t in found.truth), default=1.0),
                        freedom=0, verdict="refused", named="", alternatives="", right=0, alone=0,
                        wrong=0, set_size=0.0, covered="0/0", closed="", closed_truth="",
-                       nothing=float("nan"), known=float("nan"), said="",
+                       nothing=float("nan"), known=float("nan"), worse=0, said="",
                        seconds=round(time.perf_counter() - start, 2))
     return judge(job, found, result, time.perf_counter() - start)
 
@@ -176,10 +178,16 @@ def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome
         covered=coverage(found, result), closed="" if closed is None else f"{closed:.4f}",
         closed_truth=told(found, result, job.seed % 1000),
         nothing=result.nothing, known=result.remainder.known,
+        worse=surely_worse(result.predictive),
         said=reliability(((family(e.kind, e.parameters), e.probability, zip(
             map(label, e.alternatives), e.probabilities, strict=True))
             for e in result.effects), truth),
         seconds=round(seconds, 2))
+
+
+def surely_worse(predictive: Sequence[LeftOutBlocks]) -> int:
+    """Return whether geometry alone surely predicts poses left out better than all that may be."""
+    return int(any(b.surely_worse for b in predictive if b.by == "pose"))
 
 
 def reliability(effects: Iterable[tuple[str, float | None, Iterable[tuple[str, float]]]],

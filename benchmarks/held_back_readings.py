@@ -19,6 +19,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -78,22 +79,18 @@ def late(rows: int) -> Change:
     return change
 
 
-def joints(how: Callable[[Array], Array], begin: float = 0.0, end: float = 1.0) -> Change:
+def values(name: str, how: Callable[[Array], Array], begin: float = 0.0, end: float = 1.0
+           ) -> Change:
+    """Return the change of a field's rows from one part of a file to another."""
     def change(data: Dataset, _: np.random.Generator) -> Dataset:
         inside = slice(int(begin * len(data)), int(end * len(data)))
-        q = data.q.copy()
-        q[inside] = how(q[inside])
-        return other(data, q=q)
+        field = getattr(data, name).copy()
+        field[inside] = how(field[inside])
+        return other(data, **{name: field})
     return change
 
 
-def places(how: Callable[[Array], Array], begin: float = 0.0, end: float = 1.0) -> Change:
-    def change(data: Dataset, _: np.random.Generator) -> Dataset:
-        inside = slice(int(begin * len(data)), int(end * len(data)))
-        position = data.position.copy()
-        position[inside] = how(position[inside])
-        return other(data, position=position)
-    return change
+joints, places = partial(values, "q"), partial(values, "position")
 
 
 def times(*factors: float) -> Callable[[Array], Array]:

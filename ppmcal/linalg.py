@@ -318,10 +318,21 @@ def without_range(block: Array, basis: Array) -> Array:
     return block
 
 
-def nearest_rotation(matrix: Array) -> Array:
-    """Return the proper rotation nearest to a matrix (3, 3), in the Frobenius norm (Kabsch)."""
+def nearest_rotation(matrix: Array, planar: bool = False) -> Array:
+    """Return the proper rotations nearest to matrices (..., 3, 3), in the Frobenius norm (Kabsch).
+
+    ``planar``: about z only.
+    """
+    if planar:
+        angle = np.arctan2(matrix[..., 1, 0] - matrix[..., 0, 1],
+                           matrix[..., 0, 0] + matrix[..., 1, 1])
+        out = np.zeros((*angle.shape, 3, 3))
+        out[..., 0, 0] = out[..., 1, 1] = np.cos(angle)
+        out[..., 1, 0], out[..., 0, 1], out[..., 2, 2] = np.sin(angle), -np.sin(angle), 1.0
+        return out
     u, _, vt = svd(matrix)
-    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
+    u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    return np.asarray(u @ vt)
 
 
 def subsample(keep: Sequence[Bools], most: int) -> list[Bools]:

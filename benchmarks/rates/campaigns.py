@@ -48,8 +48,9 @@ class Line(Job):
 
     ``group``: nothing, poor noise, one, several, event, memory, unknown; ``right``: every cause is
     named, alone or in a set; ``wrong``: names that are none of them, in whatever verdict;
-    ``size``: mean number of names in a set, 0 where nothing is named; ``said``: the probability
-    of each name that leads, and whether it is right, as ``0.9731:1``.
+    ``size``: mean number of names in a set, 0 where nothing is named; ``worse``: whether geometry
+    alone surely predicts poses left out better than all that may be there together; ``said``: the
+    probability of each kind that leads, and whether it is right, as ``0.9731:1``.
     """
 
     group: str
@@ -59,6 +60,7 @@ class Line(Job):
     alone: int
     wrong: int
     size: float
+    worse: int
     said: str
     seconds: float
 
@@ -97,7 +99,7 @@ def run(job: Job) -> Line | None:
         found = {"hidden": _hidden, "wild": _wild, "bodies": _bodies}[job.generator](job)
     except Exception as error:  # a fault is a line of the study, not its end
         print(f"{job}: {error!r}", file=sys.stderr)
-        found = (_group(job), "fault", "", 0, 0, 0, 0.0, "")
+        found = (_group(job), "fault", "", 0, 0, 0, 0.0, 0, "")
     if found is None:
         return None
     return Line(*astuple(job), *found, round(time.perf_counter() - start, 1))
@@ -116,7 +118,7 @@ def _group(job: Job) -> str:
     return {"none": "nothing", "physics": "one"}.get(group, group)
 
 
-Judged = tuple[str, str, str, int, int, int, float, str]
+Judged = tuple[str, str, str, int, int, int, float, int, str]
 
 
 def _hidden(job: Job) -> Judged | None:
@@ -126,7 +128,7 @@ def _hidden(job: Job) -> Judged | None:
     if line is None:
         return None
     return (_group(job), line.verdict, line.named, line.right, line.alone, line.wrong,
-            line.set_size, line.said)
+            line.set_size, line.worse, line.said)
 
 
 def _wild(job: Job) -> Judged | None:
@@ -141,7 +143,7 @@ def _wild(job: Job) -> Judged | None:
         group = "several"
     sizes = [len(f.split("/")) for f in line.named.split("; ") if f]
     return (group, line.verdict.split(" ")[0], line.named, line.right, line.alone, line.wrong,
-            float(np.mean(sizes)) if sizes else 0.0, line.said)
+            float(np.mean(sizes)) if sizes else 0.0, line.worse, line.said)
 
 
 def _bodies(job: Job) -> Judged:
@@ -156,4 +158,4 @@ def _bodies(job: Job) -> Judged:
     chances = diagnosis_study.reliability(answer.chances, case.right)
     return (_group(job), answer.verdict, answer.text, int(right and not answer.refused),
             int(right and said <= case.right), wrong, float(np.mean(sizes)) if sizes else 0.0,
-            chances)
+            answer.worse, chances)

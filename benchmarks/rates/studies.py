@@ -45,12 +45,13 @@ class Study:
 
 
 DIAGNOSIS = ("diagnosis", "inference")
-AFTERWARDS = ("diagnosis/session_effects.py",)
-"""What runs once the names stand: sizes by session, of which no rate is made."""
+AFTERWARDS = ("diagnosis/equations.py", "diagnosis/session_effects.py")
+"""What runs once the names stand: equations of what was learned, sizes by session, of which no rate
+is made."""
 
 STUDIES = (
     Study("diagnosis", DIAGNOSIS,
-          {"docs/diagnosis.md": ("rates", "beside", "reliability", "rates-by-case"),
+          {"docs/diagnosis.md": ("rates", "reliability", "rates-by-case"),
            "README.md": ("rates",)},
           but=AFTERWARDS),
     Study("next", DIAGNOSIS, {"docs/diagnosis.md": ("next",)},

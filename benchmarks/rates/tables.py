@@ -8,15 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from study_runner import read
 from study_summary import interval, share
 
 Line = Mapping[str, str]
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "docs" / "rates"
 NAMED = ("named", "named-set", "partial")
-BEFORE = FOLDER / "before.csv"
-"""What the way by tests of version 0.3.0, engine 49591fc7ebcf, made of campaigns: it is gone."""
 GROUPS = {"nothing": "nothing hidden", "poor noise": "nothing hidden, noise not as stated",
           "one": "one cause", "memory": "one cause with memory", "event": "events, with their rows",
           "several": "two or three causes", "unknown": "a cause in no library"}
@@ -47,7 +44,7 @@ def reliability(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
     """Return how often kinds are right, by the probability that was said, on whatever joints."""
     said = [(float(p), hit == "1") for r in lines for p, _, hit in (
         word.partition(":") for word in r["said"].split())]
-    out = [_said(lines, about), "", "| said | names | mean of what was said | right |",
+    out = [_said(lines, about), "", "| said | kinds | mean of what was said | right |",
            "|---|---|---|---|"]
     for low, high in pairwise(BINS):
         own = [(p, hit) for p, hit in said if low <= p < high]
@@ -58,23 +55,6 @@ def reliability(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
                        f"{np.mean([p for p, _ in own]):.3f} | {hits / len(own):.3f} "
                        f"({least:.3f} to {most:.3f}) |")
     return "\n".join(out)
-
-
-def beside(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
-    """Return the headline rates beside those of the way before, on the same campaigns."""
-    old = {_campaign(r): r for r in read(BEFORE)}
-    both = [r for r in lines if _campaign(r) in old]
-    ways = both, [old[_campaign(r)] for r in both]
-    return "\n".join([
-        _said(both, about), "", "| | by probabilities | by tests, as before |", "|---|---|---|",
-        *(f"| {what} | {' | '.join(share(own(way), test) for way in ways)} |"
-          for what, own, test in _questions()),
-        "| one cause, eta from 0.5: names in a set, mean | "
-        f"{' | '.join(_sizes(way)[0] for way in ways)} |"])
-
-
-def _campaign(row: Line) -> tuple[str, ...]:
-    return tuple(row[name] for name in ("generator", "study", "case", "machine", "own"))
 
 
 def _said(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
@@ -97,6 +77,8 @@ def _questions() -> list[tuple[str, Callable[[Sequence[Line]], list[Line]],
         ("a cause in no library: said to be there", of("unknown"), said),
         ("the same: a wrong name", of("unknown"), wrong),
         ("all: a wrong name, in whatever verdict", lambda lines: list(lines), wrong),
+        ("all: geometry alone surely predicts poses better", lambda lines: list(lines),
+         lambda r: r.get("worse") == "1"),
         ("all: a right file refused, or called misread", lambda lines: list(lines),
          lambda r: r["verdict"] in ("refused", "misread", "fault"))]
 
@@ -141,4 +123,4 @@ def by_case(lines: Sequence[Line], about: Mapping[str, Any]) -> str:
     return "\n".join(out)
 
 
-TABLES = {"rates": rates, "rates-by-case": by_case, "reliability": reliability, "beside": beside}
+TABLES = {"rates": rates, "rates-by-case": by_case, "reliability": reliability}

@@ -33,7 +33,7 @@ class CheckResult(Check):
     @classmethod
     def of_machine(cls, mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> CheckResult:
         """Return a machine that nothing is found of, to be drawn: it may not reach home."""
-        return cls((), (), float("nan"), np.full(len(mechanism.actuators), np.nan), 0, 0, (), (),
+        return cls((), (), float("nan"), np.full(len(mechanism.actuators), np.nan),
                    mechanism=mechanism, inputs=(*mechanism.inputs, *data_files(datasets)))
 
     @cached_property

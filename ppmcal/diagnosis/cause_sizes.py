@@ -8,7 +8,7 @@ from collections.abc import Container, Iterator, Sequence
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, Problem, State
-from ppmcal.diagnosis.extended_model import extended
+from ppmcal.diagnosis.extended_model import Sized, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.question import Asked
 from ppmcal.diagnosis.refit import started
@@ -17,8 +17,6 @@ from ppmcal.inference.question import Question
 from ppmcal.inference.ranges import SIZES
 from ppmcal.linalg import Array, Bools
 
-Sized = tuple[Hypothesis, Array, Array]
-"""A hypothesis, its coefficients and their standard deviations."""
 LINEAR = 0.1
 """What was added is linear where its derivatives say the same within so much of the noise, rms."""
 
@@ -28,14 +26,23 @@ def sizes(asked: Asked, at: BlockSet) -> list[Sized]:
 
     Both are 0 of what rows do not see past the geometry: no fit could tell what it is.
     """
-    joint = at.likeliest[2]
-    out = list(_once([
-        _together(source, seen * value[:source.size], seen * sigma[:source.size])
-        for i, value, sigma in zip(at.causes, joint.values, joint.sigmas, strict=True)
-        if isinstance(source := asked.sources[i], Hypothesis)
-        and not source.anonymous and not source.misread
-        for seen in (_seen(asked.question, source.columns),)]))
-    return in_proportion(out)
+    joint, out = at.likeliest[2], []
+    for k, i in enumerate(at.causes):
+        source = asked.sources[i]
+        if isinstance(source, Hypothesis) and not source.anonymous and not source.misread:
+            seen = _seen(asked.question, source.columns)
+            out.append(_together(source, *(seen * x[:source.size] for x in (
+                joint.values[k], joint.sigmas[k],
+                _prior(asked.question, i, int(joint.sizes[k]), int(joint.grid[k]))))))
+    return in_proportion(list(_once(out)))
+
+
+def _prior(asked: Question, block: int, size: int, root: int) -> Array:
+    """Return the standard deviations (k,) that a block's coefficients have at one size."""
+    mine = asked.blocks[block]
+    columns = asked.columns.some(mine.columns)
+    roots = mine.own_roots(columns.T @ columns, asked.views[0].start.count)
+    return np.asarray(SIZES[size] * np.linalg.norm(roots[root], axis=1))
 
 
 def in_proportion(sized: Sequence[Sized]) -> list[Sized]:
@@ -44,16 +51,21 @@ def in_proportion(sized: Sequence[Sized]) -> list[Sized]:
     Where that one has no size there is no proportion: they stay as they are.
     """
     size: dict[tuple[str, tuple[str, ...]], float] = defaultdict(float)
-    for h, value, _ in sized:
-        size[h.kind, h.on] += float(np.mean(value))
-    return [(h, value / size[h.leans], sigma / abs(size[h.leans])) if h.leans and size[h.leans]
-            else (h, value, sigma) for h, value, sigma in sized]
+    for s in sized:
+        size[s.hypothesis.kind, s.hypothesis.on] += float(np.mean(s.value))
+
+    def of(s: Sized) -> float:
+        return size[s.hypothesis.leans] if s.hypothesis.leans else 0.0
+
+    return [Sized(s.hypothesis, s.value / of(s), *(x / abs(of(s)) for x in (s.sigma, s.prior)))
+            if of(s) else s for s in sized]
 
 
-def _together(h: Hypothesis, value: Array, sigma: Array) -> Sized:
+def _together(h: Hypothesis, value: Array, sigma: Array, prior: Array) -> Sized:
     """Return a hypothesis with what a machine has of it: its mean over sessions, if it has some."""
-    value, sigma = (x.reshape(max(len(h.sessions), 1), -1) for x in (value, sigma))
-    return h, np.mean(value, axis=0), np.sqrt(np.mean(sigma**2, axis=0))
+    value, sigma, prior = (x.reshape(max(len(h.sessions), 1), -1) for x in (value, sigma, prior))
+    return Sized(h, np.mean(value, axis=0), *(np.sqrt(np.mean(x**2, axis=0))
+                                              for x in (sigma, prior)))
 
 
 def _seen(asked: Question, columns: Sequence[int]) -> Bools:
@@ -70,14 +82,15 @@ def _once(sized: Sequence[Sized]) -> Iterator[Sized]:
     Between two points of a grid both are needed; a fit finds the point. Of waves and events there
     may be several.
     """
-    sure = {id(h): float(np.max(np.abs(value) / np.maximum(sigma, 1e-300)))
-            for h, value, sigma in sized}
-    for h, value, sigma in sized:
+    sure = {id(s.hypothesis): float(np.max(np.abs(s.value) / np.maximum(s.sigma, 1e-300)))
+            for s in sized}
+    for s in sized:
+        h = s.hypothesis
         several = h.effect is None or h.effect.period or h.effect.onset or not h.constants
-        others = [f for f, _, _ in sized
+        others = [f for f in (o.hypothesis for o in sized)
                   if (f.family, f.on, f.shared) == (h.family, h.on, h.shared)]
         if several or h is max(others, key=lambda f: sure[id(f)]):
-            yield h, value, sigma
+            yield s
 
 
 def between_points(h: Hypothesis) -> bool:
@@ -104,7 +117,7 @@ class CauseSizes:
         if own and own not in self._small and not self.found:
             self._small.add(own)
             told = {id(h) for _, h, _ in some}
-            sized = [s for s in sizes(self.asked, at) if id(s[0]) in told]
+            sized = [s for s in sizes(self.asked, at) if id(s.hypothesis) in told]
             columns = [c for i, _, _ in some for c in self.asked.question.blocks[i].columns]
             linear = self.asked.question.columns.some(columns) @ np.concatenate(
                 [value for _, _, value in some])

@@ -75,7 +75,8 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     refuse_misread(what.last)
     held = held_out(what, options, notes)
     found, named = held.found, held.named
-    refuse_unredundant(found)
+    if not what.last.rows:  # what left some of them over was not explained
+        refuse_unredundant(found)
     final, events = _with_events(what.fit, options, notes) if named else (whole, {})
     own = with_onsets(effects(what, found.last), events) if named else ()
     start = left(found.first, what.rounds[0])

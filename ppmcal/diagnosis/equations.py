@@ -2,9 +2,10 @@
 
 Sparse regression of what is left, free of geometry, named effects and the other terms, on forms of
 the term's own inputs (Brunton et al. 2016, SINDy). Sets of products are as probable as they explain
-the rows, each product by half a logarithm of the rows dearer (Schwarz 1978) and one of as many as
-there are. An equation is told where its forms are surely in it, over all sets; it has to lie
-within the band of what was learned, and to predict the held-out poses as well.
+the rows, each product by half a logarithm of the rows dearer (Schwarz 1978), one form of as many as
+there are, a kink at one of its places and in one of ten. An equation is told where its forms are
+surely in it, over all sets; it has to lie within the band of what was learned, and to predict the
+held-out poses as well.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from ppmcal.diagnosis.equation_forms import (
 from ppmcal.diagnosis.learning import Learned, Term
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
 from ppmcal.diagnosis.term_candidates import Visible, columns_from
-from ppmcal.inference.priors import SURE
+from ppmcal.inference.priors import SELDOM, SURE
 from ppmcal.linalg import Array, Bools, Ints, without_range
 from ppmcal.model.effects import Setting
 from ppmcal.model.effects.learned import LearnedCurve
@@ -135,21 +136,23 @@ def likeliest(gram: Array, right: Array, square: float, freedom: int, forms: Int
         forms: the same number for columns of one form, whose kinks are elsewhere (F,).
         kinks: whether each has a kink (F,).
     """
-    price = 0.5 * np.log(freedom) + np.log(right.size)
+    # a form is one of so many, a kink seldom, and at one place of several
+    price = 0.5 * np.log(freedom) + np.log(np.unique(forms).size * np.bincount(forms)[forms]
+                                           / np.where(kinks, SELDOM.value, 1.0))
 
-    def worth(explained: Array, count: int) -> Array:
+    def worth(explained: Array, cost: Array) -> Array:
         left = np.maximum(square - explained, 1e-9 * square)
-        return np.asarray(0.5 * freedom * np.log(square / left) - count * price)
+        return np.asarray(0.5 * freedom * np.log(square / left) - cost)
 
     own = np.maximum(np.diag(gram), 1e-300)
-    alone = worth(right**2 / own, 1)
+    alone = worth(right**2 / own, price)
     apart = own[:, None] * own[None, :] - gram**2
     both = (right[:, None] ** 2 * own[None, :] + right[None, :] ** 2 * own[:, None]
             - 2.0 * right[:, None] * right[None, :] * gram)
     told = np.triu(apart > 1e-4 * own[:, None] * own[None, :], 1)
     told &= ~(kinks[:, None] & kinks[None, :])
     first, second = np.nonzero(told)
-    pair = worth(both[told] / apart[told], 2)
+    pair = worth(both[told] / apart[told], price[first] + price[second])
     sets: list[tuple[int, ...]] = [(), *((i,) for i in range(right.size)),
                                    *zip(first.tolist(), second.tolist(), strict=True)]
     values = [0.0, *alone.tolist(), *pair.tolist()]
@@ -159,7 +162,7 @@ def likeliest(gram: Array, right: Array, square: float, freedom: int, forms: Int
             some = [*best, n]
             sizes = linalg.lstsq(gram[np.ix_(some, some)], right[some], rcond=1e-6)[0]
             sets.append((*best, n))
-            values.append(float(worth(right[some] @ sizes, len(some))))
+            values.append(float(worth(right[some] @ sizes, price[some].sum())))
     top = sets[int(np.argmax(values))]
     whole = Counter(forms[list(top)].tolist())
     like = [n for n, s in enumerate(sets) if whole <= Counter(forms[list(s)].tolist())]

@@ -11,8 +11,8 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.diagnosis.candidates import library
-from ppmcal.diagnosis.cause_sizes import LINEAR, CauseSizes, Sized, between_points, sizes
-from ppmcal.diagnosis.extended_model import Added, columns_added, extended
+from ppmcal.diagnosis.cause_sizes import LINEAR, CauseSizes, between_points, sizes
+from ppmcal.diagnosis.extended_model import Added, Sized, columns_added, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import System, Whitening, build
 from ppmcal.diagnosis.question import ROW_FAMILY, Asked, Source, question
@@ -191,8 +191,8 @@ def _surest(sized: Sequence[Sized]) -> Sized | None:
     """
     if len(sized) < 2:
         return None
-    most = max(sized, key=lambda s: float(np.sum((s[1] / np.maximum(s[2], 1e-300)) ** 2)))
-    return most if between_points(most[0]) else None
+    most = max(sized, key=lambda s: float(np.sum((s.value / np.maximum(s.sigma, 1e-300)) ** 2)))
+    return most if between_points(most.hypothesis) else None
 
 
 def _key(source: Source) -> object:
@@ -219,7 +219,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
         if alone is not None:
             sized = [alone]
         # what was fitted before is asked as it was then
-        new = what_is_fitted(h for h, _, _ in sized)
+        new = what_is_fitted(s.hypothesis for s in sized)
         if any(new == what_is_fitted(a.hypothesis for a in r.added) for r in rounds):
             if not last.cut:
                 break
@@ -234,7 +234,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
         except (BadInput, NoResult) as error:
             if last.cut:
                 last = ask(last.fit, last.added, before=last.keys)
-            what = ", ".join(h.label for h, _, _ in sized)
+            what = ", ".join(s.hypothesis.label for s in sized)
             rounds[-1] = replace(last, given_up=(
                 *last.given_up, UNFITTED.format(what, error.what)))
             break

@@ -17,6 +17,20 @@ SMALLEST = 1e-3
 """A coefficient outside its range starts at this part of its standard deviation inside."""
 
 
+@dataclass(frozen=True, eq=False)
+class Sized:
+    """A hypothesis with its coefficients (k,), their sigmas, and those of their ``prior``.
+
+    The prior is that of the block's likeliest size: a fit without it would run away with what the
+    rows hardly see.
+    """
+
+    hypothesis: Hypothesis
+    value: Array
+    sigma: Array
+    prior: Array
+
+
 @dataclass(frozen=True)
 class Added:
     """One effect that was added: the hypothesis it came from and its parameters' names."""
@@ -32,15 +46,15 @@ def columns_added(problem: Problem, added: Sequence[Added]) -> list[int]:
     return [c for c, p in enumerate(problem.free) if mechanism.parameters[p].name in names]
 
 
-def extended(mechanism: Mechanism, sized: Sequence[tuple[Hypothesis, Array, Array]]
-             ) -> tuple[Mechanism, tuple[Added, ...]]:
+def extended(mechanism: Mechanism, sized: Sequence[Sized]) -> tuple[Mechanism, tuple[Added, ...]]:
     """Return the machine with hypotheses as free effects.
 
-    ``sized``: each with its coefficients and their standard deviations, by column. What has none is
-    not seen: it stays at its default, since a fit would run away with it.
+    What has no standard deviation is not seen: it stays at its default, since a fit would run away
+    with it.
     """
     added: list[Added] = []
-    for hypothesis, value, sigma in sized:
+    for one in sized:
+        hypothesis, value, sigma = one.hypothesis, one.value, one.sigma
         if hypothesis.slot and not sigma[0] > 0.0:
             continue
         if hypothesis.slot:
@@ -54,20 +68,21 @@ def extended(mechanism: Mechanism, sized: Sequence[tuple[Hypothesis, Array, Arra
             mine = slice(part * size, (part + 1) * size)
             if not sigma[mine].any():
                 continue
-            mechanism, names = _with(mechanism, hypothesis, on, value[mine], sigma[mine])
+            mechanism, names = _with(mechanism, hypothesis, on, value[mine], sigma[mine],
+                                     one.prior[mine])
             added.append(Added(hypothesis, on, names))
     return mechanism, tuple(added)
 
 
 def _with(mechanism: Mechanism, hypothesis: Hypothesis, on: Sequence[str], value: Array,
-          sigma: Array) -> tuple[Mechanism, tuple[str, ...]]:
+          sigma: Array, prior: Array) -> tuple[Mechanism, tuple[str, ...]]:
     kind = hypothesis.effect
     assert kind is not None
     specs = {s.name: s for s in kind.parameters(mechanism.motion)}
     names = [n.split(":")[-1] for n in hypothesis.names[:value.size]]
-    given = {n: Given(_start(specs[n], float(v), float(s)), free=True,
-                      nominal=None if specs[n].reciprocal else 0.0)
-             for n, v, s in zip(names, value, sigma, strict=True) if s > 0.0}
+    given = {n: Given(_start(specs[n], float(v), float(s)), free=True) if specs[n].reciprocal else
+             Given(_start(specs[n], float(v), float(s)), float(size), free=True, nominal=0.0)
+             for n, v, s, size in zip(names, value, sigma, prior, strict=True) if s > 0.0}
     for n, v in hypothesis.constants.items():
         if not specs[n].scaling:
             given[n] = Given(v, free=not specs[n].constant)

@@ -9,8 +9,8 @@ cannot outweigh all other rows, and is no reason to prefer either model.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -18,7 +18,6 @@ from scipy.special import chdtri
 from ppmcal.calibration.fit import (
     Fit,
     Problem,
-    Rows,
     State,
     coordinates,
     prediction_covariance,
@@ -73,11 +72,6 @@ class HeldOutErrors:
     count: Array
     group: Ints
 
-    @classmethod
-    def joined(cls, parts: Sequence[HeldOutErrors]) -> HeldOutErrors:
-        """Return the errors of several sets of rows as one."""
-        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
-
 
 def _predictor(fit: Fit, held: Sequence[Dataset]) -> tuple[Problem, State]:
     """Return held-out rows as a problem, and its state as a fit predicts it."""
@@ -86,30 +80,13 @@ def _predictor(fit: Fit, held: Sequence[Dataset]) -> tuple[Problem, State]:
     return problem, fresh_state(problem, fit.state)
 
 
-def _errors(fit: Fit, held: Sequence[Dataset]) -> HeldOutErrors:
-    problem, state = _predictor(fit, held)
-    return _errors_at(fit, problem, state, None)
-
-
-def _errors_at(fit: Fit, problem: Problem, state: State, rows: Sequence[Bools] | None
-               ) -> HeldOutErrors:
-    return errors_of(problem, ((r, r.residual) for r in problem.rows(state, True, rows)),
-                     prediction_covariance(fit))
-
-
-def errors_of(problem: Problem, predicted: Iterable[tuple[Rows, Array]], covariance: Array
-              ) -> HeldOutErrors:
-    """Return the errors of rows that were predicted.
-
-    Args:
-        problem: of which they are rows.
-        predicted: chunks of rows with their white errors (n, m).
-        covariance: of the columns, of the fit that predicts them (C, C).
-    """
+def _errors(fit: Fit, problem: Problem, state: State, among: Sequence[Bools] | None = None
+            ) -> HeldOutErrors:
+    """Return the errors of rows as a fit predicts them: all, or those ``among`` each data set."""
     parts: list[list[Array]] = [[], [], [], []]
-    poses = pose_labels(problem.datasets)
-    for rows, error in predicted:
-        parts[0].append(np.sum(error**2, axis=1))
+    poses, covariance = pose_labels(problem.datasets), prediction_covariance(fit)
+    for rows in problem.rows(state, True, among):
+        parts[0].append(np.sum(rows.residual**2, axis=1))
         parts[1].append(np.einsum("nmc,nmc->n", rows.jacobian @ covariance, rows.jacobian))
         parts[2].append(rows.observed.sum(axis=1).astype(float))
         parts[3].append(poses[rows.dataset][rows.index].astype(float))
@@ -136,7 +113,7 @@ def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, 
     both = [a & b for a, b in zip(*reached, strict=True)]
     if not any(rows.any() for rows in both):
         return None
-    old, new = (_errors_at(*part, both) for part in parts)
+    old, new = (_errors(*part, both) for part in parts)
     gap = gap_of(old, new, noise, seed)
     lost = any(bool((a & ~b).any()) for a, b in zip(*reached, strict=True))
     return replace(gap, confirmed=False, worse=True) if lost else gap

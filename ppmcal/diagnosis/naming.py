@@ -91,7 +91,7 @@ def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
         return Told(whole, rounds, whole, (), last.verdict, ended)
     every = last.sized(last.told)
     mine = {id(p.hypothesis) for p in named}
-    sized = [s for s in every if id(s[0]) in mine]
+    sized = [s for s in every if id(s.hypothesis) in mine]
     machine, added = extended(whole.problem.mechanism, sized)
     if [what_is_fitted([a.hypothesis]) for a in added] == [
             what_is_fitted([a.hypothesis]) for a in last.added]:
@@ -101,7 +101,7 @@ def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
         try:
             fit = with_mechanism(whole, machine, options)
         except PpmcalError as error:
-            what = ", ".join(h.label for h, _, _ in sized)
+            what = ", ".join(s.hypothesis.label for s in sized)
             return Told(whole, rounds, whole, (), "unnamed",
                         (*ended, UNFITTED.format(what, error.what)))
     fit = without_first_rows(fit, options)

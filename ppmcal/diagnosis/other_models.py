@@ -46,7 +46,7 @@ def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
             wanted = {id(h) for h in what.hypotheses(member)}
             label = what.label(member, place)
             try:
-                sized = [s for s in what.last.sized(member.chosen) if id(s[0]) in wanted]
+                sized = [s for s in what.last.sized(member.chosen) if id(s.hypothesis) in wanted]
                 machine, _ = extended(whole.problem.mechanism, sized)
                 fit = with_mechanism(whole, machine, options.fit) if sized else whole
             except PpmcalError as error:

@@ -31,6 +31,8 @@ CORRELATED = Prior(1 / 2, "noise from row to row is as often correlated as it is
 
 WIDE = Prior(1e3, "frames, targets and offsets: known to nobody, yet within 1000 natural units")
 FAMILY = Prior(1 / 50, "some 30 families; of three calibrations about one shows an effect of some")
+MOVED = Prior(1 / 10, "joints are homed, instruments, beds, bodies set up anew between sessions: "
+                      "of these five one has moved in every second pair")
 WITHIN = Prior(3.0, "nobody knows how often machines have an effect better than within three times")
 ALL_ALIKE = Prior(1 / 2, "actuators are built alike: what one has, all have, in half the machines")
 UNKNOWN = Prior(0.15, "libraries are not complete: one machine in seven does what nobody listed")

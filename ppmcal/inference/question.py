@@ -73,6 +73,7 @@ class Question:
         apart: rows from each to the next (N - 1,), 0 where another sequence begins.
         alone: families of which none stands for several others: rows that do not belong.
         known: values that the noise is known as from: degrees of freedom of its prior.
+        measured: how many values are behind rows that were reduced to fewer; 0: none were.
     """
 
     columns: ColumnSource
@@ -83,6 +84,7 @@ class Question:
     apart: Ints
     alone: frozenset[str] = frozenset()
     known: float = float(NOISE_FREEDOM)
+    measured: int = 0
 
     @cached_property
     def views(self) -> tuple[NoiseView, ...]:
@@ -100,7 +102,7 @@ class Question:
     def _view(self, rho: float, log_prior: float) -> NoiseView:
         noise = RowNoise(rho, self.apart, self.observed)
         columns = Whitened(self.columns, noise) if rho else self.columns
-        count = int(self.observed.sum())
+        count = self.measured or int(self.observed.sum())
         values = noise.apply(self.values[:, None])[:, 0]
         start = Conditioned.nothing(columns, values, count, self.known).taking(
             noise.apply(self.geometry))

@@ -43,8 +43,8 @@ def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> lis
     out = [*_machine(mechanism), *outside.values()]
     for data in datasets:
         out += [f"{data.source}: {mistake.text}. Write into the sidecar: `read: {{units: "
-                f"{{{column}: {unit}}}}}`."
-                for mistake, column, unit in recorded_units(data, mechanism)]
+                f"{{{mistake.columns[0]}: {unit}}}}}`."
+                for mistake, unit in recorded_units(data, mechanism)]
         out += _positions(mechanism, data)
         out += _rotations(data)
         for i, name in enumerate(mechanism.actuators):

@@ -64,12 +64,12 @@ def _changes(r: ComparisonRecord) -> str:
             name = f"{c.name}: {n.name}" if n.name else c.name
             rows.append([dotted(name), amount(n.value, to_sigma(n.value, n.sigma)),
                          amount(wide, f"± {sig(wide, 2)}"), words(n.unit),
-                         amount(c.p_value, probability(c.p_value) or "–"),
+                         amount(c.probability, sig(c.probability, 3) or "–"),
                          words("" if i else listed(c.instead) or "nothing else", "wrap")])
     said = [remainder_sentence(r), apart_sentence(r), noise_sentence(r), anew_sentence(r)]
     return table("The likeliest changes that explain it",
-                 ["what", "changed by", "95 %", "unit", "chance of noise alone",
-                  "as likely"], rows) + "".join(paragraph(typeset(s)) for s in said if s)
+                 ["what", "changed by", "95 %", "unit", "probability", "or"], rows) + "".join(
+                     paragraph(typeset(s)) for s in said if s)
 
 
 def _likeliest(rows: Sequence[ParameterDifference]) -> str:

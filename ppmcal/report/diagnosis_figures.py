@@ -69,7 +69,7 @@ def gap(record: DiagnosisRecord) -> Drawing | None:
         "Upper bars: the rows that effects were searched in; each bar adds one thing to the "
         "model. The upright line is the noise alone: where nothing is missing, bars end there.",
         "; ".join(f"{step_name(record, s)}: {sig(v)} times the noise" for s, v in steps) + ".",
-        f"{gap_closed(record)}")
+        gap_closed(record))
 
 
 def _gap_row(label: str, value: float, kind: str) -> Row:

@@ -62,7 +62,7 @@ def left_out(lines):
 
 def test_compare_tells_what_changed_without_names_or_platform(folders, break_):
     whole = ppmcal.compare(*folders)
-    break_((change_detection, "pose_difference"), (change_detection, "best_of"),
+    break_((change_detection, "pose_difference"), (change_detection, "explanations"),
            error=np.linalg.LinAlgError)
     bare = ppmcal.compare(*folders)
     assert bare.comparison.p_value == whole.comparison.p_value

@@ -8,8 +8,9 @@ from helpers.commands import ppmcal
 from helpers.machines import CASES, mechanism_text, plain, plain_text, read_text
 from helpers.paths import ROOT
 
-from ppmcal.calibration.interpretation.data_check import DEAD_POINT, check, transmissions
+from ppmcal.calibration.interpretation.data_check import check
 from ppmcal.io import read_mechanism
+from ppmcal.kinematics.closed_at_home import DEAD_POINT, transmissions
 
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
 

@@ -7,6 +7,7 @@ from functools import cache
 import interval_study as study
 import numpy as np
 import pytest
+from scipy.special import chdtrc
 
 from ppmcal.calibration.fit.coverage import Z95
 from ppmcal.calibration.fit.fit_result import FitOptions
@@ -65,7 +66,7 @@ def test_p_values_of_sessions_alike_are_even() -> None:
         moved = np.array([a.T @ (y + a @ truth) for a, y in zip(slopes, right, strict=True)])
         data = Clusters(data.labels, data.matrix, moved, data.square, data.count, data.prior,
                         np.zeros(4))
-        p.append(module._each(data, np.eye(4), 4, 1.0)[2][0])
+        p.append(chdtrc(len(data.labels) - 1.0, module._each(data, np.eye(4), 4, 1.0)[2][0]))
     counts = np.histogram(p, bins=5, range=(0.0, 1.0))[0]
     assert float(np.sum((counts - 60.0) ** 2 / 60.0)) < 18.5      # 0.1 % of chi-squared on 4
 

@@ -45,7 +45,8 @@ def fit_of(*files: Array, keep: list[NDArray[np.bool_]] | None = None, free: tup
 def answer(half: tuple[float, float], labels: tuple[str, ...] = ("a 1", "a 2"),
            **more: Any) -> Disagreement:
     none = np.zeros((2, 1))
-    return Disagreement(labels, np.eye(2), np.array(half), 0.0, none, none, np.ones(1), {}, **more)
+    return Disagreement(labels, np.eye(2), np.array(half), 0.0, none, none, np.ones(1),
+                        np.zeros(1), {}, **more)
 
 
 @pytest.fixture
@@ -126,6 +127,7 @@ def test_three_parameters_are_named_and_the_others_counted(monkeypatch: pytest.M
     monkeypatch.setattr(intervals, "_values", lambda fit, found, c: f"p{c}")
     found = replace(answer((2.0, 2.0)), p_value=np.array([1e-9 * (6 - c) if c >= 6 - count else 1.0
                                                           for c in range(6)]),
+                    apart=np.array([0.96 if c >= 6 - count else 0.94 for c in range(6)]),
                     half=np.full(6, 2.0))
     fit = fit_of(free=tuple(range(6)))
     assert int(found.disagree.sum()) == count

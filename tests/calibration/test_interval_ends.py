@@ -78,8 +78,8 @@ def test_parameters_by_session_are_told_with_that_interval() -> None:
     mechanism, data = two_sessions(2, 3e-3, 6)
     found = report(fitted(mechanism, data),
                    FitOptions(robust=False), 0.0, 0)
-    sure = replace(found.sessions, p_value=np.where(
-        np.arange(len(found.fit.problem.free)) == 0, 1e-9, 1.0))
+    first = np.arange(len(found.fit.problem.free)) == 0
+    sure = replace(found.sessions, p_value=np.where(first, 1e-9, 1.0), apart=first.astype(float))
     (said,) = in_words(found.fit, sure, np.ones(len(found.fit.problem.free)))
     factor = mechanism.units.factor(mechanism.parameters[found.fit.problem.free[0]].quantity)
     halves = [float(h) for h in re.findall(r"\+- (\S+) in", said)]

@@ -23,6 +23,6 @@ def test_no_bed_is_a_workshop(name: str, celsius: tuple[float, ...], units: dict
     object.__setattr__(data, "columns", {name: np.array(celsius) + ZERO_CELSIUS})
     object.__setattr__(data, "read", {"units": units} if units else {})
     found = list(recorded_units(data, mechanism))
-    assert [unit for _, _, unit in found] == [told] * bool(told)
+    assert [unit for _, unit in found] == [told] * bool(told)
     if found:
         assert f"`units: {{{name}: C}}`" in found[0][0].text

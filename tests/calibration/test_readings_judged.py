@@ -14,16 +14,16 @@ from scipy.special import chdtri
 from wild import catalogue
 
 from ppmcal.api.inputs import prepared
-from ppmcal.calibration.fit import Problem, toleranced
-from ppmcal.calibration.interpretation.candidates import joint_readings
-from ppmcal.calibration.interpretation.judgement import Way, _chosen, find_misreading
+from ppmcal.calibration.fit import Problem
+from ppmcal.calibration.interpretation.candidates import joint_readings, pose_readings
 from ppmcal.calibration.interpretation.limits import TELLING
-from ppmcal.calibration.interpretation.misread import Misreading, misreading_sentence
-from ppmcal.calibration.interpretation.mistakes import Mistake
+from ppmcal.calibration.interpretation.misread import Misreading, Mistake, misreading_sentence
+from ppmcal.calibration.interpretation.read_rightly import _chosen, find_misreading
+from ppmcal.calibration.interpretation.readings import FileReading
 from ppmcal.calibration.interpretation.score import Score, all_rows, first_order_scores, score
+from ppmcal.calibration.interpretation.search import Way
 from ppmcal.calibration.interpretation.wrong_rows import _best_stretch
 from ppmcal.io.results.misreading import misreading_entries
-from ppmcal.kinematics.pose_readings import FileReading, JointReading
 from ppmcal.model.dataset import Dataset
 from ppmcal.units import SI
 
@@ -60,20 +60,19 @@ def test_a_score_counts_noise_and_a_bent_geometry_alike() -> None:
 
 def test_a_shift_on_a_dense_path_has_the_least_score_to_first_order() -> None:
     machine, data = made(MISREAD["a row late, dense"], 5)
-    plain = JointReading.plain(6)
-    readings = [FileReading(plain, shift=s) for s in (0, 1, -1, 2, -2)]
-    problem = toleranced(Problem(machine, (data,), machine.free))
-    found = first_order_scores(problem, np.arange(5, len(data) - 5, 6), readings)
+    plain = FileReading.as_declared(machine, data)
+    readings = [replace(plain, shift=s) for s in (0, 1, -1, 2, -2)]
+    found = first_order_scores(Problem(machine, (data,), machine.free), readings)
     assert np.argmin(found) == 1 and found[1] < 0.5 * np.delete(found, 1).min()
 
 
 def test_scores_to_first_order_do_not_depend_on_where_the_files_frame_is() -> None:
     machine, data = made(MISREAD["a row late, dense"], 5)
     moved = replace(data, position=data.position + np.array([3.0, -2.0, 5.0]))
-    rows, readings = np.arange(5, 200, 9), [
-        FileReading(JointReading.plain(6), shift=s) for s in (0, 1)]
-    there, here = (first_order_scores(toleranced(Problem(machine, (d,), machine.free)), rows,
-                                      readings) for d in (moved, data))
+    plain = FileReading.as_declared(machine, data)
+    readings = [replace(plain, shift=s) for s in (0, 1)]
+    there, here = (first_order_scores(Problem(machine, (d,), machine.free), readings)
+                   for d in (moved, data))
     np.testing.assert_allclose(there, here, rtol=1e-4)
 
 
@@ -114,6 +113,16 @@ def test_rotations_tell_the_order_of_joints_where_the_target_is_far_off() -> Non
                                        "q_leg3": "q_leg2"}}
 
 
+def test_joints_of_a_file_of_matrices_are_searched_too() -> None:
+    """Its rotations are read in one way only: the sidecar has no line for another one."""
+    machine, data = made(MISREAD["joints 1 to 3 in a ring"], 11)
+    data = replace(data, convention="matrix")
+    plain = FileReading.as_declared(machine, data)
+    assert {(r.turns, r.rotation) for r in pose_readings(plain, data)} == {(plain.turns, "")}
+    found = find_misreading(Problem(machine, (data,), machine.free), 0)
+    assert found is not None and [m.kind for m in found.mistakes] == ["permuted"]
+
+
 def test_what_explains_a_file_as_well_is_said_beside_it() -> None:
     one, other = Mistake("mirrored", ("z",), "z is mirrored"), Mistake("sign", ("z",), "z is down")
     found = Misreading("run.csv", (one,), quantity="length", before=3.0, after=1.0,
@@ -142,7 +151,7 @@ def test_rows_without_a_pose_are_no_misreading_of_a_file_whose_others_fit(tmp_pa
     catalogue.write("swapped-at-end", "3-RRR", 120, 1, tmp_path)
     machine, data = prepared(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"])
     problem = Problem(machine, data, machine.free)
-    assert score(problem.alone(data[0])) == Score() and find_misreading(problem, 0) is None
+    assert score(problem.alone(data[0])).total == np.inf and find_misreading(problem, 0) is None
 
 
 def test_a_file_that_has_no_pose_has_the_worst_score() -> None:

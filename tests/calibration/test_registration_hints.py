@@ -19,8 +19,12 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.fit.registration_freedoms import (
     fall,
     hint_sentences,
+    odds_of_opening,
     registration_hints,
+    surely,
 )
+from ppmcal.inference.priors import MOVED
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 
 MACHINE = "3-RPR"
@@ -82,9 +86,28 @@ def test_two_days_that_agree_say_nothing() -> None:
 
 
 def test_chance_and_what_is_worth_nothing_do_not_count() -> None:
-    assert fall(100.0, 98.0, 1000, 10, 3) == 0.0      # worth nothing
-    assert fall(10.0, 8.0, 12, 6, 3) == 0.0           # may be chance
-    assert fall(4000.0, 1000.0, 1000, 10, 3) == pytest.approx(0.5)
+    assert fall(100.0, 98.0) == 0.0      # worth nothing
+    assert fall(4000.0, 1000.0) == pytest.approx(0.5)
+    fit = fitted(day(1, "day1"), day(2, "day2"))
+    possible = [(1, what) for what in ("rotation", "homing")]
+    odds = odds_of_opening(fit.problem, fit.state, fit.keep, fit.prior, possible)
+    assert (odds < np.log(MOVED.value)).all()      # may be chance
+
+
+def test_what_has_to_be_open_is_as_likely_with_its_rows_in_any_order() -> None:
+    fit = fitted(day(1, "day1"), moved(day(2, "day2")))
+    possible = [(1, what) for what in ("frame", "target", "rotation", "homing")]
+
+    def odds(of: Fit) -> Array:
+        return odds_of_opening(of.problem, of.state, of.keep, of.prior, possible)
+
+    other = np.random.default_rng(1).permutation(len(fit.keep[1]))
+    problem, state = fit.problem, fit.state
+    turned_round = replace(fit, keep=(fit.keep[0], fit.keep[1][other]), state=replace(
+        state, poses=(state.poses[0], state.poses[1][other])), problem=replace(
+        problem, datasets=(problem.datasets[0], problem.datasets[1].take(other))))
+    assert odds(turned_round) == pytest.approx(odds(fit), rel=1e-6, abs=1e-6)
+    assert surely(odds(fit)) and np.argmax(odds(fit)) == 0
 
 
 @pytest.mark.slow

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 import ppmcal
-from ppmcal.calibration.fit import homing_shift
+from ppmcal.calibration.fit.added_columns import added_columns
 from ppmcal.calibration.fit.fit_result import FitOptions, residual_freedom, values_fitted
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.gauss_newton import linearised
-from ppmcal.calibration.fit.homing_shift import _sessions, _shift
+from ppmcal.calibration.fit.homing_shift import _fitted, _sessions
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.fit.registration_freedoms import _expected
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -69,20 +68,21 @@ def test_both_ways_to_solve_agree(fits: list) -> None:
     for by_sums in (True, False):
         small = linearised(fit.problem, fit.state, fit.keep, fit.prior, by_sums=by_sums).small
         assert values_fitted(*small.seen(), fit.prior) == pytest.approx(own, rel=1e-6)
-    assert _expected(fit.problem, fit.state, fit.keep, fit.prior)[1] == pytest.approx(own, rel=1e-6)
 
 
-def test_noise_of_a_zero_s_shift_is_that_of_the_rows(
-        hexapod: Mechanism, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noise_of_a_zero_s_shift_is_that_of_the_rows(hexapod: Mechanism) -> None:
     """With noise stated three times too small, variances are nine times as large."""
     variance = []
     for seed in range(SEEDS // 2):
         data = replace(campaign(hexapod, seed), sessions=("a", "b") * 10).noisier(1.0 / 3.0)
         fit = identify(Problem(hexapod, (data,), hexapod.free), FitOptions(robust=False))
-        rows = _sessions(fit.problem)[1][1]
-        found = np.trace(_shift(fit, fit.keep, rows)[1])
-        with monkeypatch.context() as patch:
-            # residuals of no size: the noise is as stated
-            patch.setattr(homing_shift, "values_fitted", lambda *_: -np.inf)
-            variance.append(np.trace(_shift(fit, fit.keep, rows)[1]) / found)
+        homed = replace(fit.problem, datasets=(replace(data, homing="alone"),))
+        second = _sessions(fit.problem)[1][1][0]
+        found = added_columns(fit.problem, fit.state, fit.keep, fit.prior, homed,
+                              [{0: (homed.opens[0].homing, second)}])
+        # residuals of no size: the noise is as stated
+        quiet = replace(found, right=0.0 * found.right, away=0.0 * found.away)
+        own, stated = (np.array([sigma for _, sigma, _ in _fitted(f, range(6))])
+                       for f in (found, quiet))
+        variance.append(np.mean((own / stated) ** 2))
     assert np.mean(variance) == pytest.approx(9.0, rel=0.2)

@@ -35,7 +35,7 @@ OF_IDENTIFY = ("with_chosen_freedoms", "weak_campaign", "registration_hints", "l
 OF_DIAGNOSE = ("with_chosen_freedoms", "weak_campaign", "left_over", "noise_beyond_tolerances",
                "pulled_apart")
 OF_A_DIAGNOSIS = ("left_out", "other_days", "learned_beyond", "readings", "localise", "next_step")
-OF_VALIDATION = ("_compared", "in_other_assembly", "_intervals")
+OF_VALIDATION = ("_compared", "in_other_assembly", "_intervals", "_typed_right", "_demanded")
 
 
 def planar() -> Any:
@@ -146,7 +146,7 @@ def test_validate_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch, tmp
         whole.record.datasets[0].errors[0].position.rms)
     notes = [f for f in bare.findings if f.startswith(NOTE)]
     for what in ("how much closer", "another assembly mode", "errors of position", "the noise that",
-                 "fitted to these measurements"):
+                 "fitted to these measurements", "typed wrong", "the registration has to fit"):
         assert any(what in n for n in notes), what
     assert bare.headline() and all(e.closer is None for e in bare.record.datasets[0].errors[1:])
     bare.save(tmp_path / "out")

@@ -12,8 +12,7 @@ import pytest
 from helpers.commands import ppmcal, rows
 from helpers.paths import ROOT
 
-from ppmcal.calibration.interpretation.misread import Misread, Misreading
-from ppmcal.calibration.interpretation.mistakes import Mistake
+from ppmcal.calibration.interpretation.misread import Misread, Misreading, Mistake
 from ppmcal.cli import COMMANDS, cli
 from ppmcal.units import SI
 

@@ -14,6 +14,7 @@ from wild_diagnosis import write
 
 import ppmcal as api
 from ppmcal.diagnosis.cause_sizes import in_proportion
+from ppmcal.diagnosis.extended_model import Sized
 
 
 def campaign(folder: Path, case: str, machine: str, seed: int, eta: float, count: int = 90
@@ -124,9 +125,9 @@ def test_in_proportion_to_nothing_is_no_number(carried: float | None, ratio: flo
     """An effect that another leans on may have no size, or no place in the set."""
     base = SimpleNamespace(kind="base_compliance", on=(), leans=None)
     wrong = SimpleNamespace(kind="tilt", on=(), leans=("base_compliance", ()))
-    given: Any = [(wrong, np.ones(1), np.full(1, 3.0))]
+    given: Any = [Sized(wrong, np.ones(1), np.full(1, 3.0), np.full(1, 5.0))]
     if carried is not None:
-        given.append((base, np.full(1, carried), np.ones(1)))
+        given.append(Sized(base, np.full(1, carried), np.ones(1), np.ones(1)))
     with np.errstate(all="raise"):
-        (_, value, sigma), *_ = in_proportion(given)
-    assert value == ratio and sigma == 3.0 * ratio
+        found, *_ = in_proportion(given)
+    assert (found.value, found.sigma, found.prior) == (ratio, 3.0 * ratio, 5.0 * ratio)

@@ -14,7 +14,7 @@ from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
 from ppmcal.diagnosis import cause_sizes, explanation
 from ppmcal.diagnosis.cause_sizes import _seen
 from ppmcal.diagnosis.explanation import Round, _key, explained
-from ppmcal.diagnosis.extended_model import extended
+from ppmcal.diagnosis.extended_model import Sized, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.naming import nearest as _nearest
 from ppmcal.diagnosis.recorded import with_whole_rows
@@ -59,10 +59,10 @@ def test_what_rows_do_not_see_of_an_effect_is_not_freed() -> None:
     """Touches of a flat see its height and its slope; a base goes nowhere along it."""
     step = hypothesis("base_shift", (), ("x", "y", "rz"), constants={"from_row": 10.0})
     machine, (added,) = extended(ppmcal.load(ppmcal.shipped("3-RPR")), [
-        (step, np.array([0.0, 1e-4, 0.0]), np.array([0.0, 1e-5, 0.0]))])
+        Sized(step, np.array([0.0, 1e-4, 0.0]), np.array([0.0, 1e-5, 0.0]), np.ones(3))])
     free = [n for n in added.parameters if machine.parameters[machine.names.index(n)].free]
     assert [n.rpartition(".")[2] for n in free] == ["y"]
-    assert extended(machine, [(step, np.zeros(3), np.zeros(3))]) == (machine, ())
+    assert extended(machine, [Sized(step, *np.zeros((3, 3)))]) == (machine, ())
 
 
 def test_a_column_that_geometry_makes_is_not_seen() -> None:

@@ -375,8 +375,8 @@ def test_a_block_is_predicted_as_by_a_fit_without_it(tmp_path: Path) -> None:
             square = count = 0.0
             for fold in folds:
                 rest = of_rows(fit, [k & ~f for k, f in zip(keep, fold, strict=True)], plain_fit)
-                errors = gap._errors(rest, [d.take(k & f) for d, k, f in zip(
-                    fit.problem.datasets, keep, fold, strict=True)])
+                errors = gap._errors(rest, *gap._predictor(rest, [d.take(k & f) for d, k, f in zip(
+                    fit.problem.datasets, keep, fold, strict=True)]))
                 square, count = square + errors.square.sum(), count + errors.count.sum()
             assert abs(rms - (square / count) ** 0.5) < 0.01, (by, rms)
 

@@ -16,7 +16,7 @@ from rates.tables import FOLDER, TABLES
 from study_runner import read
 
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.diagnosis import diagnose
+from ppmcal.diagnosis import diagnose, learned_terms
 
 BY_NAME = {s.name: s for s in STUDIES}
 MADE = re.compile(r"Version \S+, engine (\w{12}) \([\w/, ]+\), seeds? ([\d, ]+)")
@@ -84,16 +84,19 @@ def test_what_runs_afterwards_changes_no_verdict_and_no_name(monkeypatch: pytest
     whole = diagnose.diagnose(problem)
     assert whole.effects and all(e.sessions is not None for e in whole.effects)
     module = diagnose.with_sessions.__module__.removeprefix("ppmcal.").replace(".", "/")
-    assert (f"{module}.py",) == AFTERWARDS
+    assert ("diagnosis/equations.py", f"{module}.py") == AFTERWARDS
     monkeypatch.setattr(diagnose, "with_sessions", lambda fit, effects: (effects, []))
+    monkeypatch.setattr(learned_terms, "equations", lambda seen, terms: (None,) * len(terms.terms))
     without = diagnose.diagnose(problem)
     assert without.verdict == whole.verdict and without.possible == whole.possible
     assert without.effects == tuple(replace(e, sessions=None) for e in whole.effects)
 
 
-def test_a_name_without_a_probability_is_in_no_reliability():
-    """A null in diagnosis.json ended the campaign as a fault."""
-    assert reliability([(None, True), (0.97314, True), (0.5, False)]) == "0.9731:1 0.5000:0"
+def test_reliability_is_of_kinds_with_a_probability():
+    """One of several joints is told once; the same kind on others is the same kind."""
+    lag = ("lag", 0.6, [("gain", 0.1), ("lag", 0.25)])
+    assert reliability([("play", None, []), lag, lag, ("gain", 0.5, [])], {"lag"}) == (
+        "0.8500:1 0.5000:0")
 
 
 def test_the_digest_sees_code_and_no_words():

@@ -7,8 +7,8 @@ import pytest
 from helpers.machines import KINDS, plain, read_text
 from helpers.paths import ROOT
 
-from ppmcal.calibration.interpretation.data_check import transmissions
 from ppmcal.errors import BadInput
+from ppmcal.kinematics.closed_at_home import transmissions
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_attempt, home_state
 from ppmcal.kinematics.pose_sweep import pose_sweep

@@ -31,7 +31,7 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.knowledge.intervals import coverage
 from ppmcal.calibration.validation.residual_vectors import fresh_state
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
-from ppmcal.diagnosis.extended_model import extended
+from ppmcal.diagnosis.extended_model import Sized, extended
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.plotting.canvas import WIDTH
@@ -253,7 +253,7 @@ def test_gap_from_start_to_noise(cases: Callable[[str], Case]) -> None:
         assert len(some) == count
         ones = [stage.hypotheses[i] for i in some]
         mechanism, _ = extended(training.mechanism, [
-            (h, stage.sizes(h.columns), np.ones(len(h.columns))) for h in ones])
+            Sized(h, stage.sizes(h.columns), *np.ones((2, len(h.columns)))) for h in ones])
         fit = identify(replace(training, mechanism=mechanism, free=mechanism.free), plainly)
         assert ratios[1 + count] == pytest.approx(white_ratio(fit), rel=0.1)
         assert steps[1 + count]["on"] == ["leg1", "leg2", "leg3"]

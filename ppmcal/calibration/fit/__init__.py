@@ -113,10 +113,12 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.registration_freedoms import hint_sentences as hint_sentences
     from ppmcal.calibration.fit.registration_freedoms import hint_words as hint_words
     from ppmcal.calibration.fit.registration_freedoms import is_open as is_open
+    from ppmcal.calibration.fit.registration_freedoms import odds_of_opening as odds_of_opening
     from ppmcal.calibration.fit.registration_freedoms import opened as opened
     from ppmcal.calibration.fit.registration_freedoms import (
         registration_hints as registration_hints,
     )
+    from ppmcal.calibration.fit.registration_freedoms import surely as surely
     from ppmcal.calibration.fit.response import Response as Response
     from ppmcal.calibration.fit.response import Rows as Rows
     from ppmcal.calibration.fit.secondary_analyses import FAILURES as FAILURES

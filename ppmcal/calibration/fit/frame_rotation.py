@@ -35,7 +35,7 @@ def frame_turn(data: Dataset, rotation: Array, origin: Array, position: Array,
     """
     points = origin if data.target.fitted else origin + rotation @ registration.target
     a, b = points - points.mean(axis=0), position - position.mean(axis=0)
-    rigid = _nearest_rotation(b.T @ a, planar)
+    rigid = nearest_rotation(b.T @ a, planar)
     if not data.target.fitted:
         return rigid
     some = np.linspace(0, len(origin) - 1, min(len(origin), DECIDING)).astype(int)
@@ -104,13 +104,4 @@ def _refined(form: Array, turns: Array, planar: bool) -> Array:
 
 def mean_rotation(rotations: Array, planar: bool) -> Array:
     """Return the mean of rotations (n, 3, 3): the proper one nearest to their sum."""
-    return _nearest_rotation(rotations.sum(axis=0), planar)
-
-
-def _nearest_rotation(matrix: Array, planar: bool) -> Array:
-    """Return the proper rotation nearest to a 3x3 matrix; about z only in the plane."""
-    if planar:
-        angle = np.arctan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1])
-        c, s = np.cos(angle), np.sin(angle)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return nearest_rotation(matrix)
+    return nearest_rotation(rotations.sum(axis=0), planar)

@@ -1,25 +1,31 @@
 """What a registration may fit beyond what the files say, and whether data ask for it.
 
 An instrument that was moved, a body that was defined anew, a machine that was homed anew between
-files: what the sidecars keep closed is opened, one thing at a time, and counts where the error
-falls by more than chance explains and by enough to matter.
+files: what the sidecars keep closed is opened, the likeliest first, as long as something surely has
+to be open and the error falls by enough to matter.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import logsumexp
 
+from ppmcal.calibration.fit.added_columns import Group, added_columns
 from ppmcal.calibration.fit.fit_result import Fit, values_fitted
-from ppmcal.calibration.fit.gauss_newton import least_squares, linearised, prior_square
+from ppmcal.calibration.fit.gauss_newton import least_squares, linearised
 from ppmcal.calibration.fit.linearisation import prior_weights
 from ppmcal.calibration.fit.observation import coordinates
 from ppmcal.calibration.fit.problem import Problem, State
+from ppmcal.inference.blocks import Block, batches
+from ppmcal.inference.columns import MatrixColumns
+from ppmcal.inference.evidence import BatchOdds, total
+from ppmcal.inference.given import Conditioned
+from ppmcal.inference.priors import MOVED, SURE, SURE_ODDS
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import SCALARS
@@ -33,10 +39,8 @@ FIELDS = {"frame": "frame", "target": "target", "rotation": "target_rotation"}
 MENDS = {"frame": "frame: unknown", "target": "target: unknown",
          "rotation": "target_rotation: unknown", "homing": "homing: per-file",
          "sessions": "frame: unknown"}
-DEMANDED = 1e-3
-"""More than a file leaves open is fitted where chance would gain as much this rarely,"""
 WORTH = 0.05
-"""and the error falls by this part."""
+"""More than a file leaves open is fitted where the error falls by this part."""
 SESSIONS = "sessions"
 FEWEST = 4
 """Rows of the shortest session that may have a frame of its own."""
@@ -55,7 +59,8 @@ class RegistrationHint:
     of the data set's white residuals; ``position``: of its positions before and after, m;
     ``square``, ``count``, ``fitted``: sum of white squares of
     all rows, how many values they have and how many of these the fit takes, with it open; ``keep``:
-    the rows behind these; ``opened``: the problem that has it open.
+    the rows behind these; ``opened``: the problem that has it open; ``instead``: data sets and what
+    of them may have to be open in its place, with it 95 % of the probability.
     """
 
     dataset: int
@@ -68,6 +73,7 @@ class RegistrationHint:
     fitted: float
     keep: tuple[Bools, ...]
     opened: Problem
+    instead: tuple[tuple[int, str], ...] = ()
 
     @property
     def mend(self) -> str:
@@ -95,23 +101,47 @@ def opened(data: Dataset, what: Sequence[str], only: bool = False) -> Dataset:
     return replace(data, homing=homing, **new)
 
 
-def fall(before: float, after: float, count: float, fitted: float, more: float) -> float:
-    """Return by which part an error falls, 0 where that is too little or may be chance.
+def fall(before: float, after: float) -> float:
+    """Return by which part an error falls from one sum of squares to another, 0 if too little."""
+    part = 1.0 - float(np.sqrt(max(after, 0.0) / before)) if before > 0.0 else 0.0
+    return part if part > WORTH else 0.0
+
+
+def surely(log_odds: float | Array) -> bool:
+    """Whether something is there: one thing, or one of several, by their odds against nothing."""
+    return bool(logsumexp(log_odds) > np.log(SURE_ODDS))
+
+
+def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
+                    possible: Sequence[tuple[int, str]]) -> Array:
+    """Return the log odds (P,) of each thing that may be open against nothing, prior included.
 
     Args:
-        before: sum of white squares.
-        after: the same with more open.
-        count: values behind them.
-        fitted: how many of them the fit takes after.
-        more: by how many these are more than before.
+        problem: with all that is open anyway.
+        state: of its fit.
+        keep: rows that count.
+        prior: weight of each of its columns (C,).
+        possible: data set and what of it, of :data:`OPEN` or ``sessions``.
     """
-    freedom = count - fitted
-    if more <= 0 or freedom <= 0 or before <= 0.0:
-        return 0.0
-    part = 1.0 - float(np.sqrt(max(after, 0.0) / before))
-    scale = max(after / freedom, 1.0)
-    chance = float(chdtrc(more, max(before - after, 0.0) / scale))
-    return part if part > WORTH and chance < DEMANDED else 0.0
+    words = [["frame" if w == SESSIONS else w for j, w in possible if j == i]
+             for i in range(len(problem.datasets))]
+    wide = replace(problem, pivots=tuple(o.about for o in problem.opens), datasets=tuple(
+        opened(d, w) for d, w in zip(problem.datasets, words, strict=True)))
+    groups, columns, end = list[Group](), list[tuple[int, ...]](), 0
+    for i, what in possible:
+        at = getattr(wide.opens[i], {SESSIONS: "frame", **FIELDS}.get(what, what))
+        masks = _sessions_of(problem.datasets[i])[1:] if what == SESSIONS else [
+            np.ones(len(problem.datasets[i]), dtype=bool)]
+        groups += [{i: (at, mask)} for mask in masks]
+        columns.append(tuple(range(end, end := end + len(masks) * (at.stop - at.start))))
+    rows = added_columns(problem, state, keep, prior, wide, groups)
+    given = Conditioned.nothing(MatrixColumns(rows.added), rows.values, rows.count).taking(
+        rows.geometry)
+    blocks = [Block(what, what, own, 0.0) for (_, what), own in zip(possible, columns, strict=True)]
+    out = np.full(len(blocks), np.log(float(MOVED)))
+    for batch in batches(blocks, given.columns, given.count):
+        out[batch.which] += total(BatchOdds.of(given, batch).free)
+    return out
 
 
 @stage("trying other registrations")
@@ -126,40 +156,42 @@ def registration_hints(fit: Fit) -> tuple[RegistrationHint, ...]:
     state = fit.state if same else _refitted(problem, fit.state, keep, fit.prior)
     hints = list[RegistrationHint]()
     while state is not None and len(hints) < MOST_HINTS:
-        best = max(_hints(fit, problem, state, keep), key=lambda h: h[0], default=None)
+        best = _hint(fit, problem, state, keep)
         if best is None:
             break
-        hints.append(best[1])
-        problem, state = best[1].opened, best[2]
-        if best[1].what == SESSIONS:
+        hints.append(best[0])
+        problem, state = best[0].opened, best[1]
+        if best[0].what == SESSIONS:
             break
     return tuple(hints)
 
 
-def _hints(fit: Fit, problem: Problem, state: State, keep: Sequence[Bools]
-           ) -> Iterator[tuple[float, RegistrationHint, State]]:
-    """Yield by which part an error falls, what has to be open for it, and the state then."""
-    square = _squares(problem, state, keep)
-    before = sum(square, _Sum())
-    now = before.white + prior_square(problem, state, _padded(problem, fit))
-    for i, what, wider, there, rows in _variants(problem, state, keep):
-        prior, more = _padded(wider, fit), len(wider.columns) - len(problem.columns)
-        expected, fitted = _expected(wider, there, rows, prior)
-        if not fall(now, expected, before.values, fitted, more):
-            continue
-        after = _refitted(wider, there, rows, prior)
-        if after is None:
-            continue
-        own = _squares(wider, after, rows)
-        total = sum(own, _Sum())
-        part = fall(before.white, total.white, total.values, fitted, more)
-        ends = square[i], sum(own[i:i + len(own) - len(square) + 1], _Sum())
-        white, place = ([float(np.sqrt(a / max(b, 1))) for a, b in pairs] for pairs in (
-            [(e.white, e.values) for e in ends], [(e.place, e.rows) for e in ends]))
-        if part:
-            yield part, RegistrationHint(
-                i, what, white[0], white[1], (place[0], place[1]), total.white, total.values,
-                fitted, tuple(keep), wider), after
+def _hint(fit: Fit, problem: Problem, state: State, keep: Sequence[Bools]
+          ) -> tuple[RegistrationHint, State] | None:
+    """Return what most likely has to be open, and the state then; None where nothing surely has."""
+    prior, possible = _padded(problem, fit), _possible(problem, keep)
+    odds = odds_of_opening(problem, state, keep, prior, possible)
+    if not possible or not surely(odds):
+        return None
+    order = np.argsort(-odds, kind="stable")
+    more = np.cumsum(np.exp(odds[order] - logsumexp(odds))) < float(SURE)
+    (i, what), *instead = [possible[n] for n in order[:int(more.sum()) + 1].tolist()]
+    wider, there, rows = _opened(problem, state, keep, i, what)
+    prior = _padded(wider, fit)
+    after = _refitted(wider, there, rows, prior)
+    if after is None:
+        return None
+    square, own = _squares(problem, state, keep), _squares(wider, after, rows)
+    total = sum(own, _Sum())
+    if not fall(sum(square, _Sum()).white, total.white):
+        return None
+    ends = square[i], sum(own[i:i + len(own) - len(square) + 1], _Sum())
+    white, place = ([float(np.sqrt(a / max(b, 1))) for a, b in pairs] for pairs in (
+        [(e.white, e.values) for e in ends], [(e.place, e.rows) for e in ends]))
+    now = linearised(wider, after, rows, prior)
+    fitted = values_fitted(*now.small.seen(), prior)
+    return RegistrationHint(i, what, white[0], white[1], (place[0], place[1]), total.white,
+                            total.values, fitted, tuple(keep), wider, tuple(instead)), after
 
 
 def _with_outliers(fit: Fit) -> list[Bools]:
@@ -177,37 +209,45 @@ def _padded(problem: Problem, fit: Fit) -> Array:
     return prior
 
 
-def _variants(problem: Problem, state: State, keep: Sequence[Bools]
-              ) -> Iterator[tuple[int, str, Problem, State, list[Bools]]]:
-    """Yield data set, what is opened, and the problem with it open, its state and its rows."""
-    # the first file's zeros are those that others differ from
-    about = tuple(o.about for o in problem.opens)
-    several = len(problem.datasets) > 1
+def _possible(problem: Problem, keep: Sequence[Bools]) -> list[tuple[int, str]]:
+    """Return what may have to be open: data set, and what of it."""
+    out = list[tuple[int, str]]()
     for i, data in enumerate(problem.datasets):
         if data.kind in SCALARS:
             continue
-        for what in OPEN:
-            shared = what == "frame" and data.frame.same_as is not None
-            if (is_open(data, what) and not shared) or (what == "rotation" and (
-                    data.kind != "pose" or problem.mechanism.motion == "translational")) or (
-                    what == "homing" and (not several or i == 0)):
-                continue
-            datasets = tuple(opened(d, [what]) if j == i else d
-                             for j, d in enumerate(problem.datasets))
-            yield i, what, replace(problem, datasets=datasets, pivots=about), state, list(keep)
-        split = _by_session(problem, state, keep, i)
-        if split is not None:
-            yield (i, SESSIONS, *split)
+        shared = data.frame.same_as is not None
+        turns = data.kind == "pose" and problem.mechanism.motion != "translational"
+        # the first file's zeros are those that others differ from
+        able = {"frame": True, "target": True, "rotation": turns, "homing": i > 0}
+        out += [(i, w) for w in OPEN if able[w] and (
+            not is_open(data, w) or (w == "frame" and shared))]
+        sizes = [int((m & keep[i]).sum()) for m in _sessions_of(data)]
+        if len(sizes) > 1 and min(sizes) >= FEWEST:
+            out.append((i, SESSIONS))
+    return out
+
+
+def _opened(problem: Problem, state: State, keep: Sequence[Bools], i: int, what: str
+            ) -> tuple[Problem, State, list[Bools]]:
+    """Return the problem with ``what`` of a data set open, its state and its rows."""
+    if what == SESSIONS:
+        return _by_session(problem, state, keep, i)
+    datasets = tuple(opened(d, [what]) if j == i else d for j, d in enumerate(problem.datasets))
+    return (replace(problem, datasets=datasets, pivots=tuple(o.about for o in problem.opens)),
+            state, list(keep))
+
+
+def _sessions_of(data: Dataset) -> list[Bools]:
+    """Return the rows (N,) of each session of a file that says them."""
+    return [np.array([s == label for s in data.sessions or ()])
+            for label in dict.fromkeys(data.sessions or ())]
 
 
 def _by_session(problem: Problem, state: State, keep: Sequence[Bools], i: int
-                ) -> tuple[Problem, State, list[Bools]] | None:
-    """Return the problem with a frame of its own for each session of a file, None without."""
+                ) -> tuple[Problem, State, list[Bools]]:
+    """Return the problem with a frame of its own for each session of a file."""
     data = problem.datasets[i]
-    labels = list(dict.fromkeys(data.sessions or ()))
-    masks = [np.array([s == label for s in data.sessions or ()]) for label in labels]
-    if len(masks) < 2 or min(int((m & keep[i]).sum()) for m in masks) < FEWEST:
-        return None
+    labels, masks = list(dict.fromkeys(data.sessions or ())), _sessions_of(data)
     parts = tuple(replace(opened(data.take(m), ["frame"]),
                           name=data.name if n == 0 else f"{data.name} {label}")
                   for n, (m, label) in enumerate(zip(masks, labels, strict=True)))
@@ -223,17 +263,6 @@ def _by_session(problem: Problem, state: State, keep: Sequence[Bools], i: int
     at = State(state.g, spread(state.registrations, [state.registrations[i]] * len(parts)),
                spread(state.poses, [state.poses[i][m] for m in masks]))
     return new, at, list(spread(list(keep), [keep[i][m] for m in masks]))
-
-
-def _expected(problem: Problem, state: State, keep: Sequence[Bools], prior: Array
-              ) -> tuple[float, float]:
-    """Return the sum of squares of data and prior at the minimum of the linear problem.
-
-    With it how many values a fit takes there.
-    """
-    now = linearised(problem, state, keep, prior)
-    return (now.square + prior_square(problem, state, prior) - now.small.step()[1],
-            values_fitted(*now.small.seen(), prior))
 
 
 def _refitted(problem: Problem, state: State, keep: Sequence[Bools], prior: Array
@@ -277,8 +306,12 @@ CAUSES = {"frame": "the instrument was moved", "target": "the target was moved",
 
 def hint_words(fit: Fit, hint: RegistrationHint) -> str:
     """Return the mend and where it goes: ``frame: unknown in day2.yaml``."""
-    place = Path(fit.problem.datasets[hint.dataset].source).with_suffix(".yaml").name
-    return f"{hint.mend} in " + (f"each session's own {place}" if hint.what == SESSIONS else place)
+    return _words(fit, hint.dataset, hint.what)
+
+
+def _words(fit: Fit, dataset: int, what: str) -> str:
+    place = Path(fit.problem.datasets[dataset].source).with_suffix(".yaml").name
+    return f"{MENDS[what]} in " + (f"each session's own {place}" if what == SESSIONS else place)
 
 
 def hint_sentences(fit: Fit, hints: Sequence[RegistrationHint]) -> list[str]:
@@ -287,7 +320,8 @@ def hint_sentences(fit: Fit, hints: Sequence[RegistrationHint]) -> list[str]:
     for h in hints:
         data = fit.problem.datasets[h.dataset]
         was, now = (v / units.factor("length") for v in h.position)
+        also = "".join(f", or `{_words(fit, *other)}`" for other in h.instead)
         out.append(f"{data.name}: `{hint_words(fit, h)}` takes its error from {was:.3g} to "
                    f"{now:.3g} {units.length} rms ({h.before:.3g} to {h.after:.3g} times the "
-                   f"noise): {CAUSES[h.what]}, perhaps")
+                   f"noise): {CAUSES[h.what]}, perhaps{also}")
     return out

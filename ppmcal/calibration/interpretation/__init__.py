@@ -9,18 +9,18 @@ from ppmcal.lazy import on_first_use
 if TYPE_CHECKING:
     from ppmcal.calibration.interpretation.data_check import Check as Check
     from ppmcal.calibration.interpretation.data_check import check as check
-    from ppmcal.calibration.interpretation.data_check import home_gaps as home_gaps
     from ppmcal.calibration.interpretation.misread import NOISE as NOISE
     from ppmcal.calibration.interpretation.misread import Misread as Misread
     from ppmcal.calibration.interpretation.misread import Misreading as Misreading
+    from ppmcal.calibration.interpretation.misread import Mistake as Mistake
     from ppmcal.calibration.interpretation.misread import misreading_sentence as misreading_sentence
-    from ppmcal.calibration.interpretation.mistakes import Mistake as Mistake
-    from ppmcal.calibration.interpretation.mistakes import with_line as with_line
+    from ppmcal.calibration.interpretation.misread import with_line as with_line
     from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes as plain_mistakes
     from ppmcal.calibration.interpretation.obvious_mistakes import recorded_units as recorded_units
     from ppmcal.calibration.interpretation.obvious_mistakes import (
         rows_with_negative_struts as rows_with_negative_struts,
     )
+    from ppmcal.calibration.interpretation.obvious_mistakes import without_stale as without_stale
     from ppmcal.calibration.interpretation.read_rightly import refuse_after_fit as refuse_after_fit
     from ppmcal.calibration.interpretation.read_rightly import (
         refuse_before_fit as refuse_before_fit,
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from ppmcal.calibration.interpretation.read_rightly import (
         refuse_other_machine as refuse_other_machine,
     )
-    from ppmcal.calibration.interpretation.stale_rows import without_stale as without_stale
 
 if not TYPE_CHECKING:   # who checks types sees which names there are
     __getattr__ = on_first_use(__name__)

@@ -11,24 +11,20 @@ rotations are measured they follow the columns in the same way, wherever the tar
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import islice, permutations, product
+from itertools import combinations, islice, permutations, product
+from typing import Any
 
 import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
+from ppmcal.calibration.interpretation.readings import FileReading, ReadColumns
 from ppmcal.errors import LinearAlgebraError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.kinematics.pose_readings import (
-    AXES,
-    IDENTITY,
-    PLUS,
-    JointReading,
-    PoseReading,
-)
+from ppmcal.kinematics.pose_readings import AXES
 from ppmcal.kinematics.rotations import ORDERS
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
@@ -42,55 +38,49 @@ KEPT = 40
 FEW = 12
 NEAR = 1.6
 """A column that moves the point by a factor within this of a unit's factor may be in that unit."""
-SIGNS = ((-1, 1, 1), (1, -1, 1), (1, 1, -1), (-1, -1, -1))
+TURNED = {**ANGLES, "turn": TURN}
+ONE_SIGN, ALL_SIGNS = ((-1, 1, 1), (1, -1, 1), (1, 1, -1)), (-1, -1, -1)
 
 
-def joint_readings(mechanism: Mechanism, data: Dataset, single: bool = True) -> list[JointReading]:
+def joint_readings(mechanism: Mechanism, data: Dataset, single: bool = True) -> list[ReadColumns]:
     """Return the readings of the joint columns that are worth a look, as declared first.
 
     What the positions' slopes by the columns say; with ``single`` also each single change (two
     columns exchanged, a sign, a unit), else only the likeliest few.
     """
-    k = len(mechanism.actuators)
-    plain = JointReading.plain(k)
+    plain = FileReading.as_declared(mechanism, data).joints
     found = [plain]
     if data.commanded is None:
-        found += [*(_single(mechanism, data, plain) if single else ())]
-        if k <= MOST_JOINTS:
-            found += [*_by_slopes(mechanism, data)][:None if single else FEW]
+        found += [*(_single(plain, other_units(mechanism, plain)) if single else ())]
+        if len(plain.own) <= MOST_JOINTS:
+            found += [*_by_slopes(mechanism, data, plain)][:None if single else FEW]
     return list(dict.fromkeys(found))
 
 
-def other_units(mechanism: Mechanism, data: Dataset) -> list[dict[str, float]]:
+def other_units(mechanism: Mechanism, plain: ReadColumns) -> list[dict[str, float]]:
     """Return, by joint, the units that its column may be in and their factors on its values."""
-    declared = mechanism.joint_factors(data.units)
-    out: list[dict[str, float]] = []
-    for quantity, bare, factor in zip(mechanism.actuator_quantity, mechanism.actuator_has_ratio,
-                                      declared.tolist(), strict=True):
-        known = LENGTHS if quantity == "length" else {**ANGLES, "turn": TURN}
-        out.append({} if bare else {u: v / factor for u, v in known.items()
-                                    if not np.isclose(v, factor)})
-    return out
+    return [{} if bare else _others(LENGTHS if quantity == "length" else TURNED, declared)
+            for quantity, bare, declared in zip(
+                mechanism.actuator_quantity, mechanism.actuator_has_ratio, plain.factors,
+                strict=True)]
 
 
-def _single(mechanism: Mechanism, data: Dataset, plain: JointReading) -> Iterator[JointReading]:
-    k = len(plain.order)
-    for i in range(k):
-        for j in range(i + 1, k):
-            order = list(plain.order)
-            order[i], order[j] = j, i
-            yield replace(plain, order=tuple(order))
-        yield replace(plain, signs=tuple(-1 if n == i else 1 for n in range(k)))
-    yield replace(plain, signs=(-1,) * k)
-    units = other_units(mechanism, data)
-    for unit in dict.fromkeys(u for one in units for u in one):
-        yield replace(plain, units=tuple(unit if unit in one else "" for one in units))
-        for i in range(k):
-            if unit in units[i]:
-                yield replace(plain, units=tuple(unit if n == i else "" for n in range(k)))
+def _others(known: Mapping[str, float], declared: float) -> dict[str, float]:
+    return {u: v / declared for u, v in known.items() if not np.isclose(v, declared)}
 
 
-def _by_slopes(mechanism: Mechanism, data: Dataset) -> Iterator[JointReading]:
+def _single(plain: ReadColumns, units: Sequence[Mapping[str, float]]) -> Iterator[ReadColumns]:
+    k = len(plain.own)
+    for i, j in combinations(range(k), 2):
+        yield replace(plain, order=tuple({i: j, j: i}.get(n, n) for n in range(k)))
+    for own in (*([i] for i in range(k)), range(k)):
+        yield replace(plain, signs=tuple(-1 if n in own else 1 for n in range(k)))
+        for unit in dict.fromkeys(u for i in own for u in units[i]):
+            yield replace(plain, units=tuple(
+                unit if n in own and unit in units[n] else "" for n in range(k)))
+
+
+def _by_slopes(mechanism: Mechanism, data: Dataset, plain: ReadColumns) -> Iterator[ReadColumns]:
     """Yield readings by how positions, and rotations where they are known, follow the columns.
 
     The likeliest first, by positions before by rotations.
@@ -105,7 +95,7 @@ def _by_slopes(mechanism: Mechanism, data: Dataset) -> Iterator[JointReading]:
         measured = _slopes(data.q, values)
         own = speeds[[n for n, c in enumerate(mechanism.dof) if (c >= 3) == bool(turn)]]
         if measured is not None:
-            yield from islice(_by_correlations(mechanism, data, measured, own),
+            yield from islice(_by_correlations(plain, other_units(mechanism, plain), measured, own),
                               2 * KEPT // len(seen))
 
 
@@ -118,17 +108,16 @@ def _motions(mechanism: Mechanism, data: Dataset) -> list[Array]:
     known = np.flatnonzero(finite_rows(data.rotation))
     if mechanism.motion != "spatial" or not known.size:
         return [position]
-    motors = cga.motor_from_rotation_vector(data.rotation[known], np.zeros(3))
-    turns = cga.rotation_matrix(motors)
-    middle = turns[np.argmin(np.linalg.norm(
-        data.rotation[known] - np.median(data.rotation[known], axis=0), axis=1))]
+    rotation = data.rotation[known]
+    turns = cga.rotation_matrix(cga.motor_from_rotation_vector(rotation, np.zeros(3)))
+    middle = turns[np.argmin(np.linalg.norm(rotation - np.median(rotation, axis=0), axis=1))]
     out = np.full_like(data.rotation, np.nan)
     out[known] = cga.rotation_vector(cga.motor_from_matrix(middle.T @ turns, np.zeros(3)))
     return [position, out]
 
 
-def _by_correlations(mechanism: Mechanism, data: Dataset, measured: Array, own: Array
-                     ) -> Iterator[JointReading]:
+def _by_correlations(plain: ReadColumns, units: Sequence[Mapping[str, float]], measured: Array,
+                     own: Array) -> Iterator[ReadColumns]:
     """Yield readings by how the cosines between measured slopes (3, k) become the machine's."""
     (shape, size), (nominal, length) = _correlations(measured), _correlations(own)
     if min(size.min(), length.min()) <= 0.0:
@@ -141,45 +130,42 @@ def _by_correlations(mechanism: Mechanism, data: Dataset, measured: Array, own: 
     # |S o C - N|^2 = |C|^2 + |N|^2 - 2 <S, C o N>: one product for all signs and orders
     match = (turned * nominal).reshape(len(orders), -1) @ both.reshape(len(signs), -1).T
     apart = (turned**2).sum(axis=(1, 2))[:, None] - 2.0 * match
-    units = other_units(mechanism, data)
     for flat in np.argsort(apart, axis=None, kind="stable")[:KEPT]:
         o, s = np.unravel_index(flat, apart.shape)
         order = orders[o]
         factors = size[order] / length
         named = tuple(_nearest_unit(f, u) for f, u in zip(factors.tolist(), units, strict=True))
         for way in (1, -1):
-            yield JointReading(tuple(order.tolist()), tuple((way * signs[s]).tolist()), named)
+            yield replace(plain, order=tuple(order.tolist()), units=named,
+                          signs=tuple((way * signs[s]).tolist()))
 
 
-def _nearest_unit(slope: float, units: dict[str, float]) -> str:
+def _nearest_unit(slope: float, units: Mapping[str, float]) -> str:
     """Return the unit whose numbers are as many times too large as the slope is too small."""
-    def off(factor: float) -> float:
-        return abs(float(np.log(max(slope, 1e-300) / factor)))
-
-    best = min(units, key=lambda u: off(units[u]), default="")
-    return best if best and off(units[best]) < min(np.log(NEAR), off(1.0)) else ""
+    off = {u: abs(float(np.log(max(slope, 1e-300) / f))) for u, f in {"": 1.0, **units}.items()}
+    best = min(off, key=lambda u: off[u])
+    return best if off[best] < np.log(NEAR) else ""
 
 
 def _slopes(columns: Array, values: Array) -> Array | None:
     """Return d values / d column (3, k) over all rows, None where they do not say."""
-    rows = np.flatnonzero(finite_rows(values) & finite_rows(columns))
-    q, p = columns[rows], values[rows]
-    if len(rows) < 2 * q.shape[1] + 2:
+    rows, k = np.flatnonzero(finite_rows(values) & finite_rows(columns)), columns.shape[1]
+    if len(rows) < 2 * k + 2:
         return None
-    q, p = q - np.median(q, axis=0), p - np.median(p, axis=0)
+    q, p = (v[rows] - np.median(v[rows], axis=0) for v in (columns, values))
     spread = np.median(np.abs(q), axis=0)
     if not np.all(spread > 0.0):
         return None
+    x = np.column_stack([q / spread, np.ones(len(q))])
     # values typed wrong pull hardest where they are far out: a few rounds without them
-    keep = (np.abs(q / spread) < 20.0).all(axis=1)
+    keep = (np.abs(x) < 20.0).all(axis=1)
     for _ in range(4):
-        if keep.sum() < 2 * q.shape[1] + 2:
+        if keep.sum() < 2 * k + 2:
             return None
-        columns = np.column_stack([q[keep] / spread, np.ones(int(keep.sum()))])
-        slopes, rank = linalg.lstsq(columns, p[keep], rcond=1e-8)
-        if rank < columns.shape[1]:
+        slopes, rank = linalg.lstsq(x[keep], p[keep], rcond=1e-8)
+        if rank <= k:
             return None
-        away = np.linalg.norm(p - np.column_stack([q / spread, np.ones(len(q))]) @ slopes, axis=1)
+        away = np.linalg.norm(p - x @ slopes, axis=1)
         keep = away <= 4.0 * np.median(away) + 1e-300
     return np.asarray((slopes[:-1] / spread[:, None]).T)
 
@@ -191,54 +177,66 @@ def _correlations(columns: Array) -> tuple[Array, Array]:
     return unit.T @ unit, size
 
 
-def pose_readings(data: Dataset, planar: bool) -> list[PoseReading]:
+def pose_readings(plain: FileReading, data: Dataset) -> list[FileReading]:
     """Return single changes of the measured columns, as declared first."""
-    return [*position_readings(data, planar), *rotation_readings(data, planar)[1:],
-            *whole_pose_readings(data, planar)]
+    return [*position_readings(plain), *rotation_readings(plain, data)[1:],
+            *whole_pose_readings(plain, data)]
 
 
-def position_readings(data: Dataset, planar: bool) -> list[PoseReading]:
+def position_readings(plain: FileReading) -> list[FileReading]:
     """Return readings of the measured positions, as declared first."""
-    plain, declared = PoseReading(), LENGTHS[data.units.length]
-    orders = [o for o in permutations(range(3)) if not planar or o[2] == 2]
-    signs = [s for s in SIGNS if not planar or s[2] == 1] + ([(-1, -1, 1)] if planar else [])
+    planar = len(plain.places.own) == 2
     axes = [AXES[1], AXES[0]] if planar else [AXES[2], *AXES[:2]]
-    units = [u for u, v in LENGTHS.items() if not np.isclose(v, declared)]
-    out = [plain, *(replace(plain, mirror=a) for a in axes),
-           *(replace(plain, order=o) for o in orders if o != IDENTITY),
-           *(replace(plain, signs=s) for s in signs if s != PLUS)]
-    ones = [tuple(u if i == axis else "" for i in range(3)) for u in units
-            for axis in range(2 if planar else 3)]
-    return [*out, *(replace(p, units=(u, u, u)) for u in units for p in out),
-            *(replace(plain, units=one) for one in ones)]
+    out = [plain, *(replace(plain, mirror=a) for a in axes), *(
+        _placed(plain, order=o) for o in _orders() if not planar or o[2] == 2), *(
+        _placed(plain, signs=s) for s in (
+            (*ONE_SIGN[:2], (-1, -1, 1)) if planar else (*ONE_SIGN, ALL_SIGNS)))]
+    units = _others(LENGTHS, plain.places.factors[0])
+    return [*out, *(_placed(p, units=(u, u, u)) for u in units for p in out), *(
+        _placed(plain, units=tuple(u if i == axis else "" for i in range(3)))
+        for u in units for axis in plain.places.own)]
 
 
-def rotation_readings(data: Dataset, planar: bool) -> list[PoseReading]:
-    """Return readings of the rotation columns, as declared first; none where none are."""
-    if not np.isfinite(data.rotation).any():
-        return [PoseReading()]
-    plain, declared = PoseReading(), ANGLES[data.units.angle]
-    units = ["", *(u for u, v in {**ANGLES, "turn": TURN}.items() if not np.isclose(v, declared))]
-    if planar:
-        return [replace(plain, turn_unit=u, turn_signs=(1, 1, s)) for u in units for s in (1, -1)]
-    if data.convention.startswith("quat"):
-        other = "quat-wxyz" if data.convention == "quat-xyzw" else "quat-xyzw"
-        return [replace(plain, rotation=r, turn_signs=s) for r in ("", other)
-                for s in (PLUS, (-1, -1, -1))]
-    conventions = ["", *(c for c in ("rotvec", *(f"euler-{o}" for o in ORDERS))
-                         if c != data.convention)]
-    whole = [replace(plain, rotation=c, turn_unit=u, turn_signs=s) for u in units
-             for s in (PLUS, (-1, -1, -1)) for c in conventions]
-    return [*whole, *(replace(plain, turn_signs=s) for s in SIGNS[:3]),
-            *(replace(plain, turn_order=o) for o in permutations(range(3)) if o != IDENTITY),
-            *(replace(plain, turn_order=o, rotation=c) for o in ((2, 1, 0),)
-              for c in conventions if c)]
+def rotation_readings(plain: FileReading, data: Dataset) -> list[FileReading]:
+    """Return readings of the rotation columns, as declared first; only that where none are.
+
+    Matrices are read as the sidecar has them: it has no line for another way.
+    """
+    convention = plain.convention
+    if not np.isfinite(data.rotation).any() or convention == "matrix":
+        return [plain]
+    units = ["", *_others(TURNED, plain.turns.factors[0])]
+    if len(plain.places.own) == 2:
+        return [_turned(plain, units=(u, u, u), signs=(1, 1, s)) for u in units for s in (1, -1)]
+    both = ((1, 1, 1), ALL_SIGNS)
+    if convention.startswith("quat"):
+        other = "quat-wxyz" if convention == "quat-xyzw" else "quat-xyzw"
+        return [replace(_turned(plain, signs=s), rotation=r) for r in ("", other) for s in both]
+    others = [c for c in ("rotvec", *(f"euler-{o}" for o in ORDERS)) if c != convention]
+    whole = [replace(_turned(plain, units=(u, u, u), signs=s), rotation=c) for u in units
+             for s in both for c in ("", *others)]
+    return [*whole, *(_turned(plain, signs=s) for s in ONE_SIGN),
+            *(_turned(plain, order=o) for o in _orders()),
+            *(replace(_turned(plain, order=(2, 1, 0)), rotation=c) for c in others)]
 
 
-def whole_pose_readings(data: Dataset, planar: bool) -> list[PoseReading]:
+def whole_pose_readings(plain: FileReading, data: Dataset) -> list[FileReading]:
     """Return readings in which positions depend on the rotations: inverse poses."""
     if not np.isfinite(data.rotation).any() or data.kind != "pose":
         return []
-    return [replace(r, inverse=True, units=(u, u, u)) for r in rotation_readings(data, planar)
-            for u in ("", *(n for n, v in LENGTHS.items()
-                            if r.parts == 0 and not np.isclose(v, LENGTHS[data.units.length])))]
+    units = _others(LENGTHS, plain.places.factors[0])
+    return [replace(_placed(r, units=(u, u, u)), inverse=True)
+            for r in rotation_readings(plain, data) for u in ("", *(units if r == plain else ()))]
+
+
+def _orders() -> Iterator[tuple[int, ...]]:
+    """Yield the orders of three columns that are not their own."""
+    return islice(permutations(range(3)), 1, None)
+
+
+def _placed(reading: FileReading, **other: tuple[Any, ...]) -> FileReading:
+    return replace(reading, places=replace(reading.places, **other))
+
+
+def _turned(reading: FileReading, **other: tuple[Any, ...]) -> FileReading:
+    return replace(reading, turns=replace(reading.turns, **other))

@@ -23,8 +23,6 @@ LITTLE = 0.05
 """What is left of how far measurements go; in a unit that makes all small, noise explains all."""
 MOST = 0.5
 """Of rows: more without a pose, or outside the limits, than this are no single mistakes."""
-MANY_GROSS = 0.2
-"""Of rows: if more are gross errors, a fit of all of them may go astray."""
 HARDLY_LESS = 0.05
 """A fit from far off is still on its way where it left less than this part of what there was."""
 FEWEST_PARAMETERS = 3

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ppmcal.calibration.interpretation.mistakes import Mistake, block_text
 from ppmcal.errors import NoResult
+from ppmcal.model.dataset import Dataset
 from ppmcal.units import SI, Units
 
 MENDS = {
@@ -16,10 +17,8 @@ MENDS = {
                      "that far from nominal, give larger tolerances, or --prior flat",
     "shuffled": "No entry of the sidecar mends that: put the measurements in the order of the "
                 "joint values again, where they were recorded, or leave those rows out",
-    "frame": "Write into the sidecar: `frame: unknown`",
-    "target": "Write into the sidecar: `target: unknown`",
-    "target-rotation": "Write into the sidecar: `target_rotation: unknown`",
-}
+    **{key.replace("_", "-"): f"Write into the sidecar: `{key}: unknown`"
+       for key in ("frame", "target", "target_rotation")}}
 """What only the user can mend, by kind of mistake."""
 PLAIN = ("stale", "outside-limits")
 """Kinds that name their rows and are no other reading of them."""
@@ -27,6 +26,21 @@ PLAIN = ("stale", "outside-limits")
 
 NOISE = "times the noise"
 """In the place of a quantity: residuals over the noise, no length or angle."""
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One way in which a file is not what it was read as.
+
+    ``kind``: permuted, sign, unit, rotation, inverse, mirrored, exchanged, shifted, stale,
+    outside-limits or radius; ``columns`` that it concerns; ``text``: in words; ``rows``: where
+    not all of them, by number in the CSV.
+    """
+
+    kind: str
+    columns: tuple[str, ...]
+    text: str
+    rows: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -94,8 +108,22 @@ def misreading_sentence(found: Misreading, units: Units) -> str:
             f"{found.noise_after:.2g} times the noise")
 
 
+def with_line(data: Dataset, key: str, lines: Mapping[str, object]) -> dict[str, object]:
+    """Return the sidecar's block ``read`` with more of one key, such as units: {payload: g}."""
+    return {**data.read, key: {**data.read.get(key, {}), **lines}}
+
+
+def block_text(block: Mapping[str, object]) -> str:
+    """Return the sidecar's block ``read`` in one line of YAML."""
+    return json.dumps(block).replace('"', "")
+
+
 def mend_of(found: Sequence[Misreading]) -> str:
     """Return the lines to write into the sidecars, or what else to do."""
+    every = [x for m in found for x in m.mistakes]
+    mends = dict.fromkeys(MENDS[x.kind] for x in every if x.kind in MENDS)
+    if mends:
+        return ". ".join(mends)
     blocks: dict[tuple[str, str], list[str]] = {}
     for m in found:
         if m.block is not None:
@@ -103,19 +131,15 @@ def mend_of(found: Sequence[Misreading]) -> str:
             sigma = ", ".join(f"{k}: {np.format_float_positional(v, trim='-')}"
                               for k, v in m.sigma.items())
             blocks.setdefault((block_text(m.block), sigma), []).append(m.source)
-    own = [MENDS[x.kind] for m in found for x in m.mistakes if x.kind in MENDS]
-    if own:
-        return ". ".join(dict.fromkeys(own))
-    if not blocks and any(x.rows and x.kind not in PLAIN for m in found for x in m.mistakes):
-        return ("Put those rows into a file of their own whose sidecar says so, or leave them "
-                "out")
     if not blocks:
-        beyond = [c for m in found for x in m.mistakes if x.kind == "outside-limits"
-                  for c in x.columns]
+        if any(x.rows and x.kind not in PLAIN for x in every):
+            return ("Put those rows into a file of their own whose sidecar says so, or leave them "
+                    "out")
+        beyond = [c for x in every if x.kind == "outside-limits" for c in x.columns]
         return ("Correct the mechanism file" if not beyond else
                 f"Correct the zero of {', '.join(beyond)}: its offset in the mechanism file, or "
                 "the column; or the limits, if they are wrong")
-    mirrored = any(x.kind == "mirrored" for m in found for x in m.mistakes)
+    mirrored = any(x.kind == "mirrored" for x in every)
     named = len({m.source for m in found}) > 1    # which file is meant must be said then
     place = {b: f"sidecar{'s' * (len(own) > 1)} of {' and '.join(own)}" if named else "sidecar"
              for b, own in blocks.items()}

@@ -1,4 +1,4 @@
-"""Mistakes that show without any fit: units of the environment, limits, signs of struts."""
+"""Mistakes that show without any fit: units of the environment, limits, struts, repeated rows."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from ppmcal.calibration.fit import coordinates, shown
 from ppmcal.calibration.interpretation.limits import MOST
-from ppmcal.calibration.interpretation.misread import Misread, Misreading
-from ppmcal.calibration.interpretation.mistakes import Mistake, with_line
-from ppmcal.calibration.interpretation.stale_rows import stale
+from ppmcal.calibration.interpretation.misread import Misread, Misreading, Mistake, with_line
+from ppmcal.calibration.interpretation.readings import readable, with_verb
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import ZERO_CELSIUS, Dataset
-from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording import counted
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.wording import counted, some
 
 WORKSHOP = (-10.0, 45.0)
 """Temperatures, deg C, in which machines are measured."""
@@ -23,8 +23,8 @@ HEAVIEST = 2000.0
 """A payload of more than so many kg per metre of reach is none."""
 
 
-def recorded_units(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[Mistake, str, str]]:
-    """Yield columns of the environment that look like another unit: mistake, column, unit."""
+def recorded_units(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[Mistake, str]]:
+    """Yield the columns of the environment that look like another unit, and that unit."""
     for name, values in data.columns.items():
         known = values[np.isfinite(values)]
         if not known.size or name in data.read.get("units", {}):
@@ -32,17 +32,16 @@ def recorded_units(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[Mistak
         if name == "temperature" or name.startswith("temperature_"):
             unit = _temperature(known - ZERO_CELSIUS, name == "temperature")
             if unit:
-                low, high = (f"{v:.4g}" for v in np.ptp(known) * np.array([0.0, 1.0])
-                             + known.min() - ZERO_CELSIUS)
+                low, high = (f"{v - ZERO_CELSIUS:.4g}" for v in (known.min(), known.max()))
                 other = "K" if unit == "K" else "deg F"
                 yield Mistake("unit", (name,), f"{name} is {low} to {high}: no workshop in deg C, "
                               f"but in {other}. Where a heated part is measured, "
-                              f"`units: {{{name}: C}}` in its sidecar says so"), name, unit
+                              f"`units: {{{name}: C}}` in its sidecar says so"), unit
         elif name == "payload":
             most = float(np.median(known[known > 0.0])) if (known > 0.0).any() else 0.0
             if most > HEAVIEST * mechanism.reach:
                 yield Mistake("unit", (name,), f"payload is about {most:.4g}: more than this "
-                              "machine can bear in kg, but not in g"), name, "g"
+                              "machine can bear in kg, but not in g"), "g"
 
 
 def _temperature(celsius: Array, room: bool) -> str:
@@ -59,14 +58,19 @@ def _temperature(celsius: Array, room: bool) -> str:
     return ""
 
 
+def _in_other_units(data: Dataset, mechanism: Mechanism) -> Iterator[Misreading]:
+    for mistake, unit in recorded_units(data, mechanism):
+        block = with_line(data, "units", dict.fromkeys(mistake.columns, unit))
+        yield Misreading(data.source, (mistake,), block)
+
+
 def refuse_wrong_units(mechanism: Mechanism, datasets: Sequence[Dataset]) -> None:
     """Refuse columns of the environment that look like another unit.
 
     Raises:
         Misread: with the lines to write into the sidecars.
     """
-    found = [Misreading(d.source, (mistake,), with_line(d, "units", {column: unit}))
-             for d in datasets for mistake, column, unit in recorded_units(d, mechanism)]
+    found = [m for d in datasets for m in _in_other_units(d, mechanism)]
     if found:
         raise Misread.of(found, mechanism.units)
 
@@ -80,17 +84,10 @@ def plain_mistakes(data: Dataset, mechanism: Mechanism, others: Sequence[Misread
     """
     for mistake in stale(replace(data, unusable=None), mechanism)[1]:
         yield Misreading(data.source, (mistake,))
-    for mistake, column, unit in recorded_units(data, mechanism):
-        yield Misreading(data.source, (mistake,), with_line(data, "units", {column: unit}))
+    yield from _in_other_units(data, mechanism)
     told = {c for other in others if other.source == data.source for m in other.mistakes
             for c in m.columns}
-    for name, outside in _outside(data, mechanism):
-        if name in told:
-            continue
-        rows = tuple(int(n) for n in data.rows[outside])
-        yield Misreading(data.source, (Mistake(
-            "outside-limits", (name,), f"{name} is outside its limits in "
-            f"{counted(len(rows), 'row')}", rows),))
+    yield from (m for _, _, m in _outside(data, mechanism) if m.mistakes[0].columns[0] not in told)
 
 
 def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Misreading, ...]:
@@ -98,23 +95,21 @@ def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Misreading, ...]:
 
     Where home is outside too it is the limits that are wrong, and no joint is blamed.
     """
+    (low, high), home = mechanism.limits.T, home_state(mechanism).q
+    return tuple(m for i, part, m in _outside(data, mechanism)
+                 if part > MOST and low[i] <= home[i] <= high[i])
+
+
+def _outside(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[int, float, Misreading]]:
+    """Yield joints that leave their limits, in which part of the rows, and that in words."""
     low, high = mechanism.limits.T
-    home = home_state(mechanism).q
-    inside = {f"q_{a}" for a, within in zip(
-        mechanism.actuators, (low <= home) & (home <= high), strict=True) if within}
-    most = {name for name, outside in _outside(data, mechanism) if outside.mean() > MOST} & inside
-    return tuple(m for m in plain_mistakes(data, mechanism)
-                 if m.mistakes[0].kind == "outside-limits" and set(m.mistakes[0].columns) <= most)
-
-
-def _outside(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[str, Bools]]:
-    """Yield joint columns that leave their limits, and in which rows (N,)."""
-    for i, name in enumerate(mechanism.actuators):
-        low, high = mechanism.limits[i]
-        with np.errstate(invalid="ignore"):
-            outside = (data.q[:, i] < low) | (data.q[:, i] > high)
-        if outside.any():
-            yield f"q_{name}", outside
+    with np.errstate(invalid="ignore"):
+        outside = (data.q < low) | (data.q > high)
+    for i in np.flatnonzero(outside.any(axis=0)).tolist():
+        name, rows = f"q_{mechanism.actuators[i]}", tuple(data.rows[outside[:, i]].tolist())
+        yield i, float(outside[:, i].mean()), Misreading(data.source, (Mistake(
+            "outside-limits", (name,), f"{name} is outside its limits in "
+            f"{counted(len(rows), 'row')}", rows),))
 
 
 # --- struts of negative length: only the square is seen, and a fit would take any sign ------------
@@ -130,16 +125,6 @@ def _struts(data: Dataset, mechanism: Mechanism) -> list[int]:
             and not any(s.is_bar for s in limb.kind.slots)]
 
 
-def _negative(data: Dataset, mechanism: Mechanism) -> Bools:
-    """Return which joints (k,) are struts with a length of the other sign than at home."""
-    home, out = home_state(mechanism).q, np.zeros(len(mechanism.actuators), dtype=bool)
-    for i in _struts(data, mechanism):
-        known = data.q[np.isfinite(data.q[:, i]), i]
-        out[i] = bool(known.size and home[i] != 0.0 and abs(
-            float(np.median(known)) + home[i]) < NEAR * abs(home[i]))
-    return out
-
-
 def rows_with_negative_struts(data: Dataset, mechanism: Mechanism) -> Bools:
     """Return the rows (N,) with a strut's length of the other sign than at home: mistyped ones.
 
@@ -149,23 +134,110 @@ def rows_with_negative_struts(data: Dataset, mechanism: Mechanism) -> Bools:
     return np.asarray((data.q[:, struts] * home_state(mechanism).q[struts] < 0.0).any(axis=1))
 
 
-def negative_struts(data: Dataset, mechanism: Mechanism) -> tuple[Mistake, ...]:
-    """Return the joint columns that have the other sign, as one mistake."""
-    names = tuple(f"q_{a}" for a, n in zip(mechanism.actuators, _negative(data, mechanism),
-                                           strict=True) if n)
-    if not names:
-        return ()
-    has = "has" if len(names) == 1 else "have"
-    return (Mistake("sign", names, f"{', '.join(names)} {has} the other sign: lengths of struts, "
-                    "which are not negative at home"),)
+def with_positive_struts(data: Dataset, mechanism: Mechanism
+                         ) -> tuple[Dataset, tuple[Mistake, ...]]:
+    """Return the data with columns of struts turned that are negative, and that as a mistake."""
+    home, turned = home_state(mechanism).q, []
+    for i in _struts(data, mechanism):
+        known = data.q[np.isfinite(data.q[:, i]), i]
+        if known.size and abs(float(np.median(known)) + home[i]) < NEAR * abs(home[i]):
+            turned.append(i)
+    if not turned:
+        return data, ()
+    names = tuple(f"q_{mechanism.actuators[i]}" for i in turned)
+    q, signs = data.q.copy(), data.read.get("signs", {})
+    q[:, turned] *= -1.0
+    right = replace(data, q=q, whole=None, place=None, read=with_line(
+        data, "signs", {n: -signs.get(n, 1) for n in names}))
+    return right, (Mistake("sign", names, f"{with_verb(names, 'has', 'have')} the other sign: "
+                           "lengths of struts, which are not negative at home"),)
 
 
-def with_positive_struts(data: Dataset, mechanism: Mechanism) -> Dataset:
-    """Return the data with those columns turned, as their sidecar should say."""
-    turned = _negative(data, mechanism)
-    if not turned.any():
-        return data
-    lines = {f"q_{a}": -data.read.get("signs", {}).get(f"q_{a}", 1)
-             for a, n in zip(mechanism.actuators, turned, strict=True) if n}
-    return replace(data, q=np.where(turned, -data.q, data.q), whole=None, place=None,
-                   read=with_line(data, "signs", lines))
+# --- rows that repeat the row before: an instrument, or a log of joints, that had not moved on ----
+#
+# Noise makes it next to impossible that a pose is measured twice with the same digits, and a
+# machine that has moved does not show the joint values of the row before. Where a machine stays, a
+# measurement is stale if it repeats to the last digit and the file's other repeats do not.
+
+FEWEST = 8
+"""Rows that a data set must have, for its usual step to be known."""
+MOVED = 0.1
+"""A machine has moved that went farther than this part of its usual step."""
+BY_CHANCE = 0.05
+"""Rows expected to repeat by the coarseness of the digits alone: from here on none is stale."""
+
+
+def stale(data: Dataset, mechanism: Mechanism) -> tuple[Bools, tuple[Mistake, ...]]:
+    """Return which rows repeat the one before (N,), and that as mistakes.
+
+    Heights and distances may well come out the same twice: they are not judged.
+    """
+    out = np.zeros(len(data), dtype=bool)
+    if not readable(data) or len(data) < FEWEST:
+        return out, ()
+    parts = list(coordinates(data, mechanism.motion))
+    measured = shown(data)[:, parts]
+    scale = np.where(np.array(parts) < 3, 1.0, mechanism.length_scale)
+    pose_step, joint_step = (np.append(np.nan, np.linalg.norm(np.diff(v, axis=0), axis=1))
+                             for v in (measured * scale, data.q))
+    next_to = np.append(False, np.diff(data.rows) == 1)
+    # by the file: joint values that stay are what makes rows of one pose otherwise
+    labels = data.groups if data.labels is None else data.labels
+    same_group = np.append(False, np.diff(labels) == 0)
+    moved = _moved(joint_step, joint_step)
+    resting = _same_at_rest(measured, np.isfinite(joint_step) & ~moved & next_to)
+    why = ", although the machine had moved"
+    at_rest = f"{why} or its other repeats differ" if resting.any() else why
+    found = []
+    for rows, columns, what, reason in (
+            ((pose_step == 0.0) & moved & next_to | resting,
+             [POSE_COORDINATES[c] for c in parts], "the measurement is still that", at_rest),
+            ((joint_step == 0.0) & _moved(pose_step, pose_step[joint_step != 0.0]) & next_to
+             & ~same_group, [f"q_{a}" for a in mechanism.actuators],
+             "the joint values are still those", why)):
+        if rows.any() and rows.mean() < MOST:    # where more repeat, they are meant to
+            out |= rows
+            numbers = tuple(data.rows[rows].tolist())
+            found.append(Mistake("stale", tuple(columns), f"in {counted(len(numbers), 'row')} "
+                                 f"{what} of the row before{reason}", numbers))
+    return out, tuple(found)
+
+
+def _same_at_rest(measured: Array, rest: Bools) -> Bools:
+    """Return which measurements (N, m) repeat the one before although noise should show (N,).
+
+    ``rest``: rows at which the machine had stayed (N,). The other ones tell how often a coordinate
+    comes out the same by itself.
+    """
+    equal = np.concatenate([np.zeros((1, measured.shape[1]), bool), np.diff(measured, axis=0) == 0])
+    same = rest & equal.all(axis=1)
+    others = rest & ~same & np.isfinite(measured).all(axis=1)
+    # a rate after so many trials, never 0 (Laplace)
+    chance = float(np.prod((equal[others].sum(axis=0) + 1.0) / (int(others.sum()) + 2.0)))
+    if same.sum() >= MOST * rest.sum() or chance * rest.sum() > BY_CHANCE:
+        return np.zeros_like(rest)
+    return same
+
+
+def _moved(step: Array, moves: Array) -> Bools:
+    """Return which steps (N,) are of a machine that moved.
+
+    ``moves``: steps that tell how far it usually goes (M,), without the scatter of repeats.
+    """
+    moving = moves[np.isfinite(moves) & (moves > 0.0)]
+    usual = float(np.median(moving)) if moving.size else np.inf
+    with np.errstate(invalid="ignore"):
+        return np.asarray(step > MOVED * usual)
+
+
+def without_stale(datasets: Sequence[Dataset], mechanism: Mechanism) -> tuple[Dataset, ...]:
+    """Return the data sets with their stale rows marked unusable, which findings say."""
+    out = []
+    for data in datasets:
+        rows, found = stale(data, mechanism)
+        told = [f"{data.source}: {m.text}: row{'s' * (len(m.rows) > 1)} "
+                f"{some([str(n) for n in m.rows], data.source, 8)}; left out." for m in found]
+        # data that came here before say so already
+        out.append(replace(data.without(rows, "stale: repeats the row before"), findings=tuple(
+            dict.fromkeys((*data.findings, *told)))) if found else data)
+    return tuple(out)

@@ -1,54 +1,52 @@
 """Whether files were read as they were meant: one path for check, identify and diagnose.
 
-Before the fit: units of the environment, files that the tolerances do not explain, and a part of
-the rows that goes astray. After it: files that leave more than noise or bend the geometry, mistakes
-in some of the rows, and the file of another machine, which is what is left where nothing else
-explains it.
+Every way to read a file is scored as the file is that stands; the one that changes least of those
+that do as well is what was meant, where it explains more of what is wrong than it leaves. Before
+the fit that is asked of files that the tolerances do not explain, with units of the environment
+and a part of the rows that goes astray; after it of files that leave more than noise or bend the
+geometry, with mistakes in some of the rows. What nothing explains is the file of another machine.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, Problem, State, beyond, distances, identify
-from ppmcal.calibration.interpretation.judgement import find_misreading
+from ppmcal.calibration.fit import Fit, Problem, State, distances, identify
 from ppmcal.calibration.interpretation.limits import (
     ALLOWED,
+    AS_GOOD,
     FAR,
     FEWEST_PARAMETERS,
-    HARDLY_LESS,
     LANDS,
-    MANY_GROSS,
-    MOST,
+    LITTLE,
     TELLING,
     WORST,
 )
-from ppmcal.calibration.interpretation.misread import Misread, Misreading
-from ppmcal.calibration.interpretation.mistakes import Mistake
+from ppmcal.calibration.interpretation.misread import Misread, Misreading, Mistake
 from ppmcal.calibration.interpretation.obvious_mistakes import (
-    negative_struts,
     other_zeros,
     refuse_wrong_units,
     with_positive_struts,
 )
+from ppmcal.calibration.interpretation.readings import readable
 from ppmcal.calibration.interpretation.score import (
     Look,
     Score,
     end_parts,
-    medians,
     right_parts,
     rms,
     score,
     tolerances_away,
 )
+from ppmcal.calibration.interpretation.search import Way, ways
 from ppmcal.calibration.interpretation.wrong_rows import wrong_parts, wrong_rows
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.model.parameters import NO_TOLERANCE
-from ppmcal.units import Units
 from ppmcal.wording.progress import stage
 
 log = logging.getLogger(__package__)
@@ -58,53 +56,102 @@ MEND = ("Check the order and signs of the q columns, their units, and how the ro
         "machine really is that far from its nominal geometry, give larger tolerances")
 
 
-@dataclass(frozen=True)
-class Misfit:
-    """How far measurements are from a machine, half of the rows being farther.
+def find_misreading(problem: Problem, index: int) -> Misreading | None:
+    """Return how one data set is to be read, None where it stands, or where nothing explains it."""
+    data = problem.datasets[index]
+    if not readable(data):
+        return None
+    alone = problem.alone(data)
+    as_read = score(alone)
+    # what is read wrongly is wrong in all rows, also in those that have a pose
+    if as_read.total <= TELLING or (np.isinf(as_read.total) and as_read.nominal <= LANDS):
+        return None
+    good = _better(alone, as_read)
+    if not good:
+        return None
+    way, best, alternatives = _chosen(good)
+    # something is there beside: is it not that alone, and in some of the rows?
+    if best.total > TELLING and (any(True for _ in right_parts(alone))
+                                 or not _explains(score(alone, np.inf), best)):
+        return None
+    block, sigma = None, dict[str, float]()
+    if way.reading is not None:
+        block, sigma = way.reading.block(data), way.reading.sigma(data, best.left)
+    told = (as_read.miss, best.miss) if as_read.nominal > LANDS else (as_read.left, best.left)
+    if np.isinf(as_read.total):
+        told = (np.nan, np.nan), told[1]
+    return Misreading(data.source, way.what, block, *_telling(*told), best.noise, sigma,
+                      alternatives)
 
-    Attributes:
-        score: of the nominal machine, all files together, without a fit.
-        before, after: times the noise, without and with a short fit; nan where none was needed.
-        lost: rows without a pose, of ``rows``; gross: part of them that are gross errors.
-        readings: how the files are to be read instead, where that explains everything.
+
+def _better(alone: Problem, as_read: Score) -> list[tuple[Way, Score]]:
+    """Return the ways that explain what is wrong; behind one that comes to the noise none is asked.
+
+    Those would change more.
     """
-
-    score: Score
-    before: float = np.nan
-    after: float = np.nan
-    lost: int = 0
-    rows: int = 0
-    readings: tuple[Misreading, ...] = ()
-    gross: float = 0.0
-
-    @property
-    def times(self) -> float:
-        """Times what noise and tolerances explain, nominal machine, best registration."""
-        return self.score.nominal
-
-    @property
-    def doubted(self) -> bool:
-        """Whether so much is wrong that a fit of all rows may go astray."""
-        return self.times > LANDS or self.gross > MANY_GROSS
-
-    @property
-    def misread(self) -> bool:
-        """Whether neither tolerances nor another geometry explain the measurements."""
-        return bool(self.readings) or self.after > max(WORST**0.5, HARDLY_LESS * self.before)
-
-    def sentence(self, units: Units) -> str:
-        """Return what was seen, in file units."""
-        parts = [f"{value / units.factor(quantity):.3g} {units.name(quantity)}"
-                 for value, quantity in zip(self.score.miss, ("length", "angle"), strict=True)
-                 if np.isfinite(value)]
-        lost = f"; {self.lost} of {self.rows} rows have no pose at all" if self.lost else ""
-        return ("the measurements do not fit this machine: registered as well as can be, half of "
-                f"the rows miss by more than {' and '.join(parts)}, {self.times:.3g} times what "
-                f"tolerances and noise explain{lost}; other dimensions of the machine still leave "
-                f"{self.after:.3g} times the noise")
+    out: list[tuple[Way, Score]] = []
+    enough = np.inf
+    lands = min(LANDS, max(TELLING, as_read.nominal))
+    for way in ways(alone, as_read):
+        if way.parts > enough:
+            break
+        found = score(way.problem, lands)
+        fitted = np.isfinite(found.noise + found.total)
+        if fitted and _explains(as_read, found) and _tells(way.problem, found):
+            out.append((way, found))
+            if found.total <= AS_GOOD:
+                enough = min(enough, way.parts)
+    return out
 
 
-def misfit(problem: Problem) -> Misfit:
+def _chosen(good: Sequence[tuple[Way, Score]]
+            ) -> tuple[Way, Score, tuple[tuple[Mistake, ...], ...]]:
+    """Return the way that changes least of those as good as the best, its score, and alternatives.
+
+    These are of another kind and change no more. What leaves the same to round-off is the same
+    file but for a turn of its frame: the first of the list stands for all.
+    """
+    least = min(s.total for _, s in good)
+    near = [g for g in good if g[1].total <= AS_GOOD * least]
+    distinct: list[tuple[Way, Score]] = []
+    for way, found in near:
+        if way.parts <= min(w.parts for w, _ in near) and not any(
+                np.isclose(found.nominal, s.nominal, rtol=1e-6) for _, s in distinct):
+            distinct.append((way, found))
+    best = min(distinct, key=lambda g: g[1].total)
+    kinds: dict[frozenset[str], tuple[Mistake, ...]] = {}
+    for way, _ in (best, *distinct):
+        kinds.setdefault(frozenset(m.kind for m in way.what), way.what)
+    return *best, tuple(kinds.values())[1:]
+
+
+def _explains(as_read: Score, found: Score) -> bool:
+    """Whether a way explains more of what is wrong than it leaves, and enough to be sure."""
+    return as_read.total >= TELLING * found.total and min(as_read.total, WORST) >= found.total**2
+
+
+def _tells(alone: Problem, found: Score) -> bool:
+    """Whether what is left is little beside how far the measurements go."""
+    data = alone.datasets[0]
+    for values, left in zip((data.position, data.rotation), found.left, strict=True):
+        known = values[:, np.isfinite(values).any(axis=0)]
+        if known.size and np.isfinite(left):
+            away = np.linalg.norm(known - np.nanmedian(known, axis=0), axis=1)
+            if left <= LITTLE * float(np.nanmedian(away)):
+                return True
+    return not np.isfinite(found.left).any()
+
+
+def _telling(before: tuple[float, float], after: tuple[float, float]) -> tuple[str, float, float]:
+    """Return the quantity whose miss falls most, of positions and rotations, before and after."""
+    falls = [b / max(a, 1e-300) for b, a in zip(before, after, strict=True)]
+    turned = falls[1] > 2.0 * falls[0] or not np.isfinite(after[0])
+    return "angle" if turned else "length", before[turned], after[turned]
+
+
+# --- what is refused, before a fit and after it ---------------------------------------------------
+
+def misfit(problem: Problem) -> Score:
     """Return how far measurements are from a machine, and how they may have been meant.
 
     Args:
@@ -113,23 +160,18 @@ def misfit(problem: Problem) -> Misfit:
     Raises:
         BadInput: as :meth:`ppmcal.calibration.fit.Problem.start`.
     """
-    mechanism = problem.mechanism
-    signs = [negative_struts(d, mechanism) for d in problem.datasets]
-    if not any(signs):
+    turned = [with_positive_struts(d, problem.mechanism) for d in problem.datasets]
+    if not any(sign for _, sign in turned):
         return _misfit(problem)
-    turned = replace(problem, given=None, datasets=tuple(
-        with_positive_struts(d, mechanism) for d in problem.datasets))
-    found = _misfit(turned)
+    found = _misfit(replace(problem, given=None, datasets=tuple(d for d, _ in turned)))
     other = {m.source: m for m in found.readings}
-    readings = []
-    for data, sign in zip(turned.datasets, signs, strict=True):
-        one = other.get(data.source, Misreading(data.source, (), dict(data.read)))
-        if sign or one.mistakes:
-            readings.append(replace(one, mistakes=(*sign, *one.mistakes)))
-    return replace(found, readings=tuple(readings))
+    readings = ((sign, other.get(d.source, Misreading(d.source, (), dict(d.read))))
+                for d, sign in turned)
+    return replace(found, readings=tuple(replace(m, mistakes=(*sign, *m.mistakes))
+                                         for sign, m in readings if sign or m.mistakes))
 
 
-def _misfit(problem: Problem) -> Misfit:
+def _misfit(problem: Problem) -> Score:
     """Return what :func:`misfit` does, of joints whose signs are right."""
     try:
         look = Look.at(problem)
@@ -138,23 +180,19 @@ def _misfit(problem: Problem) -> Misfit:
         found = found or _other_zeros(problem)
         if not found:
             raise
-        return Misfit(Score(), readings=found)
-    lost, rows = look.lost
-    gross = sum(int(g.sum()) for g in beyond(look.explained, look.posed)) / max(rows, 1)
-    out = Misfit(Score(look.nominal, medians(look.problem, look.state)), lost=lost, rows=rows,
-                 gross=gross)
-    if out.times <= LANDS and lost <= MOST * rows:
-        return out
+        return Score(readings=found)
+    as_read = look.score(0.0)
+    if as_read.total <= LANDS:
+        return as_read
     # a way that explains everything needs no fit of what is read wrongly, which is slow
     found = _misreadings(problem)
     if found:
-        return replace(out, readings=found)
-    before, after = (distances(look.problem, state).times(look.posed)
-                     for state in (look.state, look.fitted()))
-    found = _other_zeros(problem) if after > TELLING else ()
+        return replace(as_read, readings=found)
+    fitted = look.score(np.inf)
+    found = _other_zeros(problem) if fitted.noise > TELLING else ()
     if not found and any(True for _ in right_parts(problem)):
-        return out
-    return replace(out, before=before, after=after, readings=found)
+        return as_read
+    return replace(fitted, readings=found)
 
 
 def _misreadings(problem: Problem) -> tuple[Misreading, ...]:
@@ -167,12 +205,12 @@ def _other_zeros(problem: Problem) -> tuple[Misreading, ...]:
 
 
 @stage("trying other readings")
-def refuse_misread(problem: Problem) -> Misfit:
+def refuse_misread(problem: Problem) -> None:
     """Refuse measurements that are not of this machine as the files are read.
 
     Raises:
-        Misread: neither tolerances nor another geometry explain them; it says how they are to be
-            read, where that is found.
+        Misread: neither tolerances nor another geometry explain them, or the first rows do and
+            others do not; it says how they are to be read, where that is found.
     """
     found = misfit(problem)
     log.info("other readings of the files: %s", f"{len(found.readings)} found" if found.readings
@@ -181,7 +219,8 @@ def refuse_misread(problem: Problem) -> Misfit:
     if found.misread:
         raise Misread(found.sentence(problem.mechanism.units),
                       ", ".join(d.source for d in problem.datasets), MEND)
-    return found
+    if found.doubted:
+        _refuse(wrong_parts(problem), problem)
 
 
 def _refuse(found: Sequence[Misreading], problem: Problem) -> None:
@@ -202,8 +241,7 @@ def refuse_before_fit(problem: Problem, every_column: bool = False) -> None:
     """
     if every_column or problem.mechanism.effects:
         refuse_wrong_units(problem.mechanism, problem.datasets)
-    if refuse_misread(problem).doubted:
-        _refuse(wrong_parts(problem), problem)
+    refuse_misread(problem)
 
 
 def refuse_after_fit(fit: Fit) -> None:
@@ -237,10 +275,9 @@ def other_machine(problem: Problem, state: State) -> Misreading | None:
     far = sorted((name for name, times in away.items() if times > FAR), key=lambda n: -away[n])
     if rms(away) <= FAR or len(far) < FEWEST_PARAMETERS:
         return None
-    for *_, alone in end_parts(problem):
-        part = score(alone, np.inf)
-        if part.noise <= TELLING and part.geometry <= ALLOWED:
-            return None
+    if any(part.noise <= TELLING and part.geometry <= ALLOWED
+           for *_, part in end_parts(problem, np.inf)):
+        return None
     words = ", ".join(f"{name} by {away[name]:.0f}" for name in far[:3])
     text = (f"geometry {rms(away):.0f} tolerances from nominal (RMS; {words}): the file of another "
             "machine?")
@@ -258,28 +295,22 @@ def refuse_other_machine(fit: Fit) -> None:
     _refuse([found] if found else [], fit.problem)
 
 
-def found_wrong(problem: Problem) -> tuple[Misfit, tuple[Misreading, ...]]:
-    """Return how far measurements are from a machine, and what the refusals would say of them.
+def refusal(problem: Problem) -> Misread | None:
+    """Return what the refusals say of measurements, None where they let them through.
 
     A fit of all rows is made only where a short one leaves more than noise, or goes far.
     """
-    found = misfit(problem)
-    if found.readings or found.misread:
-        return found, found.readings
-    parts = wrong_parts(problem) if found.doubted else ()
-    return found, parts or _by_fit(problem)
-
-
-def _by_fit(problem: Problem) -> tuple[Misreading, ...]:
-    as_read = score(problem, np.inf)
-    if as_read.noise <= TELLING and as_read.geometry <= FAR:
-        return ()
     try:
-        fit = identify(problem)
-        refuse_after_fit(fit)
-        refuse_other_machine(fit)
+        refuse_misread(problem)
     except Misread as error:
-        return error.found
-    except PpmcalError:
-        pass    # a fit that cannot be had tells nothing of the file
-    return ()
+        return error
+    if score(problem, np.inf).total > TELLING:
+        # a fit that cannot be had tells nothing of the file
+        with suppress(PpmcalError):
+            try:
+                fit = identify(problem)
+                refuse_after_fit(fit)
+                refuse_other_machine(fit)
+            except Misread as error:
+                return error
+    return None

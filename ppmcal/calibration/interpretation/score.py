@@ -21,23 +21,24 @@ from ppmcal.calibration.fit import (
     Distances,
     Problem,
     State,
+    beyond,
     column_scale,
     coordinates,
     distances,
     explained_distances,
-    gross_errors,
     huber_weights,
     least_squares,
     prior_weights,
     toleranced,
 )
-from ppmcal.calibration.interpretation.limits import ALLOWED, LANDS, MOST
-from ppmcal.errors import NoResult, PpmcalError
-from ppmcal.kinematics.pose_readings import FileReading
+from ppmcal.calibration.interpretation.limits import ALLOWED, HARDLY_LESS, LANDS, MOST, WORST
+from ppmcal.calibration.interpretation.misread import Misreading
+from ppmcal.calibration.interpretation.readings import FileReading
+from ppmcal.errors import PpmcalError
+from ppmcal.inference.priors import MOST_GROSS
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, range_basis, subsample
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.instruments import SCALARS
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import Units
 
 ROWS, ITERATIONS = 48, 10
 PARTS = 3
@@ -53,23 +54,54 @@ class Score:
         nominal: times what noise and tolerances explain, without a fit; half of the rows are
             farther off.
         miss: positions, m, and rotations, rad, so too; nan where not measured.
-        noise: times the noise, after a short fit, all rows (:func:`all_rows`); geometry: by how
-            many tolerances that moves it.
+        lost: rows without a pose, of ``rows``; gross: part of them that are gross errors.
+        before, noise: times the noise, all rows (:func:`all_rows`), before and after a short fit;
+            geometry: by how many tolerances that moves it.
         left: as ``miss``, after the fit.
+        readings: how the files are to be read instead, where that explains everything.
     """
 
     nominal: float = np.inf
     miss: tuple[float, float] = (np.nan, np.nan)
+    lost: int = 0
+    rows: int = 0
+    gross: float = 0.0
+    before: float = np.inf
     noise: float = np.inf
     geometry: float = np.nan
     left: tuple[float, float] = (np.nan, np.nan)
+    readings: tuple[Misreading, ...] = ()
 
     @property
     def total(self) -> float:
         """Times what is left by the right machine, read rightly; 1 at best."""
+        if self.lost > MOST * self.rows:
+            return np.inf
         if np.isfinite(self.noise):
             return max(1.0, self.noise) * max(1.0, self.geometry / ALLOWED)
         return max(1.0, self.nominal)
+
+    @property
+    def doubted(self) -> bool:
+        """Whether so much is wrong that a fit of all rows may go astray."""
+        return self.nominal > LANDS or self.gross > float(MOST_GROSS)
+
+    @property
+    def misread(self) -> bool:
+        """Whether neither tolerances nor, by a short fit, another geometry explain the rows."""
+        hopeless = max(WORST**0.5, HARDLY_LESS * self.before) < self.noise < np.inf
+        return bool(self.readings) or hopeless
+
+    def sentence(self, units: Units) -> str:
+        """Return what was seen of a machine, in file units."""
+        parts = [f"{value / units.factor(quantity):.3g} {units.name(quantity)}"
+                 for value, quantity in zip(self.miss, ("length", "angle"), strict=True)
+                 if np.isfinite(value)]
+        lost = f"; {self.lost} of {self.rows} rows have no pose at all" if self.lost else ""
+        return ("the measurements do not fit this machine: registered as well as can be, half of "
+                f"the rows miss by more than {' and '.join(parts)}, {self.nominal:.3g} times what "
+                f"tolerances and noise explain{lost}; other dimensions of the machine still leave "
+                f"{self.noise:.3g} times the noise")
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,49 +135,47 @@ class Look:
         """How far rows are from the nominal machine, freed of what tolerances explain."""
         return explained_distances(self.problem, self.state)
 
-    @property
-    def nominal(self) -> float:
-        """That of half of the rows, times the noise."""
-        return self.explained.times(self.posed)
-
-    @property
-    def lost(self) -> tuple[int, int]:
-        """How many rows have no pose, and how many there are."""
-        return sum(int((~k).sum()) for k in self.posed), sum(k.size for k in self.posed)
-
     @cached_property
+    def gross(self) -> list[Bools]:
+        """The rows with gross errors."""
+        return beyond(self.explained, self.posed)
+
+    @property
     def sound(self) -> list[Bools]:
-        """The rows without gross errors: values typed wrong are no sign of how a file is read."""
-        return [k & ~g for k, g in zip(
-            self.posed, gross_errors(self.problem, self.state, self.posed), strict=True)]
+        """The others: values typed wrong are no sign of how a file is read, if they are few."""
+        gross, posed = (sum(int(k.sum()) for k in keep) for keep in (self.gross, self.posed))
+        if gross > float(MOST_GROSS) * posed:
+            return self.posed
+        return [k & ~g for k, g in zip(self.posed, self.gross, strict=True)]
 
-    def fitted(self) -> State:
+    def _fitted(self) -> State:
         """Return where a short robust fit ends."""
-        def weigh(at: State) -> Sequence[Array]:
-            return huber_weights(self.problem, at, self.sound)
+        sound = self.sound
 
-        return least_squares(self.problem, self.state, self.sound,
+        def weigh(at: State) -> Sequence[Array]:
+            return huber_weights(self.problem, at, sound)
+
+        return least_squares(self.problem, self.state, sound,
                              prior_weights(self.problem, "prior"), ITERATIONS, weigh).state
 
-    def score(self, lands: float = LANDS) -> Score:
-        """Return the score; without a fit where the nominal machine is farther off than ``lands``.
+    def _noise(self, state: State) -> float:
+        found = distances(self.problem, state)
+        return float(all_rows(*(np.concatenate([v[k] for v, k in zip(
+            values, self.posed, strict=True)]) for values in (found.square, found.size))))
 
-        Raises:
-            NoResult: most rows have no pose.
-        """
-        lost, rows = self.lost
-        if lost > MOST * rows:
-            raise NoResult("most rows have no pose",
-                           ", ".join(d.source for d in self.problem.datasets))
-        miss = medians(self.problem, self.state)
-        if not self.nominal <= lands:
-            return Score(self.nominal, miss)
-        end = self.fitted()
-        found = distances(self.problem, end)
-        square, size = (np.concatenate([v[k] for v, k in zip(values, self.posed, strict=True)])
-                        for values in (found.square, found.size))
-        return Score(self.nominal, miss, float(all_rows(square, size)),
-                     rms(tolerances_away(self.problem, end)), medians(self.problem, end))
+    def score(self, lands: float = LANDS) -> Score:
+        """Return the score, without a fit where the nominal machine is farther off than this."""
+        lost, gross = (sum(int(k.sum()) for k in rows)
+                       for rows in ([~k for k in self.posed], self.gross))
+        rows = sum(k.size for k in self.posed)
+        found = Score(self.explained.times(self.posed), medians(self.problem, self.state),
+                      lost, rows, gross / max(rows, 1))
+        if not found.nominal <= lands:
+            return found
+        end = self._fitted()
+        return replace(found, before=self._noise(self.state), noise=self._noise(end),
+                       geometry=rms(tolerances_away(self.problem, end)),
+                       left=medians(self.problem, end))
 
 
 def all_rows(square: Array, size: Array) -> Array:
@@ -201,11 +231,11 @@ def rms(away: dict[str, float]) -> float:
     return float(np.sqrt(np.mean(np.square([*away.values()])))) if away else 0.0
 
 
-def end_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints, Problem]]:
-    """Yield each data set with its first and its last rows, and the problem of these alone."""
+def end_parts(problem: Problem, lands: float) -> Iterator[tuple[Dataset, Ints, Score]]:
+    """Yield each data set with its first and its last rows, and the score of these alone."""
     for data in problem.datasets:
         for part in np.array_split(np.arange(len(data)), PARTS)[::PARTS - 1]:
-            yield data, part, problem.alone(data.take(part))
+            yield data, part, score(problem.alone(data.take(part)), lands)
 
 
 def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
@@ -213,67 +243,59 @@ def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
 
     What is read wrongly is wrong from the first row to the last.
     """
-    for data, part, alone in end_parts(problem):
-        if score(alone, 0.0).nominal <= LANDS:
-            yield data, part
-
-
-def readable(data: Dataset) -> bool:
-    """Whether a data set can be read otherwise: poses or positions at given joint values."""
-    return data.kind not in SCALARS and data.commanded is None
+    return ((data, part) for data, part, alone in end_parts(problem, 0.0) if alone.total <= LANDS)
 
 
 # --- many ways at once, to first order ------------------------------------------------------------
 
-def read_in_ways(data: Dataset, rows: Ints, readings: Sequence[FileReading],
-                 mechanism: Mechanism) -> Dataset:
+def read_in_ways(data: Dataset, rows: Ints, readings: Sequence[FileReading]) -> Dataset:
     """Return some rows of a data set read in every way, one after another (R n,).
 
     A shift takes the measurement of other rows of the file, which have to be there.
     """
     own = data.take(rows)
-    read = [replace(own, position=data.position[rows + r.shift],
-                    rotation=data.rotation[rows + r.shift]) if r.shift else r.of(own, mechanism)
+    read = [replace(r, shift=0).of(replace(own, position=data.position[rows + r.shift],
+                                           rotation=data.rotation[rows + r.shift]))
             for r in readings]
     return replace(data.take(np.tile(rows, len(read))), q=np.concatenate([d.q for d in read]),
                    position=np.concatenate([d.position for d in read]),
                    rotation=np.concatenate([d.rotation for d in read]), whole=None, place=None)
 
 
-def first_order_scores(problem: Problem, rows: Ints, readings: Sequence[FileReading]) -> Array:
+def first_order_scores(problem: Problem, readings: Sequence[FileReading]) -> Array:
     """Return the scores (R,) of one data set with its measured columns read in other ways.
 
     The machine stays where it is to first order: what the columns of a fit with the tolerances as
-    prior cannot explain of the residuals, and how far it would move.
+    prior cannot explain of the residuals, and how far it would move. Infinite where few rows tell.
 
     Args:
-        problem: of one data set, every parameter with a tolerance free.
-        rows: that count, none of them gross.
+        problem: of one data set.
         readings: without other joint columns; the first is the present one.
+
+    Raises:
+        BadInput: as :meth:`ppmcal.calibration.fit.Problem.start`.
     """
-    (data,), count = problem.datasets, len(readings)
-    few = replace(problem, datasets=(data.take(rows),), pivots=(problem.opens[0].about,),
-                  given=(problem.environments[0].take(rows),))
-    state = few.start()
-    many = replace(few, datasets=(read_in_ways(data, rows, readings, problem.mechanism),),
-                   given=(few.environments[0].take(np.tile(np.arange(len(rows)), count)),))
-    there = replace(state, poses=(np.tile(state.poses[0], (count, 1)),))
-    parts = [*many.rows(there, False)]
-    residual = np.concatenate([p.residual for p in parts])
-    seen = np.concatenate([p.observed for p in parts])
-    if len(residual) != count * len(rows):
+    look, (data,), count = Look.at(problem), problem.datasets, len(readings)
+    few, state, edge = look.problem, look.state, max(abs(r.shift) for r in readings)
+    here = np.flatnonzero(subsample([np.ones(len(data), dtype=bool)], ROWS)[0])    # the look's
+    keep = look.sound[0] & (here >= edge) & (here < len(data) - edge)
+    each = np.tile(np.flatnonzero(keep), count)
+    many = replace(few, datasets=(read_in_ways(data, here[keep], readings),),
+                   pivots=(few.opens[0].about,), given=(few.environments[0].take(each),))
+    parts = [*many.rows(replace(state, poses=(state.poses[0][each],)), False)]
+    if keep.sum() < 2 * edge or sum(len(p.residual) for p in parts) != len(each):
         return np.full(count, np.inf)
-    jacobian = np.concatenate([p.jacobian for p in few.rows(state, True)])
+    residual, seen = (np.concatenate(v).reshape(count, int(keep.sum()), -1) for v in zip(
+        *((p.residual, p.observed) for p in parts), strict=True))
     weight = prior_weights(few, "prior")
+    jacobian = np.concatenate([p.jacobian for p in few.rows(state, True, [keep])])
     whole = np.vstack([jacobian.reshape(-1, len(weight)), np.diag(weight)]) * column_scale(few)
     basis = range_basis(whole, 1e-9)
-    flat = residual.reshape(count, -1)
-    flat = np.hstack([flat, np.zeros((count, len(weight)))])
+    flat = np.hstack([residual.reshape(count, -1), np.zeros((count, len(weight)))])
     rest = flat - (flat @ basis) @ basis.T
-    square = np.sum(rest[:, :-len(weight)].reshape(count, len(rows), -1)**2, axis=2)
-    size = seen.reshape(count, len(rows), -1).sum(axis=2)
+    square = np.sum(rest[:, :-len(weight)].reshape(residual.shape)**2, axis=2)
+    size = seen.sum(axis=2)
     moved = rest[:, -len(weight):][:, weight > 0.0]
     away = np.sqrt(np.mean(moved**2, axis=1)) if moved.size else np.zeros(count)
     out = all_rows(square, size) * np.maximum(1.0, away / ALLOWED)
-    fewer = size.sum(axis=1) < size[0].sum()
-    return np.asarray(np.where(fewer, np.inf, out))
+    return np.asarray(np.where(size.sum(axis=1) < size[0].sum(), np.inf, out))

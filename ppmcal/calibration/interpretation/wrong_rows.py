@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtri
@@ -33,15 +34,15 @@ from ppmcal.calibration.interpretation.limits import (
     LANDS,
     SLACK,
 )
-from ppmcal.calibration.interpretation.misread import Misreading
-from ppmcal.calibration.interpretation.mistakes import Mistake, block_text, mistakes, read_block
-from ppmcal.calibration.interpretation.score import PARTS, read_in_ways, readable, right_parts
+from ppmcal.calibration.interpretation.misread import Misreading, Mistake, block_text
+from ppmcal.calibration.interpretation.readings import FileReading, readable
+from ppmcal.calibration.interpretation.score import PARTS, read_in_ways, right_parts
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.pose_readings import AXES, TURNS, FileReading, JointReading
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import POSE_COORDINATES
 from ppmcal.wording import counted
 
 SCREENED = 12
@@ -112,17 +113,17 @@ class _LeftOut:
     def parts(self) -> list[int]:
         return list(coordinates(self.data, self.fit.problem.mechanism.motion))
 
-    @property
-    def usable(self) -> Bools:
+    @cached_property
+    def usable(self) -> Ints:
         """Rows in which all is there."""
         data = self.data
-        return np.asarray(finite_rows(data.q) & np.isfinite(shown(data)[:, self.parts]).all(axis=1)
-                          & [not why for why in data.unusable or [""] * len(data)])
+        return np.flatnonzero(finite_rows(data.q) & finite_rows(shown(data)[:, self.parts])
+                              & [not why for why in data.unusable or [""] * len(data)])
 
-    @property
+    @cached_property
     def rows(self) -> Ints:
         """Rows left out; what is near the noise as it is needs no other reading."""
-        out = np.flatnonzero(self.usable & ~self.fit.keep[self.index])
+        out = self.usable[~self.fit.keep[self.index][self.usable]]
         return out[~self.fits(self.data.take(out), out)] if len(out) else out
 
     def fits(self, data: Dataset, rows: Ints) -> Bools:
@@ -137,32 +138,30 @@ class _LeftOut:
 
     def read(self, readings: Sequence[FileReading], rows: Ints) -> Bools:
         """Return which rows fit under which readings (R, n), all of them at once."""
-        data = read_in_ways(self.data, rows, readings, self.fit.problem.mechanism)
-        return self.fits(data, np.tile(rows, len(readings))).reshape(len(readings), len(rows))
+        return self.fits(read_in_ways(self.data, rows, readings), np.tile(rows, len(readings))
+                         ).reshape(len(readings), len(rows))
 
 
 def _stretch(apart: _LeftOut) -> Misreading | None:
     """Return a stretch of rows that another reading brings to the noise, None if none does."""
     mechanism, data, rows = apart.fit.problem.mechanism, apart.data, apart.rows
-    plain = JointReading.plain(len(mechanism.actuators))
-    own = data.take(rows)
-    readings = [*(FileReading(j) for j in joint_readings(mechanism, own)[1:]), *(
-        FileReading(plain, p) for p in pose_readings(own, mechanism.motion == "planar")[1:])]
+    own, plain = data.take(rows), FileReading.as_declared(mechanism, data)
+    readings = [*(replace(plain, joints=j) for j in joint_readings(mechanism, own)[1:]),
+                *pose_readings(plain, own)[1:]]
     few = rows[subsample([np.ones(len(rows), bool)], SCREENED)[0]]
     share = apart.read(readings, few).mean(axis=1)
     best = max(range(len(share)), key=lambda i: (share[i], -readings[i].parts))
     if share[best] <= 0.5:
         return None
-    every = np.flatnonzero(apart.usable)
-    right = apart.read([readings[best]], every)[0]
+    right = apart.read([readings[best]], apart.usable)[0]
     gain = np.zeros(len(data))
-    gain[every] = np.where(right, np.isin(every, rows), -AGAINST)
+    gain[apart.usable] = np.where(right, np.isin(apart.usable, rows), -AGAINST)
     begin, end, sure = _best_stretch(gain)
     if sure < FEWEST_ROWS:
         return None
-    numbers = tuple(int(n) for n in data.rows[begin:end])
-    told = [replace(m, rows=numbers) for m in mistakes(readings[best], mechanism, data)]
-    block = block_text(read_block(readings[best], mechanism, data))
+    numbers = tuple(data.rows[begin:end].tolist())
+    told = [replace(m, rows=numbers) for m in readings[best].mistakes(data)]
+    block = block_text(readings[best].block(data))
     told[0] = replace(told[0], text=f"rows {numbers[0]} to {numbers[-1]}: {told[0].text}")
     told[-1] = replace(told[-1], text=f"{told[-1].text} (`read: {block}` there)")
     return Misreading(data.source, tuple(told))
@@ -183,12 +182,12 @@ def _exchanged(apart: _LeftOut) -> Misreading | None:
     from scipy.spatial.distance import cdist
 
     fit, data, parts = apart.fit, apart.data, apart.parts
-    rows = apart.rows[finite_rows(fit.state.poses[apart.index][apart.rows])]
+    poses = fit.state.poses[apart.index]
+    rows = apart.rows[finite_rows(poses[apart.rows])]
     if len(rows) < FEWEST_ROWS:
         return None
     scale = np.where(np.array(parts) < 3, 1.0, fit.problem.mechanism.length_scale)
-    expected = measured_pose(fit.state.registrations[apart.index],
-                             fit.state.poses[apart.index][rows])[:, parts]
+    expected = measured_pose(fit.state.registrations[apart.index], poses[rows])[:, parts]
     own = data.take(rows)
     where = linear_sum_assignment(cdist(expected * scale, shown(own)[:, parts] * scale))[1]
     other = replace(own, position=own.position[where], rotation=own.rotation[where],
@@ -198,10 +197,10 @@ def _exchanged(apart: _LeftOut) -> Misreading | None:
     right = apart.fits(other, rows) & moved
     if right.sum() < max(FEWEST_ROWS, AGAINST / (1.0 + AGAINST) * len(rows)):
         return None
-    numbers = tuple(int(n) for n in own.rows[right])
+    numbers = tuple(own.rows[right].tolist())
     pairs = ", ".join(f"row {own.rows[j]} with joints of row {own.rows[i]}"
                       for i, j in list(enumerate(where))[:3])
     return Misreading(data.source, (Mistake(
-        "shuffled", tuple((*AXES, *TURNS)[c] for c in parts), f"rows are in another order: in "
+        "shuffled", tuple(POSE_COORDINATES[c] for c in parts), f"rows are in another order: in "
         f"{counted(len(numbers), 'row')} between {numbers[0]} and {numbers[-1]} the "
         f"measurement belongs to the joint values of another row ({pairs} ...)", numbers),))

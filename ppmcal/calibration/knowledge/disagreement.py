@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, expit, logit
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import (
@@ -32,6 +32,8 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.calibration.knowledge.session_clusters import Clusters, Components, components
 from ppmcal.errors import LinearAlgebraError
+from ppmcal.inference.priors import MOVED, NOISE_FREEDOM, SURE
+from ppmcal.inference.row_weights import log_ratio
 from ppmcal.linalg import Array, Bools, reciprocals, svd
 
 SWEEPS, WARM_UP, LEAST_SWEEPS = 600, 0.2, 80
@@ -48,8 +50,6 @@ WIDEST = 30.0
 """Sessions differ by no more than so many tolerances, or units of comparable effect."""
 EVIDENCE = 5.0
 """Clusters differ where that makes the rows likelier by more than so much, as a logarithm."""
-SURE = 0.01
-"""Sessions disagree about a parameter below this p-value times the number of parameters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,8 @@ class Disagreement:
         evidence: log of how much likelier the rows are where clusters may differ.
         own, own_sigma: each cluster's own estimate of the parameters, all else fitted with it,
             as a step from the common one, and its uncertainty by noise (S, F).
-        p_value: of all clusters having one value, by parameter (F,).
+        p_value: of all clusters having one value, by parameter (F,); it decides nothing.
+        apart: probability that they have not (F,).
         spread: class of parameters -> how far clusters differ, in tolerances (rms).
         sessions: whether clusters are sessions, not stretches of rows.
         coverage: half of a 95 % interval over ``own_sigma``, the size of the noise integrated out.
@@ -77,6 +78,7 @@ class Disagreement:
     own: Array
     own_sigma: Array
     p_value: Array
+    apart: Array
     spread: dict[str, float]
     sessions: bool = True
     coverage: float = Z95
@@ -88,8 +90,8 @@ class Disagreement:
 
     @property
     def disagree(self) -> Bools:
-        """Parameters (F,) of which the clusters differ by more than noise, counted for all."""
-        return np.asarray(self.p_value * max(self.p_value.size, 1) < SURE, dtype=bool)
+        """Parameters (F,) of which the clusters surely have several values."""
+        return np.asarray(self.apart > float(SURE), dtype=bool)
 
 
 DIFFERENCES = "how far sessions, or stretches of rows, differ"
@@ -240,14 +242,15 @@ def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float
     # the mean of few sessions' draws is that of their widest: half of them are wider than this
     middle = np.median(parts_of, axis=0)
     covariance = known + sum(m * b for m, b in zip(middle, added, strict=True))
-    own, sigma, p_value = _each(data, chances.prior, len(fit.problem.free),
+    own, sigma, square = _each(data, chances.prior, len(fit.problem.free),
                                 float(np.median(drawn[:, -1])) / inflation**2)
     scale = fit.scale[:own.shape[1]]
     spread = {n: float(np.sqrt(np.median(v))) for n, v in
               zip(parts.names, drawn[:, :-1].T, strict=True)}
     return Disagreement(data.labels, covariance * unit, half,
                         chances.evidence(0.5 * np.log(drawn[::THIN])), own * scale,
-                        sigma * scale, p_value, spread,
+                        sigma * scale, np.asarray(chdtrc(len(own) - 1, square)),
+                        _apart(data, square), spread,
                         coverage=coverage_of(drawn[:, -1] / np.median(drawn[:, -1])))
 
 
@@ -271,7 +274,7 @@ def _registered(data: Clusters, parts: Components, count: int) -> Array:
 
 
 def _each(data: Clusters, prior: Array, count: int, noise: float) -> tuple[Array, Array, Array]:
-    """Return each cluster's own steps and their sigma (S, F), and p-values (F,) of no difference.
+    """Return each cluster's own steps and their sigma (S, F), and chi-squared of S - 1 (F,).
 
     All clusters share the prior, so that it cancels in their differences as far as it is the
     same part of each estimate.
@@ -286,5 +289,12 @@ def _each(data: Clusters, prior: Array, count: int, noise: float) -> tuple[Array
     differs = own.T @ contrast
     among = contrast.T @ total @ contrast
     among += np.eye(size - 1) * 1e-12 * np.trace(among, axis1=-2, axis2=-1)[:, None, None]
-    chi2 = np.einsum("fa,fa->f", differs, linalg.solve(among, differs[..., None])[..., 0])
-    return own, np.sqrt(np.maximum(by_noise, 0.0)), np.asarray(chdtrc(size - 1, chi2))
+    square = np.einsum("fa,fa->f", differs, linalg.solve(among, differs[..., None])[..., 0])
+    return own, np.sqrt(np.maximum(by_noise, 0.0)), np.asarray(square)
+
+
+def _apart(data: Clusters, square: Array) -> Array:
+    """Return the probability (F,) that clusters differ in each parameter, by chi-squared (F,)."""
+    more = log_ratio(np.maximum(square, 0.0), np.full(square.size, len(data.labels) - 1.0),
+                     float(NOISE_FREEDOM) + float(data.count.sum()))
+    return np.asarray(expit(logit(float(MOVED)) + more))

@@ -24,10 +24,11 @@ from ppmcal.calibration.fit import (
     to_prior,
     typical_noise,
 )
-from ppmcal.calibration.knowledge.disagreement import SURE
 from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset
 
+CHANCE = 0.01
+"""Instruments pull apart below this p-value."""
 DRAWS = 200
 """Of the noises, over which the probability is integrated."""
 MOST_ROWS = 200
@@ -83,7 +84,7 @@ def pulled_apart(fit: Fit, stated: Sequence[Dataset]) -> list[str]:
         return []
     held = fit.prior * fit.scale
     found = split(instruments, held)
-    if not found.p_value < SURE:
+    if not found.p_value < CHANCE:
         return []
     found = _explained(instruments, held, found)
     return [_sentence(fit, instruments, found)]
@@ -153,7 +154,7 @@ def _explained(instruments: Sequence[InstrumentRows], held: Array, found: Pulled
     chance = [split([i.without(n) for i in instruments], held, DRAWS // 4).p_value
               for n in source]
     best = int(np.argmax(chance))
-    if chance[best] < SURE:
+    if chance[best] < CHANCE:
         return found
     return replace(found, row=(int(source[best][0]), int(source[best][1])), without=chance[best])
 

@@ -3,9 +3,9 @@
 The data of both as rows of one linear problem: parameters, their tolerances, and what both took
 for known (:mod:`session_knowledge`) are common columns, so that what is off alike in both is no
 change. What is left of the new rows, in the directions that the old ones and the tolerances
-predict, has covariance 1 if nothing changed: one chi-squared for everything together, whatever
-parameters trade among each other. The likeliest explanations of it are named
-(:mod:`explanations`).
+predict, has covariance 1 if nothing changed, whatever parameters trade among each other. Which
+explanations are in it, or nothing, is a posterior (:mod:`explanations`); chi-squared of everything
+together is told beside it and decides nothing.
 """
 
 from __future__ import annotations
@@ -30,20 +30,22 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.calibration.sessions.common_misfit import DifferenceNoise, noise_between
 from ppmcal.calibration.sessions.explanations import (
-    CHANGED,
-    VISIBLE,
+    Explained,
     Explanation,
     TakenExplanation,
-    best_of,
+    explained_by,
     explanations,
 )
 from ppmcal.calibration.sessions.joint_rows import joint_rows
 from ppmcal.calibration.sessions.pose_difference import PoseDifference, pose_difference
 from ppmcal.calibration.sessions.session_posteriors import session_knowledge
 from ppmcal.errors import BadInput
+from ppmcal.inference.priors import NOISE_FREEDOM, SURE
 from ppmcal.linalg import Array, eigh, reciprocals
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
+VISIBLE = 1e-3
+"""A change counts as seen where one natural unit of it makes so many standard deviations."""
 POSES = 400
 DRAWS = 20
 """Differences drawn by noise alone, for what they are at the platform."""
@@ -61,11 +63,11 @@ class ChangePart:
 
 @dataclass(frozen=True)
 class Change:
-    """Something that changed; ``instead``: or these, which explain it as well."""
+    """Something that changed, by its ``probability``; ``instead``: or these."""
 
     name: str
     parts: tuple[ChangePart, ...]
-    p_value: float
+    probability: float
     instead: tuple[str, ...]
 
 
@@ -79,8 +81,10 @@ class Comparison:
         sigma: of the differences that noise and tolerances alone make (F,).
         alone: how often noise would ask as much for a change of this one alone (F,).
         explained: how much of each is changed by what is named (F,).
-        chi2, freedom, p_value: of all together if nothing had changed.
-        changes: the likeliest that explain it; ``p_left``: of what they do not explain.
+        chi2, freedom, p_value: of all together if nothing had changed; it decides nothing.
+        nothing: probability that nothing has changed.
+        changes: the likeliest that explain it; ``unlisted``: probability that something that is
+            not listed has changed, alone or beside them.
         noise: of the differences, over the stated ones.
         pose_difference: what it means at the platform, None where no pose was had.
         covariance: of the differences, as ``sigma`` (F, F).
@@ -96,8 +100,9 @@ class Comparison:
     chi2: float
     freedom: int
     p_value: float
+    nothing: float
     changes: tuple[Change, ...]
-    p_left: float
+    unlisted: float
     noise: DifferenceNoise
     pose_difference: PoseDifference | None
     covariance: Array
@@ -107,7 +112,7 @@ class Comparison:
     def impossible(cls, why: str) -> Comparison:
         """Return the comparison of two calibrations that cannot be compared: it has no p-value."""
         none = np.zeros(0)
-        return cls((), none, none, none, none, none, 0.0, 0, np.nan, (), np.nan,
+        return cls((), none, none, none, none, none, 0.0, 0, np.nan, np.nan, (), np.nan,
                    DifferenceNoise(np.nan, np.nan, np.inf, 1.0, False), None, np.zeros((0, 0)),
                    why)
 
@@ -118,8 +123,8 @@ class Comparison:
 
     @property
     def changed(self) -> bool:
-        """Whether all together say more than chance would."""
-        return not self.why_not and (self.p_value < CHANGED or bool(self.changes))
+        """Whether something has changed for sure."""
+        return not self.why_not and self.nothing < 1.0 - float(SURE)
 
 
 def between(mechanism: Mechanism, old: Posterior, new: Posterior,
@@ -173,35 +178,31 @@ def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list
                               * rows.columns[:, place[n]] for n, w in part.items()),
                              np.zeros(rows.misfit.size)) for part in e.columns], axis=1)
 
-    def chance(square: float, freedom: int) -> float:
-        return _chance(square, freedom, noise.degrees)
+    known = float(NOISE_FREEDOM) + sum(p.session.degrees for p in (old, new) if p.session)
 
-    count = rows.misfit.size + (0.0 if new.session is None else new.session.degrees)
-
-    def named() -> tuple[list[TakenExplanation], Array]:
+    def named() -> Explained:
         candidates = explanations(mechanism, names, rows.candidates)
-        return best_of(candidates, [block(e) for e in candidates], rows.misfit, count, chance)
+        return explained_by(candidates, [block(e) for e in candidates], rows.misfit, known)
 
-    # whether all together have changed is told without a name for it
-    found, left = secondary("what has changed", named, ([], rows.misfit), notes)
+    # whether anything has changed is told without a name for it
+    found = secondary("what has changed", named, explained_by((), (), rows.misfit, known), notes)
     here = [new.places.index(p) for p in common]
     covariance = rows.covariance()[np.ix_(here, here)]
     value, explained = new.estimate(mechanism)[here], np.zeros(len(common))
-    for f in found:
+    for f in found.taken:
         for part, step in zip(f.explanation.columns, f.value.tolist(), strict=True):
             step *= scale[place[next(iter(part))]]
             explained += [step * part.get(n, 0.0) for n in names]
     size, chi2 = rows.misfit.size, float(rows.misfit @ rows.misfit)
-    used = sum(f.value.size for f in found)
     return Comparison(
         tuple(names), old.estimate(mechanism), value,
         np.sqrt(np.maximum(np.diagonal(covariance), 0.0)),
         _alone(rows.columns[:, here], rows.misfit),
         np.array([_step(mechanism, p, v, s) for p, v, s in zip(
             common, value.tolist(), explained.tolist(), strict=True)]),
-        chi2, size, chance(chi2, size), tuple(
-            _in_units(mechanism, f, place, scale, new) for f in found),
-        chance(float(left @ left), size - used), noise, None, covariance)
+        chi2, size, _chance(chi2, size, noise.degrees), found.nothing, tuple(
+            _in_units(mechanism, f, place, scale, new) for f in found.taken),
+        found.unlisted, noise, None, covariance)
 
 
 def _drawn(covariance: Array, count: int, rng: np.random.Generator) -> Array:
@@ -232,7 +233,7 @@ def _in_units(mechanism: Mechanism, found: TakenExplanation, place: Mapping[str,
             value = _step(mechanism, new.places[at], float(new.estimate(mechanism)[at]), step)
             sigma *= value / step if step else 1.0
         parts.append(ChangePart(name, first, value, sigma))
-    return Change(found.explanation.name, tuple(parts), found.p_value, found.instead)
+    return Change(found.explanation.name, tuple(parts), found.probability, found.instead)
 
 
 def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior:
@@ -264,8 +265,9 @@ def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:
     if not found.changed:
         return []
     names = ", ".join(c.name for c in found.changes) or "nothing by itself explains it"
-    return [f"the machine has changed since the calibration in {before.source} (p = "
-            f"{found.p_value:.2g}; {names}): the two do not belong in one fit, see ppmcal compare"]
+    return [f"the machine has changed since the calibration in {before.source} (probability of "
+            f"no change {found.nothing:.2g}; {names}): the two do not belong in one fit, see "
+            "ppmcal compare"]
 
 
 def _chance(square: float, freedom: int, degrees: float) -> float:

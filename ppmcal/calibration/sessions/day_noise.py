@@ -16,7 +16,6 @@ from scipy.special import chdtrc
 
 from ppmcal.calibration.fit import (
     ENOUGH_REPEATS,
-    FAILED_NOISE,
     LARGER,
     OPEN,
     OPENED,
@@ -27,7 +26,6 @@ from ppmcal.calibration.fit import (
     noise_check,
     noise_state,
     opened,
-    rows_with_outliers,
     secondary,
     typical_noise,
     with_estimated_noise,
@@ -55,8 +53,7 @@ class DayNoise:
         factor: over the stated one.
         sigma: of a typical value or position, m; nan where neither was measured.
         source: ``stated``; ``residuals`` of a fit to that day alone, or its ``repeats``.
-        unlike: rows that such a fit of the first machine leaves out, and of which noise alone
-            would name any once in a thousand days.
+        unlike: rows that such a fit of the first machine leaves out.
     """
 
     factor: float
@@ -95,17 +92,9 @@ def _own_fit(machine: Mechanism, data: Dataset) -> tuple[Fit, float] | None:
 
 
 def _unlike(fit: Fit, data: Dataset) -> tuple[UnlikeRow, ...]:
-    """Return the rows that a day's own fit leaves out, as a failed check would, worst first.
-
-    `identify` leaves out more: a fit is safer without a doubtful row, a day is not in doubt for it.
-    """
-    rows = np.array([n for n in np.flatnonzero(fit.outliers[0]) if n in fit.times[0]], np.int64)
-    times = np.array([fit.times[0][n] for n in rows.tolist()], dtype=float)
-    values, total = fit.problem.measured(0, rows)[2], int(rows_with_outliers(fit)[0].sum())
-    failed = chdtrc(values, values * times**2) * total < FAILED_NOISE
-    worst = np.argsort(-times[failed], kind="stable")
-    return tuple(UnlikeRow(int(n), float(t)) for n, t in zip(
-        data.rows[rows[failed]][worst], times[failed][worst], strict=True))
+    """Return the rows that surely do not belong to a day's own fit, worst first."""
+    return tuple(sorted((UnlikeRow(int(data.rows[n]), times) for n, times in fit.times[0].items()
+                         if fit.outliers[0][n]), key=lambda row: -row.times))
 
 
 def _noise(fit: Fit, factor: float, data: Dataset) -> tuple[float, str]:

@@ -1,39 +1,29 @@
-"""What may have changed between two sessions of a machine, and which of it explains a misfit best.
+"""What may have changed between two sessions of a machine, and which of it explains a misfit.
 
 An explanation is some columns of the misfit: one parameter, all of one kind by the same amount,
-joints homed anew, an instrument or a flat that moved. It is judged by what it takes off
-chi-squared, less what so many numbers cost (Schwarz 1978) and how rarely such things happen.
+joints homed anew, an instrument or a flat that moved. Which of them are in the misfit is asked as
+everything is: a posterior over sets of them, nothing and what nobody listed among them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.sessions.session_posteriors import SHAPES
-from ppmcal.linalg import Array, svd
+from ppmcal.inference.blocks import Block
+from ppmcal.inference.columns import MatrixColumns
+from ppmcal.inference.priors import ALL_ALIKE, MOVED, SELDOM, SURE, UNKNOWN, WIDE
+from ppmcal.inference.question import Question
+from ppmcal.inference.sets import posterior
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
-CHANGED = 0.01
-"""A change is named where chance would show one this rarely among all explanations."""
-AS_GOOD = 6.0
-"""An explanation is tied with the best where twice the logarithm of their odds differ by less."""
-VISIBLE = 1e-3
-"""A change counts as seen where one natural unit of it makes so many standard deviations."""
-FEWEST = 8.0
-"""A further number costs at least what it does with so many rows."""
-WHOLE = 0.2
-"""An explanation is none beside others that explain all but this part of what it would do."""
 PARALLEL = 1.0 - 1e-6
-RARE = 0.1
-"""Odds of a change of dimensions against one of homing or of where the instrument stands."""
-MANY = 0.1
-"""Odds of what takes many numbers: where it is so, it is plain to see."""
-UNTOLD = 1.0
-"""Explanations that take off chi-squared alike, to so much, are not told apart by the data."""
+UNLISTED = "something that is not listed"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,28 +31,42 @@ class Explanation:
     """Something that may have changed.
 
     ``columns``: what moves by one natural unit, name -> weight, for each of its numbers;
-    ``parts``: what these are called; ``odds``: how common it is, bare.
+    ``parts``: what these are called; ``share``: its part of the prior of what may have moved;
+    ``group``: what one thing does share it, as of a block.
     """
 
     name: str
     columns: tuple[dict[str, float], ...]
     parts: tuple[str, ...]
-    odds: float
+    share: float
+    group: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class TakenExplanation:
     """An explanation that is taken: values and covariance of its numbers in natural units.
 
-    ``p_value``: how often noise would ask for one as much, among all; ``instead``: names of those
-    tied with it.
+    ``probability``: that it is this one; ``instead``: names of those that it may be as well.
     """
 
     explanation: Explanation
     value: Array
     covariance: Array
-    p_value: float
+    probability: float
     instead: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """What is in a misfit.
+
+    ``taken``: what has a name; ``nothing``: probability that nothing is there; ``unlisted``: that
+    something is that is not listed, alone or beside the others.
+    """
+
+    taken: tuple[TakenExplanation, ...]
+    nothing: float
+    unlisted: float
 
 
 def explanations(mechanism: Mechanism, parameters: Sequence[str], session: Sequence[str]
@@ -76,12 +80,13 @@ def explanations(mechanism: Mechanism, parameters: Sequence[str], session: Seque
             :class:`posterior.SessionKnowledge`.
     """
     kind = {n: mechanism.parameters[mechanism.names.index(n)].tolerance_class for n in parameters}
-    joints = len(mechanism.actuators)
+    one = 1.0 - float(ALL_ALIKE)
     dimensions = max(1, sum(k != "offset" for k in kind.values()))
-    out = [Explanation(n, ({n: 1.0},), (n,), 1.0 / joints if kind[n] == "offset"
-                       else RARE / dimensions) for n in parameters]
-    out += _together(mechanism, parameters, kind)
+    out = [Explanation(n, ({n: 1.0},), (n,), *((one / len(mechanism.actuators), "zeros")
+                       if kind[n] == "offset" else (one * float(SELDOM) / dimensions, kind[n])))
+           for n in parameters]
     out += _homing(mechanism, session)
+    out += _together(mechanism, parameters, kind)
     data = dict.fromkeys(n.partition(" of ")[2] for n in session)
     for name in data:
         own = [n for n in session if n.partition(" of ")[2] == name]
@@ -101,9 +106,9 @@ def _together(mechanism: Mechanism, parameters: Sequence[str], kind: dict[str, s
         alike = suffix.endswith("radius") or all(kind[n] in ("length", "offset", "ratio")
                                                  for n in own)
         if suffix and len(own) > 1 and alike:
-            scale = 1.0 if kind[own[0]] == "offset" else RARE
+            share = 1.0 if kind[own[0]] == "offset" else float(SELDOM) / len(suffixes)
             out.append(Explanation(f"{suffix} of all limbs alike", (dict.fromkeys(own, 1.0),),
-                                   (suffix,), scale))
+                                   (suffix,), float(ALL_ALIKE) * share))
     return out
 
 
@@ -113,14 +118,14 @@ def _homing(mechanism: Mechanism, session: Sequence[str]) -> list[Explanation]:
     if not own:
         return []
     names = [n.partition(" of ")[0].removeprefix("homing.") for n in own]
-    out = [Explanation(f"homing of {a}", ({n: 1.0},), (a,), 1.0 / len(own))
-           for a, n in zip(names, own, strict=True)]
+    out = [Explanation(f"homing of {a}", ({n: 1.0},), (a,), (1.0 - float(ALL_ALIKE)) / len(own),
+                       "zeros") for a, n in zip(names, own, strict=True)]
     if len(own) > 1:
         if len(set(mechanism.joint_units)) == 1:
             out.append(Explanation("homing of all joints alike", (dict.fromkeys(own, 1.0),),
-                                   ("all joints",), 1.0))
+                                   ("all joints",), 0.5 * float(ALL_ALIKE)))
         out.append(Explanation("homing of every joint", tuple({n: 1.0} for n in own),
-                               tuple(names), MANY))
+                               tuple(names), 0.5 * float(ALL_ALIKE)))
     return out
 
 
@@ -129,72 +134,69 @@ def _instrument(own: Sequence[str], where: str) -> list[Explanation]:
     by = {n.partition(" of ")[0]: n for n in own}
     out = []
 
-    def take(label: str, parts: Sequence[str], odds: float, least: int = 1, sign: float = 1.0
-             ) -> None:
+    def take(label: str, parts: Sequence[str], share: float, least: int = 1,
+             sign: float = 1.0) -> None:
         there = [p for p in parts if p in by]
         if len(there) >= least:
             out.append(Explanation(label + where, tuple({by[p]: sign} for p in there),
-                                   tuple(p.rpartition(".")[2] for p in there), odds))
+                                   tuple(p.rpartition(".")[2] for p in there), share))
 
     shift, turn = (tuple(f"frame.{c}" for c in cs) for cs in (("x", "y", "z"), ("rx", "ry", "rz")))
     spin = tuple(f"target_rotation.{c}" for c in ("rx", "ry", "rz"))
     point = tuple(f"target.{c}" for c in "xyz")
     if f"shape.{SHAPES[0]}" in by:
         # the frame is the machine's in the bed's; the bed moves the other way
-        take("height of the bed", ("frame.z",), 1.0, 1, -1.0)
-        take("tilt of the bed", turn, 0.5, 2, -1.0)
-        take("height and tilt of the bed", ("frame.z", *turn), 0.3, 3, -1.0)
-        take("shape of the bed", tuple(f"shape.{s}" for s in SHAPES), RARE, 3, -1.0)
+        take("height of the bed", ("frame.z",), 1.0 / 3.0, 1, -1.0)
+        take("tilt of the bed", turn, 1.0 / 3.0, 2, -1.0)
+        take("height and tilt of the bed", ("frame.z", *turn), 1.0 / 3.0, 3, -1.0)
+        take("shape of the bed", tuple(f"shape.{s}" for s in SHAPES), float(SELDOM), 3, -1.0)
     else:
         take("instrument shifted", shift, 0.5, 2)
-        take("instrument moved", (*shift, *turn), 1.0, 3)
-    take("measured point on the platform", point, 0.5)
-    take("rotation of the measured body", spin, 0.5)
+        take("instrument moved", (*shift, *turn), 0.5, 3)
+    take("measured point on the platform", point, 1.0 / 3.0)
+    take("rotation of the measured body", spin, 1.0 / 3.0)
     if any(p in by for p in spin):
-        take("measured body defined anew", (*point, *spin), 1.0, 2)
-    take("scale of the measurements", ("scale",), RARE)
+        take("measured body defined anew", (*point, *spin), 1.0 / 3.0, 2)
+    take("scale of the measurements", ("scale",), float(SELDOM))
     return out
 
 
-def best_of(candidates: Sequence[Explanation], columns: Sequence[Array], misfit: Array,
-            rows: float, chance: Callable[[float, int], float]
-            ) -> tuple[list[TakenExplanation], Array]:
-    """Return the likeliest explanations of a misfit, and what they leave of it (d,).
-
-    The likeliest is added until none is needed; what is not needed any more is dropped.
+def explained_by(candidates: Sequence[Explanation], columns: Sequence[Array], misfit: Array,
+                 known: float) -> Explained:
+    """Return what is in a misfit.
 
     Args:
         candidates: what may have changed.
         columns: of each, how the misfit moves by its numbers (d, n), natural units.
         misfit: white (d,).
-        rows: how many measured numbers are behind it: what a further number costs.
-        chance: how often noise takes as much off chi-squared with so many numbers.
+        known: values that the size of its noise is known from.
     """
     candidates, columns = _distinct(candidates, columns)
-    chosen: list[int] = []
-    while True:
-        trial = _Trial.of(columns, misfit, chosen, candidates, rows)
-        p = np.array([chance(g, k) * len(candidates) if k and i not in chosen else np.inf
-                      for i, (g, k) in enumerate(zip(trial.gain, trial.rank, strict=True))])
-        if misfit.size <= sum(columns[c].shape[1] for c in chosen) or not (p < CHANGED).any():
-            break
-        chosen.append(int(np.argmax(np.where(p < CHANGED, trial.score, -np.inf))))
-    for c in list(chosen):
-        trial = _Trial.of(columns, misfit, [o for o in chosen if o != c], candidates, rows)
-        if len(chosen) > 1 and chance(trial.gain[c], trial.rank[c]) * len(candidates) > CHANGED:
-            chosen.remove(c)
-    found = []
-    for c in chosen:
-        others = [o for o in chosen if o != c]
-        trial = _Trial.of(columns, misfit, others, candidates, rows)
-        tied = [i for i in np.argsort(-trial.score, kind="stable").tolist()
-                if i not in chosen and trial.tied(i, c)]
-        rest, left = without(columns[c], misfit, [columns[o] for o in others])
-        inverse = linalg.pinv(rest, rcond=1e-9)
-        p_value = min(1.0, chance(trial.gain[c], trial.rank[c]) * len(candidates))
-        found.append(TakenExplanation(candidates[c], inverse @ left, inverse @ inverse.T, p_value,
-                                      tuple(candidates[i].name for i in tied)))
-    return found, without(columns[0][:, :0], misfit, [columns[c] for c in chosen])[1]
+    count, size = misfit.size, [c.shape[1] for c in columns]
+    first = np.cumsum([0, *size]).tolist()
+    blocks = [Block(c.name, c.name, tuple(range(at, at + n)),
+                    float(np.log(float(MOVED) * c.share)), low=-float(WIDE), high=float(WIDE),
+                    group=c.group)
+              for c, at, n in zip(candidates, first, size, strict=False)]
+    blocks.append(Block(UNLISTED, UNLISTED, tuple(range(first[-1], first[-1] + count)),
+                        float(np.log(float(UNKNOWN)))))
+    found = posterior(Question(
+        MatrixColumns(np.concatenate([*columns, np.eye(count)], axis=1)), misfit,
+        np.zeros((count, 0)), tuple(blocks), np.ones((count, 1), dtype=bool),
+        np.zeros(count - 1, dtype=np.int64), known=known))
+    likely = {i: found.likely(n, float(SURE)) for n, i in enumerate(found.best.chosen)}
+    sure = [i for i, members in likely.items() if i < len(candidates) and not any(
+        m.probability > 1.0 - float(SURE) for m in members if not m.family)]
+    fit = linalg.pinv(np.concatenate([np.zeros((count, 0)), *(columns[i] for i in sure)], axis=1),
+                      rcond=1e-9)
+    taken, at = [], 0
+    for i in sure:
+        own, at = fit[at:at + size[i]], at + size[i]
+        name = candidates[i].name
+        mine = sum(m.probability for m in likely[i] if m.family == name)
+        taken.append(TakenExplanation(candidates[i], own @ misfit, own @ own.T, mine, tuple(
+            m.family for m in likely[i] if m.family not in ("", name))))
+    return Explained(tuple(taken), found.nothing(), float(found.probability[-1]))
 
 
 def _distinct(candidates: Sequence[Explanation], columns: Sequence[Array]
@@ -202,61 +204,13 @@ def _distinct(candidates: Sequence[Explanation], columns: Sequence[Array]
     """Leave out homing that is nothing but an offset, and offsets that are homing of all."""
     keep: list[int] = []
     for i, c in enumerate(candidates):
-        homing = c.name.startswith("homing of ")
-        twin = [k for k in keep if len(c.columns) == len(candidates[k].columns) == 1 and homing
-                and "offset" in candidates[k].name and _alike(columns[i][:, 0], columns[k][:, 0])]
-        if twin and c.name == "homing of all joints alike":
-            keep = [k for k in keep if k not in twin]
-        elif twin:
-            continue
-        keep.append(i)
+        if not any({"homing", "offset"} == {w for w in ("homing", "offset")
+                                           for n in (c.name, candidates[k].name) if w in n}
+                   and len(c.columns) == len(candidates[k].columns) == 1
+                   and _alike(columns[i][:, 0], columns[k][:, 0]) for k in keep):
+            keep.append(i)
     return [candidates[i] for i in keep], [columns[i] for i in keep]
 
 
 def _alike(a: Array, b: Array) -> bool:
     return bool(abs(a @ b) > PARALLEL * np.linalg.norm(a) * np.linalg.norm(b) > 0.0)
-
-
-@dataclass(frozen=True)
-class _Trial:
-    """What each explanation would take off chi-squared, by how many numbers, and its score."""
-
-    gain: Array
-    rank: list[int]
-    score: Array
-
-    @classmethod
-    def of(cls, columns: Sequence[Array], misfit: Array, chosen: Sequence[int],
-           candidates: Sequence[Explanation], rows: float) -> _Trial:
-        taken = [columns[c] for c in chosen]
-        gain, rank = np.zeros(len(columns)), [0] * len(columns)
-        for i, block in enumerate(columns):
-            rest, left = without(block, misfit, taken)
-            if np.any(np.linalg.norm(rest, axis=0) < WHOLE * np.linalg.norm(block, axis=0)):
-                continue
-            u, s, _ = svd(rest)
-            u = u[:, s > VISIBLE]
-            gain[i], rank[i] = float(np.sum((u.T @ left) ** 2)), u.shape[1]
-        odds = np.array([c.odds for c in candidates])
-        cost = np.array(rank) * np.log(max(rows, FEWEST))
-        return cls(gain, rank, gain - cost + 2.0 * np.log(odds))
-
-    def tied(self, one: int, other: int) -> bool:
-        """Whether an explanation is as likely as another, or the data do not tell the two apart."""
-        near = bool(self.score[one] > self.score[other] - AS_GOOD)
-        same = self.rank[one] == self.rank[other] and bool(
-            abs(self.gain[one] - self.gain[other]) < UNTOLD)
-        return self.rank[one] > 0 and (near or same)
-
-
-def without(columns: Array, misfit: Array, taken: Sequence[Array]) -> tuple[Array, Array]:
-    """Return columns (d, n) and misfit (d,) with what other columns explain taken out."""
-    if not taken:
-        return columns, misfit
-    block = np.concatenate(taken, axis=1)
-    u, s, _ = svd(block)
-    q = u[:, s > 1e-9 * s.max(initial=1e-300)]
-    rest = columns - q @ (q.T @ columns)
-    length = np.linalg.norm(columns, axis=0)
-    gone = np.linalg.norm(rest, axis=0) < 1e-6 * np.maximum(length, 1e-300)
-    return np.where(gone, 0.0, rest), misfit - q @ (q.T @ misfit)

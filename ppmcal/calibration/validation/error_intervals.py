@@ -12,9 +12,9 @@ import numpy as np
 from scipy.special import bdtr, ndtr, stdtrit
 
 from ppmcal.calibration.fit import coverage_by
+from ppmcal.inference.priors import SURE
 from ppmcal.linalg import Array, Ints
 
-SURE = 0.95
 FEWEST = 3
 """Poses below which no interval is told."""
 DRAWS = 2000
@@ -59,7 +59,7 @@ def quantile_interval(values: Array, groups: Ints, share: float) -> tuple[float,
     72 give no upper end.
     """
     poses = np.unique(groups).size
-    tail = 0.5 * (1.0 - SURE)
+    tail = 0.5 * (1.0 - SURE.value)
     # the binomial distribution, of which scipy.stats has the inverse but takes a second to load
     chance = bdtr(np.arange(poses + 1.0), poses, share)
     low, high = np.searchsorted(chance, [tail, 1.0 - tail]).tolist()
@@ -103,7 +103,7 @@ class RmsDraws:
         n = self.poses
         if n < FEWEST:
             return -np.inf, np.inf
-        level = 1.0 - 0.5 * (1.0 - SURE) / together
+        level = 1.0 - 0.5 * (1.0 - SURE.value) / together
         tail = float(ndtr(-np.sqrt(n / (n - 1.0)) * stdtrit(n - 1.0, level)))
         low, high = np.quantile(values, [tail, 1.0 - tail])
         return float(low), float(high)

@@ -24,9 +24,11 @@ from ppmcal.calibration.fit import (
     gross_errors,
     identify,
     is_open,
+    odds_of_opening,
     opened,
     secondary,
     squares_by_noise_of,
+    surely,
     values_taken,
     white_squares,
 )
@@ -179,12 +181,11 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
                seed: int, notes: list[str]) -> Validated:
     asked = tuple(w for w in OPEN if is_open(data, w)) if register is None else tuple(
         w for w in OPEN if w in register)
-    whole, data = data, _typed_right(models, opened(data, asked, register is not None))
-    demanded: tuple[str, ...] = ()
-    known: dict[int, Fit] = {}
-    if register is None:
-        demanded, known = _demanded(models, data)
-        data = opened(data, demanded)
+    whole, data = data, opened(data, asked, register is not None)
+    data = secondary("rows that are typed wrong", partial(_typed_right, models, data), data, notes)
+    demanded, known = secondary("what else the registration has to fit", partial(
+        _demanded, models, data), ((), dict[int, Fit]()), notes) if register is None else ((), {})
+    data = opened(data, demanded)
     fits = [known.get(i) or _registered(m.mechanism, data) for i, m in enumerate(models)]
     rows = np.all([finite_rows(f.state.poses[0]) for f in fits], axis=0)
     if rows.sum() < FEWEST:
@@ -232,39 +233,37 @@ def _demanded(models: Sequence[FrozenModel], data: Dataset
     possible = [w for w in OPENED.get(data.kind, OPEN) if not is_open(data, w)]
     now: dict[int, Fit] = {}
     while possible:
-        gains = {}
-        for word in possible:    # what the first does not ask for, all do not
-            wider = opened(data, [*found, word])
-            gain, fits = np.inf, dict[int, Fit]()
-            for i, model in enumerate(models):
-                before = now.setdefault(i, _registered(model.mechanism, opened(data, found)))
-                fits[i] = _registered(model.mechanism, wider)
-                gain = min(gain, _gain(before, fits[i]))
-                if gain <= 0.0:
-                    break
-            gains[word] = gain, fits
-        best = max(gains, key=lambda w: gains[w][0])
-        if gains[best][0] <= 0.0:
-            break
+        least = np.full(len(possible), np.inf)
+        for i, model in enumerate(models):    # what the first does not ask for, all do not
+            fit = now.setdefault(i, _registered(model.mechanism, opened(data, found)))
+            least = np.minimum(least, odds_of_opening(
+                fit.problem, fit.state, [finite_rows(fit.state.poses[0])], fit.prior,
+                [(0, w) for w in possible]))
+            if not surely(least.max()):
+                return tuple(found), now
+        best = possible[int(np.argmax(least))]
+        wider = {}
+        for i, model in enumerate(models):
+            wider[i] = _registered(model.mechanism, opened(data, [*found, best]))
+            if not _worth(now[i], wider[i]):
+                return tuple(found), now
         found.append(best)
         possible.remove(best)
-        now = gains[best][1]
+        now = wider
     return tuple(found), now
 
 
-def _gain(before: Fit, after: Fit) -> float:
-    """Return by which part the error falls, 0 where that is too little or may be chance.
+def _worth(before: Fit, after: Fit) -> bool:
+    """Return whether the error falls by enough to matter.
 
     Both errors are weighted by the noise at the wider registration, by which it is the minimum:
     each by its own, a wider one could seem to fit worse.
     """
-    taken = values_taken(after)
     rows = [finite_rows(p) & finite_rows(q) for p, q in
             zip(before.state.poses, after.state.poses, strict=True)]
     wide = after.problem, after.state
-    square, count = white_squares(*wide, rows)
     narrow = squares_by_noise_of((before.problem, before.state), wide, rows)
-    return fall(narrow, square, count, taken, taken - values_taken(before))
+    return fall(narrow, white_squares(*wide, rows)[0]) > 0.0
 
 
 def _error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[str]) -> ModelError:

@@ -42,7 +42,6 @@ class CampaignQuantity(Part):
     nominal: Shown | None = None
     tolerance: Shown | None = None
     unit: UnitText = ""
-    p_value: Shown | None = None
     probability: Shown | None = None
     status: Text = ""
 
@@ -141,7 +140,8 @@ def change_quantities(record: ComparisonRecord) -> Iterator[CampaignQuantity]:
         for n in change.numbers:
             yield CampaignQuantity(
                 what="change", name=change.name, parameter=n.name, value=n.value, sigma=n.sigma,
-                half=n.wide, unit=n.unit, p_value=change.p_value, status=", ".join(change.instead))
+                half=n.wide, unit=n.unit, probability=change.probability,
+                status=", ".join(change.instead))
 
 
 def campaigns_table(records: Sequence[CampaignRecord]) -> bytes:

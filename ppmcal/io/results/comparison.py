@@ -17,6 +17,7 @@ from ppmcal.calibration.sessions import (
     DifferenceNoise,
     PoseDifference,
 )
+from ppmcal.inference.priors import SURE
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Text, Whole
 from ppmcal.io.results.units import column_factor, column_unit, parameter_unit
@@ -30,8 +31,6 @@ FITS_DIFFER = 2.5
 ALIKE, HIDING = 0.3, 1.3
 """Misfit that is alike, and noise over the stated one, are told from so much on."""
 NOT_COMPARED = "not compared"
-LEFT = 0.01
-"""What is left is told where chance would leave as much this rarely."""
 
 
 class ParameterDifference(Part):
@@ -84,7 +83,7 @@ class PartOfChange(Part):
 class NamedChange(Part):
     """One change that the data name, in ``unit``; ``instead``: what explains it as well.
 
-    ``half``: of its 95 % interval. ``p_value`` is bare. A change of several numbers has them in
+    ``half``: of its 95 % interval. ``probability`` is bare. A change of several numbers has them in
     ``parts``, and none itself.
     """
 
@@ -92,7 +91,7 @@ class NamedChange(Part):
     value: Finite | None = None
     sigma: Finite | None = None
     unit: Text = ""
-    p_value: Finite | None = None
+    probability: Finite | None = None
     instead: tuple[Text, ...] = ()
     parts: tuple[PartOfChange, ...] = ()
     half: Finite | None = None
@@ -103,9 +102,10 @@ class NamedChange(Part):
         parts = [PartOfChange.of(p, mechanism, times) for p in c.parts]
         if len(parts) == 1:
             return cls(name=c.name, value=parts[0].value, sigma=parts[0].sigma,
-                       unit=parts[0].unit, p_value=c.p_value, instead=c.instead,
-                       half=parts[0].half)
-        return cls(name=c.name, p_value=c.p_value, instead=c.instead, parts=tuple(parts))
+                       unit=parts[0].unit, probability=c.probability,
+                       instead=c.instead, half=parts[0].half)
+        return cls(name=c.name, probability=c.probability, instead=c.instead,
+                   parts=tuple(parts))
 
     @property
     def numbers(self) -> tuple[PartOfChange, ...]:
@@ -166,7 +166,8 @@ def _known(value: float) -> float | None:
 class ComparisonRecord(Record):
     """comparison.json, in the units of the new machine's file.
 
-    ``chi2``, its ``degrees`` and ``p_value``, and ``p_left`` of what is not explained, are bare.
+    ``chi2``, its ``degrees`` and ``p_value`` are bare, and decide nothing; so are the probabilities
+    that ``nothing`` has changed, and that something ``unlisted`` has.
     ``fitted_anew``: parameters that only one of the two had free, and both have here.
     ``again``: whether both were fitted to their measurements again, from one point.
     ``verdict``: ``changed``, ``unchanged``, or ``not compared`` for the reason ``why_not``, without
@@ -184,8 +185,9 @@ class ComparisonRecord(Record):
     chi2: Finite | None = None
     degrees: Whole | None = None
     p_value: Finite | None = None
+    nothing: Finite | None = None
     changes: tuple[NamedChange, ...] = ()
-    p_left: Finite | None = None
+    unlisted: Finite | None = None
     platform: PlatformDifference | None = None
     noise: NoiseOfDifference | None = None
     parameters: tuple[ParameterDifference, ...] = ()
@@ -205,9 +207,10 @@ class ComparisonRecord(Record):
         return cls(format=cls.FORMAT, name=mechanism.name,
                    verdict="changed" if found.changed else "unchanged", chi2=found.chi2,
                    degrees=found.freedom, p_value=found.p_value,
+                   nothing=found.nothing,
                    changes=tuple(NamedChange.of(c, mechanism, found.coverage)
                                  for c in found.changes),
-                   p_left=found.p_left,
+                   unlisted=found.unlisted,
                    platform=None if moved is None else PlatformDifference.of(moved,
                                                                              mechanism.units),
                    noise=NoiseOfDifference.of(found.noise),
@@ -235,7 +238,8 @@ def verdict_sentence(r: ComparisonRecord) -> str:
     if r.chi2 is None or r.degrees is None:
         return f"{about}."
     chance = "" if r.p_value is None else f", p = {r.p_value:.2g}"
-    return f"{about} (chi-squared {r.chi2:.4g} of {r.degrees} degrees of freedom{chance})."
+    sure = "" if r.nothing is None else f"; probability of no change {r.nothing:.2g}"
+    return f"{about} (chi-squared {r.chi2:.4g} of {r.degrees} degrees of freedom{chance}{sure})."
 
 
 def anew_sentence(r: ComparisonRecord) -> str:
@@ -251,8 +255,9 @@ def remainder_sentence(r: ComparisonRecord) -> str:
     """Return what the named changes do not explain, empty where they explain all."""
     if r.verdict == "changed" and not r.changes:
         return "Nothing by itself explains it."
-    if r.changes and r.p_left is not None and r.p_left < LEFT:
-        return f"That does not explain all of it (p = {r.p_left:.2g} of the rest)."
+    if r.changes and (r.unlisted or 0.0) > float(SURE):
+        return (f"That does not explain all of it: something that is not listed has changed too "
+                f"(probability {r.unlisted:.3g}).")
     return ""
 
 

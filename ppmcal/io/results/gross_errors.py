@@ -53,7 +53,7 @@ class ChangedEstimate(Part):
 class HomingShiftEntry(Part):
     """A joint's homing offset in one session against the others; an empty ``unit`` is a bare joint.
 
-    ``p_value``: of such a shift by chance.
+    ``probability``: that it shifted.
     """
 
     session: Text = ""
@@ -61,7 +61,7 @@ class HomingShiftEntry(Part):
     value: Finite | None = None
     sigma: Finite | None = None
     unit: Text = ""
-    p_value: Finite | None = None
+    probability: Finite | None = None
     half: Finite | None = None
 
     @classmethod
@@ -69,7 +69,7 @@ class HomingShiftEntry(Part):
         """Return the entry of a shift in file units."""
         factor, unit = mechanism.joint_units[mechanism.actuators.index(shift.actuator)]
         return cls(session=shift.session, actuator=shift.actuator, value=shift.value / factor,
-                   sigma=shift.sigma / factor, unit=unit, p_value=shift.p_value,
+                   sigma=shift.sigma / factor, unit=unit, probability=shift.probability,
                    half=shift.half / factor)
 
     def sentence(self) -> str:

@@ -47,7 +47,7 @@ class ParameterEstimate(Part):
     ``low``, ``high``: the 95 % interval, disagreement of sessions counted; ``sigma``: by noise
     alone, prior included; ``sigma_data``: without the prior; ``sigma_sessions``: half of
     the interval over 1.96, None where that is by noise alone; ``sessions``:
-    by each alone; ``disagree_p`` of those having one value; ``disagree``: whether it is too small;
+    by each alone; ``disagree_p`` of those having one value; ``disagree``: if surely not;
     ``half_noise``: half of the 95 % interval by noise alone; ``far``: whether it is farther from
     nominal than tolerances allow.
     """

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.interpretation import home_gaps
 from ppmcal.io.results.record import Finite, Flag, Part, Text, UnitNames
 from ppmcal.io.results.scene_machine import MachineStand, machine_frames, unit_of
 from ppmcal.io.results.scene_parts import (
@@ -23,6 +22,7 @@ from ppmcal.io.results.scene_parts import (
     SceneMachine,
     SceneMark,
 )
+from ppmcal.kinematics.closed_at_home import home_gaps
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import pose_motor

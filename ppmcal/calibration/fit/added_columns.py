@@ -1,0 +1,87 @@
+"""The rows of a fit with further columns beside its own: what is asked of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal import linalg
+from ppmcal.calibration.fit.linearisation import column_scale, to_prior
+from ppmcal.calibration.fit.problem import Problem, State
+from ppmcal.inference.priors import WIDE
+from ppmcal.linalg import Array, Bools, reciprocals, subsample
+
+MOST = 20000
+"""Rows of which nothing more is asked, evenly spread."""
+
+Group = Mapping[int, tuple[slice, Bools]]
+"""Columns that act together: by data set which of the wider problem's, and in which rows (N,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class AddedColumns:
+    """White rows, reduced: those of a fit and further columns.
+
+    Attributes:
+        rows: the fit's columns (k, C) in natural units.
+        added: the further ones (k, T), SI, group after group.
+        right: residuals (k,).
+        count: how many values are behind them.
+        held: weight of each of the C columns' distance from nominal, natural units.
+        away: how far nominal is from where the rows are linearised, natural units (C,).
+    """
+
+    rows: Array
+    added: Array
+    right: Array
+    count: int
+    held: Array
+    away: Array
+
+    @property
+    def values(self) -> Array:
+        """Residuals (k,), taken back to the nominal machine."""
+        return np.asarray(self.right - self.rows @ self.away)
+
+    @property
+    def geometry(self) -> Array:
+        """The fit's columns times the roots of their priors (k, C)."""
+        return self.rows * reciprocals(self.held, float(WIDE))
+
+
+def added_columns(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
+                  wide: Problem, groups: Sequence[Group]) -> AddedColumns:
+    """Return the rows of a problem with columns that a wider one has.
+
+    Args:
+        problem: of the fit.
+        state: where rows are linearised.
+        keep: rows that count (N,), by data set.
+        prior: weight of each of its columns (C,), SI.
+        wide: with the same data and more open.
+        groups: its columns that are asked for.
+    """
+    width = [next(at.stop - at.start for at, _ in g.values()) for g in groups]
+    scale, size = column_scale(problem), len(problem.columns)
+    begin = (size + np.cumsum([0, *width])).tolist()
+    stack, count = np.zeros((0, begin[-1] + 1)), 0.0
+    if problem.earlier is not None:
+        free = len(problem.free)
+        missed, slope = problem.earlier.rows(problem.mechanism, list(problem.free), state.g)
+        stack = np.zeros((missed.size, stack.shape[1]))
+        stack[:, :free], stack[:, -1], count = slope, missed, missed.size
+    some = subsample(keep, MOST)
+    for part, more in zip(problem.rows(state, True, some), wide.rows(state, True, some),
+                          strict=True):
+        block = np.zeros((*part.residual.shape, stack.shape[1]))
+        block[..., :size], block[..., -1] = part.jacobian, part.residual
+        for own, first, last in zip(groups, begin, begin[1:], strict=False):
+            if part.dataset in own:
+                at, mask = own[part.dataset]
+                block[..., first:last] = more.jacobian[..., at] * mask[part.index][:, None, None]
+        stack = linalg.triangle(np.concatenate([stack, block.reshape(-1, stack.shape[1])]))
+        count += part.count
+    return AddedColumns(stack[:, :size] * scale, stack[:, size:-1], stack[:, -1], round(count),
+                        prior * scale, to_prior(problem, state) / scale)

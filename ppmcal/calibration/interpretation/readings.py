@@ -1,0 +1,278 @@
+"""A way to read a measurement file: the data that it makes, what is wrong then, and its mend.
+
+A measurement file is numbers under names. The same numbers read in another way are another
+campaign. Order of reading: columns, signs, units, convention of rotations, mirrored axis, inverse
+pose, shift of rows (contract, section 6). The mend is the block ``read`` of the sidecar as a whole:
+what it already says, and what was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ppmcal.calibration.interpretation.misread import Mistake
+from ppmcal.kinematics.pose_readings import (
+    AXES,
+    QUATERNIONS,
+    TURNS,
+    inverse_pose,
+    mirrored,
+    shifted_rows,
+    understood,
+    written,
+)
+from ppmcal.linalg import Array
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import SCALARS
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import ANGLES, LENGTHS, TURN
+from ppmcal.wording import counted
+
+QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
+UNITS = {**LENGTHS, **ANGLES, "turn": TURN}
+
+
+@dataclass(frozen=True)
+class ReadColumns:
+    """ReadColumns of one sort, of joints, places or rotations, and how they are read.
+
+    Attributes:
+        names: of the k columns; ``own``: which of them such a machine's files have.
+        declared, factors: their units by the file, and the SI values of these; 1 of a bare number.
+        order: column i stands under the name of ``order[i]``.
+        signs: +1 or -1 on it; ``units``: that it is in, empty where the declared one.
+    """
+
+    names: tuple[str, ...]
+    own: tuple[int, ...]
+    declared: tuple[str, ...]
+    factors: tuple[float, ...]
+    order: tuple[int, ...]
+    signs: tuple[int, ...]
+    units: tuple[str, ...]
+
+    @classmethod
+    def as_declared(cls, names: Sequence[str], own: Sequence[int], declared: Sequence[str],
+                    factors: Sequence[float]) -> ReadColumns:
+        """Return columns that are what the file says."""
+        k = len(names)
+        return cls(tuple(names), tuple(own), tuple(declared), tuple(factors), tuple(range(k)),
+                   (1,) * k, ("",) * k)
+
+    def of(self, values: Array) -> Array:
+        """Return the values (N, k) of a file that was read as ``values``."""
+        si, order = np.array(self.factors), list(self.order)
+        unit = [UNITS[u] / d if u else 1.0 for u, d in zip(self.units, self.factors, strict=True)]
+        # a column's raw number, times the unit of the name that it now belongs to
+        return np.asarray(values[:, order] * (si / si[order] * self.signs * unit))
+
+    @property
+    def moved(self) -> tuple[int, ...]:
+        """Those that stand in another one's place."""
+        return tuple(i for i in self.own if self.order[i] != i)
+
+    @property
+    def turned(self) -> tuple[str, ...]:
+        """Names of those with the other sign."""
+        return tuple(n for n, s in zip(self.names, self.signs, strict=True) if s < 0)
+
+    @property
+    def parts(self) -> float:
+        """How many things are read in another way; an order is one, and a little by column."""
+        moved = len(self.moved)
+        return (moved > 0) + 0.1 * moved + _minority(self.signs, 1) + _minority(self.units, "")
+
+    def mistakes(self, permuted: str, sign: Mistake | None = None) -> Iterator[Mistake]:
+        """Yield what is wrong: places, signs, and each unit that is not the declared one.
+
+        Args:
+            permuted: kind of mistake of columns that stand in other places.
+            sign: what other signs mean, where they mean more than that.
+        """
+        if self.moved:
+            names = [self.names[i] for i in self.moved]
+            yield Mistake(permuted, tuple(names), f"{with_verb(names, '', 'are')} exchanged"
+                          if len(names) == 2 else "the columns are permuted: " + ", ".join(
+                              f"{self.names[i]} is in the column {self.names[self.order[i]]}"
+                              for i in self.moved))
+        if self.turned:
+            yield sign or Mistake("sign", self.turned, with_verb(self.turned, "has", "have")
+                                  + " the other sign")
+        for unit in dict.fromkeys(self.units[i] for i in self.own if self.units[i]):
+            own = [i for i in self.own if self.units[i] == unit]
+            names = [self.names[i] for i in own]
+            yield Mistake("unit", tuple(names), f"{with_verb(names, 'is', 'are')} in {unit}, "
+                          f"not {self.declared[own[0]]}")
+
+
+def _minority(values: Sequence[object], usual: object) -> int:
+    """Return how many differ from the usual; all of them alike count as one mistake."""
+    other = [v for v in values if v != usual]
+    return 1 if len(other) == len(values) > 1 and len(set(other)) == 1 else len(other)
+
+
+def with_verb(names: Sequence[str], one: str, several: str) -> str:
+    """Return names and their verb."""
+    return (f"{names[0]} {one}" if len(names) == 1 else
+            f"{', '.join(names[:-1])} and {names[-1]} {several}")
+
+
+def readable(data: Dataset) -> bool:
+    """Whether a data set can be read otherwise: poses or positions at given joint values."""
+    return data.kind not in SCALARS and data.commanded is None
+
+
+@dataclass(frozen=True)
+class FileReading:
+    """A way to read one file of poses or positions.
+
+    Attributes:
+        joints, places, turns: how its columns are read.
+        convention: in which its rotations were read so far; ``rotation``: what they hold instead.
+        mirror: an axis of the instrument that points the other way.
+        inverse: the poses are those of the measuring frame, seen from the platform.
+        shift: the measured columns are so many rows late.
+    """
+
+    joints: ReadColumns
+    places: ReadColumns
+    turns: ReadColumns
+    convention: str
+    rotation: str = ""
+    mirror: str = ""
+    inverse: bool = False
+    shift: int = 0
+
+    @classmethod
+    def as_declared(cls, mechanism: Mechanism, data: Dataset) -> FileReading:
+        """Return the reading of a file that is what its sidecar says."""
+        planar, units = mechanism.motion == "planar", data.units
+        turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
+        return cls(
+            ReadColumns.as_declared([f"q_{a}" for a in mechanism.actuators],
+                                range(len(mechanism.actuators)),
+                                [units.name(q) for q in mechanism.actuator_quantity],
+                                mechanism.joint_factors(units).tolist()),
+            ReadColumns.as_declared(AXES, range(2 if planar else 3), (units.length,) * 3,
+                                (LENGTHS[units.length],) * 3),
+            ReadColumns.as_declared(turns, (2,) if planar else range(3), (units.angle,) * 3,
+                                (ANGLES[units.angle],) * 3), data.convention)
+
+    @property
+    def parts(self) -> float:
+        """How many things are read in another way; an axis is sooner mirrored than exchanged."""
+        return (self.joints.parts + self.places.parts + self.turns.parts + bool(self.rotation)
+                + bool(self.mirror) + self.inverse + (self.shift != 0))
+
+    def of(self, data: Dataset) -> Dataset:
+        """Return the data set read in this way."""
+        position, rotation = self.measured(data)
+        return shifted_rows(replace(data, q=self.joints.of(data.q), position=position,
+                                    rotation=rotation, whole=None, place=None), self.shift)
+
+    def measured(self, data: Dataset) -> tuple[Array, Array]:
+        """Return positions and rotation vectors (N, 3) of a data set read in this way."""
+        position, rotation = self.places.of(data.position), data.rotation
+        if self.rotation or self.turns.parts:
+            raw = np.array(written(rotation, self.convention))
+            raw[:, :3] = self.turns.of(raw[:, :3])
+            rotation = understood(raw, self.rotation or self.convention)
+        if self.mirror:
+            position, rotation = mirrored(position, rotation, self.mirror)
+        return (inverse_pose(position, rotation, len(self.places.own) == 2) if self.inverse
+                else (position, rotation))
+
+    def mistakes(self, data: Dataset) -> tuple[Mistake, ...]:
+        """Return what this way says is wrong in a file."""
+        measured = (*AXES, *TURNS) if data.kind == "pose" else AXES
+        written_in = QUATERNION if self.convention in QUATERNIONS else TURNS
+        left, back, late = self.places.turned, self.turns.turned, self.shift > 0
+        out = [*self.joints.mistakes("permuted"), *self.places.mistakes("exchanged", Mistake(
+            "mirrored", left, f"{left[0]} has the other sign: that axis of the instrument points "
+            "the other way") if len(left) == 1 else None)]
+        if self.mirror:
+            out.append(Mistake("mirrored", measured, "the poses are left-handed: the instrument's "
+                               f"{self.mirror} axis points the other way, or the mechanism file "
+                               "has the mirror image of the machine (home on the other side of "
+                               "the base, or legs numbered the other way round)"))
+        if self.rotation:
+            out.append(Mistake("rotation", written_in, f"{', '.join(written_in)} hold "
+                               f"{_in_words(self.rotation)}, not {_in_words(self.convention)}"))
+        out += self.turns.mistakes("exchanged", Mistake(
+            "rotation", written_in, "the rotations are inverse (transposed): the measuring "
+            "frame's turn seen from the platform") if len(back) == 3 else None)
+        if self.inverse:
+            out.append(Mistake("inverse", measured, "the poses are inverse: the measuring frame "
+                               "seen from the platform"))
+        if self.shift:
+            out.append(Mistake("shifted", measured, "the measured columns are "
+                               f"{counted(abs(self.shift), 'row')} "
+                               f"{'behind' if late else 'ahead of'} the joint columns"))
+        return tuple(out)
+
+    def block(self, data: Dataset) -> dict[str, Any]:
+        """Return the sidecar's block ``read`` with which the file is read in this way.
+
+        What the sidecar says already stays, and is put together with what was found.
+        """
+        old, headers = dict(data.read), dict(data.headers)
+        signs, units = dict(old.get("signs", {})), dict(old.get("units", {}))
+        for sort in (self.joints, self.places, self.turns):
+            for i in sort.own:
+                name, source = sort.names[i], sort.names[sort.order[i]]
+                if source != name or name in data.headers:
+                    headers[name] = data.headers.get(source, source)
+                signs[name] = sort.signs[i] * signs.get(name, 1)
+                units |= {name: sort.units[i]} if sort.units[i] else {}
+        rotation = self.rotation or old.get("rotation", "")
+        inverse = self.inverse != (old.get("pose") == "inverse")
+        mirror = "" if self.mirror == old.get("mirror", "") else self.mirror or old["mirror"]
+        if (inverse or mirror) and self.convention in QUATERNIONS:
+            rotation = rotation or self.convention
+        out = {"columns": {own: header for own, header in headers.items() if own != header},
+               "ignore": old.get("ignore"), "units": units,
+               "counts_per_turn": old.get("counts_per_turn"),
+               "signs": {n: s for n, s in signs.items() if s != 1}, "rotation": rotation,
+               "pose": "inverse" if inverse else "", "mirror": mirror,
+               "shift": self.shift + int(old.get("shift", 0))}
+        return {key: value for key, value in out.items() if value}
+
+    def sigma(self, data: Dataset, left: tuple[float, float]) -> dict[str, float]:
+        """Return the sigma that a sidecar is to state where columns are in another unit than it.
+
+        It goes with the columns where what is left agrees better with the noise then: nobody
+        writes values in one unit and their sigma in another, but instruments' makers state theirs
+        in mm.
+
+        Args:
+            data: as it is read now.
+            left: median misses of positions and rotations that a fit of it read so leaves, m, rad.
+
+        Returns:
+            Entries of ``instrument.sigma``, in the sidecar's units; empty where they stay.
+        """
+        out: dict[str, float] = {}
+        for key, sort, miss, sigma in (("position", self.places, left[0], data.sigma_position),
+                                       ("rotation", self.turns, left[1], data.sigma_rotation)):
+            known, unit = sigma[np.isfinite(sigma) & (sigma > 0.0)], sort.units[-1]
+            alike = known.size > 0 and np.ptp(known) <= 1e-9 * known[0]
+            if not unit or not alike or len(set(sort.units)) > 1:
+                continue
+            factor, times = UNITS[unit] / sort.factors[0], miss / known[0]
+            if times > 0.0 and abs(np.log(times / factor)) < abs(np.log(times)):
+                out[key] = float(f"{factor * known[0] / sort.factors[0]:.6g}")
+        return out
+
+
+def _in_words(convention: str) -> str:
+    """Return what rotation columns hold, in words."""
+    if convention.startswith("euler-"):
+        order = convention.removeprefix("euler-")
+        axes = "fixed" if order.islower() else "moving"
+        return f"{order.upper()} Euler angles about {axes} axes ({convention})"
+    return {"rotvec": "a rotation vector", "quat-xyzw": "a quaternion x, y, z, w",
+            "quat-wxyz": "a quaternion w, x, y, z", "matrix": "a matrix"}[convention]

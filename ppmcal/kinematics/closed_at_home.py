@@ -1,0 +1,133 @@
+"""Whether a machine closes at home within what its file can know, and how near dead points are.
+
+"Closed" means closed within the last printed digit of every number, and three standard deviations
+of the tolerances, carried to each limb's closure equation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.kinematics.inverse import home_state, to_joint
+from ppmcal.kinematics.transmission import transmissions_at
+from ppmcal.linalg import Array
+from ppmcal.model.mechanism import Mechanism
+
+DEAD_POINT = 0.02
+"""A finding: a limb's transmission at home below this."""
+GOOD_TRANSMISSION = 0.5
+"""A limb above this is not asked whether its tolerances can bring it to a dead point."""
+
+
+@dataclass(frozen=True)
+class LimbGap:
+    """A limb's gap at home with the file's own q, and what digits and tolerances allow, m."""
+
+    limb: str
+    gap: float
+    allowed: float
+
+    @property
+    def open(self) -> bool:
+        """Whether the limb does not close."""
+        return abs(self.gap) > self.allowed
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """How well a limb's joint moves the platform at home, and how far a dead point is.
+
+    At a dead point (serial singularity) the two roots of the limb's inverse kinematics meet:
+    an R-R limb is stretched or folded, a strut stands square to its rail.
+
+    Attributes:
+        limb: its name; kind: that of the limb.
+        value: a pure number, 0 at a dead point, 1 at best: the sine of the joint's angle from
+            it, or, for a prismatic joint, the part of its motion that goes along the strut.
+        margin: what the limb has left there before it no longer reaches home, m.
+        allowed: by how much digits and tolerances can change that, m.
+    """
+
+    limb: str
+    kind: str
+    value: float
+    margin: float
+    allowed: float
+
+    @property
+    def dead(self) -> bool:
+        """Whether the limb is at a dead point, or its tolerances can bring it there."""
+        return self.value < DEAD_POINT or self.margin < self.allowed
+
+
+def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:
+    """Return each limb's gap at home with the q that the file gives."""
+    if not np.isfinite(mechanism.home_q).all():
+        return ()
+    model = Model(mechanism)
+    everything = tuple(range(len(mechanism.parameters)))
+    closure = model.closure(mechanism.home_q, everything)
+    gap = closure.lengths(mechanism.home[None])[0]
+    allowed = _allowed(closure)
+    out, row = [], 0
+    for limb in mechanism.limbs:
+        rows = slice(row, row + limb.kind.surface.equations)
+        row = rows.stop
+        worst = int(np.argmax(np.abs(gap[rows]) - allowed[rows]))
+        out.append(LimbGap(limb.name, float(gap[rows][worst]), float(allowed[rows][worst])))
+    return tuple(out)
+
+
+def transmissions(mechanism: Mechanism) -> tuple[Transmission, ...]:
+    """Return how well each limb's joint moves the platform at home.
+
+    Raises:
+        BadInput: the home pose cannot be reached.
+    """
+    model, pose, state = Model(mechanism), mechanism.home[None], home_state(mechanism)
+    values, roots = transmissions_at(model, pose, state.q[None])
+    everything = tuple(range(len(mechanism.parameters)))
+    out, row = [], 0
+    for i, limb in enumerate(mechanism.limbs):
+        pair, value = roots[0, i], float(values[0, i])
+        half = float(pair[1] - pair[0]) / 2.0
+        margin, allowed = np.inf, 0.0
+        if value < GOOD_TRANSMISSION and half > 0.0:
+            # the double root, on the side that this limb is nearer to
+            meet = float(pair[0]) + half + (np.pi if limb.kind.actuator != "length"
+                                            and np.cos(half) < 0.0 else 0.0)
+            q = state.q.copy()
+            q[limb.actuator] = to_joint(model, i, np.array([meet]))[0]
+            closure = model.closure(q, everything)
+            margin = abs(float(closure.lengths(pose)[0, row]))
+            allowed = float(_allowed(closure)[row])
+        out.append(Transmission(limb.name, limb.kind.name, value, margin, allowed))
+        row += limb.kind.surface.equations
+    return tuple(out)
+
+
+def _allowed(closure: Closure) -> Array:
+    """Return what last digits and tolerances can do to each closure equation at home (d,), m.
+
+    ``closure`` must have been asked for every parameter.
+    """
+    mechanism, pose = closure.model.mechanism, closure.model.mechanism.home[None]
+    slopes = closure.error_matrix(pose, tuple(range(len(mechanism.parameters))))[0]
+    digits = np.array([_digit(mechanism, p.quantity, p.value) for p in mechanism.parameters])
+    tau = np.array([p.tolerance if p.tolerance is not None and np.isfinite(p.tolerance)
+                    and not p.fixed else 0.0 for p in mechanism.parameters])
+    joint_digits = np.array([_digit(mechanism, q, v) for q, v in
+                             zip(mechanism.actuator_quantity, mechanism.home_q, strict=True)])
+    pose_digits = np.array([_digit(mechanism, "length" if c < 3 else "angle",
+                                   mechanism.home_pose[c]) for c in mechanism.dof])
+    return np.asarray(np.abs(slopes) @ digits + np.abs(closure.joint_matrix(pose)[0]) @ joint_digits
+                      + np.abs(closure.pose_matrix(pose)[0]) @ pose_digits
+                      + 3.0 * np.sqrt(slopes**2 @ tau**2) + 1e-9 * mechanism.reach)
+
+
+def _digit(mechanism: Mechanism, quantity: str, value: float) -> float:
+    """Half the last printed digit; a plain 0 is exact by intent (an origin, an axis)."""
+    return 0.0 if value == 0.0 else float(mechanism.digits.get(quantity, 0.0))
