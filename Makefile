@@ -30,9 +30,10 @@ $(VENV)/.docs: $(VENV)/.run
 demo: $(VENV)/.run
 	@$(BIN)/ppmcal demo --out $(OUT)
 
-# worksteal: neighbours stay with one worker, and what a file's tests share is made once
+# worksteal: neighbours stay with one worker, and what a file's tests share is made once. Bytecode is
+# kept, whatever the shell says: each worker, and each command that a test starts, would compile anew
 test: $(VENV)/.test
-	@$(BIN)/python -m pytest -n auto --dist worksteal -m "$(TESTS)"
+	@PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal -m "$(TESTS)"
 
 # the same with the slow ones, in one run: what slow and quick tests of a file share is made once
 test-all:

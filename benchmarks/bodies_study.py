@@ -38,6 +38,7 @@ from scipy.spatial.transform import Rotation  # noqa: E402
 
 import ppmcal  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
+from ppmcal.io.results.diagnosis import DiagnosisRecord  # noqa: E402
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,11 @@ def ask(folder: Path) -> Answer:
     except PpmcalError as error:
         why = str(error).replace(f"{folder}/data.csv: ", "").split(":")[0]
         return Answer("refused", refused=why)
+    return answer_of(record)
+
+
+def answer_of(record: DiagnosisRecord) -> Answer:
+    """Return what a diagnosis says, as it is compared with the truth."""
     named = tuple(frozenset((e.kind, *e.alternatives)) for e in record.effects)
     text = ", ".join("/".join((e.kind, *e.alternatives)) for e in record.effects)
     sizes = tuple((f"{e.kind}.{n}", p.value, p.sigma, p.unit)

@@ -16,6 +16,7 @@ import pytest
 import yaml
 from helpers.commands import install, number, ppmcal_process, rows
 from helpers.paths import ROOT
+from helpers.sources import nodes_of
 
 import ppmcal
 from ppmcal.kinematics.closure import Closure
@@ -58,7 +59,7 @@ def test_rooms_of_calibration_are_entered_by_their_doors():
                      "compensation"}
     for path in PACKAGE.rglob("*.py"):
         own = path.relative_to(PACKAGE).parts[:2]
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes_of(path):
             parts = (getattr(node, "module", None) or "").split(".")
             if parts[:2] == ["ppmcal", "calibration"]:
                 assert parts[2:3] and parts[2] in rooms, (path, parts)
@@ -149,7 +150,7 @@ def test_ways_count_their_files(title):
 def test_no_class_name_twice():
     where = defaultdict(list)
     for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes_of(path):
             if isinstance(node, ast.ClassDef):
                 where[node.name].append(str(path.relative_to(PACKAGE)))
     assert not {name: paths for name, paths in where.items() if len(paths) > 1}

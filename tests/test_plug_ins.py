@@ -19,6 +19,7 @@ import pytest
 import yaml
 from helpers.commands import Run, install, number, pick, ppmcal_process, rows, write_csv
 from helpers.paths import ROOT
+from helpers.sources import nodes_of
 
 import ppmcal
 from ppmcal.model.effects import effect_kinds
@@ -300,6 +301,6 @@ def test_no_module_names_a_kind() -> None:
         place = path.relative_to(root).as_posix()
         if place.startswith(("model/effects/", "model/limbs/")):
             continue
-        found |= {(place, node.value) for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        found |= {(place, node.value) for node in nodes_of(path)
                   if isinstance(node, ast.Constant) and node.value in names}
     assert found == OTHER_SENSES

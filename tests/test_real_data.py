@@ -157,7 +157,7 @@ def test_a_printer_calibrated_from_its_event_predicts_its_bed(name: str) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["mesh08", "mesh10", "mesh20", "mesh26"])
+@pytest.mark.parametrize("name", ["mesh20", "mesh26"])
 def test_one_bed_probed_to_and_fro_has_no_plain_backlash(name: str) -> None:
     """Of mesh26 something changes sign with the way, and a slow course of the bed does as well."""
     path, mesh, event = mesh_of(name)

@@ -112,6 +112,7 @@ def test_sandwich_is_cliffords(name: str, oracle: Oracle, rng: np.random.Generat
     np.testing.assert_allclose(sandwich(motor, x), oracle.lower(sandwich.out, theirs), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_sandwich_by_a_reflection(oracle: Oracle, rng: np.random.Generator) -> None:
     mirror, x = cga.sphere(rng.normal(size=3), 1.3), rng.normal(size=10)
     sandwich = cga.sandwich(cga.VECTOR, cga.PAIR)
@@ -132,6 +133,7 @@ def test_meet_is_cliffords(oracle: Oracle, rng: np.random.Generator) -> None:
         np.testing.assert_allclose(cga.meet(*triple), theirs, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_typed_vectors_are_cliffords(oracle: Oracle, rng: np.random.Generator) -> None:
     x, r = rng.normal(size=3), 0.7
     euclidean = sum(x[i] * oracle.vectors[BASIS[i]] for i in range(3))

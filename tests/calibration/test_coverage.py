@@ -20,8 +20,9 @@ from helpers.paths import ROOT
 from scipy.special import bdtrc, gammainc, gammaincc, ndtr
 
 STUDY = ROOT / "benchmarks" / "campaigns.py"
-CAMPAIGNS = {"3-RPR": 20, "3-RRR-1": 12, "3-RPS": 8, "delta-linear": 12}
-CHECKS = 4 * 3 + 3
+CAMPAIGNS = {"3-RPR": 12, "3-RPS": 6}
+"""Fifty of each of eleven machines are in docs/campaigns.md."""
+CHECKS = 2 * 3 + 3
 ALARM = 0.9e-3 / CHECKS
 
 
@@ -70,8 +71,6 @@ def test_every_campaign_converges() -> None:
 @pytest.mark.parametrize("kind", ["position", "rotation"])
 def test_fresh_poses_err_as_much_as_promised(machine: str, kind: str) -> None:
     promised = column(f"{kind}_promised", machine)
-    if not promised.any():
-        pytest.skip("a translational machine does not turn")
     # whole campaigns: their machines and noise are drawn anew, so they are independent
     error = column(f"{kind}_error", machine) / promised
     variance = column(f"{kind}_spread", machine) / promised**2

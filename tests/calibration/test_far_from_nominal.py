@@ -78,13 +78,13 @@ def test_an_estimate_is_judged_by_what_such_data_find(stage: Mechanism, prior: s
 
 @pytest.mark.slow
 def test_machines_within_their_tolerances_are_hardly_ever_told(stage: Mechanism) -> None:
-    """Of 40 more than one has a chance below 1e-3; what they find is as large as expected."""
+    """Of 20 more than one has a chance below 1e-3; what they find is as large as expected."""
     told, away = 0, []
-    for seed in range(40):
+    for seed in range(20):
         rows = data(stage, {"random": {"scale": 1.0}}, 100 + seed)
         result = ppmcal.identify(stage, rows, holdout=0)
         told += any(FAR in f for f in result.findings)
         away += [e.error / e.expected for e in result.identification.estimates if e.expected]
-    assert bdtrc(1, 40, FAILED_NOISE) < 1e-3
+    assert bdtrc(1, 20, FAILED_NOISE) < 1e-3
     assert told <= 1
     assert np.sqrt(np.mean(np.square(away))) == pytest.approx(1.0, abs=0.1)

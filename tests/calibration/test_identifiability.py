@@ -71,7 +71,7 @@ def test_the_uncertainty_of_a_distance_is_true(tmp_path: Path) -> None:
     """Over machines drawn from the tolerances, the error of the distance has that sigma."""
     mechanism = printer(tmp_path)
     ratio = []
-    for seed in range(60):
+    for seed in range(30):
         rng = np.random.default_rng([3, seed])
         g = truth(mechanism, rng)
         data = touches(mechanism, g, rng, 30)

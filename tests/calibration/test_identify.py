@@ -108,9 +108,15 @@ def found(fit: Fit) -> dict[str, float]:
 
 # --- exact without noise ------------------------------------------------------------------------
 
+EXACT_CASES = [
+    # the poses of deltas that only move are positions
+    *(("pose", n) for n in NAMES if n not in ("delta-linear", "delta-rotary")),
+    *(("position", n) for n in ("3-RPR", "3-RPS", "6-UPS", "delta-linear", "delta-rotary",
+                                "delta-rotary-6rods"))]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("kind", ["pose", "position"])
+@pytest.mark.parametrize(("kind", "name"), EXACT_CASES)
 def test_exact_data_give_the_exact_machine(request: pytest.FixtureRequest, name: str, kind: str
                                            ) -> None:
     if kind == "position" and name == "delta-rotary-6rods":
@@ -119,8 +125,6 @@ def test_exact_data_give_the_exact_machine(request: pytest.FixtureRequest, name:
             strict=True, reason="one point of a platform that hardly turns: its tilt and the "
             "target are felt only at second order"))
     mechanism, scenario = machine(name)
-    if kind == "pose" and mechanism.motion == "translational":
-        pytest.skip("a translational machine's poses are positions")
     plan = replace(noiseless(scenario), kind=kind, target_known=False, frame_known=False)
     if mechanism.motion == "translational":
         plan = replace(plan, target_known=True)
@@ -232,8 +236,9 @@ def machine_of(label: str) -> Mechanism:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("noise", [0.0, 1e-4], ids=["", "joint-noise"])
-@pytest.mark.parametrize("label", [*KINDS, "delta-linear", "delta-rotary", "delta-linear-6rods"])
+@pytest.mark.parametrize(("label", "noise"), [
+    *((label, 0.0) for label in (*KINDS, "delta-linear", "delta-rotary", "delta-linear-6rods")),
+    *((label, 1e-4) for label in ("R(P)R", "(R)US", "delta-linear"))])
 def test_jacobian_is_that_of_central_differences(label: str, noise: float) -> None:
     mechanism = machine_of(label)
     # files of both instruments with a registration each; the second has its own homing
@@ -287,9 +292,9 @@ def with_outliers(data: Dataset, motion: str, share: float, sigmas: float, seed:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("name", ["3-RPR", "3-RRR-1", "3-RPS", "6-UPS", "delta-linear", "linapod"])
-def test_outliers_are_found_by_row(name: str, seed: int) -> None:
+@pytest.mark.parametrize("name", ["3-RPR", "3-RPS", "6-UPS", "delta-linear"])
+def test_outliers_are_found_by_row(name: str) -> None:
+    seed = 1
     mechanism, scenario = machine(name)
     made = run(mechanism, box(scenario, 100), seed)
     data, bad = with_outliers(made.data, mechanism.motion, 0.05, 20.0, seed)
@@ -316,7 +321,7 @@ def test_without_robustness_every_row_counts() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["3-RPR", "3-PRR-1", "6-UPS", "6-PUS", "delta-linear"])
+    "name", ["3-RPR", "6-UPS", "delta-linear"])
 def test_missing_values_are_left_out_and_nothing_else(name: str) -> None:
     mechanism, scenario = machine(name)
     made = run(mechanism, box(noiseless(scenario), 80), 6)
@@ -418,13 +423,9 @@ def test_cross_validation_finds_the_size_of_the_errors(scale: float) -> None:
     mechanism, scenario = machine("6-UPS")
     # weak measurements, so that the prior matters
     plan = replace(scenario, error_scale=scale, sigma_position=3e-4, sigma_rotation=2e-4)
-    chosen = []
-    for seed in range(3):
-        made = run(mechanism, plan, seed)
-        fit = identify(made.problem, FitOptions("gcv", robust=False))
-        assert fit.converged
-        chosen.append(fit.prior_scale)
-    assert scale / 4.0 < float(np.median(chosen)) < 4.0 * scale
+    fit = identify(run(mechanism, plan, 0).problem, FitOptions("gcv", robust=False))
+    assert fit.converged
+    assert scale / 4.0 < fit.prior_scale < 4.0 * scale
 
 
 def test_flat_prior_has_no_bound_where_the_data_have_none() -> None:
@@ -605,7 +606,7 @@ def said(folder: Path) -> dict[str, dict[str, Any]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["3-RPR", "delta-linear", "6-PUS"])
+@pytest.mark.parametrize("name", ["3-RPR", "delta-linear"])
 def test_identifying_again_from_the_result_changes_nothing(name: str, tmp_path: Path) -> None:
     simulated(tmp_path, name)
     data = "sim/measurements.csv"
@@ -632,8 +633,7 @@ def test_identifying_again_from_the_result_changes_nothing(name: str, tmp_path: 
 # --- commands that lead the true machine where it is wanted ---------------------------------------
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["3-RPR", "3-RRR-1", "3-PPR-1", "mixed-planar", "6-UPS", "6-RUS",
-                                  "delta-linear"])
+@pytest.mark.parametrize("name", ["3-RPR", "mixed-planar", "6-UPS", "delta-linear"])
 def test_compensated_commands_lead_the_true_machine_to_the_pose(name: str) -> None:
     mechanism, scenario = machine(name)
     made = run(mechanism, scenario, 11)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.sessions import two_sessions
+from helpers.sources import nodes_of
 
 import ppmcal
 from ppmcal.calibration.fit.coverage import Z95, coverage_of, variances
@@ -50,7 +51,7 @@ def test_no_module_has_an_interval_of_its_own() -> None:
         (isinstance(n, ast.Name) and n.id == "Z95")
         or (isinstance(n, ast.Constant) and isinstance(n.value, float)
             and re.match(r"1\.9(6|59)", str(n.value)))
-        for n in ast.walk(ast.parse(p.read_text(encoding="utf-8"))))}
+        for n in nodes_of(p))}
     assert using == set(KNOWN)
 
 

@@ -176,7 +176,7 @@ def test_names_tell_nothing(campaign, plain):
     assert_same(plain, answer(in_other_words(campaign, names=names)))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))    # as many as there are units
 def test_frames_and_all_else_at_once_tell_nothing(campaign, plain, seed):
     rng = np.random.default_rng(seed)
     base, seen = rng.uniform(-170.0, 170.0, 2)
@@ -272,18 +272,13 @@ def test_a_turned_base_has_the_same_sets(seed, turn):
 # --- decisions of diagnose ----------------------------------------------------------------------
 
 
-EFFECTS = {
-    "none": [],
-    "backlash": [{"kind": "backlash", "on": ["leg2"], "parameters": {"width": 0.15}}],
-}
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("hidden", EFFECTS)
-def test_the_verdict_does_not_feel_how_the_campaign_is_written(hidden, tmp_path):
+def test_the_verdict_does_not_feel_how_the_campaign_is_written(tmp_path):
+    """Limbs in another order and under other names, rows in other units."""
     ppmcal("init", "3-RPR", "--out", tmp_path / "mine.yaml", expect=0)
     scenario = yaml.safe_load((tmp_path / "mine.scenario.yaml").read_text())
-    scenario |= {"effects": EFFECTS[hidden], "approach": "both"}
+    scenario |= {"approach": "both", "effects": [
+        {"kind": "backlash", "on": ["leg2"], "parameters": {"width": 0.15}}]}
     (tmp_path / "mine.scenario.yaml").write_text(yaml.safe_dump(scenario))
     ppmcal("simulate", tmp_path / "mine.yaml", tmp_path / "mine.scenario.yaml", "--seed", 5,
            "--out", tmp_path / "s")
@@ -291,18 +286,16 @@ def test_the_verdict_does_not_feel_how_the_campaign_is_written(hidden, tmp_path)
     side = yaml.safe_load((tmp_path / "s" / "measurements.yaml").read_text())
     table = rows(tmp_path / "s" / "measurements.csv")
     said = []
-    for way in ("plain", "limbs", "units", "names"):
+    for other in (False, True):
         t, d, data = (yaml.safe_load(yaml.safe_dump(v)) for v in (tree, side, table))
         back = {}
-        if way == "limbs":
+        if other:
             t["limbs"] = t["limbs"][::-1]
             data = [dict(reversed(list(r.items()))) for r in data]
-        if way == "units":
             d["units"]["length"] = "m"
             d["instrument"]["sigma"]["position"] *= 1e-3
             data = [{k: repr(float(v) * 1e-3) if k.startswith("q_") or k in "xy" else v
                      for k, v in r.items()} for r in data]
-        if way == "names":
             back = {"strutC": "leg1", "strutA": "leg2", "strutB": "leg3"}
             text = yaml.safe_dump(t)
             for new, old in back.items():
@@ -314,6 +307,5 @@ def test_the_verdict_does_not_feel_how_the_campaign_is_written(hidden, tmp_path)
         found = face.diagnose(machine, face.read_data(machine, columns, sidecar=d, name="run"))
         said.append((found.verdict, sorted(
             (e.kind, tuple(sorted(back.get(a, a) for a in e.on))) for e in found.record.effects)))
-    assert all(s == said[0] for s in said[1:]), said
-    if hidden != "none":
-        assert said[0][1]
+    assert said[1] == said[0]
+    assert said[0][1]

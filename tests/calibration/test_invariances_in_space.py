@@ -166,7 +166,7 @@ def campaigns():
     return of
 
 
-@pytest.mark.slow_cases("3-RPS", "6-UPS")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", QUICK)
 def test_everything_at_once_tells_nothing(campaigns, kind):
     _, plain = campaigns(kind)
@@ -188,7 +188,7 @@ def by_itself(kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("changed", by_itself("6-UPS"))
-@pytest.mark.parametrize("kind", ROWS)
+@pytest.mark.parametrize("kind", ["6-UPS", "3-RPS"])
 def test_each_by_itself_tells_nothing(campaigns, kind, changed):
     one, plain = campaigns(kind)
     found = answer(one, by_itself(kind)[changed])
@@ -198,10 +198,9 @@ def test_each_by_itself_tells_nothing(campaigns, kind, changed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1, 6))
 @pytest.mark.parametrize("kind", ROWS)
-def test_everything_at_once_tells_nothing_again(campaigns, kind, seed):
-    assert_same(campaigns(kind)[1], campaigns(kind, seed)[1], kind == "3-RPS")
+def test_everything_at_once_tells_nothing_again(campaigns, kind):
+    assert_same(campaigns(kind)[1], campaigns(kind, 1)[1], kind == "3-RPS")
 
 
 # --- validate and report ------------------------------------------------------------------------
@@ -224,8 +223,7 @@ def judged(record, machine):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["3-RPS", *(pytest.param(k, marks=pytest.mark.slow)
-                                             for k in ROWS if k != "3-RPS")])
+@pytest.mark.parametrize("kind", ["6-UPS", "delta-linear"])
 def test_validate_judges_the_same(campaigns, kind):
     (said, figures), (again, others) = (
         judged(face.validate(a.identified, a.data).record, a.identified.mechanism)
@@ -250,11 +248,8 @@ def test_the_report_says_the_same(campaigns, tmp_path):
 # --- decisions of diagnose ----------------------------------------------------------------------
 
 
-HIDDEN = {
-    "none": {},
-    "backlash": {"approach": "both", "effects": [
-        {"kind": "backlash", "on": ["leg2"], "parameters": {"width": 0.04}}]},
-}
+HIDDEN = {"approach": "both", "effects": [
+    {"kind": "backlash", "on": ["leg2"], "parameters": {"width": 0.04}}]}
 
 
 def named(one, words):
@@ -268,13 +263,10 @@ def named(one, words):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hidden", HIDDEN)
-def test_diagnose_says_the_same_of_a_machine_in_space(hidden):
-    """A 3-RPS with and without backlash; rows keep their order, which is the machine's way."""
-    one = campaign("3-RPS", 40, **HIDDEN[hidden])
+def test_diagnose_says_the_same_of_a_machine_in_space():
+    """A 3-RPS with backlash; rows keep their order, which is the machine's way."""
+    one = campaign("3-RPS", 40, **HIDDEN)
     plain = named(one, PLAIN)
-    assert plain[1] == (frozenset() if hidden == "none" else
-                        frozenset({("backlash", frozenset({"leg2"}))}))
+    assert plain[1] == frozenset({("backlash", frozenset({"leg2"}))})
     rows = np.arange(len(one.table["x"]))
-    for seed in (0, 1):
-        assert named(one, replace(all_at_once("3-RPS", seed), rows=rows)) == plain
+    assert named(one, replace(all_at_once("3-RPS", 0), rows=rows)) == plain

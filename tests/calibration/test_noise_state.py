@@ -31,7 +31,7 @@ from ppmcal.io.results.identification_wording import noise_verdict, short_interv
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
-SEEDS = 10
+SEEDS = 5
 
 
 @pytest.fixture(scope="module")

@@ -131,6 +131,7 @@ def test_diagnose_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch,
     found.save(tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_validate_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
                                             ) -> None:
     made, other = planar(), planar()
@@ -151,6 +152,7 @@ def test_validate_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch, tmp
     bare.save(tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_compare_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     made = planar()
     for name, seed in (("old", 3), ("new", 4)):     # two machines

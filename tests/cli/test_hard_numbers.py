@@ -192,23 +192,19 @@ def test_tolerances_of_any_size(bench, tmp_path, value, command):
         assert found.code in (0, 1), words
 
 
+IN_SEQUENCE = ("three poses", "poses hardly apart", "two rows typed wrong",
+               "two rows far beyond any machine")
+
+
 @pytest.mark.parametrize("name", [n for n, (refused, _) in ROWS.items() if not refused])
 @pytest.mark.slow
 def test_diagnose_of_rows_that_tell_little(bench, tmp_path, name):
     machine, side, table, _ = bench
-    for approach in ("columns", "sequence"):
-        folder = written(tmp_path / approach, machine, {**side, "approach": approach},
-                         ROWS[name][1](table))
-        assert run(folder, "diagnose", "mine.yaml", "run.csv").code in (0, 1, 3)
-
-
-@pytest.mark.slow
-def test_diagnose_of_a_sequence_with_two_rows_typed_wrong(bench, tmp_path):
-    machine, side, table, _ = bench
-    folder = written(tmp_path / "w", machine, {**side, "approach": "sequence"},
-                     ROWS["two rows typed wrong"][1](table))
+    approach = "sequence" if name in IN_SEQUENCE else "columns"
+    folder = written(tmp_path / "w", machine, {**side, "approach": approach},
+                     ROWS[name][1](table))
     found = run(folder, "diagnose", "mine.yaml", "run.csv")
-    assert found.code in (0, 1)
+    assert found.code in ((0, 1) if name == "two rows typed wrong" else (0, 1, 3))
 
 
 @pytest.mark.parametrize("method", [["--method", "gcv"], ["--method", "damped"],
@@ -265,8 +261,8 @@ def at_scale(bench, factor):
                            for r in table]
 
 
-SCALES = [1e-6, 1e-3, 1e2]
-"""Of a machine of a metre: a stage of a micrometre, of a millimetre, a frame of 100 m."""
+SCALES = [1e-6, 1e2]
+"""Of a machine of a metre: a stage of a micrometre, a frame of 100 m."""
 
 
 @pytest.fixture(scope="module")
@@ -293,7 +289,7 @@ def answers(folder, machine, side, table):
     return found
 
 
-@pytest.mark.slow_cases("1e-06", "0.001")
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", SCALES)
 def test_a_scaled_machine_gives_scaled_answers(bench, at_one, tmp_path, factor):
     found = answers(tmp_path, *at_scale(bench, factor))

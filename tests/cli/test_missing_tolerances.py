@@ -23,9 +23,10 @@ def bare(tmp_path_factory):
 
 
 @pytest.mark.parametrize("words", [
-    "identify m.yaml simulated/measurements.csv", "sensitivity m.yaml", "plan m.yaml --count 6",
-    "tolerances m.yaml --accuracy 1 --machines 100", "workspace m.yaml",
-    "simulate m.yaml simulated/scenario.yaml", "diagnose m.yaml simulated/measurements.csv",
+    "identify m.yaml simulated/measurements.csv", "sensitivity m.yaml --home-only",
+    "plan m.yaml --count 6", "tolerances m.yaml --accuracy 1 --machines 20",
+    "workspace m.yaml --grid x=450:550:3,y=240:340:3", "simulate m.yaml simulated/scenario.yaml",
+    "diagnose m.yaml simulated/measurements.csv --kind backlash",
     "validate m.yaml simulated/measurements.csv"])
 def test_every_command_tells_it_and_none_fails_for_it(bare, words, tmp_path):
     if "scenario" in words:

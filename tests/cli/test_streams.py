@@ -117,7 +117,6 @@ COMMANDS = {
     "workspace": "workspace m.yaml --grid x=450:550:3,y=240:340:3", "report": "report s",
     "tolerances": "tolerances m.yaml --accuracy 0.5 --machines 50"}
 NO_FOLDER = ("check", "verify", "schema", "init")
-QUICK = ("check", "schema", "simulate")
 
 
 def words_of(name, tmp_path):
@@ -128,13 +127,11 @@ def words_of(name, tmp_path):
     return [*COMMANDS[name].split(), "--out", tmp_path / "o"], tmp_path / "o"
 
 
-some = [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in COMMANDS]
-
-
 @pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
-@pytest.mark.slow_cases("stdout-check", "stderr-check", "stdout-simulate", "stderr-simulate")
-@pytest.mark.parametrize("name", some)
-@pytest.mark.parametrize("which", ["stdout", "stderr", "both"])
+@pytest.mark.slow
+@pytest.mark.parametrize(("which", "name"), [
+    *(("stdout", n) for n in COMMANDS), ("stderr", "check"), ("stderr", "simulate"),
+    ("stderr", "identify"), ("both", "check"), ("both", "simulate")])
 def test_full_streams_of_each_command(bench, tmp_path, name, which):
     """One line where somebody can read it, an exit code that says so, and whole folders."""
     words, folder = words_of(name, tmp_path)
@@ -153,7 +150,8 @@ def test_full_streams_of_each_command(bench, tmp_path, name, which):
     assert not list(tmp_path.rglob(".ppmcal.*.part"))
 
 
-@pytest.mark.parametrize("name", some)
+@pytest.mark.slow_cases("identify", "diagnose")
+@pytest.mark.parametrize("name", ["check", "simulate", "identify", "diagnose"])
 def test_nobody_reads_to_the_end(bench, tmp_path, name):
     """As with ``| head -1``."""
     words, folder = words_of(name, tmp_path)

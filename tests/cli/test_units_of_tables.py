@@ -79,9 +79,9 @@ COMMANDS = {
     "validate": ("w", ["validate", "i/identified.yaml", "s/measurements.csv"]),
     "compare": ("p", ["compare", "i", "i"]),
     "sensitivity": ("e", ["sensitivity", "m.yaml", "--grid", "x=400:600:3,y=200:300:3"]),
-    "tolerances": ("o", ["tolerances", "m.yaml", "--accuracy", "0.5", "--machines", "100"]),
+    "tolerances": ("o", ["tolerances", "m.yaml", "--accuracy", "0.5", "--machines", "20"]),
     "workspace": ("r", ["workspace", "m.yaml", "--grid", "x=300:700:5,y=100:400:5"]),
-    "plan": ("n", ["plan", "m.yaml"]),
+    "plan": ("n", ["plan", "m.yaml", "--count", "6"]),
 }
 
 

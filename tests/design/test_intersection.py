@@ -27,8 +27,8 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.tables import inverse_table
 
-CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
-SHIPPED = [p for p in CONFIGS if read_mechanism(p).motion == "planar"]
+SHIPPED = ("3-RPR", "3-RRR-1", "3-PPR-1", "mixed-planar")
+"""Every kind of planar limb has its own case."""
 ROUND_OFF = 1e-9
 
 
@@ -45,10 +45,10 @@ def agree(mechanism, q):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
-def test_the_intersection_is_newtons_pose_on_shipped_machines(path):
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_intersection_is_newtons_pose_on_shipped_machines(name):
     """Also far from home: poses over the middle of the joint range, reached or not."""
-    mechanism = read_mechanism(path)
+    mechanism = read_mechanism(ROOT / "configs" / f"{name}.yaml")
     rng = np.random.default_rng(4)
     poses = np.tile(mechanism.home_pose, (12, 1))
     poses[:, :2] += rng.uniform(-0.15, 0.15, (12, 2)) * mechanism.reach

@@ -98,20 +98,3 @@ def test_touches_of_a_good_printer_miss_nothing(printer):
 def test_what_is_warmed_grows(kind):
     (expansion, *_) = effect_kinds()[kind].parameters("translational")
     assert expansion.name == "expansion" and expansion.usual == (0.0, 120e-6)
-
-
-@pytest.mark.slow
-def test_a_base_that_would_shrink_is_not_named():
-    """A frame displaced by what goes with the temperature, as no expansion does."""
-    machine = ppmcal.load(ppmcal.shipped("3-RPR"))
-    (data,) = ppmcal.simulate(machine, {
-        "format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
-        "poses": {"random": {"center": {"x": 500, "y": 260, "rz": 25},
-                             "half_range": {"x": 70, "y": 70, "rz": 8}, "count": 60}},
-        "effects": [{"kind": "base_thermal", "parameters": {"expansion": -13e-6}}],
-        "conditions": {"temperature": {"mean": 24, "swing": 8}},
-        "instrument": {"kind": "pose", "sigma": {"position": 0.002, "rotation": 0.0005}},
-        "frame": {"x": 5, "y": -3, "rz": 10}, "target": [1, 2], "seed": 8}).data
-    found = ppmcal.diagnose(machine, [data])
-    assert not any(e.kind.endswith("_thermal") for e in found.diagnosis.effects)
-    assert found.verdict == "unnamed"

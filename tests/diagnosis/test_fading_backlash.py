@@ -37,7 +37,7 @@ def bed(folder: Path, there: float) -> None:
         "frame: known", "frame: unknown"))
 
 
-@pytest.mark.slow_cases("0.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("there", [0.0, -1.0])
 def test_a_backlash_that_is_gone_or_turned_in_some_rows_is_no_misreading(tmp_path: Path,
                                                                          there: float) -> None:

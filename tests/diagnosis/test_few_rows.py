@@ -25,16 +25,14 @@ def small_campaign(seed: int, times: float) -> Diagnosis:
     )
 
 
-@pytest.mark.parametrize("seed", [2, pytest.param(4, marks=pytest.mark.slow)])
-def test_too_small_a_sigma_is_not_nothing(seed: int) -> None:
-    result = small_campaign(seed, TIMES)
+def test_too_small_a_sigma_is_not_nothing() -> None:
+    result = small_campaign(2, TIMES)
     assert result.start.ratio > 2.5
     assert not result.remainder.adequate
     assert result.verdict != "none"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
-def test_noise_as_stated_is_not_too_much(seed: int) -> None:
+def test_noise_as_stated_is_not_too_much() -> None:
     """The other side of the same rule: the excess of noise as stated stays below its limit."""
-    assert small_campaign(seed, 1.0).remainder.excess < SURE_SIGMAS
+    assert small_campaign(2, 1.0).remainder.excess < SURE_SIGMAS

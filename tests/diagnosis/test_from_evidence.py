@@ -77,12 +77,16 @@ def test_the_page_and_the_commands_use_the_same_probabilities(
 
 
 def test_nothing_hidden_is_nothing_said(tmp_path: Path) -> None:
+    """Through Python; the record says what the diagnosis does."""
     campaign(tmp_path, "none-wrench", "hexapod", 3, 1.0)
-    found = diagnosed(tmp_path)
-    assert found["verdict"] == "none" and found["nothing"] > 0.5
-    assert not (found["effects"] or found["unknown"] or found["possible"])
+    result = api.diagnose(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"])
+    found = result.record
+    assert found.verdict == "none" and result.diagnosis.nothing > 0.5
+    assert found.nothing == pytest.approx(result.diagnosis.nothing)
+    assert not (found.effects or found.unknown or found.possible)
 
 
+@pytest.mark.slow
 def test_two_events_are_named_at_their_rows(tmp_path: Path) -> None:
     truth = campaign(tmp_path, "homed-twice", "3-RPR", 11, 2.0, 100)
     found = diagnosed(tmp_path)
@@ -92,13 +96,7 @@ def test_two_events_are_named_at_their_rows(tmp_path: Path) -> None:
     assert np.all(np.abs(np.subtract(told, true)) <= 3)
 
 
-def test_gross_rows_are_in_no_figure(tmp_path: Path) -> None:
-    campaign(tmp_path, "gross-5", "3-RPR", 7, 1.0)
-    found = diagnosed(tmp_path)
-    assert found["verdict"] in ("none", "weak")
-    assert found["fit"]["before"] < 1.5
-
-
+@pytest.mark.slow
 def test_what_has_no_name_says_what_it_looks_like(tmp_path: Path) -> None:
     campaign(tmp_path, "base-walks", "3-RPR", 2, 2.0)
     found = diagnosed(tmp_path)
@@ -110,23 +108,13 @@ def test_what_has_no_name_says_what_it_looks_like(tmp_path: Path) -> None:
     assert "Without a name: " in found["said"]
 
 
-def test_a_batch_and_python_have_the_option(tmp_path: Path) -> None:
-    campaign(tmp_path, "none-wrench", "hexapod", 3, 1.0)
-    result = api.diagnose(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"])
-    assert result.diagnosis.nothing > 0.5
-    assert result.record.nothing == pytest.approx(result.diagnosis.nothing)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("case", "machine", "seed", "eta", "kinds"), [
-    ("slip-turn", "crank-hexapod", 381171, 0.5869, {"zero_shift"}),
-    ("gravity-wrong", "3-RPR", 14046, 1.104, {"compliance", "gravity_tilt"})])
-def test_what_is_not_linear_leaves_nothing_that_has_a_name(
-        tmp_path: Path, case: str, machine: str, seed: int, eta: float, kinds: set[str]) -> None:
-    """A joint off by a turn, and weight in a wrong direction: no small motions."""
-    campaign(tmp_path, case, machine, seed, eta)
+def test_what_is_not_linear_leaves_nothing_that_has_a_name(tmp_path: Path) -> None:
+    """Weight in a wrong direction is no small motion; a joint off by a turn is in test_rounds."""
+    campaign(tmp_path, "gravity-wrong", "3-RPR", 14046, 1.104)
     found = diagnosed(tmp_path)
-    assert {e["kind"] for e in found["effects"]} == kinds and not found["unknown"]
+    assert {e["kind"] for e in found["effects"]} == {"compliance", "gravity_tilt"}
+    assert not found["unknown"]
     # on three legs, what gives way in no listed way is nearly as likely as weight elsewhere
     assert not [a for e in found["effects"] for a in e["alternatives"] if "unknown" not in a]
     assert all(e["probability"] > 0.9 for e in found["effects"])

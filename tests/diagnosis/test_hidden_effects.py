@@ -18,7 +18,6 @@ from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.kinematics.closure import Model
 
-MACHINES = tuple(hidden.machines())
 SMALL = hidden.Options(poses=30)
 USUAL = hidden.Options()
 
@@ -60,7 +59,7 @@ def test_effects_change_neither_noise_nor_conditions() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.parametrize("machine", ["3-RPR", "delta-linear", "6-RUS"])
 def test_every_pose_is_approached_from_both_sides(machine: str) -> None:
     scene = hidden.campaign(machine, 1, (), hidden.Options(poses=12, repeats=2)).scene
     assert len(scene.q) == 48
@@ -77,7 +76,7 @@ def test_every_pose_is_approached_from_both_sides(machine: str) -> None:
 @pytest.mark.parametrize("options", [
     USUAL, hidden.Options(row_sigmas=True), hidden.Options(tails="t4"),
     hidden.Options(actuator=(4e-6, 2e-5))], ids=["plain", "row sigmas", "t4", "drives"])
-@pytest.mark.parametrize("machine", ["3-RPR", "3-PRR-1", "delta-linear", "6-UPS"])
+@pytest.mark.parametrize("machine", ["3-RPR", "6-UPS"])
 def test_without_effects_the_residuals_are_the_stated_noise(machine: str, options: hidden.Options
                                                             ) -> None:
     total, dof = 0.0, 0
@@ -97,7 +96,7 @@ def test_without_effects_the_residuals_are_the_stated_noise(machine: str, option
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", tuple(hidden.KINDS))
-@pytest.mark.parametrize("machine", ["3-RPR", "3-RRR-1", "3-PRR-1", "delta-rotary", "6-UPS"])
+@pytest.mark.parametrize("machine", ["3-RRR-1", "6-UPS"])
 def test_a_scaled_effect_has_the_size_it_was_given(machine: str, kind: str) -> None:
     if kind not in hidden.applicable(machine):
         pytest.skip("makes no sense on this machine")
@@ -136,7 +135,7 @@ def test_eta_is_the_excess_of_the_residuals_of_a_fit(kind: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("machine", MACHINES)
+@pytest.mark.parametrize("machine", ["3-RPR", "delta-rotary", "6-UPS"])
 def test_the_load_is_what_the_joint_jacobian_says(machine: str) -> None:
     scene = hidden.campaign(machine, 2, (), SMALL).scene
     closure = Model(scene.mechanism, scene.g).closure(scene.q)

@@ -100,10 +100,9 @@ SHAPES = {"dip": [dip()], "speed squared": [squared()], "bowl": bowl()}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_most_of_the_gap_is_closed_that_the_truth_closes(tmp_path: Path, shape: str, seed: int
-                                                         ) -> None:
+def test_most_of_the_gap_is_closed_that_the_truth_closes(tmp_path: Path, shape: str) -> None:
+    seed = 1
     mechanism, data = campaign(tmp_path, SHAPES[shape], seed, count=80)
     base, held = training_part(fitted(mechanism, data), DiagnosisOptions(seed=seed))
     found = diagnosed(mechanism, data, seed).learned
@@ -121,18 +120,27 @@ def test_most_of_the_gap_is_closed_that_the_truth_closes(tmp_path: Path, shape: 
 
 @pytest.mark.slow
 def test_the_band_holds_the_truth(tmp_path: Path) -> None:
-    """Pointwise over the range and campaigns, what geometry does as well taken out of both."""
+    """In the rows of one campaign, dip and noise drawn anew: pointwise over the range, what
+    geometry does as well taken out of both.
+    """
     inside = []
+    fit = fitted(*campaign(tmp_path, [], 1, count=50))
+    seen = visible(fit, fit.keep, Whitening())
+    (term,) = [c for c in terms(fit, seen) if c.curve.inputs == ("travel",)
+               and not c.curve.signed and c.on == (False, True, False)]
     for seed in range(60):
         rng = np.random.default_rng(seed)
         effect = dip(rng.uniform(395.0, 485.0), rng.uniform(15.0, 45.0), 0.02)
-        fit = fitted(*campaign(tmp_path, [effect], seed, count=50, out=f"s{seed}"))
-        seen = visible(fit, fit.keep, Whitening())
-        tried = [c for c in terms(fit, seen) if c.curve.inputs == ("travel",)
-                 and not c.curve.signed and c.on == (False, True, False)]
-        found = learned(seen, tried)
+
+        def there(x: Array, effect: dict[str, Any] = effect) -> Array:
+            return 1e-3 * np.interp(1e3 * x, effect["nodes"], effect["values"])
+
+        hidden_there = columns_from(seen, term.curve, term.on, lambda s, f=there: f(  # type: ignore
+            *term.curve.seen(s))[..., None])[:, 0]
+        noisy = hidden_there + rng.standard_normal(hidden_there.size)
+        found = learned(replace(seen, left=without_range(noisy, seen.basis)), [term])
         curve, shape = found.curves[0], found.terms[0].shape
-        true = 1e-3 * np.interp(1e3 * curve.nodes, effect["nodes"], effect["values"])
+        true = there(curve.nodes)
         basis = curve.basis(np.linspace(curve.nodes[0], curve.nodes[-1], 100)[2:-2])
         sigma = np.sqrt(np.einsum("ij,jk,ik->i", basis, curve.covariance, basis))
         away = basis @ (curve.values - shape.gauged(true))

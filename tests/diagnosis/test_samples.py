@@ -1,4 +1,4 @@
-"""Three effects at once: in the sample campaign, and on the 3-RPR machine of [PPM]."""
+"""Three effects at once in the sample campaign."""
 
 from __future__ import annotations
 
@@ -8,16 +8,7 @@ from typing import Any
 import pytest
 import yaml
 from helpers.commands import ppmcal
-from helpers.diagnoses import (
-    BACKLASH,
-    SQUEEZED,
-    WARM,
-    diagnose,
-    found_in,
-    named,
-    simulate,
-    value,
-)
+from helpers.diagnoses import found_in, named, value
 from helpers.paths import ROOT
 
 SAMPLES = ROOT / "sample_data"
@@ -55,11 +46,3 @@ def test_the_sample_campaign(tmp_path: Path) -> None:
     for words in ("backlash on leg2, leg5: leg2 width", "compliance on all 6 actuators: stiffness",
                   "leg_thermal on all 6 actuators: expansion"):
         assert words in out
-
-
-@pytest.mark.slow
-def test_three_effects_on_the_planar_machine(tmp_path: Path) -> None:
-    effects = [BACKLASH, SQUEEZED, WARM]
-    simulate(tmp_path, "3-RPR", effects, 30, seed=5)
-    _, found = diagnose(tmp_path)
-    holds(found, effects, ["leg1", "leg2", "leg3"])

@@ -43,14 +43,6 @@ def test_a_true_effect_beside_an_unknown_one_is_named() -> None:
 
 
 @pytest.mark.slow
-def test_effects_that_imitate_an_unknown_one_are_not_named() -> None:
-    """A frame that wanders: a drift and a shift of a joint's zero would make up part of it."""
-    found = diagnosed("6-UPS", 1266418396, ("random_walk",), 1.0, 90)
-    assert found.verdict == "unnamed" and not found.effects and not found.possible
-    assert "a slow course of" in found.unknown[0].looks_like
-
-
-@pytest.mark.slow
 def test_odds_against_an_alternative_are_those_of_the_probabilities() -> None:
     found = diagnosed("3-RPR", 1, ("backlash",), 0.5, 30)
     for effect in found.effects:

@@ -16,6 +16,7 @@ from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import side
 from ppmcal.model.effects import effect_kinds, find_effect
 
+REVERSED = [w for kind in ("backlash", "lag", "friction") for w in ("--kind", kind)]
 REVERSALS = [name for name, kind in effect_kinds().items() if kind.reversal]
 
 
@@ -72,7 +73,7 @@ def test_a_drive_behind_its_encoder_is_named_with_its_side(tmp_path: Path) -> No
     """``simulate`` makes it, ``check`` has nothing against it, and turned directions lead."""
     bench(tmp_path, [effect("backlash", width=-0.03)])
     ppmcal("check", "m.yaml", DATA, cwd=tmp_path, expect=0)
-    run, found = diagnose(tmp_path)
+    run, found = diagnose(tmp_path, DATA, *REVERSED)
     (one,) = found["effects"]
     assert (found["verdict"], one["kind"], one["side"]) == ("named", "backlash", "lags")
     width = value(found, "backlash", "width")
@@ -81,7 +82,7 @@ def test_a_drive_behind_its_encoder_is_named_with_its_side(tmp_path: Path) -> No
     (line,) = [r for r in rows(tmp_path / "d/effects.csv") if r["status"] == "named"]
     assert line["side"] == "lags"
     turned(tmp_path, ("dir_leg1", "dir_leg2", "dir_leg3"))
-    _, other = diagnose(tmp_path, out="t")
+    _, other = diagnose(tmp_path, DATA, *REVERSED, out="t")
     assert other["effects"][0]["side"] == "leads"
     assert value(other, "backlash", "width")["value"] == pytest.approx(-width["value"], rel=1e-6)
     assert other["effects"][0]["probability"] == pytest.approx(one["probability"], rel=1e-6)
@@ -91,7 +92,7 @@ def test_a_drive_behind_its_encoder_is_named_with_its_side(tmp_path: Path) -> No
 def test_one_column_against_the_others_is_a_note(tmp_path: Path) -> None:
     bench(tmp_path, [effect("backlash", width=-0.03)])
     turned(tmp_path, ("dir_leg2",))
-    run, found = diagnose(tmp_path)
+    run, found = diagnose(tmp_path, DATA, *REVERSED)
     sides = {a: e["side"] for e in found["effects"] for a in e["on"]}
     assert {e["kind"] for e in found["effects"]} == {"backlash"}
     assert sides == {"leg1": "lags", "leg2": "leads", "leg3": "lags"}

@@ -24,7 +24,7 @@ ELSEWHERE = {"--scheduler": "needs a cluster"}
 HEAVY = {"compare", "diagnose", "tolerances", "workspace", "batch", "plan", "stiffness",
          "sensitivity", "validate", "demo"}
 """Commands that take more than some seconds."""
-QUICK = {"first-calibration.md", "own-mechanism.md", "data.md", "report.md"}
+QUICK = {"first-calibration.md", "own-mechanism.md", "data.md"}
 """Whole pages that every test run can bear."""
 
 

@@ -11,8 +11,8 @@ from fuzz.campaigns import SECONDS, case, run
 from fuzz.judge import judged
 from fuzz.mutations import fewer_rows
 
-QUICK = (0, 1, 2, 3, 4, 6, 7, 8, 9, 10)
-"""Seeds of cases that take a moment."""
+SEEDS = (0, 1, 2, 3, 4, 6, 7, 8, 9, 10)
+"""Of cases that take a moment."""
 
 
 def well(data):
@@ -23,13 +23,15 @@ def well(data):
     return outcome
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", [
     pytest.param(path, id=path.name) for name, path in crashes() if name == "campaign"])
 def test_what_failed_once(path):
     well(path.read_bytes())
 
 
-@pytest.mark.parametrize("seed", QUICK)
+@pytest.mark.slow_cases("3", "4", "6", "7", "8", "9", "10")
+@pytest.mark.parametrize("seed", SEEDS)
 def test_poor_campaigns_end_in_a_result_or_a_reason(seed):
     well(case(random.Random(seed)))
 

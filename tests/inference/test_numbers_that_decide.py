@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from helpers.commands import ppmcal
+from helpers.sources import nodes_of, tree_of
 
 import ppmcal as package
 from ppmcal.inference.priors import CORRELATIONS, SURE, SURE_ODDS, SURE_SIGMAS, sure, table
@@ -58,7 +59,7 @@ HALF = {"explanation": 1}
 def numbers(module: Path) -> set[str]:
     """Return the constants of a module that are numbers, or several."""
     found = set()
-    for node in ast.parse(module.read_text(encoding="utf-8")).body:
+    for node in tree_of(module).body:
         targets = node.targets if isinstance(node, ast.Assign) else []
         for target in targets:
             if isinstance(target, ast.Name) and target.id.isupper() and of_numbers(node.value):
@@ -87,7 +88,7 @@ def test_no_number_that_decides_stands_elsewhere() -> None:
 def test_no_bare_number_decides(module: Path) -> None:
     """Comparisons are with names, small counts or round-off."""
     halves = 0
-    for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+    for node in nodes_of(module):
         for part in [node.left, *node.comparators] if isinstance(node, ast.Compare) else ():
             value = part.value if isinstance(part, ast.Constant) else None
             if isinstance(value, float) and abs(value) > 1e-6 and value != 1.0:

@@ -95,11 +95,8 @@ def test_odds_against_nothing_keep_their_bound_where_nothing_is() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", [{"correlated": True}, {"rows": True},
-                                  {"correlated": True, "rows": True, "signed": True}])
-def test_odds_keep_their_bound_with_rows_that_do_not_belong_and_correlated_noise(
-        what: dict[str, bool]) -> None:
-    rate, most = exceeded(against_nothing, 200, seed=2, **what)
+def test_odds_keep_their_bound_with_rows_that_do_not_belong_and_correlated_noise() -> None:
+    rate, most = exceeded(against_nothing, 200, seed=2, correlated=True, rows=True, signed=True)
     assert rate <= most
 
 
@@ -170,7 +167,7 @@ BINS = np.array([0.0, 0.02, 0.1, 0.3, 0.7, 0.9, 0.98, 1.0 + 1e-9])
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("campaigns", "what"), [
-    (1500, {}), (300, {"signed": True, "correlated": True, "rows": True})])
+    (500, {}), (300, {"signed": True, "correlated": True, "rows": True})])
 def test_what_is_said_with_a_probability_is_so_often_right(
         campaigns: int, what: dict[str, bool]) -> None:
     """Said against true, of each cause and of nothing, in bins of what is said."""

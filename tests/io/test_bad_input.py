@@ -564,7 +564,7 @@ def mutate(data, chance):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(150))
+@pytest.mark.parametrize("seed", range(40))    # `make fuzz` goes on
 def test_mutated_files_never_crash_a_command(good, tmp_path, seed):
     chance = random.Random(seed)
     name = MUTATED[seed % len(MUTATED)]
@@ -621,9 +621,10 @@ def test_an_edited_identification_is_refused(files, place, text, args):
     """No number in it is so odd that a command would fail on it, or take it."""
     path = files / "i" / "identification.json"
     shutil.copytree(files / "i", files / "j")
-    ppmcal("simulate", "m.yaml", "s.yaml", "--seed", 8, "--out", "r", cwd=files, expect=0)
-    for end in ("csv", "yaml"):
-        shutil.copy(files / "r" / f"measurements.{end}", files / f"e.{end}")
+    if args is KEEP:
+        ppmcal("simulate", "m.yaml", "s.yaml", "--seed", 8, "--out", "r", cwd=files, expect=0)
+        for end in ("csv", "yaml"):
+            shutil.copy(files / "r" / f"measurements.{end}", files / f"e.{end}")
     if place:
         tree_ = part = json.loads(path.read_text())
         *way, last = [int(k) if k.isdigit() else k for k in place.split(".")]

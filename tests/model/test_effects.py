@@ -79,6 +79,10 @@ CASES = [(name, kind) for name in MACHINES for kind, k in effect_kinds().items()
 FEW = ("3-RPR", "delta-rotary", "3-RPS")
 """One machine for each motion, the last with fewer drives than coordinates."""
 few_cases = pytest.mark.parametrize(("name", "kind"), [c for c in CASES if c[0] in FEW])
+one_each = pytest.mark.parametrize(("name", "kind"), [
+    (own[n % len(own)], kind) for n, kind in enumerate(effect_kinds()) if (
+        own := [name for name in FEW if (name, kind) in CASES])])
+"""Every kind on one machine, the motions in turn."""
 
 
 def sizes(mechanism: Mechanism, kind: str) -> dict[str, float]:
@@ -516,7 +520,7 @@ def assert_derivatives(name: str, kinds: tuple[str, ...]) -> None:
 
 
 @pytest.mark.slow
-@few_cases
+@one_each
 def test_derivatives_against_differences(name: str, kind: str) -> None:
     """By the effect's parameters, and by geometry, frame and target with the effect at work."""
     assert_derivatives(name, (kind,))
@@ -714,7 +718,7 @@ def wanted_about(mechanism: Mechanism) -> Array:
 
 
 @pytest.mark.slow
-@few_cases
+@one_each
 def test_joints_that_make_up_for_effects(name: str, kind: str) -> None:
     """The joints of the inverse reach the wanted pose, and are others than without effects."""
     plain, mechanism = machine(name), with_kind(machine(name), kind)

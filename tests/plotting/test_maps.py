@@ -31,7 +31,6 @@ from ppmcal.plotting.style import (
     round_numbers,
 )
 
-CONFIGS = ("3-RPR", "linapod", "delta-linear", "3-RPS", "6-UPS", "mixed-planar")
 NAN, INF = np.nan, np.inf
 
 
@@ -64,8 +63,9 @@ def values_over(mechanism, grid):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CONFIGS)
-@pytest.mark.parametrize("axes", [1, 2, 3])
+@pytest.mark.parametrize(("name", "axes"), [
+    ("3-RPR", 1), ("3-RPR", 2), ("3-RPR", 3), ("linapod", 2), ("delta-linear", 3), ("3-RPS", 1),
+    ("6-UPS", 2), ("mixed-planar", 2)])
 def test_every_machine_has_a_picture(name, axes):
     m = machine(name)
     counts = {1: (41,), 2: (21, 21), 3: (7, 7, 3)}[axes]
@@ -107,7 +107,7 @@ def strange(shape, seed=3):
 @pytest.mark.slow
 @pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize("case", list(strange((4, 4))))
-@pytest.mark.parametrize(("shape", "log"), [((9,), True), ((4, 5), True), ((4, 5), False)])
+@pytest.mark.parametrize(("shape", "log"), [((4, 5), True), ((4, 5), False)])
 def test_no_numbers_break_a_picture(case, shape, log):
     check_picture(strange((4, 4))[case], shape, log)
 

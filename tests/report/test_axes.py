@@ -24,7 +24,8 @@ def page(tmp_path_factory):
     (folder / "t.csv").write_text("x,y,rz\n500,288,30\n510,280,31\n")
     for words in (["simulate", "3-RPR.yaml", "s.yaml", "--out", "s"],
                   ["identify", "3-RPR.yaml", "s/measurements.csv", "--out", "i"],
-                  ["diagnose", "3-RPR.yaml", "s/measurements.csv", "--out", "d"],
+                  ["diagnose", "3-RPR.yaml", "s/measurements.csv", "--kind", "backlash",
+                   "--out", "d"],
                   ["compensate", "i/identified.yaml", "t.csv", "--frame", "base", "--out", "c"],
                   ["kinematics", "inverse", "3-RPR.yaml", "t.csv", "--out", "k"]):
         ppmcal(*words, "--quiet", cwd=folder)

@@ -65,8 +65,7 @@ def browser():
         yield one
 
 
-@pytest.mark.parametrize("width", [1280, 390])
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize(("width", "dark"), [(1280, False), (390, True)])
 def test_a_page_fits_and_can_be_read(browser, made, width, dark):
     page = browser.open(made, width=width, dark=dark)
     page.evaluate(UNFOLD)

@@ -74,8 +74,7 @@ def browser():
         yield one
 
 
-@pytest.mark.parametrize("width", [1280, 390])
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize(("width", "dark"), [(1280, False), (390, True)])
 def test_a_page_fits_and_draws_everything(browser, made, width, dark):
     path, limbs = made
     assert path.stat().st_size < LARGEST
