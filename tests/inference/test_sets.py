@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ppmcal.inference.block_sets import state
+from ppmcal.inference.block_sets import BlockSet, state
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.columns import MatrixColumns
+from ppmcal.inference.moves import SetSearch
 from ppmcal.inference.question import Question
 from ppmcal.inference.sets import SetPosterior, posterior
 
@@ -185,3 +186,39 @@ def test_scores_that_matter_are_the_scores_and_the_others_are_no_more_than_what_
         matters = exact > least
         np.testing.assert_allclose(again[matters], exact[matters], atol=1e-9)
         assert (again[~matters] <= least).all()
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5])
+def test_a_set_knows_what_it_would_be_without_each_of_its_causes(rho: float) -> None:
+    """At the sizes that the others have: hardly less than at those they would have."""
+    asked = drawn(1, {0: 2.0, 5: 1.0, 9: 0.2}, rho)
+    at = state(asked, (0, 5, 9))
+    for cause in at.causes:
+        rest = state(asked, [i for i in at.causes if i != cause]).log_p
+        assert at.about_without(cause) == pytest.approx(rest, abs=0.5)
+    alone = state(asked, (5,))
+    assert alone.about_without(5) == pytest.approx(state(asked, ()).log_p, abs=1e-9)
+
+
+def test_what_was_looked_at_from_afar_is_not_looked_at_again(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Asked again from where the search ended, with what was likely there, the answer is the same.
+
+    Where it ends elsewhere, it is looked at.
+    """
+    asked = drawn(1, {0: 2.0, 5: 1.0, 9: 0.4})
+    first = posterior(asked)
+    likely = [key for key, p in first.log_p.items() if p > np.log(0.01)]
+    calls, far = list[BlockSet](), SetSearch.far
+
+    def counted(self: SetSearch, now: BlockSet) -> BlockSet | None:
+        calls.append(now)
+        return far(self, now)
+
+    monkeypatch.setattr(SetSearch, "far", counted)
+    again = posterior(asked, first.best.chosen, known=likely)
+    assert not calls and set(again.best.chosen) == set(first.best.chosen)
+    for key in likely:
+        assert again.log_p[key] == pytest.approx(first.log_p[key], abs=0.02)
+    assert set(posterior(asked, (3,), known=likely[:1]).best.chosen) == set(first.best.chosen)
+    assert calls
