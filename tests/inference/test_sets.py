@@ -195,7 +195,7 @@ def test_a_set_knows_what_it_would_be_without_each_of_its_causes(rho: float) -> 
     at = state(asked, (0, 5, 9))
     for cause in at.causes:
         rest = state(asked, [i for i in at.causes if i != cause]).log_p
-        assert at.about_without(cause) == pytest.approx(rest, abs=0.5)
+        assert at.about_without(cause) == pytest.approx(rest, abs=1.0)
     alone = state(asked, (5,))
     assert alone.about_without(5) == pytest.approx(state(asked, ()).log_p, abs=1e-9)
 
