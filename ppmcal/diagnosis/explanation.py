@@ -23,7 +23,8 @@ from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.inference.block_sets import Numbers, state
-from ppmcal.inference.priors import COUNTS, SURE
+from ppmcal.inference.moves import CLOSE
+from ppmcal.inference.priors import SURE
 from ppmcal.inference.sets import Member, SetPosterior, posterior
 from ppmcal.linalg import Bools
 from ppmcal.model.effects import Setting
@@ -98,9 +99,14 @@ class Round:
 
     @cached_property
     def likely(self) -> list[frozenset[object]]:
-        """What sets are made of that change a prediction, none of a search that was cut short."""
-        return [] if self.cut else [self._what(some) for some, p in self.answer.log_p.items()
-                                    if p > np.log(COUNTS.value)]
+        """What the best set is made of, and others close to it that are more than one move away.
+
+        Nothing of a search that was cut short.
+        """
+        best, log_p = frozenset(self.answer.best.chosen), self.answer.log_p
+        close = [] if self.cut else [best, *(some for some, p in log_p.items()
+                                             if p > log_p[best] - CLOSE and len(some ^ best) > 2)]
+        return [self._what(some) for some in close]
 
     def _what(self, some: Iterable[int]) -> frozenset[object]:
         return frozenset(_key(self.asked.sources[i]) for i in some)

@@ -54,7 +54,7 @@ class BlockSet:
         return max(self.views, key=lambda view: view[1])
 
     def about_without(self, cause: int) -> float:
-        """Return log p without a cause, the others at the sizes that they have: hardly less than it.
+        """Return log p without a cause, the others at the sizes that they have: hardly less.
 
         But for rows that do not belong, whose sizes may be chosen anew, and what leans on it.
         """
