@@ -22,7 +22,8 @@ from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.inference.block_sets import Numbers, state
+from ppmcal.inference.block_sets import BlockSet, Numbers, state
+from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.moves import CLOSE
 from ppmcal.inference.priors import SURE
 from ppmcal.inference.sets import Member, SetPosterior, posterior
@@ -78,6 +79,7 @@ class CausePlace:
 class Round:
     """What was asked at one fit, and the answer.
 
+    ``whitening``: the correlation of the noise beside the best set, with its standard deviation;
     ``cut``: whether the search ended at what was too large for its derivatives; ``given_up``: what
     was not brought to its end, and what to do, in words.
     """
@@ -89,8 +91,15 @@ class Round:
     library: Library
     asked: Asked
     answer: SetPosterior
+    whitening: Whitening
     cut: bool = False
     given_up: tuple[str, ...] = ()
+
+    def without_columns(self) -> Round:
+        """Return what it says alone: nothing can be asked of it any more, and it takes no room."""
+        question = replace(self.asked.question, columns=MatrixColumns(np.zeros((0, 0))))
+        return replace(self, asked=replace(self.asked, question=question), answer=replace(
+            self.answer, best=replace(self.answer.best, question=question)))
 
     @cached_property
     def keys(self) -> frozenset[object]:
@@ -110,15 +119,6 @@ class Round:
 
     def _what(self, some: Iterable[int]) -> frozenset[object]:
         return frozenset(_key(self.asked.sources[i]) for i in some)
-
-    @cached_property
-    def whitening(self) -> Whitening:
-        """The correlation of the noise beside the best set, with its standard deviation."""
-        rhos = np.array([self.asked.question.views[n].rho for n, _, _ in self.answer.best.views])
-        log_p = np.array([p for _, p, _ in self.answer.best.views])
-        weight = np.exp(log_p - log_p.max())
-        mean = float(rhos @ weight / weight.sum())
-        return Whitening(mean, float(np.sqrt((rhos - mean) ** 2 @ weight / weight.sum())))
 
     @cached_property
     def places(self) -> tuple[CausePlace, ...]:
@@ -254,6 +254,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
             rounds[-1] = replace(last, given_up=(
                 *last.given_up, UNFITTED.format(what, error.what)))
             break
+        last = rounds[-1] = last.without_columns()
         rounds.append(ask(now, added, before=last, large=len(rounds) < ROUNDS // 2))
     return rounds
 
@@ -300,8 +301,16 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
     if rows and state(asked.question, rows).log_p > answer.best.log_p:
         size = ask()
         answer = posterior(asked.question, rows, size.too_large if large else None)
-    return Round(fit, added, tuple(own), kinds, found, asked, answer, size.found,
-                 (ENDED,) if answer.ended else ())
+    return Round(fit, added, tuple(own), kinds, found, asked, answer, _whitening(answer.best),
+                 size.found, (ENDED,) if answer.ended else ())
+
+
+def _whitening(best: BlockSet) -> Whitening:
+    rhos = np.array([best.question.views[n].rho for n, _, _ in best.views])
+    log_p = np.array([p for _, p, _ in best.views])
+    weight = np.exp(log_p - log_p.max())
+    mean = float(rhos @ weight / weight.sum())
+    return Whitening(mean, float(np.sqrt((rhos - mean) ** 2 @ weight / weight.sum())))
 
 
 def _left_out(fit: Fit, asked: Asked) -> list[int]:

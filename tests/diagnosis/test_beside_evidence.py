@@ -14,6 +14,7 @@ from ppmcal.calibration.fit import NOTE, Fit, Problem
 from ppmcal.diagnosis import naming, other_models
 from ppmcal.diagnosis.diagnose import diagnose
 from ppmcal.diagnosis.explanation import CausePlace, Round
+from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.question import ROW_FAMILY
 from ppmcal.errors import NoResult
@@ -62,7 +63,7 @@ def test_rows_that_do_not_belong_are_those_of_the_file_whatever_a_system_has_los
         system=SimpleNamespace(dataset=np.array([0, 0, 1]), row=np.array([0, 2, 0])))
     answer: Any = SimpleNamespace(best=SimpleNamespace(chosen=(1, 2)))
     rest: Any = None
-    assert Round(rest, (), (), None, rest, asked, answer).rows == {(0, 2), (1, 0)}
+    assert Round(rest, (), (), None, rest, asked, answer, Whitening()).rows == {(0, 2), (1, 0)}
 
 
 def test_a_set_that_stands_in_for_two_names_is_one_reading() -> None:

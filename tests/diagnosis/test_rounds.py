@@ -16,6 +16,7 @@ from ppmcal.diagnosis.cause_sizes import _seen
 from ppmcal.diagnosis.explanation import Round, _key, explained
 from ppmcal.diagnosis.extended_model import Sized, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.naming import nearest as _nearest
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import with_mechanism
@@ -92,7 +93,7 @@ def answered(*members: tuple[float, set[int]]) -> Round:
                              likely=lambda place, mass: tuple(likely))
     asked: Any = SimpleNamespace(question=SimpleNamespace(blocks=blocks), sources=sources)
     none: Any = None
-    return Round(none, (), (), None, none, asked, cast(SetPosterior, answer))
+    return Round(none, (), (), None, none, asked, cast(SetPosterior, answer), Whitening())
 
 
 def test_what_leads_in_a_place_is_told() -> None:
