@@ -16,7 +16,7 @@ from ppmcal.diagnosis.diagnose import diagnose
 from ppmcal.diagnosis.explanation import CausePlace, Round
 from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.options import DiagnosisOptions
-from ppmcal.diagnosis.question import ROW_FAMILY
+from ppmcal.diagnosis.question import ROW_FAMILY, WrongRows
 from ppmcal.errors import NoResult
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.sets import Member
@@ -59,7 +59,8 @@ def test_rows_that_do_not_belong_are_those_of_the_file_whatever_a_system_has_los
     """Each by its data set and its number there: the second row of a system is another's third."""
     blocks = tuple(Block(f"row {n}", ROW_FAMILY, (n,), 0.0) for n in range(3))
     asked: Any = SimpleNamespace(
-        question=SimpleNamespace(blocks=blocks), sources=(0, 1, 2),
+        question=SimpleNamespace(blocks=blocks), sources=tuple(
+            WrongRows((n,), f"row {n}") for n in range(3)),
         system=SimpleNamespace(dataset=np.array([0, 0, 1]), row=np.array([0, 2, 0])))
     answer: Any = SimpleNamespace(best=SimpleNamespace(chosen=(1, 2)))
     rest: Any = None
