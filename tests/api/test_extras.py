@@ -162,6 +162,7 @@ def test_tolerances_without_what_the_linear_model_expects(break_):
     assert "tolerances.json" in bare.files()
 
 
+@pytest.mark.slow_cases("plan")
 @pytest.mark.parametrize(("make", "places", "kept"), [
     (lambda: ppmcal.plan(BENCH, count=4), [(plan_record, "accuracy_picture")], "plan.json"),
     (lambda: ppmcal.tolerances(BENCH, accuracy=1.0, machines=20, cores=1),

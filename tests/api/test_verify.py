@@ -81,6 +81,7 @@ def test_every_command_is_here() -> None:
     assert {line.split()[0] for line in WRITING.values()} | SILENT == set(COMMANDS)
 
 
+@pytest.mark.slow_cases("kin")
 @pytest.mark.parametrize("name", [
     n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in WRITING])
 def test_what_a_command_wrote_is_made_again_byte_by_byte(desk: Path, name: str) -> None:
@@ -322,6 +323,7 @@ def test_a_made_up_out_writes_nowhere(desk: Path, tmp_path: Path, out: str) -> N
     assert not outside.exists()
 
 
+@pytest.mark.slow
 def test_names_of_files_in_a_record_stay_in_the_folder(desk: Path, tmp_path: Path) -> None:
     own = copied(desk, tmp_path, "kin")
     path = own / "kin" / RECORD
@@ -360,6 +362,7 @@ def test_another_processor_is_within_bounds(desk: Path, monkeypatch: pytest.Monk
         assert {f["status"] for f in found["files"]} <= {"same", "within bounds", "not compared"}
 
 
+@pytest.mark.slow
 def test_an_environment_that_is_recorded_otherwise_allows_round_off_alone(
         desk: Path, tmp_path: Path) -> None:
     own = copied(desk, tmp_path, "identified")
@@ -393,6 +396,7 @@ def test_equal_legs_are_ranked_alike_whatever_their_last_digits(
     assert ranked() == want
 
 
+@pytest.mark.slow
 def test_what_a_session_knows_has_one_sign(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from ppmcal.calibration.sessions import session_posteriors as session_knowledge
 

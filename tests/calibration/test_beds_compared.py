@@ -64,6 +64,7 @@ def changed(mechanism: Mechanism, known: Sequence[Posterior]) -> Comparison:
                    np.random.default_rng(0))[0]
 
 
+@pytest.mark.slow
 def test_one_fit_to_both_finds_no_change_where_a_linear_step_does(tmp_path: Path) -> None:
     path, *tables = printer(tmp_path)
     machine = read_mechanism(path)

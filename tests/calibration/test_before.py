@@ -75,6 +75,7 @@ def test_console_and_files_say_it(bench: Path, tmp_path: Path) -> None:
     assert "geometry_x" not in columns(tmp_path / "identify" / "residuals.csv")
 
 
+@pytest.mark.slow
 def test_rows_that_are_not_in_use_do_not_place_the_instrument(bench: Path) -> None:
     """A gross error has a residual, and no say in where the frame stands."""
     found = face.identify(bench / "m.yaml", bench / "s" / "measurements.csv").identification

@@ -25,7 +25,7 @@ def finer(data: Any, name: str = "day") -> Any:
                    sigma_rotation=data.sigma_rotation / 100.0)
 
 
-@pytest.mark.slow_cases("sessions")
+@pytest.mark.slow_cases("sessions", "model", "noise")
 @pytest.mark.parametrize(("given", "options", "found", "hint"), [
     (lambda d: [finer(d)], {}, "times the stated noise", "--sigma estimated"),
     (lambda d: [finer(d)], {}, "times the stated noise", "`ppmcal diagnose`"),

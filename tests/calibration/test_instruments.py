@@ -198,6 +198,7 @@ def test_noise_of_each_instrument_is_found() -> None:
     assert np.allclose(np.mean(found, axis=0), 1.0, atol=3.0 * 0.1 / np.sqrt(3))
 
 
+@pytest.mark.slow
 def test_a_wrong_sigma_is_estimated_on_request(tmp_path: Path) -> None:
     scenario(tmp_path, "delta-linear", instrument={"kind": "plane", "sigma": {"height": 0.05}},
              frame="known")

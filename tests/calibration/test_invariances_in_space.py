@@ -232,6 +232,7 @@ def test_validate_judges_the_same(campaigns, kind):
     assert others == pytest.approx(figures, rel=1e-6, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_report_says_the_same(campaigns, tmp_path):
     """In the same units: headline, what needs a look but for its places, figures of residuals."""
     said = []

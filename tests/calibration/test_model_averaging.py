@@ -161,6 +161,7 @@ def test_a_fit_at_the_noise_leaves_nothing_unexplained(tmp_path: Path) -> None:
     assert found["unexplained"] == {}
 
 
+@pytest.mark.slow
 def test_what_poor_measurements_do_not_know_is_in_both_errors(tmp_path: Path) -> None:
     """Almost perfect machine: that, the tolerances and these data do not know of either command."""
     campaign(tmp_path, "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from ppmcal.calibration.fit.coverage import LEAST
 from ppmcal.calibration.knowledge.tension import InstrumentRows, split
@@ -26,6 +27,7 @@ def campaign(rng: np.random.Generator, noise: float, apart: float = 0.0) -> list
     return out
 
 
+@pytest.mark.slow
 def test_one_machine_is_hardly_ever_told_as_two() -> None:
     """Noise over the stated one as its prior has it, five redundant values' worth."""
     rng = np.random.default_rng(7)

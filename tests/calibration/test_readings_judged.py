@@ -100,6 +100,7 @@ def test_a_reading_that_is_right_for_most_rows_only_does_not_explain_a_file() ->
     assert find_misreading(Problem(machine, (data,), machine.free), 0) is None
 
 
+@pytest.mark.slow
 def test_rotations_tell_the_order_of_joints_where_the_target_is_far_off() -> None:
     """Positions of a target 0.1 m from the platform's middle follow the joints otherwise."""
     machine, data = made(MISREAD["joints 1 to 3 in a ring"], 11)
@@ -113,6 +114,7 @@ def test_rotations_tell_the_order_of_joints_where_the_target_is_far_off() -> Non
                                        "q_leg3": "q_leg2"}}
 
 
+@pytest.mark.slow
 def test_joints_of_a_file_of_matrices_are_searched_too() -> None:
     """Its rotations are read in one way only: the sidecar has no line for another one."""
     machine, data = made(MISREAD["joints 1 to 3 in a ring"], 11)

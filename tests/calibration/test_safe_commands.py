@@ -60,7 +60,7 @@ def off(mechanism: Mechanism, scale: float = 1.0, seed: int = 3) -> Mechanism:
 # --- ways -------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow_cases("3-RPS", "6-RUS", "6-UPS", "delta-rotary")
+@pytest.mark.slow_cases("3-RPS", "6-RUS", "6-UPS", "delta-rotary", "3-RPR")
 @pytest.mark.parametrize("name", ["3-RPR", "3-RRR-1", "3-RPS", "6-RUS", "6-UPS", "delta-rotary"])
 def test_ways_that_a_fine_search_finds_unsound_are_found(name: str) -> None:
     """Beyond the box inside limits some ways lead out of limits, or through singularities."""
@@ -309,8 +309,8 @@ SPECIAL: dict[str, dict[str, Any]] = {
 KINDS = [k for k, kind in effect_kinds().items()
          if "planar" in kind.motions and kind.joints != "turning"
          and not kind.instrument and not kind.onset and k not in ("product", "learned")]
-QUICK = {"backlash", "drift", "leg_thermal"}
-"""With a direction, a time and a temperature: every test run can bear these."""
+QUICK = {"drift"}
+"""What every test run can bear."""
 
 
 def acting(kind: str) -> Mechanism:
@@ -388,6 +388,7 @@ def test_a_load_that_the_measurements_had_is_not_taken_as_zero() -> None:
     assert found.refused == []
 
 
+@pytest.mark.slow
 def test_open_coordinates_stay_open_in_the_frame_of_an_instrument() -> None:
     """A 3-RPS names three of six; where an effect moves its surface, in whatever frame it is."""
     mechanism = off(machine("3-RPS"))

@@ -66,6 +66,7 @@ def test_faults_of_the_program_are_not_hidden() -> None:
         secondary("the colour", lambda: len(3), 7, [])    # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_two_machines_of_exact_values_disagree_and_have_a_result() -> None:
     """Residuals are millions of times the noise, whatever the fit: that is told, and is no end."""
     printer = read_mechanism(ROOT / "configs" / "delta-linear.yaml")
@@ -81,6 +82,7 @@ def test_two_machines_of_exact_values_disagree_and_have_a_result() -> None:
     assert not any(f.startswith(NOTE) for f in found.findings)
 
 
+@pytest.mark.slow_cases("too small-1 nm", "too small-1 pm")
 @pytest.mark.parametrize("stated", [1e-9, 1e-12], ids=["1 nm", "1 pm"])
 @pytest.mark.parametrize("true", [2e-5, 0.0], ids=["too small", "as it is"])
 def test_a_delta_measured_once_has_a_result_at_any_sigma(stated: float, true: float) -> None:

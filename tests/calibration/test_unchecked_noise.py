@@ -29,6 +29,7 @@ def campaign(folder, count, **changes):
     return folder
 
 
+@pytest.mark.slow_cases("6-1", "7-0")
 @pytest.mark.parametrize(("count", "code"), [(6, 1), (7, 0), (20, 0)])
 def test_the_exit_code_says_whether_noise_could_be_checked(tmp_path, count, code):
     """Three values a pose; 14 of 17 columns are determined: 18 leave 4, 21 leave 7."""
@@ -42,6 +43,7 @@ def test_the_exit_code_says_whether_noise_could_be_checked(tmp_path, count, code
         assert any(f.startswith("18 measured values for 14 ") for f in found["findings"])
 
 
+@pytest.mark.slow_cases("6")
 @pytest.mark.parametrize("count", [6, 20])
 def test_check_and_identify_name_the_same_redundant_columns(tmp_path, count):
     campaign(tmp_path, count)
@@ -52,6 +54,7 @@ def test_check_and_identify_name_the_same_redundant_columns(tmp_path, count):
         d["name"] for d in found["redundant"])
 
 
+@pytest.mark.slow
 def test_the_start_of_a_fitted_stiffness_is_no_nominal(tmp_path):
     """A stiffness begins somewhere; a width has the file's value for nominal."""
     tree = yaml.safe_load((ROOT / "configs" / "3-RPR.yaml").read_text())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 import ppmcal
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
@@ -35,10 +37,17 @@ def test_a_bound_inside_of_another_one_takes_of_its_steps():
         assert whole.ended and not part.ended
 
 
-def test_a_refit_that_wanders_is_given_up_and_the_diagnosis_says_so(monkeypatch):
+@pytest.fixture(scope="module")
+def findings():
+    """What the diagnosis says that is given all the steps it takes."""
+    return diagnosis.diagnose(campaign(), DiagnosisOptions()).findings
+
+
+@pytest.mark.slow
+def test_a_refit_that_wanders_is_given_up_and_the_diagnosis_says_so(findings, monkeypatch):
     problem = campaign()
     options = DiagnosisOptions()
-    assert not any("wandered" in f for f in diagnosis.diagnose(problem, options).findings)
+    assert not any("wandered" in f for f in findings)
     monkeypatch.setattr(refit, "MOST_STEPS", 0)
     assert any("wandered" in f for f in diagnosis.diagnose(problem, options).findings)
 
@@ -52,10 +61,12 @@ def test_a_fit_without_a_step_left_ends_where_it_is():
     assert short.reduced.square > whole.reduced.square
 
 
-def test_a_search_that_runs_out_of_steps_ends_with_a_result_that_says_so(monkeypatch):
+@pytest.mark.slow
+def test_a_search_that_runs_out_of_steps_ends_with_a_result_that_says_so(
+        findings, monkeypatch):
     problem = campaign()
     options = DiagnosisOptions()
-    assert diagnosis.ENDED not in diagnosis.diagnose(problem, options).findings
+    assert diagnosis.ENDED not in findings
     with bounded(10**6) as work:
         diagnosis._diagnosed(problem, options)
     needed = work.most - work.left

@@ -168,6 +168,7 @@ def test_init_does_not_overwrite(tmp_path):
     assert b"format: ppmcal/mechanism/1" in tree(tmp_path)["m.yaml"]
 
 
+@pytest.mark.slow
 def test_a_command_replaces_only_what_it_wrote_itself(bench):
     measurements = (bench / "s" / "measurements.csv", "--quiet")
     again = ("identify", "m.yaml", *measurements, "--out", "i")
@@ -657,6 +658,7 @@ METRES = {"x: 500": "x: 0.5", "y: 288.675": "y: 0.288675", "radius: 250": "radiu
     f"angle: {{value: {a}": f"angle: {{value: {math.radians(a)!r}" for a in (210, 330, 90)}
 
 
+@pytest.mark.slow
 def test_same_machine_in_metres(bench):
     text = (bench / "m.yaml").read_text()
     for old, new in METRES.items():
@@ -1094,6 +1096,7 @@ def test_polar_points_are_the_cartesian_ones(bench):
         assert number(polar, leg) == pytest.approx(number(flat, leg), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_ratio_in_revolutions(bench):
     text = (bench / "m.yaml").read_text()
     (bench / "rev.yaml").write_text(

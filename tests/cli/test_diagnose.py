@@ -314,6 +314,7 @@ def test_four_poses(tmp_path: Path) -> None:
     test_hardly_any_data(tmp_path, 4)
 
 
+@pytest.mark.slow
 def test_directions_the_other_way_round_are_the_other_side(tmp_path: Path) -> None:
     """Whether an encoder sits before the play or `dir_` is turned, the width takes the sign."""
     simulate(tmp_path, "3-RPR", [effect("backlash", ["leg1"], width=0.03)])
@@ -446,6 +447,7 @@ def test_diagnosis_json(made: Callable[[str], Path], name: str) -> None:
     assert len(found["provenance"]["inputs"]) == 3
 
 
+@pytest.mark.slow_cases("none")
 @pytest.mark.parametrize("name", ["none", *(
     pytest.param(n, marks=pytest.mark.slow) for n in ("backlash", "scale"))])
 def test_effects_csv(made: Callable[[str], Path], name: str) -> None:

@@ -36,7 +36,10 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow_cases("identify mine.yaml run1.csv run2.csv --leave-out session",
                         "identify mine.yaml run2.csv --start identified --keep --out kept",
-                        "validate identified run2.csv --against identified-may")
+                        "validate identified run2.csv --against identified-may",
+                        "compare identified identified-may",
+                        "kinematics forward mine.yaml joints.csv --all",
+                        "kinematics inverse mine.yaml poses.csv --pictures")
 @pytest.mark.parametrize("line", [
     pytest.param(line, marks=pytest.mark.slow if name in SLOW else ()) for name, line in HERE],
     ids=[line.removeprefix("ppmcal ") for _, line in HERE])

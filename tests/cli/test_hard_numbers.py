@@ -116,7 +116,7 @@ ROWS = {
 
 
 @pytest.mark.slow_cases("two rows far beyond any machine-identify", "two rows typed wrong-identify",
-                        "one in five wrong-identify")
+                        "one in five wrong-identify", "two rows far beyond any machine-check")
 @pytest.mark.parametrize("command", ["check", "identify"])
 @pytest.mark.parametrize("name", ROWS)
 def test_rows_that_tell_little_or_nothing(bench, tmp_path, name, command):
@@ -147,7 +147,8 @@ NOISE = {
 }
 
 
-@pytest.mark.slow_cases("a ten-millionth of the scatter-diagnose")
+@pytest.mark.slow_cases("a ten-millionth of the scatter-diagnose",
+                        "a ten-millionth of the scatter-identify")
 @pytest.mark.parametrize("command", ["check", "identify", "diagnose"])
 @pytest.mark.parametrize("name", NOISE)
 def test_noise_that_cannot_be_meant_is_refused_at_once(bench, tmp_path, name, command):

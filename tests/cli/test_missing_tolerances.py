@@ -22,6 +22,8 @@ def bare(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow_cases("diagnose m.yaml simulated/measurements.csv --kind backlash",
+                        "plan m.yaml --count 6")
 @pytest.mark.parametrize("words", [
     "identify m.yaml simulated/measurements.csv", "sensitivity m.yaml --home-only",
     "plan m.yaml --count 6", "tolerances m.yaml --accuracy 1 --machines 20",

@@ -135,6 +135,7 @@ def test_a_folder_of_another_command_is_refused(name: str, here: Path) -> None:
     assert tree(here) == before
 
 
+@pytest.mark.slow_cases("report")
 @pytest.mark.parametrize("name", slowly(FOLDERS))
 def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
         name: str, done: Callable[[str], tuple[int, Path]], tmp_path: Path,
@@ -239,8 +240,9 @@ main()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="has no such limit")
-@pytest.mark.slow_cases("check mine.yaml --draw machine.html",
-                        "import klipper printer.cfg --out o")
+@pytest.mark.slow_cases("check mine.yaml --draw machine.html", "import klipper printer.cfg --out o",
+                        "init 6-UPS --out mine.yaml --force",
+                        "simulate mine.yaml mine.scenario.yaml --out may")
 @pytest.mark.parametrize("line", [
     "init 6-UPS --out new.yaml", "init 6-UPS --out mine.yaml --force",
     "check mine.yaml --draw machine.html", "import klipper printer.cfg --out o",

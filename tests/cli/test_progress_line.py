@@ -73,6 +73,7 @@ def test_quiet_shows_no_progress(desk: Path, more: tuple[str, ...]) -> None:
     assert CLEAR not in terminal.shown
 
 
+@pytest.mark.slow
 def test_an_interrupt_leaves_a_clean_line(desk: Path) -> None:
     terminal = slow(desk, 0.5)
     assert terminal.until(" left")

@@ -150,7 +150,7 @@ def test_full_streams_of_each_command(bench, tmp_path, name, which):
     assert not list(tmp_path.rglob(".ppmcal.*.part"))
 
 
-@pytest.mark.slow_cases("identify", "diagnose")
+@pytest.mark.slow_cases("identify", "diagnose", "check")
 @pytest.mark.parametrize("name", ["check", "simulate", "identify", "diagnose"])
 def test_nobody_reads_to_the_end(bench, tmp_path, name):
     """As with ``| head -1``."""

@@ -92,6 +92,7 @@ def test_which_point_targets_are_of_is_said(bench: Path) -> None:
     assert "measured mark" in " ".join(ppmcal("compensate", "--help", expect=0).out.split())
 
 
+@pytest.mark.slow
 def test_a_failure_says_its_reason_in_json_and_names_every_file(bench: Path, tmp_path: Path
                                                                ) -> None:
     for name in ("a", "b"):

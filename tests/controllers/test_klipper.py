@@ -190,6 +190,7 @@ def test_an_imported_printer_is_exported_as_it_was(printer: Path, tmp_path: Path
     assert run.json["gain"]["before"]["max"] < 1e-9
 
 
+@pytest.mark.slow
 def test_heights_alone_leave_the_rods_within_their_tolerance(tmp_path: Path) -> None:
     true = DeltaGeometry(TRUE.radius, TRUE.angles, OLD.arms, TRUE.endstops)
     (tmp_path / "p.cfg").write_text(printer_cfg(OLD, true, distances=False))

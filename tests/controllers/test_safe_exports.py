@@ -77,6 +77,7 @@ def test_joint_tables_end_a_little_beyond_the_measured_joints() -> None:
     assert any("the table of leg2 ends at" in n for n in notes)
 
 
+@pytest.mark.slow
 def test_numbers_that_are_worse_than_the_old_ones_are_refused(tmp_path, monkeypatch) -> None:
     """What the format cannot hold costs more than what it mends."""
     from ppmcal.api import export as face

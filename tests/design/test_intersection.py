@@ -72,6 +72,7 @@ SPATIAL = {"delta on rails": lambda: machines.delta("(P)US", 3),
            "tripod": lambda: machines.plain("R(P)S"), "full tripod": lambda: machines.full("R(P)S")}
 
 
+@pytest.mark.slow_cases("delta with cranks")
 @pytest.mark.parametrize("name", SPATIAL)
 def test_the_intersection_is_newtons_pose_of_deltas_and_tripods(name):
     mechanism = SPATIAL[name]()

@@ -336,6 +336,7 @@ def test_poses_of_a_file_and_their_jacobians(tmp_path: Path) -> None:
     assert np.sqrt(total) == pytest.approx(number(table[0], "rss_position"), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_map_has_its_pictures_and_the_right_place(tmp_path: Path) -> None:
     run = ppmcal("sensitivity", CONFIGS / "delta-linear.yaml", "--grid", "x=-50:50:5,y=-40:40:7",
                  "--json", "--out", tmp_path / "o", expect=0)

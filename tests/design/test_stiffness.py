@@ -358,6 +358,7 @@ def table_stiffness(pose: Array) -> Array:
     return np.asarray(a.T @ np.diag(1.0 / each) @ a)
 
 
+@pytest.mark.slow
 def test_linapod_is_stiffest_at_home_and_softer_outward(tmp_path: Path) -> None:
     """[LIN] section 4.3 and Fig. 11; the figure from the table, by hand, in N/um."""
     run = ppmcal("stiffness", CONFIGS / "linapod.yaml", "--grid", "x=-0.3:0.3:13,y=-0.3:0.3:13",

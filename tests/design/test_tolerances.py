@@ -356,6 +356,7 @@ def test_task_poses_that_cannot_be_reached_are_named(tmp_path: Path) -> None:
     assert len(rows(tmp_path / "o" / "errors.csv")) == 2
 
 
+@pytest.mark.slow
 def test_unknown_tolerances_are_not_drawn_from(tmp_path: Path) -> None:
     path = changed(tmp_path, "tolerances: {point: .inf, length: 0.3, angle: 0.1, offset: 0.4}")
     run_ = ppmcal("tolerances", path, "--accuracy", 1, "--method", "file", "--out", tmp_path / "o",

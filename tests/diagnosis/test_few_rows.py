@@ -25,6 +25,7 @@ def small_campaign(seed: int, times: float) -> Diagnosis:
     )
 
 
+@pytest.mark.slow
 def test_too_small_a_sigma_is_not_nothing() -> None:
     result = small_campaign(2, TIMES)
     assert result.start.ratio > 2.5

@@ -50,6 +50,7 @@ def test_an_effect_is_named_with_its_probability(gain: tuple[Path, dict[str, Any
     assert float(named[0]["probability"]) > 0.5 and named[0]["p_value"] == "nan"
 
 
+@pytest.mark.slow
 def test_rows_left_out_are_predicted_by_geometry_alone_and_by_all_that_may_be_there(
         gain: tuple[Path, dict[str, Any]]) -> None:
     folder, found = gain

@@ -105,6 +105,7 @@ def test_nothing_is_found_where_nothing_is(tmp_path: Path) -> None:
     assert search(tmp_path, 3, 0.0).verdict == "none"
 
 
+@pytest.mark.slow
 def test_pairs_alone_can_be_searched(tmp_path: Path) -> None:
     mechanism, data = campaign(tmp_path, 10, 0.0)
     found = diagnose(Problem(mechanism, data[1:], mechanism.free))

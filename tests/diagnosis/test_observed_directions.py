@@ -41,6 +41,7 @@ def rows_of(mechanism: Mechanism, data: tuple[Dataset, ...]):
     return fit, seen, observed
 
 
+@pytest.mark.slow
 def test_an_infinite_tolerance_says_nothing_of_how_far_the_platform_moves(day) -> None:
     """The others do: sizes are as if what may be anywhere were known."""
     folder, data = day

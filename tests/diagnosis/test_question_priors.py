@@ -136,6 +136,7 @@ def test_special_forms_and_plates_have_a_tenth_of_the_prior_of_their_like() -> N
     assert sum(of[f] for f in plates) == pytest.approx(float(FAMILY) * float(SELDOM))
 
 
+@pytest.mark.slow
 def test_what_shrinks_where_it_should_grow_has_no_name() -> None:
     """No platform shrinks with heat; how often one that grows is named is in docs/rates."""
     found = hide("3-RPR", 7, ["platform_thermal"], 2.0, Options(poses=60), "all")

@@ -125,6 +125,7 @@ def slipped(tmp_path_factory: pytest.TempPathFactory) -> Fit:
     return identify(with_whole_rows(Problem(mechanism, data, mechanism.free)), FitOptions())
 
 
+@pytest.mark.slow
 def test_what_is_too_large_for_its_derivatives_is_fitted_before_another_cause_is_asked_for(
         slipped: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
     """Once: a round that finds nothing new is the last, the same fit would be asked the same."""
@@ -141,6 +142,7 @@ def test_what_is_too_large_for_its_derivatives_is_fitted_before_another_cause_is
     assert not any(r.given_up for r in rounds) and fits == ["zero_shift"]
 
 
+@pytest.mark.slow
 def test_what_was_found_and_has_no_fit_is_told(slipped: Fit, monkeypatch: pytest.MonkeyPatch
                                                ) -> None:
     def none(*_: object) -> Fit:
@@ -154,6 +156,7 @@ def test_what_was_found_and_has_no_fit_is_told(slipped: Fit, monkeypatch: pytest
     assert "zero_shift on leg3" in said and "no pose is reached" in said and "--kind" in said
 
 
+@pytest.mark.slow
 def test_a_search_without_end_is_given_up_and_says_so(slipped: Fit,
                                                       monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cause_sizes, "LINEAR", np.inf)      # all is asked of derivatives

@@ -61,6 +61,7 @@ def test_what_was_there_on_one_day_is_told_as_that(tmp_path: Path) -> None:
     assert "backlash on leg1" in told and "mm in s" in told and "mm in t" in told
 
 
+@pytest.mark.slow
 def test_probabilities_name_what_was_there_on_one_day(tmp_path: Path) -> None:
     """As that effect, not the same in all sessions: no unknown cause has to do it."""
     two_days(tmp_path, [], BACKLASH)

@@ -147,6 +147,7 @@ def test_a_kind_on_another_joint_is_an_answer_of_its_own(seed: int) -> None:
     assert found.families(0)["play"] > 0.95     # wherever it is
 
 
+@pytest.mark.slow_cases("places0")
 @pytest.mark.parametrize("places", [((2,), ()), ((1, 3), ()), ((1,), (3,))])
 def test_events_are_as_likely_as_all_sets_say(
         places: tuple[tuple[int, ...], ...]) -> None:
@@ -169,6 +170,7 @@ def test_events_are_as_likely_as_all_sets_say(
         assert one == pytest.approx(asked.log_prior(chosen))
 
 
+@pytest.mark.slow
 def test_rows_that_do_not_belong_are_as_likely_as_all_sets_say() -> None:
     matrix = np.hstack([np.random.default_rng(5).normal(size=(ROWS * WIDTH, 3)),
                         np.eye(ROWS * WIDTH)[:, :10]])

@@ -379,6 +379,7 @@ def test_mechanism_as_data_and_data_as_mechanism(files):
 QUATERNIONS = ("quat_x", "quat_y", "quat_z", "quat_w")
 
 
+@pytest.mark.slow_cases("quaternion2-None")
 @pytest.mark.parametrize(("quaternion", "said"), [
     ((0.1, 0.2, 0.3, 5.0), "quat"), ((0, 0, 0, 0), "quat"), (("nan", 0, 0, 1), None)])
 def test_quaternions(tmp_path, quaternion, said):

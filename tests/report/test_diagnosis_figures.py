@@ -126,6 +126,7 @@ def joint_errors(fit: Fit, keep: NDArray[np.bool_]) -> tuple[Array, Array]:
             np.sqrt(np.einsum("nam,m->na", back**2, sigma**2)))
 
 
+@pytest.mark.slow
 def test_sizes_have_the_interval_of_the_fit_and_held_out_rows_say_what_they_chose(
         cases: Callable[[str], Case]) -> None:
     case = cases("named")
@@ -492,6 +493,7 @@ def test_png(cases: Callable[[str], Case]) -> None:
                 assert np.median(colours) > 0.2, (name, bar)
 
 
+@pytest.mark.slow
 def test_png_is_written_where_it_is_asked_for(cases: Callable[[str], Case], tmp_path: Path) -> None:
     found = cases("none").result
     for png in (False, True):
