@@ -32,21 +32,24 @@ class Distances:
     """How far rows are from the fit, by data set.
 
     ``square``: squared white distance (N,), nan where there is no pose; ``size``: number of
-    coordinates behind it (N,).
+    coordinates behind it (N,); ``estimated``: whose noise its file wants estimated, default none.
     """
 
     square: tuple[Array, ...]
     size: tuple[Array, ...]
+    estimated: tuple[bool, ...] = ()
 
     def factor(self, keep: Sequence[Bools]) -> Array:
         """Return the robust scale of the residuals over the stated noise (D,), at least 1.
 
-        That of all rows, in a data set that is quieter its own: noise there is no excuse here.
+        That of all rows; of a data set whose noise nobody stated its own where that is less: what
+        others show is no excuse there. One of which no row is in use shows nothing.
         """
-        own = [Distances((d,), (m,)).times([k]) for d, m, k in
-               zip(self.square, self.size, keep, strict=True)]
-        # a data set of which no row is in use shows nothing
-        return np.maximum(1.0, [min(o or np.inf, self.times(keep)) for o in own])
+        common = self.times(keep)
+        own = [Distances((d,), (m,)).times([k]) or np.inf if alone else np.inf for d, m, k, alone in
+               zip(self.square, self.size, keep, self.estimated or [False] * len(keep),
+                   strict=True)]
+        return np.maximum(1.0, np.minimum(own, common))
 
     def times(self, keep: Sequence[Bools]) -> float:
         """Return the median distance of the rows in use over that of noise, 0 without rows."""
@@ -115,7 +118,7 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
             square[i][part.index] = (np.sum(part.residual * part.residual, axis=1)
                                      / problem.weights[i][part.index])
             size[i][part.index] = part.observed.sum(axis=1)
-    return Distances(tuple(square), tuple(size))
+    return Distances(tuple(square), tuple(size), tuple(d.estimated for d in problem.datasets))
 
 
 def _freed(rows: Array, covariance: Array, used: Array) -> Array:
