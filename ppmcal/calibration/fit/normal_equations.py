@@ -40,7 +40,8 @@ def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
                 weights: Sequence[Array] | None = None) -> NormalSums:
     """Return the normal equations of all rows; arguments as :func:`least_squares.qr_factor`."""
     size = len(problem.columns) + 1
-    total, count = np.zeros((size, size)), 0.0
+    earlier = problem.earlier_rows(state, size)
+    total, count = earlier.T @ earlier, float(len(earlier))
     for i in range(len(problem.datasets)):
         own = _compiled_sums(problem, state, i, keep[i], None if weights is None else weights[i])
         if own is not None:
@@ -52,12 +53,6 @@ def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
             flat = part.rows.reshape(-1, size)
             total += flat.T @ flat
             count += problem.values(i, part.index, part.values)
-    if problem.earlier is not None:
-        residual, jacobian = problem.earlier.rows(problem.mechanism, problem.free, state.g)
-        block = np.zeros((residual.size, size))
-        block[:, :len(problem.free)], block[:, -1] = jacobian, residual
-        total += block.T @ block
-        count += residual.size
     return NormalSums(total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), count)
 
 

@@ -72,17 +72,34 @@ class Distances:
             factor: noise over the stated one (D,).
         """
         known = [np.isfinite(d) & (m > 0) for d, m in zip(self.square, self.size, strict=True)]
-        freedom = float(NOISE_FREEDOM) + sum(
-            float(m[k].sum()) for m, k in zip(self.size, keep, strict=True))
         size = np.concatenate([m[k] for m, k in zip(self.size, known, strict=True)])
         square = np.concatenate([d[k] / f**2 for d, k, f in
                                  zip(self.square, known, factor, strict=True)])
-        found = row_weights(square, size, freedom, sum(int(k.sum()) for k in keep))
+        found = row_weights(square, size, *self._known(keep))
         out = [np.where(np.isinf(d), 0.0, 1.0) for d in self.square]
         ends = np.cumsum([int(k.sum()) for k in known])[:-1]
         for own, k, w in zip(out, known, np.split(found, ends), strict=True):
             own[k] = w
         return out
+
+    def held_back(self, keep: Sequence[Bools], factor: Array) -> list[Array]:
+        """Return the weight (N,) by which no row is farther off than those that may belong.
+
+        Arguments as of :meth:`weights`. Up to there it is 1: rows have a say in what is left.
+        """
+        freedom, belong = self._known(keep)
+        far = np.geomspace(1.0, 1e3, 400)
+        limit = {m: float(np.interp(-float(NO_WEIGHT), -row_weights(
+            far, np.full(far.size, m), freedom, belong), far))
+            for own in self.size for m in np.unique(own[own > 0]).tolist()}
+        return [np.minimum(1.0, np.array([limit.get(m, np.inf) for m in own.tolist()])
+                           * reciprocals(np.nan_to_num(d), np.inf) * f**2)
+                for d, own, f in zip(self.square, self.size, factor, strict=True)]
+
+    def _known(self, keep: Sequence[Bools]) -> tuple[float, int]:
+        """Return degrees of freedom of the noise's size, and how many rows belong."""
+        return float(NOISE_FREEDOM) + sum(float(m[k].sum()) for m, k in zip(
+            self.size, keep, strict=True)), sum(int(k.sum()) for k in keep)
 
 
 def distances(problem: Problem, state: State, covariance: Array | None = None,

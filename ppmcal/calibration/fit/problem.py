@@ -274,6 +274,15 @@ class Problem:
         for begin in range(0, index.size, CHUNK):
             yield self._chunk(i, self.datasets[i], index[begin:begin + CHUNK], state, jacobian)
 
+    def earlier_rows(self, state: State, size: int) -> Array:
+        """Return what earlier measurements say as white rows (k, size), the residual last."""
+        if self.earlier is None:
+            return np.zeros((0, size))
+        residual, jacobian = self.earlier.rows(self.mechanism, self.free, state.g)
+        out = np.zeros((residual.size, size))
+        out[:, :len(self.free)], out[:, -1] = jacobian, residual
+        return out
+
     def measured(self, index: int, rows: Ints) -> tuple[Array, Array, Ints]:
         """Return what a data set measured in some rows: x ... rz (n, 6), 1/sigma (n, m), how many.
 
