@@ -75,8 +75,7 @@ class HeldOutErrors:
 
 def _predictor(fit: Fit, held: Sequence[Dataset]) -> tuple[Problem, State]:
     """Return held-out rows as a problem, and its state as a fit predicts it."""
-    about = tuple(o.about for o in fit.problem.opens)
-    problem = replace(fit.problem, datasets=tuple(held), pivots=about)
+    problem = fit.problem.changed(datasets=tuple(held))
     return problem, fresh_state(problem, fit.state)
 
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.fit_result import posterior as posterior
     from ppmcal.calibration.fit.fit_result import prediction_covariance as prediction_covariance
     from ppmcal.calibration.fit.fit_result import residual_freedom as residual_freedom
+    from ppmcal.calibration.fit.fit_result import unfitted as unfitted
     from ppmcal.calibration.fit.fit_result import values_taken as values_taken
     from ppmcal.calibration.fit.fitting import identify as identify
     from ppmcal.calibration.fit.flatness import Flat as Flat

@@ -163,9 +163,8 @@ def _thinned(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[Pro
         rows.append(usable[np.linspace(0, usable.size - 1, count).astype(int)]
                     if usable.size else usable)
     datasets = tuple(d.take(r) for d, r in zip(problem.datasets, rows, strict=True))
-    about = tuple(o.about for o in problem.opens)
     poses = tuple(p[r] for p, r in zip(state.poses, rows, strict=True))
-    return replace(problem, datasets=datasets, pivots=about), replace(state, poses=poses)
+    return problem.changed(datasets=datasets), replace(state, poses=poses)
 
 
 def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, options: FitOptions,

@@ -141,8 +141,7 @@ def with_noise(fit: Fit, factor: float, options: FitOptions) -> Fit:
     if factor == 1.0:
         return fit
     datasets = _scaled(fit.problem.datasets, np.full(len(fit.problem.datasets), factor))
-    noisier = replace(fit.problem, datasets=datasets,
-                      pivots=tuple(o.about for o in fit.problem.opens))
+    noisier = fit.problem.changed(datasets=datasets)
     chosen = options.method == "gcv"
     wider = fit.prior_scale * (factor if chosen else 1.0)
     state, converged = fit.state, fit.converged

@@ -125,7 +125,7 @@ def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior
     """
     words = [["frame" if w == SESSIONS else w for j, w in possible if j == i]
              for i in range(len(problem.datasets))]
-    wide = replace(problem, pivots=tuple(o.about for o in problem.opens), datasets=tuple(
+    wide = problem.changed(datasets=tuple(
         opened(d, w) for d, w in zip(problem.datasets, words, strict=True)))
     groups, columns, end = list[Group](), list[tuple[int, ...]](), 0
     for i, what in possible:
@@ -233,8 +233,7 @@ def _opened(problem: Problem, state: State, keep: Sequence[Bools], i: int, what:
     if what == SESSIONS:
         return _by_session(problem, state, keep, i)
     datasets = tuple(opened(d, [what]) if j == i else d for j, d in enumerate(problem.datasets))
-    return (replace(problem, datasets=datasets, pivots=tuple(o.about for o in problem.opens)),
-            state, list(keep))
+    return problem.changed(datasets=datasets), state, list(keep)
 
 
 def _sessions_of(data: Dataset) -> list[Bools]:

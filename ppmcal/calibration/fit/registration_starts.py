@@ -54,11 +54,9 @@ def opened_in_turn(problem: Problem, state: State, keep: Sequence[Bools], robust
 
 def _narrower(problem: Problem) -> Iterator[Problem]:
     """Yield a problem with less open, then with more, then as it is; nothing where none has."""
-    about = tuple(o.about for o in problem.opens)
     words = [w for w in STEPWISE if any(_closed(d, [w]) is not d for d in problem.datasets)]
     for count in range(len(words), -1, -1) if words else ():
-        yield replace(problem, pivots=about, datasets=tuple(
-            _closed(d, words[:count]) for d in problem.datasets))
+        yield problem.changed(datasets=tuple(_closed(d, words[:count]) for d in problem.datasets))
 
 
 def _closed(data: Dataset, words: Sequence[str]) -> Dataset:

@@ -10,7 +10,7 @@ as they are alike; away from there they need not.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -69,8 +69,7 @@ def considered(fit: Fit) -> Considered:
     own = held(mechanism, problem.free)
     if not own:
         return none_considered(fit)
-    wide = replace(problem, free=(*problem.free, *own),
-                   pivots=tuple(o.about for o in problem.opens))
+    wide = problem.changed(free=(*problem.free, *own))
     rows = qr_factor(wide, fit.state, fit.keep).triangle / fit.noise
     extra = np.arange(len(problem.free), len(wide.free))
     s, vt, seen = directions(fit)

@@ -147,8 +147,7 @@ def freedom_choice(fit: Fit, levels: Sequence[Sequence[int]], usual: int
         return None
     machine = fit.problem.mechanism
     order = [p for level in levels for p in level]
-    wide = replace(fit.problem, free=tuple(order),
-                   pivots=tuple(o.about for o in fit.problem.opens))
+    wide = fit.problem.changed(free=tuple(order))
     rows, values = _by_block(fit, wide)
     if len(rows) < FEWEST:
         return None

@@ -5,8 +5,8 @@ a fit its rows get a column for each of them beside the parameters', and are red
 again; what no column explains is the noise, or what the model misses, row by row.
 
 Rows that the fit left out as outliers take part, each by so little that it pulls no more than the
-farthest row that may belong. Which rows of a place that the model misses are left out is a matter of
-chance, and a session that happens to lose them knows no more of the machine.
+farthest row that may belong. Which rows of a place that the model misses are left out is a matter
+of chance, and a session that happens to lose them knows no more of the machine.
 """
 
 from __future__ import annotations
@@ -90,8 +90,9 @@ def _with_left_out(fit: Fit) -> Fit:
         return replace(fit, problem=fit.problem.weighted(None))
     # a fit moves the poses of its own rows, not of those left out
     state = fit.problem.solve(fit.state)
-    return replace(fit, state=state, keep=tuple(rows_with_outliers(fit)), problem=fit.problem.weighted(
-        distances(fit.problem, state).held_back(fit.keep, fit.noise_factor)))
+    weights = distances(fit.problem, state).held_back(fit.keep, fit.noise_factor)
+    return replace(fit, state=state, keep=tuple(rows_with_outliers(fit)),
+                   problem=fit.problem.weighted(weights))
 
 
 @dataclass(frozen=True)
@@ -139,9 +140,8 @@ def _opened(problem: Problem) -> Problem:
                                for u in (d.frame, d.target, d.target_rotation))
         return replace(d, frame=frame, target=target, target_rotation=turn, homing="alone")
 
-    return replace(problem, datasets=tuple(map(opened, problem.datasets)),
-                   pivots=tuple(o.about for o in problem.opens),
-                   given=problem.environments if problem.mechanism.effects else None)
+    return problem.changed(datasets=tuple(map(opened, problem.datasets)),
+                           given=problem.environments if problem.mechanism.effects else None)
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.fit import Fit, shown
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
-from ppmcal.kinematics.registration import predict
+from ppmcal.kinematics.registration import carried_back, measured_pose
 from ppmcal.linalg import Array, Bools, finite_rows
-from ppmcal.model.dataset import Dataset
-from ppmcal.model.registration import Registration
 
 FAR = 0.1
 """Parts of the platform's size; assembly modes that are less apart are about to meet."""
@@ -36,7 +34,10 @@ def in_other_assembly(fit: Fit) -> Bools:
     out = np.zeros(len(data), dtype=bool)
     if data.kind not in ("pose", "position"):
         return out
-    start = _near_measured(data, state.registrations[0], pose)
+    # where the platform would be by what was measured, else as predicted
+    seen = shown(data)
+    start = carried_back(mechanism, state.registrations[0], np.where(
+        np.isfinite(seen), seen, measured_pose(state.registrations[0], pose)))
     size = mechanism.length_scale
     rows = np.flatnonzero(finite_rows(q) & finite_rows(start)
                           & (_apart(start, pose, size) > FAR * size))
@@ -47,22 +48,6 @@ def in_other_assembly(fit: Fit) -> Bools:
         out[rows] = (closed & (_apart(start[rows], other, size) < NEARER * off)
                      & (_apart(other, pose[rows], size) > FAR * size))
     return out
-
-
-def _near_measured(data: Dataset, registration: Registration, pose: Array) -> Array:
-    """Return where the platform would be by what was measured (N, 8), else as predicted."""
-    seen, turned = predict(registration, pose)
-    frame = cga.rotation_matrix(registration.frame)
-    body = cga.rotation_matrix(cga.motor_from_rotation_vector(registration.target_rotation,
-                                                              np.zeros(3)))
-    told: Bools = np.asarray(np.isfinite(data.rotation).any(axis=1))
-    known = cga.rotation_matrix(cga.motor_from_rotation_vector(
-        np.nan_to_num(data.rotation), np.zeros((len(data), 3))))
-    turn = frame.T @ np.where(told[:, None, None], known, turned) @ body.T
-    place = np.where(np.isfinite(data.position), data.position / registration.scale, seen)
-    origin = cga.translation(registration.frame)
-    target = (place - origin) @ frame    # of the measured point, base axes
-    return np.asarray(cga.motor_from_matrix(turn, target - turn @ registration.target))
 
 
 def _apart(one: Array, two: Array, size: float) -> Array:
