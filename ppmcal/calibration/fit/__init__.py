@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.noise_estimate import with_estimated_noise as with_estimated_noise
     from ppmcal.calibration.fit.noise_estimate import with_noise as with_noise
     from ppmcal.calibration.fit.noise_estimate import with_own_noise as with_own_noise
+    from ppmcal.calibration.fit.normal_equations import WhiteBlock as WhiteBlock
     from ppmcal.calibration.fit.normal_equations import white_blocks as white_blocks
     from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns as NuisanceColumns
     from ppmcal.calibration.fit.observation import coordinates as coordinates

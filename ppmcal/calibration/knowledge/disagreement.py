@@ -30,7 +30,7 @@ from ppmcal.calibration.fit import (
     posterior,
     prediction_covariance,
 )
-from ppmcal.calibration.knowledge.session_clusters import Clusters, Components, components
+from ppmcal.calibration.knowledge.session_clusters import RIDGE, Clusters, Components, components
 from ppmcal.errors import LinearAlgebraError
 from ppmcal.inference.priors import MOVED, NOISE_FREEDOM, SURE
 from ppmcal.inference.row_weights import log_ratio
@@ -40,8 +40,6 @@ SWEEPS, WARM_UP, LEAST_SWEEPS = 600, 0.2, 80
 """Draws of all variances times clusters, the part of them thrown away, and at least so many."""
 STEP = 1.3
 """Of the logarithm of a variance's root."""
-RIDGE = 1e-6
-"""Information, in units of tolerance, where there is none: what nothing sees stays finite."""
 NOTHING, THIN = 1e-6, 3
 """Tolerances that clusters differ by where they do not; every third draw is looked at again."""
 SIZES = (-3.0, -1.5, 0.0)
@@ -203,9 +201,7 @@ def differs(fit: Fit, data: Clusters, inflation: float = 1.0) -> bool:
 def _chances(data: Clusters, parts: Components, inflation: float, widest: float = WIDEST
              ) -> _Posterior:
     """Return the posterior in units of the stated noise, the estimate staying what it is."""
-    stated = Clusters(data.labels, data.matrix * inflation**2, data.right * inflation**2,
-                      data.square * inflation**2, data.count, data.prior, data.away)
-    return _Posterior(stated, parts, float(np.log(inflation)), widest)
+    return _Posterior(data.weighted(inflation**2), parts, float(np.log(inflation)), widest)
 
 
 def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float = WIDEST,
