@@ -22,8 +22,8 @@ from ppmcal.calibration.fit import (
     residual_freedom,
     values_taken,
 )
-from ppmcal.calibration.fit.fit_rows import fit_rows
 from ppmcal.calibration.fit.normal_equations import normal_sums, row_squares
+from ppmcal.calibration.fit.row_weighing import fit_rows
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.kinematics.compiled_limbs import MANY
 from ppmcal.model.dataset import Dataset

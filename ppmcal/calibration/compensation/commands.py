@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal import algebra as cga
-from ppmcal.calibration.fit import Problem, State, refuse_other_branch
+from ppmcal.calibration.fit import Problem, State, refuse_other_branch, turn_between
 from ppmcal.calibration.knowledge import IMPLAUSIBLE, by_tolerances, measured_ranges, refuse_far
 from ppmcal.calibration.validation import DoubtfulStretch, Identification
 from ppmcal.kinematics.closure import Model
@@ -312,8 +311,7 @@ def _after(model: Model, nominal: Model, registration: Registration, q: Array, f
 def _errors(registration: Registration, real: Array, ideal: Array) -> tuple[Array, Array]:
     """Return position and rotation differences (N,) as the instrument would see them."""
     (a, ra), (b, rb) = predict(registration, real), predict(registration, ideal)
-    turn = cga.rotation_vector(cga.motor_from_matrix(ra @ np.swapaxes(rb, -1, -2), np.zeros(3)))
-    return np.linalg.norm(a - b, axis=-1), np.linalg.norm(turn, axis=-1)
+    return np.linalg.norm(a - b, axis=-1), np.linalg.norm(turn_between(ra, rb), axis=-1)
 
 
 @stage("how sure they are")

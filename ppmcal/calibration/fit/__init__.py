@@ -39,12 +39,6 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.flatness import flats as flats
     from ppmcal.calibration.fit.gauss_newton import CONVERGED as CONVERGED
     from ppmcal.calibration.fit.gauss_newton import least_squares as least_squares
-    from ppmcal.calibration.fit.gross_rows import beyond as beyond
-    from ppmcal.calibration.fit.gross_rows import explained_distances as explained_distances
-    from ppmcal.calibration.fit.gross_rows import gross_errors as gross_errors
-    from ppmcal.calibration.fit.gross_rows import rows_with_outliers as rows_with_outliers
-    from ppmcal.calibration.fit.gross_rows import single_gross_rows as single_gross_rows
-    from ppmcal.calibration.fit.gross_rows import toleranced as toleranced
     from ppmcal.calibration.fit.homing_shift import HomingShift as HomingShift
     from ppmcal.calibration.fit.linearisation import NormalStep as NormalStep
     from ppmcal.calibration.fit.linearisation import column_scale as column_scale
@@ -85,9 +79,15 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.outliers import Distances as Distances
     from ppmcal.calibration.fit.outliers import GrossError as GrossError
     from ppmcal.calibration.fit.outliers import GrossErrors as GrossErrors
+    from ppmcal.calibration.fit.outliers import beyond as beyond
     from ppmcal.calibration.fit.outliers import distances as distances
+    from ppmcal.calibration.fit.outliers import explained_distances as explained_distances
     from ppmcal.calibration.fit.outliers import find_gross_errors as find_gross_errors
+    from ppmcal.calibration.fit.outliers import gross_errors as gross_errors
     from ppmcal.calibration.fit.outliers import huber_weights as huber_weights
+    from ppmcal.calibration.fit.outliers import rows_with_outliers as rows_with_outliers
+    from ppmcal.calibration.fit.outliers import single_gross_rows as single_gross_rows
+    from ppmcal.calibration.fit.outliers import toleranced as toleranced
     from ppmcal.calibration.fit.prior_information import BENT as BENT
     from ppmcal.calibration.fit.prior_information import SEEN as SEEN
     from ppmcal.calibration.fit.prior_information import Earlier as Earlier

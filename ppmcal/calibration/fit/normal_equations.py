@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.fit.instrument_tables import SCALE, TARGET, TURN, InstrumentTables
+from ppmcal.calibration.fit.nuisance_columns import SCALE, TARGET, TURN, InstrumentTables
 from ppmcal.calibration.fit.observation import coordinates
 from ppmcal.calibration.fit.problem import PIECE, Problem, State
 from ppmcal.kinematics import compiled_limbs

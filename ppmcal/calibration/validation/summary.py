@@ -65,8 +65,13 @@ from ppmcal.calibration.validation.left_out_rows import (
     left_out,
 )
 from ppmcal.calibration.validation.nominal_machine import before, nothing_before
-from ppmcal.calibration.validation.residual_vectors import Residuals, held_out, on_other, residuals
-from ppmcal.calibration.validation.session_validation import sessions_left_out
+from ppmcal.calibration.validation.residual_vectors import (
+    Residuals,
+    held_out,
+    on_other,
+    residuals,
+    sessions_left_out,
+)
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -185,7 +190,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
 
     Raises:
         BadInput, NoResult: as
-            :func:`ppmcal.calibration.validation.session_validation.sessions_left_out`.
+            :func:`ppmcal.calibration.validation.residual_vectors.sessions_left_out`.
     """
     noise, notes = noise_check(fit), list[str]()
     inflation = noise.inflation
