@@ -91,7 +91,7 @@ def joint_sigma(model: Model, at: PoseRows, knowledge: Knowledge) -> Array:
     Of a machine with fewer actuators than coordinates they are those of the nearest pose.
     """
     by_parameters, left = _joint_parts(model, at, knowledge, True)
-    return np.hypot(by_parameters, left)
+    return np.asarray(np.hypot(by_parameters, left))
 
 
 def left_joint_sigma(model: Model, at: PoseRows, knowledge: Knowledge) -> Array:
