@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from ppmcal.calibration.knowledge.disagreement import Disagreement as Disagreement
     from ppmcal.calibration.knowledge.extrapolation import OUTSIDE as OUTSIDE
     from ppmcal.calibration.knowledge.extrapolation import extrapolated as extrapolated
+    from ppmcal.calibration.knowledge.extrapolation import far_outside as far_outside
     from ppmcal.calibration.knowledge.extrapolation import measured_by as measured_by
     from ppmcal.calibration.knowledge.extrapolation import measured_ranges as measured_ranges
-    from ppmcal.calibration.knowledge.extrapolation import refuse_far as refuse_far
     from ppmcal.calibration.knowledge.freedom_choice import FreedomChoice as FreedomChoice
     from ppmcal.calibration.knowledge.freedom_choice import choice_sentence as choice_sentence
     from ppmcal.calibration.knowledge.freedom_choice import (

@@ -152,7 +152,7 @@ class _Posterior:
 
     @cached_property
     def odds(self) -> float:
-        """Logarithm of the odds that clusters differ: in one thing or all, by how much, is summed."""
+        """Logarithm of the odds that clusters differ, in one thing or in all, by whatever size."""
         k, usual = len(self.parts.names), 0.5 * np.log(self.shrinkage)
         none = np.full(k, np.log(NOTHING))
         some = [np.where(mine, usual + size, none) for size in SIZES

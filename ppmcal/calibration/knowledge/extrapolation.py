@@ -50,20 +50,18 @@ def _beyond(mechanism: Mechanism, ranges: Ranges, name: str, values: Array, part
         return beyond, beyond > part * (high - low) + _still(mechanism, name, low, high)
 
 
-def refuse_far(mechanism: Mechanism, full: Array, ranges: Ranges, status: list[str],
-               reason: list[str]) -> None:
-    """Refuse platform poses (N, 6) far outside the measured ``ranges``, m and rad."""
+def far_outside(mechanism: Mechanism, full: Array, ranges: Ranges) -> Iterator[tuple[int, str]]:
+    """Yield which platform poses (N, 6), m and rad, are far outside what was measured, and why."""
     full = from_home(mechanism, full)
     for c, name in zip(mechanism.dof, mechanism.coordinates, strict=True):
         if name not in ranges:
             continue
         factor, unit = _shown(mechanism, name)
         low, high = ranges[name]
-        for n in np.flatnonzero(_beyond(mechanism, ranges, name, full[:, c], FAR_OUTSIDE)[1]):
-            if status[n] == "ok":
-                status[n] = "refused"
-                reason[n] = (f"far outside the measured volume: {name} = {full[n, c] / factor:.6g} "
-                             f"{unit}, measured {low / factor:.6g} to {high / factor:.6g}")
+        far = _beyond(mechanism, ranges, name, full[:, c], FAR_OUTSIDE)[1]
+        for n in np.flatnonzero(far).tolist():
+            yield n, (f"far outside the measured volume: {name} = {full[n, c] / factor:.6g} "
+                      f"{unit}, measured {low / factor:.6g} to {high / factor:.6g}")
 
 
 def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
