@@ -41,7 +41,6 @@ from ppmcal.linalg import (
     without_range,
 )
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.effects import Shift
 from ppmcal.model.instruments import SCALARS
 from ppmcal.model.same_rows import ROUND_OFF
 
@@ -134,11 +133,13 @@ def _reduced(fit: Fit, problem: Problem, columns: _Columns) -> _Reduced:
 
 
 def _opened(problem: Problem) -> Problem:
-    """Return the problem with frame, target, rotation and homing of every data set open."""
+    """Return the problem with frame, target, rotation, homing and scale of every data set open."""
     def opened(d: Dataset) -> Dataset:
         frame, target, turn = (u if u.fitted else replace(u, fitted=True)
                                for u in (d.frame, d.target, d.target_rotation))
-        return replace(d, frame=frame, target=target, target_rotation=turn, homing="alone")
+        # heights are so small, or so alike, that their scale is nothing but their noise
+        return replace(d, frame=frame, target=target, target_rotation=turn, homing="alone",
+                       scale=replace(d.scale, fitted=d.scale.fitted or d.kind != "plane"))
 
     return problem.changed(datasets=tuple(map(opened, problem.datasets)),
                            given=problem.environments if problem.mechanism.effects else None)
@@ -167,11 +168,7 @@ def _columns(own: Problem, problem: Problem) -> _Columns:
     unit = max(v for n, v in natural.items() if n.startswith("homing."))
     names, scale = [*homing, *place], [unit] * len(homing) + [natural[n] for n in place]
     for d in own.datasets:
-        # heights are so small, or so alike, that their scale is nothing but their noise
-        if d.kind != "plane":
-            names.append(f"scale of {d.name}")
-            scale.append(1e-3)
-        else:
+        if d.kind == "plane":
             names += [f"shape.{s} of {d.name}" for s in SHAPES]
             scale += [1e-3 * mechanism.reach] * len(SHAPES)
     return _Columns(tuple(names), np.array(scale),
@@ -194,9 +191,7 @@ def _blocks(fit: Fit, problem: Problem, columns: _Columns, keep: Sequence[Bools]
             block[..., at[f"homing.{a} of {SESSION}"]] = jacobian[..., homing.start + c]
         for name, c in columns.place.items():
             block[..., at[name]] = jacobian[..., c]
-        if data.kind != "plane":
-            block[..., at[f"scale of {data.name}"]] = _white(rows, _stretched(rows))
-        else:
+        if data.kind == "plane":
             for name, shape in zip(SHAPES, _shapes(rows, problem.mechanism.reach), strict=True):
                 block[..., at[f"shape.{name} of {data.name}"]] = _white(rows, shape)
         block[..., free + len(at):-1] = jacobian[..., list(columns.gone)]
@@ -207,13 +202,6 @@ def _blocks(fit: Fit, problem: Problem, columns: _Columns, keep: Sequence[Bools]
 def _white(rows: Rows, column: Array) -> Array:
     seen = np.where(rows.observed, column, 0.0)
     return np.asarray((rows.whitener @ seen[..., None])[..., 0])
-
-
-def _stretched(rows: Rows) -> Array:
-    """Return how predictions (n, m) grow with the instrument's scale."""
-    shift = Shift(stretch=np.eye(3)[None])
-    return np.asarray(np.sum([r.column(shift) for r in (rows.response, rows.second)
-                              if r is not None], axis=0))
 
 
 def _shapes(rows: Rows, reach: float) -> list[Array]:
