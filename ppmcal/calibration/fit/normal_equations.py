@@ -56,22 +56,23 @@ def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
     return NormalSums(total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), count)
 
 
-def row_squares(problem: Problem, state: State, index: int, rows: Bools) -> Array | None:
-    """Return the white squares (n,) of some rows (N,) of a data set, which all have poses.
-
-    None where the noise of joints, effects or distances take more than the residual itself.
-    """
+def row_squares(problem: Problem, state: State, index: int, rows: Bools) -> Array:
+    """Return the white squares (n,) of some rows (N,) of a data set, which all have poses."""
     at = np.flatnonzero(rows)
-    if not _has_sight(problem, state, index):
-        return None
-    if at.size < compiled_limbs.MANY:
-        return _few_squares(problem, state, index, at)
-    from ppmcal.calibration.fit.compiled_rows import row_squares as squares
+    own = None
+    if _has_sight(problem, state, index):
+        if at.size < compiled_limbs.MANY:
+            own = _few_squares(problem, state, index, at)
+        else:
+            from ppmcal.calibration.fit.compiled_rows import row_squares as squares
 
-    sight = _sight(problem, state, index)
-    return np.concatenate([
-        squares(sight, _taken(rows, state.poses[index]), *problem.measured(index, rows)[:2])
-        for rows in _pieces(at)])
+            sight = _sight(problem, state, index)
+            own = np.concatenate([squares(sight, _taken(some, state.poses[index]),
+                                          *problem.measured(index, some)[:2])
+                                  for some in _pieces(at)])
+    # the noise of joints, effects and distances take more than the residual itself
+    return own if own is not None else np.concatenate([np.zeros(0), *(
+        np.sum(r.residual**2, axis=1) for r in problem.rows_of(index, state, False, rows))])
 
 
 def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Array | None:

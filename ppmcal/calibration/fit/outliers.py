@@ -123,16 +123,9 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
                                                 covariance, used)
                 size[i][block.index] = block.values
             continue
-        own = row_squares(problem, state, i, solved)
-        if own is not None:
-            rows = np.flatnonzero(solved)
-            square[i][rows] = own / problem.weights[i][rows]
-            size[i][rows] = problem.measured(i, rows)[2]
-            continue
-        for part in problem.rows_of(i, state, False):
-            square[i][part.index] = (np.sum(part.residual * part.residual, axis=1)
-                                     / problem.weights[i][part.index])
-            size[i][part.index] = part.observed.sum(axis=1)
+        rows = np.flatnonzero(solved)
+        square[i][rows] = row_squares(problem, state, i, solved) / problem.weights[i][rows]
+        size[i][rows] = problem.measured(i, rows)[2]
     return Distances(tuple(square), tuple(size))
 
 
@@ -257,13 +250,10 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
                 pose = fit.state.poses[rows.dataset][index][None]
                 predicted = float(measured_pose(registration, pose)[0, places[c]])
             yield GrossError(data.name, int(data.rows[index]), places[c], value, predicted,
-                          _times(fit, rows.dataset, index, float(abs(rows.residual[n, c]))),
+                          # as it was judged, and where nobody did as it is
+                          (fit.times[rows.dataset] if fit.times else {}).get(
+                              index, float(abs(rows.residual[n, c]))),
                           NUMBERS.get(data.kind, ""))
-
-
-def _times(fit: Fit, dataset: int, row: int, plain: float) -> float:
-    """Return how many times the noise a row was judged to be off, ``plain`` where nobody did."""
-    return fit.times[dataset].get(row, plain) if fit.times else plain
 
 
 def _would(fit: Fit, covariance: Array, noise: float) -> dict[str, tuple[float, float]]:
