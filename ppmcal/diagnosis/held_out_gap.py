@@ -75,7 +75,8 @@ class HeldOutErrors:
 
 def _predictor(fit: Fit, held: Sequence[Dataset]) -> tuple[Problem, State]:
     """Return held-out rows as a problem, and its state as a fit predicts it."""
-    problem = fit.problem.changed(datasets=tuple(held))
+    about = tuple(o.about for o in fit.problem.opens)
+    problem = replace(fit.problem, datasets=tuple(held), pivots=about)
     return problem, fresh_state(problem, fit.state)
 
 
