@@ -101,8 +101,8 @@ class Identification:
     ``fit``: where the noise check failed, with rows ``inflation`` times as noisy as stated.
     ``doubtful``: where the machine is another than this one, in no way that the model knows.
     ``sessions``: how far they disagree, None where there is one; ``blocks``: the same of stretches
-    of rows, None where they do not; ``covariance`` counts what is sure to differ, and takes what
-    was held for exact; ``considered`` is how far it may be off.
+    of rows, None where they do not; ``covariance`` counts what likely differs, and takes what was
+    held for exact; ``considered`` is how far it may be off.
     ``unidentifiable``: what the data see only together, as whole sets.
     ``campaign``: what is weak about the poses, and which are missing; None: nothing.
     """
