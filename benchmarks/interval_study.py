@@ -199,6 +199,7 @@ def squared(fit: Fit, unseen: Dataset, covariance: Array) -> float:
         columns += list(range(part.start, part.stop))
     alone = replace(fit, problem=replace(problem, datasets=(problem.datasets[last],),
                                          pivots=(own.about,)),
+                    noise_factor=fit.noise_factor[last:],
                     state=replace(fit.state, registrations=fit.state.registrations[last:],
                                   poses=fit.state.poses[last:]))
     error, promise, _ = fresh_errors(alone, unseen, covariance[np.ix_(columns, columns)])[0]

@@ -93,7 +93,7 @@ def poses_to_tell(fit: Fit, slots: Sequence[str], seed: int) -> int | None:
     """
     mechanism = fit.problem.mechanism
     free = tuple(sorted({*fit.problem.free, *(mechanism.names.index(s) for s in slots)}))
-    problem = replace(fit.problem, free=free, pivots=tuple(o.about for o in fit.problem.opens))
+    problem = fit.problem.changed(free=free)
     wider = replace(fit, problem=problem, reduced=qr_factor(problem, fit.state, fit.keep),
                     prior=prior_weights(problem, "prior"), scale=column_scale(problem))
     i = _like(fit)

@@ -166,6 +166,13 @@ class Mechanism:
         """Drive ratio of each limb (L,), at the present values; 1 without one."""
         return np.array([limb.slots.values(self.values).get("ratio", 1.0) for limb in self.limbs])
 
+    @property
+    def joint_ratios(self) -> Array:
+        """How far each joint moves per unit of q (k,), without its sign."""
+        out = np.ones(len(self.actuators))
+        out[[limb.actuator for limb in self.limbs]] = np.abs(self.limb_ratios)
+        return out
+
     def joint_factors(self, units: Units | None = None) -> Array:
         """Return the SI value of one unit of each joint variable (k,); 1 with a ratio.
 

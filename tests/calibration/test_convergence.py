@@ -10,11 +10,10 @@ from helpers.campaigns_in_files import run
 from helpers.paths import ROOT
 
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior
-from ppmcal.calibration.fit.fitting import identify
+from ppmcal.calibration.fit.fitting import identify, loss
 from ppmcal.calibration.fit.linearisation import normal_step, parameter_scale
 from ppmcal.calibration.fit.problem import Problem, squares_by_noise_of, white_squares
 from ppmcal.calibration.fit.registration_freedoms import fall, opened
-from ppmcal.calibration.fit.registration_starts import loss
 from ppmcal.calibration.validation.frozen_models import _worth
 from ppmcal.io import read_mechanism, read_scenario
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,15 +10,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ppmcal.calibration.compensation import Knowledge, compensate
 from ppmcal.calibration.fit import linearisation as least_squares
 from ppmcal.calibration.fit.linearisation import qr_factor
 from ppmcal.calibration.fit.observation import pivot
+from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.fit.response import Response
-from ppmcal.calibration.knowledge.extrapolation import extrapolated, measured_ranges, refuse_far
+from ppmcal.calibration.knowledge.extrapolation import extrapolated, far_outside, measured_ranges
+from ppmcal.io import read_mechanism
 from ppmcal.model.effects import Shift
 from ppmcal.model.measured import MeasurementBasis
+from ppmcal.model.registration import Registration
 
 Array = NDArray[np.float64]
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 
 
 @pytest.mark.parametrize("sizes", [(4000,), (10, 3000), (2, 1), ()])
@@ -37,6 +43,7 @@ def test_one_triangle_is_all_rows_and_the_earlier_ones(monkeypatch: pytest.Monke
         columns=range(3), datasets=sizes, free=(0, 1), mechanism=None,
         values=lambda index, rows, each: int(each.sum()),
         earlier=SimpleNamespace(rows=lambda *known: (before[:, 2], before[:, :2])))
+    problem.earlier_rows = lambda state, size: Problem.earlier_rows(problem, state, size)
     state: Any = SimpleNamespace(g=None)
     found = qr_factor(problem, state, [np.ones(n, dtype=bool) for n in sizes])
     a = np.concatenate([*(p.reshape(-1, 4)[:, :3] for p in pieces),
@@ -77,11 +84,9 @@ def test_half_the_width_beyond_is_the_end(coordinate: str, still: float) -> None
         half = 0.5 * (high - low)
         full[:, place] = (low + half, high + half + still, low - half - still,
                           high + half + 1.001 * still, low - half - 1.001 * still, np.nan)
-        status, reason = ["ok"] * 6, [""] * 6
-        refuse_far(machine(motion), full, {coordinate: (low, high)}, status, reason)
-        assert status == ["ok"] * 3 + ["refused"] * 2 + ["ok"]
-        assert f"far outside the measured volume: {coordinate} = " in reason[3]
-        assert reason[:3] == [""] * 3
+        found = dict(far_outside(machine(motion), full, {coordinate: (low, high)}))
+        assert list(found) == [3, 4]
+        assert f"far outside the measured volume: {coordinate} = " in found[3]
 
 
 def test_turns_about_half_a_turn_are_held_against_those_beside_home() -> None:
@@ -91,23 +96,26 @@ def test_turns_about_half_a_turn_are_held_against_those_beside_home() -> None:
     full = np.zeros((4, 6))
     full[:, 3] = np.radians([176.0, -179.0, -176.0, -150.0])
     ranges = {"rx": (np.radians(170.0), np.radians(180.0))}
-    status, reason = ["ok"] * 4, [""] * 4
-    refuse_far(hung, full, ranges, status, reason)
-    assert status == ["ok", "ok", "ok", "refused"]
-    assert "rx = 210 deg, measured 170 to 180" in reason[3]
+    (row, reason), = far_outside(hung, full, ranges)
+    assert row == 3
+    assert "rx = 210 deg, measured 170 to 180" in reason
     told, = extrapolated(hung, full, np.array([True, True, True, False]), ranges, {})
     assert told.startswith("1 row outside of what was measured: rx up to 4 deg beyond 170 to 180")
 
 
 def test_a_row_that_is_refused_already_keeps_its_reason() -> None:
-    full = np.full((2, 6), 99.0)
-    status, reason = ["ok", "unreachable"], ["", "why"]
-    refuse_far(machine(), full, {"x": (0.0, 1.0), "y": (0.0, 1.0)}, status, reason)
-    assert status == ["refused", "unreachable"]
-    assert reason[1] == "why"
-    assert "x = 99000 mm, measured 0 to 1000" in reason[0]
-    refuse_far(machine(), full, {}, status, reason)
-    assert status == ["refused", "unreachable"]
+    """Far beside what was measured, one target is out of reach, and the other goes too far."""
+    mechanism = read_mechanism(CONFIGS / "3-RPR.yaml")
+    wanted = np.tile(mechanism.home_pose, (2, 1))
+    wanted[:, 0] += [100.0, 1e-3]
+    wanted[:, 1] += 1e-3
+    volume = {"x": (-1.0, -0.9), "y": (-1.0, -0.9)}
+    known = Knowledge((), np.zeros((0, 0)), volume, {}, {})
+    found = compensate(mechanism, wanted, Registration(), known)
+    assert found.status == ("refused", "refused")
+    assert "measured volume" not in found.reason[0]
+    assert "far outside the measured volume: x = " in found.reason[1]
+    assert not list(far_outside(mechanism, wanted, {}))
 
 
 def test_a_tenth_of_the_width_beyond_is_told() -> None:

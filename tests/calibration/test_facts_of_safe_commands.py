@@ -33,14 +33,10 @@ REACH = 2.0
 
 def machine(ratio: float = 1.0) -> Any:
     """Return as much of a machine as is asked for: two slides and a motor of some gear ratio."""
-    def limb(j: int) -> Any:
-        ratios = {"ratio": ratio} if j == 2 else {}
-        return SimpleNamespace(actuator=j, slots=SimpleNamespace(values=lambda g: ratios))
-
     return SimpleNamespace(
         actuators=("leg1", "leg2", "arm"), actuator_quantity=("length", "length", "angle"),
         joint_units=((1e-3, "mm"), (1e-3, "mm"), (np.pi / 180.0, "deg")), reach=REACH, values=None,
-        limbs=[limb(j) for j in range(3)], length_scale=0.5,
+        joint_ratios=np.abs([1.0, 1.0, ratio]), length_scale=0.5,
         units=SimpleNamespace(factor=lambda quantity: 1e-3,
                               name={"length": "mm", "angle": "mrad"}.get))
 

@@ -10,8 +10,12 @@ from scipy.special import bdtrc
 
 import ppmcal
 from ppmcal.calibration.fit.noise_estimate import FAILED_NOISE
-from ppmcal.calibration.knowledge.distance_from_nominal import expected_errors, farthest
-from ppmcal.calibration.knowledge.parameter_estimates import FAR, IMPLAUSIBLE
+from ppmcal.calibration.knowledge.parameter_estimates import (
+    FAR,
+    IMPLAUSIBLE,
+    expected_errors,
+    farthest,
+)
 from ppmcal.model.mechanism import Mechanism
 
 OFFSET = "leg2.offset"

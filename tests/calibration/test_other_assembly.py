@@ -10,8 +10,7 @@ from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.sessions.day_noise import with_day_noise
-from ppmcal.calibration.validation.frozen_models import FrozenModel, validated
-from ppmcal.calibration.validation.other_assembly import in_other_assembly
+from ppmcal.calibration.validation.frozen_models import FrozenModel, in_other_assembly, validated
 from ppmcal.design.assembly_modes import assembly_modes
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.validation import ValidationRecord, misled, model_sentence

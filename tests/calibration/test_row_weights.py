@@ -22,9 +22,11 @@ from ppmcal.calibration.fit import (
     residual_freedom,
     values_taken,
 )
-from ppmcal.calibration.fit.fit_rows import fit_rows
 from ppmcal.calibration.fit.normal_equations import normal_sums, row_squares
+from ppmcal.calibration.fit.outliers import Distances
+from ppmcal.calibration.fit.row_weighing import fit_rows
 from ppmcal.diagnosis.linear_system import build
+from ppmcal.inference.priors import NO_WEIGHT
 from ppmcal.kinematics.compiled_limbs import MANY
 from ppmcal.model.dataset import Dataset
 from ppmcal.simulation.simulate import simulate
@@ -173,3 +175,17 @@ def test_a_third_of_wrong_rows_does_not_hide_itself(campaign: tuple[Problem, Fit
     np.testing.assert_array_equal(~found.keep[0], wrong)
     alone = identify(replace(fit.problem, datasets=(data.take(~wrong),)))
     np.testing.assert_allclose(found.state.g, alone.state.g, atol=1e-9)
+
+
+def test_a_row_that_does_not_belong_pulls_as_much_as_one_that_hardly_does() -> None:
+    """However far it is; rows of more values may be farther off, and those that belong count."""
+    square = np.array([1.0, 6.0, 12.0, 1e4, 1e8, np.nan, 1e4])
+    size = np.array([3.0, 3.0, 3.0, 3.0, 3.0, 0.0, 6.0])
+    found, keep = Distances((square,), (size,)), [square < 100.0]
+    (weight,) = found.held_back(keep, np.array([1.0]))
+    np.testing.assert_array_equal(weight[[0, 1, 2, 5]], 1.0)
+    pull = weight * square
+    assert pull[3] == pytest.approx(pull[4], rel=1e-9) and pull[2] < pull[3] < pull[6] < 100.0
+    there = np.where(np.isnan(square), square, np.minimum(square, pull[3]))
+    (known,) = Distances((there,), (size,)).weights(keep, np.array([1.0]))
+    assert known[3] == pytest.approx(float(NO_WEIGHT), rel=0.05)

@@ -10,6 +10,7 @@ import pytest
 from calibration.test_file_scale import OPEN, session
 from helpers.instruments import SIGMA
 from helpers.paths import ROOT
+from helpers.posteriors import sigma_of
 
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.fit.fitting import identify
@@ -94,8 +95,7 @@ def test_a_calibration_carried_on_knows_what_its_file_said(sigma: float) -> None
     fit = identify(Problem(mechanism, (replace(data, scale=near(0.9975, sigma)),),
                            mechanism.free), FitOptions(robust=False))
     count = len(mechanism.free)
-    covariance, _ = posterior_of(fit, {"0": "distances"}).covariance()
-    np.testing.assert_allclose(np.sqrt(np.diagonal(covariance)),
+    np.testing.assert_allclose(sigma_of(posterior_of(fit, {"0": "distances"})),
                                np.sqrt(np.diagonal(posterior(fit))[:count]), rtol=1e-3)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import ppmcal
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.knowledge.tolerance_moves import by_tolerances, uncertain
+from ppmcal.calibration.knowledge.consider_parameters import by_tolerances, uncertain
 
 
 @pytest.mark.parametrize("kind", ["3-RPR", "delta-linear", "6-UPS"])

@@ -7,14 +7,13 @@ well the data know it; rows that would be unsafe are refused, each with its reas
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal import algebra as cga
-from ppmcal.calibration.fit import Problem, State, refuse_other_branch
-from ppmcal.calibration.knowledge import IMPLAUSIBLE, by_tolerances, measured_ranges, refuse_far
+from ppmcal.calibration.fit import Problem, State, in_other_branch, turn_between
+from ppmcal.calibration.knowledge import IMPLAUSIBLE, by_tolerances, far_outside, measured_ranges
 from ppmcal.calibration.validation import DoubtfulStretch, Identification
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import final_shift
@@ -39,6 +38,7 @@ from ppmcal.wording.progress import stage
 
 NOTHING = 1e-9
 """Errors and steps below this part of the reach, or of a radian, are arithmetic."""
+UNKNOWN = "how well the measurements know the machine there cannot be predicted"
 KINDS = {"position": "length", "rotation": "angle"}
 """Errors that are told, each by itself, and their quantity."""
 
@@ -190,30 +190,39 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     if asked is wanted:
         full = np.where((open_ & finite_rows(table.pose))[:, None], table.pose, full)
         failed = [""] * len(full)   # that was of the machine without its effects
-    status = ["refused" if f or s != "ok" else "ok"
-              for f, s in zip(failed, table.status, strict=True)]
-    reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
+    refused = {n: f or r for n, (f, s, r) in enumerate(zip(
+        failed, table.status, table.reason, strict=True)) if f or s != "ok"}
+
+    def refuse(found: Iterable[tuple[int, str]]) -> Bools:
+        """Refuse rows that are not refused yet; return those that are left (N,)."""
+        for n, reason in found:
+            refused.setdefault(n, reason)
+        return np.array([n not in refused for n in range(len(full))])
+
     volume = None if knowledge is None else knowledge.volume
     ranges = measured_ranges(mechanism, volume)
-    refuse_far(mechanism, full, ranges, status, reason)
-    refuse_other_branch(model, pose_motor(full), table.q, ranges, status, reason)
+    refuse(far_outside(mechanism, full, ranges))
+    good = refuse(in_other_branch(model, pose_motor(full), table.q, ranges))
     believed = registration
     if knowledge is not None and dataset in knowledge.before:
         believed = knowledge.before[dataset]
     before, reached, q_nominal = _uncorrected(model, nominal, registration, believed, full, wanted,
                                               rows)
-    _refuse_unexplained(model, nominal, registration, full, q_nominal, rows, before, status, reason)
-    good = np.array([s == "ok" for s in status])
+    good = refuse(_unexplained(model, nominal, registration, full, q_nominal, rows, before, good))
     sigma = pose_sigma(model, before_events, full, table.q, good, knowledge, dataset, rows)
     if knowledge is not None:
-        good = _refuse_unknown(good, sigma, status, reason)
+        # of which it cannot be had how well they are known
+        good = refuse((n, UNKNOWN) for n in np.flatnonzero(
+            ~(np.isfinite(sigma[0]) & np.isfinite(sigma[1]))).tolist())
     sigma_before = pose_sigma(model, before_events, reached, q_nominal,
                               good & finite_rows(reached), knowledge, dataset, rows)
     result = _after(model, nominal, registration, table.q, full, good, rows)
     q = np.where(good[:, None], table.q, np.nan)
     seen = measured_pose(registration, pose_motor(full))
     return Compensation(q, q_nominal, result[0], seen, full, before[0], result[1], before[1],
-                        result[2], *sigma, *sigma_before, tuple(status), tuple(reason))
+                        result[2], *sigma, *sigma_before,
+                        tuple(("refused", "ok")[int(g)] for g in good),
+                        tuple(refused.get(n, "") for n in range(len(full))))
 
 
 @stage("predicting errors without correction")
@@ -235,46 +244,37 @@ def _uncorrected(model: Model, nominal: Model, registration: Registration,
     return _errors(registration, real.pose, pose_motor(full)), pose_vector(real.pose), table.q
 
 
-def _refuse_unexplained(model: Model, nominal: Model, registration: Registration, full: Array,
-                        q_nominal: Array, rows: Environment, before: tuple[Array, Array],
-                        status: list[str], reason: list[str]) -> None:
-    """Refuse rows whose commands go farther from the uncorrected ones than tolerances explain.
+def _unexplained(model: Model, nominal: Model, registration: Registration, full: Array,
+                 q_nominal: Array, rows: Environment, before: tuple[Array, Array], good: Bools
+                 ) -> Iterator[tuple[int, str]]:
+    """Yield rows whose commands go farther from the uncorrected ones than tolerances explain.
 
     Whatever the fit promises: a machine is not that far from its drawing, numbers are wrong then.
     What named effects do is explained by them; what was learned claims no cause. ``before``:
-    errors (N,) of the nominal commands ``q_nominal``.
+    errors (N,) of the nominal commands ``q_nominal``; ``good``: rows that are asked (N,).
     """
     mechanism = model.mechanism
     bare = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.kind.name == LEARNED))
     if len(bare.effects) < len(mechanism.effects):
         real = reached_poses(Model(bare), q_nominal, rows)
         before = _errors(registration, real.pose, pose_motor(full))
-    at = finite_rows(q_nominal) & np.array([s == "ok" for s in status])
-    if not at.any():
+    at = np.flatnonzero(finite_rows(q_nominal) & good)
+    if not at.size:
         return
     sigma = tolerance_sigma(nominal, registration, full[at], q_nominal[at])
     units, least = mechanism.units, NOTHING * np.array([mechanism.reach, 1.0])
-    for n, *sizes in zip(np.flatnonzero(at).tolist(), *sigma, strict=True):
-        for i, quantity in enumerate(("length", "angle")):
-            if before[i][n] > IMPLAUSIBLE * sizes[i] + least[i]:
-                factor, unit = units.factor(quantity), units.name(quantity)
-                status[n] = "refused"
-                reason[n] = (
-                    f"goes {before[i][n] / factor:.4g} {unit} from the uncorrected command, where "
-                    f"the tolerances make {sizes[i] / factor:.2g} {unit} (1 sigma): no machine "
+    # of a row that does both it is told that it turns too far
+    for i, quantity in ((1, "angle"), (0, "length")):
+        factor, unit = units.factor(quantity), units.name(quantity)
+        for n, off, size in zip(at.tolist(), before[i][at].tolist(), sigma[i].tolist(),
+                                strict=True):
+            if off > IMPLAUSIBLE * size + least[i]:
+                yield n, (
+                    f"goes {off / factor:.4g} {unit} from the uncorrected command, where "
+                    f"the tolerances make {size / factor:.2g} {unit} (1 sigma): no machine "
                     f"within {IMPLAUSIBLE:.0f} tolerances is that far from its drawing; "
                     "if this one is, give its file larger tolerances (--regardless does not lift "
                     "this)")
-
-
-def _refuse_unknown(good: Bools, sigma: tuple[Array, Array], status: list[str],
-                    reason: list[str]) -> Bools:
-    """Refuse rows of which it cannot be had how well they are known; return those that are left."""
-    known = np.isfinite(sigma[0]) & np.isfinite(sigma[1])
-    for n in np.flatnonzero(good & ~known).tolist():
-        status[n] = "refused"
-        reason[n] = "how well the measurements know the machine there cannot be predicted"
-    return np.asarray(good & known)
 
 
 def tolerance_sigma(nominal: Model, registration: Registration, full: Array, q: Array
@@ -312,8 +312,7 @@ def _after(model: Model, nominal: Model, registration: Registration, q: Array, f
 def _errors(registration: Registration, real: Array, ideal: Array) -> tuple[Array, Array]:
     """Return position and rotation differences (N,) as the instrument would see them."""
     (a, ra), (b, rb) = predict(registration, real), predict(registration, ideal)
-    turn = cga.rotation_vector(cga.motor_from_matrix(ra @ np.swapaxes(rb, -1, -2), np.zeros(3)))
-    return np.linalg.norm(a - b, axis=-1), np.linalg.norm(turn, axis=-1)
+    return np.linalg.norm(a - b, axis=-1), np.linalg.norm(turn_between(ra, rb), axis=-1)
 
 
 @stage("how sure they are")

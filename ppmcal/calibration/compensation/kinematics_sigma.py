@@ -90,26 +90,33 @@ def joint_sigma(model: Model, at: PoseRows, knowledge: Knowledge) -> Array:
 
     Of a machine with fewer actuators than coordinates they are those of the nearest pose.
     """
-    out = np.full_like(at.q, np.nan)
-    for n in at.pieces():
-        some = at.take(n)
-        turn = _joints_of_poses(model, some.pose, some.q)
-        jacobian = turn @ prediction_jacobian(model, Registration(), some.pose, some.q, knowledge,
-                                              "", some.rows)
-        variance = np.einsum("nkc,cd,nkd->nk", jacobian, knowledge.covariance, jacobian)
-        out[n] = np.sqrt(np.maximum(variance, 0.0) + _beyond_parameters(
-            model, some, turn, knowledge))
-    return out
+    by_parameters, left = _joint_parts(model, at, knowledge, True)
+    return np.asarray(np.hypot(by_parameters, left))
 
 
 def left_joint_sigma(model: Model, at: PoseRows, knowledge: Knowledge) -> Array:
     """Return the part of :func:`joint_sigma` that no parameter makes (N, k), unit of q."""
-    out = np.full_like(at.q, np.nan)
+    return np.asarray(_joint_parts(model, at, knowledge, False)[1])
+
+
+def _joint_parts(model: Model, at: PoseRows, knowledge: Knowledge, by_parameters: bool) -> Array:
+    """Return the standard deviations (2, N, k) that parameters make, if asked, and all else."""
+    out = np.full((2, *at.q.shape), np.nan)
     for n in at.pieces():
         some = at.take(n)
         turn = _joints_of_poses(model, some.pose, some.q)
-        out[n] = np.sqrt(_beyond_parameters(model, some, turn, knowledge))
+        if by_parameters:
+            jacobian = turn @ prediction_jacobian(model, Registration(), some.pose, some.q,
+                                                  knowledge, "", some.rows)
+            out[0, n] = _spread(jacobian, knowledge.covariance)
+        out[1, n] = np.sqrt(_beyond_parameters(model, some, turn, knowledge))
     return out
+
+
+def _spread(jacobian: Array, covariance: Array) -> Array:
+    """Return the standard deviations (N, k) of what moves by (N, k, C) with parameters (C, C)."""
+    return np.asarray(np.sqrt(np.maximum(
+        np.einsum("nkc,cd,nkd->nk", jacobian, covariance, jacobian), 0.0)))
 
 
 def _joints_of_poses(model: Model, pose: Array, q: Array) -> Array:
@@ -163,6 +170,4 @@ def sigma_by_differences(solve: Callable[[Model], Array], mechanism: Mechanism,
             ends.append(solve(Model(mechanism, g)))
         columns.append((ends[0] - ends[1]) / (2.0 * STEP * sigma) if sigma > 0.0
                        else np.zeros_like(ends[0]))
-    jacobian = np.stack(columns, axis=-1)
-    return np.asarray(np.sqrt(np.maximum(
-        np.einsum("nkc,cd,nkd->nk", jacobian, covariance, jacobian), 0.0)))
+    return _spread(np.stack(columns, axis=-1), covariance)

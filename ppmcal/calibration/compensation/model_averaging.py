@@ -15,6 +15,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.calibration.compensation.commands import Compensation, Knowledge, compensate
 from ppmcal.calibration.compensation.safe_commands import refused, sent
+from ppmcal.calibration.fit import turn_between
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.needed_columns import missing_columns
@@ -198,7 +199,5 @@ def _errors(mechanism: Mechanism, q: Array, result: Compensation, targets: Targe
         about = wanted - np.nanmean(wanted, axis=0)
         position = np.fmax(np.linalg.norm(shown, axis=1), np.linalg.norm(
             shown - (stretch @ about[..., None])[..., 0], axis=1))
-    goal = cga.rotation_matrix(pose_motor(result.seen))
-    away = cga.rotation_vector(cga.motor_from_matrix(turn @ np.swapaxes(goal, -1, -2),
-                                                     np.zeros(3)))
+    away = turn_between(turn, cga.rotation_matrix(pose_motor(result.seen)))
     return position, np.linalg.norm(away, axis=1)

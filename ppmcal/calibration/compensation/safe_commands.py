@@ -97,7 +97,7 @@ class Steps:
 def _added_steps(mechanism: Mechanism, added: Array, nominal: Array, before: Ints, after: Ints
                  ) -> Steps:
     """Return how far corrections ``added`` (N, k) step beyond the nominal joints' own steps."""
-    ratio = _ratios(mechanism)
+    ratio = mechanism.joint_ratios
     own = np.abs(nominal[after] - nominal[before]) * ratio
     step = np.abs(added[after] - added[before]) * ratio
     beyond = np.zeros_like(step)
@@ -109,14 +109,6 @@ def _added_steps(mechanism: Mechanism, added: Array, nominal: Array, before: Int
     joint = beyond.argmax(axis=1)
     return Steps(after, np.where(beyond.max(axis=1) > 0.0, step[np.arange(len(step)), joint], 0.0),
                  joint)
-
-
-def _ratios(mechanism: Mechanism) -> Array:
-    """Return |du/dq| of each joint (k,)."""
-    out = np.ones(len(mechanism.actuators))
-    for limb in mechanism.limbs:
-        out[limb.actuator] = abs(limb.slots.values(mechanism.values).get("ratio", 1.0))
-    return out
 
 
 @stage("checking the ways between targets")
@@ -152,7 +144,7 @@ def _jumps(mechanism: Mechanism, q: Array, nominal: Array, before: Ints, after: 
         out[int(n)] = (f"{mechanism.actuators[j]} would jump by {size:.6g} {units[j][1]}".rstrip()
                        + f" from row {before[n] + 1}, beyond the targets' own step")
     angle = [a == "angle" for a in mechanism.actuator_quantity]
-    turn = np.where(angle, np.abs(q[after] - q[before]) * _ratios(mechanism), 0.0)
+    turn = np.where(angle, np.abs(q[after] - q[before]) * mechanism.joint_ratios, 0.0)
     for n in np.flatnonzero((turn > np.pi).any(axis=1)):
         j = int(turn[n].argmax())
         out[int(n)] = (f"{mechanism.actuators[j]} would turn by {np.degrees(turn[n, j]):.4g} deg "

@@ -32,18 +32,13 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.fit_result import posterior as posterior
     from ppmcal.calibration.fit.fit_result import prediction_covariance as prediction_covariance
     from ppmcal.calibration.fit.fit_result import residual_freedom as residual_freedom
+    from ppmcal.calibration.fit.fit_result import unfitted as unfitted
     from ppmcal.calibration.fit.fit_result import values_taken as values_taken
     from ppmcal.calibration.fit.fitting import identify as identify
     from ppmcal.calibration.fit.flatness import Flat as Flat
     from ppmcal.calibration.fit.flatness import flats as flats
     from ppmcal.calibration.fit.gauss_newton import CONVERGED as CONVERGED
     from ppmcal.calibration.fit.gauss_newton import least_squares as least_squares
-    from ppmcal.calibration.fit.gross_rows import beyond as beyond
-    from ppmcal.calibration.fit.gross_rows import explained_distances as explained_distances
-    from ppmcal.calibration.fit.gross_rows import gross_errors as gross_errors
-    from ppmcal.calibration.fit.gross_rows import rows_with_outliers as rows_with_outliers
-    from ppmcal.calibration.fit.gross_rows import single_gross_rows as single_gross_rows
-    from ppmcal.calibration.fit.gross_rows import toleranced as toleranced
     from ppmcal.calibration.fit.homing_shift import HomingShift as HomingShift
     from ppmcal.calibration.fit.linearisation import NormalStep as NormalStep
     from ppmcal.calibration.fit.linearisation import column_scale as column_scale
@@ -69,6 +64,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.noise_estimate import with_estimated_noise as with_estimated_noise
     from ppmcal.calibration.fit.noise_estimate import with_noise as with_noise
     from ppmcal.calibration.fit.noise_estimate import with_own_noise as with_own_noise
+    from ppmcal.calibration.fit.normal_equations import WhiteBlock as WhiteBlock
     from ppmcal.calibration.fit.normal_equations import white_blocks as white_blocks
     from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns as NuisanceColumns
     from ppmcal.calibration.fit.observation import coordinates as coordinates
@@ -79,13 +75,19 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.observation import stretched as stretched
     from ppmcal.calibration.fit.observation import turn_between as turn_between
     from ppmcal.calibration.fit.other_branch import branch_findings as branch_findings
-    from ppmcal.calibration.fit.other_branch import refuse_other_branch as refuse_other_branch
+    from ppmcal.calibration.fit.other_branch import in_other_branch as in_other_branch
     from ppmcal.calibration.fit.outliers import Distances as Distances
     from ppmcal.calibration.fit.outliers import GrossError as GrossError
     from ppmcal.calibration.fit.outliers import GrossErrors as GrossErrors
+    from ppmcal.calibration.fit.outliers import beyond as beyond
     from ppmcal.calibration.fit.outliers import distances as distances
+    from ppmcal.calibration.fit.outliers import explained_distances as explained_distances
     from ppmcal.calibration.fit.outliers import find_gross_errors as find_gross_errors
+    from ppmcal.calibration.fit.outliers import gross_errors as gross_errors
     from ppmcal.calibration.fit.outliers import huber_weights as huber_weights
+    from ppmcal.calibration.fit.outliers import rows_with_outliers as rows_with_outliers
+    from ppmcal.calibration.fit.outliers import single_gross_rows as single_gross_rows
+    from ppmcal.calibration.fit.outliers import toleranced as toleranced
     from ppmcal.calibration.fit.prior_information import BENT as BENT
     from ppmcal.calibration.fit.prior_information import SEEN as SEEN
     from ppmcal.calibration.fit.prior_information import Earlier as Earlier

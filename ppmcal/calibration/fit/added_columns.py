@@ -66,12 +66,8 @@ def added_columns(problem: Problem, state: State, keep: Sequence[Bools], prior: 
     width = [next(at.stop - at.start for at, _ in g.values()) for g in groups]
     scale, size = column_scale(problem), len(problem.columns)
     begin = (size + np.cumsum([0, *width])).tolist()
-    stack, count = np.zeros((0, begin[-1] + 1)), 0.0
-    if problem.earlier is not None:
-        free = len(problem.free)
-        missed, slope = problem.earlier.rows(problem.mechanism, list(problem.free), state.g)
-        stack = np.zeros((missed.size, stack.shape[1]))
-        stack[:, :free], stack[:, -1], count = slope, missed, missed.size
+    stack = problem.earlier_rows(state, begin[-1] + 1)
+    count = float(len(stack))
     some = subsample(keep, MOST)
     for part, more in zip(problem.rows(state, True, some), wide.rows(state, True, some),
                           strict=True):

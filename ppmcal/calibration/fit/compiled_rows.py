@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ppmcal.calibration.fit.instrument_tables import SCALE, TARGET, TURN, InstrumentTables
+from ppmcal.calibration.fit.nuisance_columns import SCALE, TARGET, TURN, InstrumentTables
 from ppmcal.kinematics.compilation import compiled, part
 from ppmcal.kinematics.compiled_algebra import unpack
 from ppmcal.kinematics.compiled_closure import (

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.calibration.fit.linearisation import QRFactor, seen_directions, to_prior
+from ppmcal.calibration.fit.linearisation import (
+    QRFactor,
+    column_scale,
+    prior_weights,
+    qr_factor,
+    seen_directions,
+    to_prior,
+)
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.linalg import Array, Bools, finite_rows, svd
 
@@ -111,6 +119,19 @@ class Fit:
             mask[[n for n, reason in reasons.items() if reason.startswith(OUTLIER)]] = True
             out.append(mask & finite_rows(pose) & ~keep)
         return out
+
+
+def unfitted(problem: Problem, state: State | None = None, keep: Sequence[Bools] = (),
+             method: str = "prior", scale: float = 1.0) -> Fit:
+    """Return a fit that has made no step: what rows (N,) see of a machine where it stands.
+
+    ``state``, ``keep``: default the start, and the rows that have a pose there; ``method``,
+    ``scale``: of the prior.
+    """
+    state = state or problem.start()
+    keep = tuple(keep) or tuple(finite_rows(p) for p in state.poses)
+    return Fit(problem, state, qr_factor(problem, state, keep),
+               prior_weights(problem, method, scale), column_scale(problem), keep, 0, False)
 
 
 def like_noise(rows: QRFactor) -> bool:

@@ -9,16 +9,14 @@ how likely it belongs; those that hardly do are left out and reported.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions
-from ppmcal.calibration.fit.fit_rows import fit_rows
-from ppmcal.calibration.fit.gauss_newton import least_squares
-from ppmcal.calibration.fit.gross_rows import gross_errors
+from ppmcal.calibration.fit.gauss_newton import least_squares, prior_square
 from ppmcal.calibration.fit.linearisation import (
     column_scale,
     parameter_scale,
@@ -26,14 +24,15 @@ from ppmcal.calibration.fit.linearisation import (
 )
 from ppmcal.calibration.fit.normal_equations import normal_sums
 from ppmcal.calibration.fit.observation import coordinates, shown
-from ppmcal.calibration.fit.outliers import beyond_weight, distances, huber_weights
+from ppmcal.calibration.fit.outliers import beyond_weight, distances, gross_errors, huber_weights
 from ppmcal.calibration.fit.problem import Problem, State
-from ppmcal.calibration.fit.registration_starts import loss, opened_in_turn
 from ppmcal.calibration.fit.regularization import damped, gcv_scale
-from ppmcal.calibration.fit.row_weighing import weighed
+from ppmcal.calibration.fit.row_weighing import fit_rows, weighed
 from ppmcal.calibration.fit.unsolved_rows import NO_POSE, with_unsolved
 from ppmcal.errors import BadInput, NoResult
+from ppmcal.inference.row_weights import improbability
 from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.model.dataset import Dataset
 from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import stage
 
@@ -163,9 +162,8 @@ def _thinned(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[Pro
         rows.append(usable[np.linspace(0, usable.size - 1, count).astype(int)]
                     if usable.size else usable)
     datasets = tuple(d.take(r) for d, r in zip(problem.datasets, rows, strict=True))
-    about = tuple(o.about for o in problem.opens)
     poses = tuple(p[r] for p, r in zip(state.poses, rows, strict=True))
-    return replace(problem, datasets=datasets, pivots=about), replace(state, poses=poses)
+    return problem.changed(datasets=datasets), replace(state, poses=poses)
 
 
 def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, options: FitOptions,
@@ -276,3 +274,70 @@ def _cross_validated(fit: Fit, options: FitOptions) -> Fit:
         if done:
             break
     return fit
+
+
+# --- a second start of frames and targets: one thing opened after another -------------------------
+#
+# Where a platform hardly turns, or its nominal geometry misses by much, what frame and target do
+# looks alike, and the closed form of both may put them far off. A fit that leaves the target where
+# the file says is then nearer; opening one thing at a time from there never fits worse.
+
+STEPWISE = ("target_rotation", "target")
+"""What is left closed at first, and opened from the last to the first."""
+ITERATIONS = 15
+
+
+def opened_in_turn(problem: Problem, state: State, keep: Sequence[Bools], robust: bool
+                   ) -> tuple[Registration, ...] | None:
+    """Return where registrations end that are fitted with one thing open after another.
+
+    The geometry stays as it is. None where nothing is open beside frames or beside a target.
+
+    Args:
+        problem: machine and data.
+        state: with the poses at the machine's values.
+        keep: rows to use (N,), by data set.
+        robust: far rows count less.
+    """
+    found: State | None = None
+    for narrow in _narrower(replace(problem, free=(), earlier=None)):
+        if found is None:
+            found = replace(narrow.start(), poses=state.poses)
+
+        def weigh(at: State, narrow: Problem = narrow) -> Sequence[Array]:
+            return huber_weights(narrow, at, keep)
+
+        found = least_squares(narrow, found, keep, prior_weights(narrow, "prior"), ITERATIONS,
+                              weigh if robust else None, rough=True).state
+    return None if found is None else found.registrations
+
+
+def _narrower(problem: Problem) -> Iterator[Problem]:
+    """Yield a problem with less open, then with more, then as it is; nothing where none has."""
+    words = [w for w in STEPWISE if any(_closed(d, [w]) is not d for d in problem.datasets)]
+    for count in range(len(words), -1, -1) if words else ():
+        yield problem.changed(datasets=tuple(_closed(d, words[:count]) for d in problem.datasets))
+
+
+def _closed(data: Dataset, words: Sequence[str]) -> Dataset:
+    """Return a data set with parts of its registration as the file says; itself without any."""
+    if not data.frame.fitted:
+        return data
+    own = {w: replace(getattr(data, w), fitted=False) for w in words if getattr(data, w).fitted}
+    return replace(data, **own) if own else data
+
+
+def loss(fit: Fit, robust: bool) -> tuple[int, float]:
+    """Return how badly a fit does: rows that have no pose, then chi-squared of data and prior.
+
+    With ``robust`` rows that are far off count as rows that may not belong.
+    """
+    total, lost = prior_square(fit.problem, fit.state, fit.prior), 0
+    found = distances(fit.problem, fit.state)
+    for square, size, pose in zip(found.square, found.size, fit.state.poses,
+                                  strict=True):
+        there = np.isfinite(square) & (size > 0) & finite_rows(pose)
+        lost += int((~there).sum())
+        own = square[there]
+        total += float(np.sum(improbability(own, size[there]) if robust else own))
+    return lost, total

@@ -221,14 +221,7 @@ def cost(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
         return float("inf")
     for i, k in enumerate(keep):
         squares = row_squares(problem, state, i, k)
-        if squares is not None:
-            total += float(np.sum(squares if weights is None else squares * weights[i][k] ** 2))
-            continue
-        for rows in problem.rows_of(i, state, False, k):
-            r = rows.residual
-            if weights is not None:
-                r = r * weights[i][rows.index][:, None]
-            total += float(np.sum(r * r))
+        total += float(np.sum(squares if weights is None else squares * weights[i][k] ** 2))
     if problem.earlier is not None:
         total += float(np.sum(problem.earlier.rows(problem.mechanism, (), state.g)[0] ** 2))
     return total

@@ -55,7 +55,7 @@ def homing_shifts(fit: Fit) -> Iterator[HomingShift]:
     if len(sessions) == 2:    # what moved in one moved the other way in the other
         sessions = [min(reversed(sessions), key=lambda s: sum(map(np.sum, s[1])))]
     problem, names = fit.problem, fit.problem.mechanism.actuators
-    homed = replace(problem, pivots=tuple(o.about for o in problem.opens), datasets=tuple(
+    homed = problem.changed(datasets=tuple(
         replace(d, homing="alone") if d.homing == "shared" else d for d in problem.datasets))
     rows = added_columns(problem, fit.state, keep, fit.prior, homed, [
         {i: (o.homing, m) for i, (o, m) in enumerate(zip(homed.opens, masks, strict=True))

@@ -89,8 +89,8 @@ def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
         weights: factor on each white row (N,), for each data set  [default: 1].
     """
     size = len(problem.columns) + 1
-    stack = np.zeros((0, size))
-    count: float = 0
+    stack, earlier = np.zeros((0, size)), problem.earlier_rows(state, size)
+    count: float = len(earlier)
     for i in range(len(problem.datasets)):
         for part in white_blocks(problem, state, i, keep[i],
                                  None if weights is None else weights[i]):
@@ -100,12 +100,8 @@ def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
                 piece = np.concatenate([stack, flat[begin:begin + ROWS]])
                 stack = linalg.triangle(piece)
             count += problem.values(i, part.index, part.values)
-    if problem.earlier is not None:
-        residual, jacobian = problem.earlier.rows(problem.mechanism, problem.free, state.g)
-        block = np.zeros((residual.size, size))
-        block[:, :len(problem.free)], block[:, -1] = jacobian, residual
-        stack = linalg.triangle(np.concatenate([stack, block]))
-        count += residual.size
+    if len(earlier):
+        stack = linalg.triangle(np.concatenate([stack, earlier]))
     full = np.zeros((size, size))
     full[:min(size, stack.shape[0])] = stack[:size]
     right = full[:-1, -1]

@@ -141,8 +141,7 @@ def with_noise(fit: Fit, factor: float, options: FitOptions) -> Fit:
     if factor == 1.0:
         return fit
     datasets = _scaled(fit.problem.datasets, np.full(len(fit.problem.datasets), factor))
-    noisier = replace(fit.problem, datasets=datasets,
-                      pivots=tuple(o.about for o in fit.problem.opens))
+    noisier = fit.problem.changed(datasets=datasets)
     chosen = options.method == "gcv"
     wider = fit.prior_scale * (factor if chosen else 1.0)
     state, converged = fit.state, fit.converged
@@ -345,20 +344,14 @@ def _repeated(groups: NDArray[np.int64], keep: Bools) -> Bools:
 def _repeats(fit: Fit) -> tuple[float | None, int]:
     """Scatter within repeats over the stated noise, and its degrees of freedom."""
     square, degrees = 0.0, 0.0
-    white: list[tuple[int, NDArray[np.int64], Array, Array]] = []
-    same = [repeats(d) for d in fit.problem.datasets]
-    again = [_repeated(g, k) for g, k in zip(same, fit.keep, strict=True)]
-    for rows in fit.problem.rows(fit.state, False, again):
-        groups = same[rows.dataset][rows.index]
-        root = np.sqrt(fit.problem.weights[rows.dataset][rows.index])[:, None]
-        white.append((rows.dataset, groups, rows.residual, root * rows.observed))
-    for i in range(len(fit.problem.datasets)):
-        parts = [(g, r, o) for d, g, r, o in white if d == i]
+    for i, data in enumerate(fit.problem.datasets):
+        same, weight = repeats(data), fit.problem.weights[i]
+        parts = list(fit.problem.rows_of(i, fit.state, False, _repeated(same, fit.keep[i])))
         if not parts:
             continue
-        groups = np.concatenate([g for g, _, _ in parts])
-        r, root = (np.concatenate([p[j] for p in parts]) for j in (1, 2))
-        _, label = np.unique(groups, return_inverse=True)
+        r = np.concatenate([p.residual for p in parts])
+        root = np.concatenate([np.sqrt(weight[p.index])[:, None] * p.observed for p in parts])
+        _, label = np.unique(same[np.concatenate([p.index for p in parts])], return_inverse=True)
         count = np.zeros((label.max() + 1, r.shape[1]))
         total, more = np.zeros_like(count), np.zeros_like(count)
         np.add.at(count, label, root**2)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.fit.instrument_tables import SCALE, TARGET, TURN, InstrumentTables
+from ppmcal.calibration.fit.nuisance_columns import SCALE, TARGET, TURN, InstrumentTables
 from ppmcal.calibration.fit.observation import coordinates
 from ppmcal.calibration.fit.problem import PIECE, Problem, State
 from ppmcal.kinematics import compiled_limbs
@@ -40,7 +40,8 @@ def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
                 weights: Sequence[Array] | None = None) -> NormalSums:
     """Return the normal equations of all rows; arguments as :func:`least_squares.qr_factor`."""
     size = len(problem.columns) + 1
-    total, count = np.zeros((size, size)), 0.0
+    earlier = problem.earlier_rows(state, size)
+    total, count = earlier.T @ earlier, float(len(earlier))
     for i in range(len(problem.datasets)):
         own = _compiled_sums(problem, state, i, keep[i], None if weights is None else weights[i])
         if own is not None:
@@ -52,31 +53,26 @@ def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
             flat = part.rows.reshape(-1, size)
             total += flat.T @ flat
             count += problem.values(i, part.index, part.values)
-    if problem.earlier is not None:
-        residual, jacobian = problem.earlier.rows(problem.mechanism, problem.free, state.g)
-        block = np.zeros((residual.size, size))
-        block[:, :len(problem.free)], block[:, -1] = jacobian, residual
-        total += block.T @ block
-        count += residual.size
     return NormalSums(total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), count)
 
 
-def row_squares(problem: Problem, state: State, index: int, rows: Bools) -> Array | None:
-    """Return the white squares (n,) of some rows (N,) of a data set, which all have poses.
-
-    None where the noise of joints, effects or distances take more than the residual itself.
-    """
+def row_squares(problem: Problem, state: State, index: int, rows: Bools) -> Array:
+    """Return the white squares (n,) of some rows (N,) of a data set, which all have poses."""
     at = np.flatnonzero(rows)
-    if not _has_sight(problem, state, index):
-        return None
-    if at.size < compiled_limbs.MANY:
-        return _few_squares(problem, state, index, at)
-    from ppmcal.calibration.fit.compiled_rows import row_squares as squares
+    own = None
+    if _has_sight(problem, state, index):
+        if at.size < compiled_limbs.MANY:
+            own = _few_squares(problem, state, index, at)
+        else:
+            from ppmcal.calibration.fit.compiled_rows import row_squares as squares
 
-    sight = _sight(problem, state, index)
-    return np.concatenate([
-        squares(sight, _taken(rows, state.poses[index]), *problem.measured(index, rows)[:2])
-        for rows in _pieces(at)])
+            sight = _sight(problem, state, index)
+            own = np.concatenate([squares(sight, _taken(some, state.poses[index]),
+                                          *problem.measured(index, some)[:2])
+                                  for some in _pieces(at)])
+    # the noise of joints, effects and distances take more than the residual itself
+    return own if own is not None else np.concatenate([np.zeros(0), *(
+        np.sum(r.residual**2, axis=1) for r in problem.rows_of(index, state, False, rows))])
 
 
 def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Array | None:

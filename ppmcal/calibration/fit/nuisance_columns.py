@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.fit.observation import ResidualJacobian, pivot
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
@@ -135,3 +136,29 @@ def turned_about(frame: Array, step: Array, about: Array) -> Array:
     turn = cga.motor_from_rotation_vector(step[..., 3:], np.zeros(3))
     shift = about + step[..., :3] - cga.move_point(turn, about)
     return cga.compose(cga.motor_from_rotation_vector(step[..., 3:], shift), frame)
+
+
+TARGET, TURN, SCALE = 6, 9, 12
+"""Where parts of a registration begin; those of the frame come first."""
+
+
+class InstrumentTables(NamedTuple):
+    """What an instrument sees from where it stands.
+
+    ``frame`` (12,): rotation row by row and translation; ``frame_rotor``, ``body`` (4,): rotors of
+    the frame and of the measured body; ``target`` (3,); ``slope`` (9,): left Jacobian of the body's
+    rotation vector; ``about`` (3,): the frame's pivot; ``scale`` of lengths; ``planar``: rotations
+    are angles about z; ``coordinates`` (m,): which of x, y, z, rx, ry, rz are measured; ``parts``
+    (f,): open parts, 0-5 of the frame, then target, turn and scale.
+    """
+
+    frame: Array
+    frame_rotor: Array
+    body: Array
+    target: Array
+    slope: Array
+    about: Array
+    scale: float
+    planar: bool
+    coordinates: Ints
+    parts: Ints

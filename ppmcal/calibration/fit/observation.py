@@ -8,7 +8,7 @@ are rotation vectors in the measuring frame's axes, so that no representation en
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,6 +49,15 @@ class ResidualJacobian:
     by_points: tuple[Array, ...]
     points: tuple[Array, ...]
     by_scale: Array
+
+    def picked(self, parts: Sequence[int]) -> ResidualJacobian:
+        """Return some of the coordinates."""
+        pick = list(parts)
+        return ResidualJacobian(
+            self.residual[:, pick], self.observed[:, pick],
+            tuple(b[:, pick] for b in self.by_poses), self.by_frame[:, pick],
+            self.by_target[:, pick], self.by_target_rotation[:, pick],
+            tuple(b[:, pick] for b in self.by_points), self.points, self.by_scale[:, pick])
 
 
 def coordinates(data: Dataset, motion: str) -> tuple[int, ...]:
@@ -109,39 +118,14 @@ def view(data: Dataset, registration: Registration, poses: Sequence[Array], moti
     sights = [_six_coordinates(data, registration, pose, motion, about, stretch) for pose in poses]
     if data.kind == "distance":
         return _distance(data, sights, registration.scale)
-    pick = list(coordinates(data, motion))
-    s = sights[0]
-    point = s.point
-    if data.kind == "plane":
-        # heights times a scale would hold the very noise that it is to explain
-        point = np.zeros_like(point)
-    residual = s.residual[:, pick]
-    observed = np.isfinite(residual)
-    return ResidualJacobian(np.where(observed, residual, 0.0), observed, (s.by_pose[:, pick],),
-                s.by_frame[:, pick], s.by_target[:, pick], s.by_rotation[:, pick],
-                (np.tile(registration.scale * np.eye(6, 3)[pick], (len(data), 1, 1)),), (point,),
-                (np.pad(s.seen, ((0, 0), (0, 3))) / registration.scale)[:, pick])
-
-
-@dataclass(frozen=True)
-class _SixCoordinates:
-    """n rows of one pose before the instrument picks what it measures of them.
-
-    Residual of all six coordinates (n, 6), nan where not measured, and derivatives of those;
-    ``point`` as in :class:`ResidualJacobian`; ``seen`` (n, 3): where the instrument shows it.
-    """
-
-    residual: Array
-    by_pose: Array
-    by_frame: Array
-    by_target: Array
-    by_rotation: Array
-    point: Array
-    seen: Array
+    seen = sights[0].picked(coordinates(data, motion))
+    # heights times a scale would hold the very noise that it is to explain
+    return replace(seen, points=(np.zeros_like(seen.points[0]),)) if data.kind == "plane" else seen
 
 
 def _six_coordinates(data: Dataset, registration: Registration, pose: Array, motion: str,
-                     about: Array, stretch: Array | None) -> _SixCoordinates:
+                     about: Array, stretch: Array | None) -> ResidualJacobian:
+    """Return rows of one pose before the instrument picks what it measures of them."""
     point, rotation = predict(registration, pose)
     seen = stretched(point, stretch)
     turned = rotation_residual(data, rotation, motion)
@@ -164,13 +148,17 @@ def _six_coordinates(data: Dataset, registration: Registration, pose: Array, mot
     if stretch is not None:
         for block in (by_pose, by_frame, by_target):
             block[:, :3] += stretch @ block[:, :3]
-    return _SixCoordinates(residual, by_pose, by_frame, by_target, by_rotation, point, seen)
+    observed = np.isfinite(residual)
+    return ResidualJacobian(np.where(observed, residual, 0.0), observed, (by_pose,), by_frame,
+                            by_target, by_rotation,
+                            (np.tile(registration.scale * np.eye(6, 3), (n, 1, 1)),), (point,),
+                            np.pad(seen, ((0, 0), (0, 3))) / registration.scale)
 
 
-def _distance(data: Dataset, sights: Sequence[_SixCoordinates], scale: float) -> ResidualJacobian:
+def _distance(data: Dataset, sights: Sequence[ResidualJacobian], scale: float) -> ResidualJacobian:
     """Distances from the frame's origin, or between two positions: their rows along the line."""
-    first = sights[0]
-    apart = first.seen if len(sights) == 1 else first.seen - sights[1].seen
+    signed = list(zip((1.0, -1.0), sights, strict=False))
+    apart = scale * np.sum([sign * s.by_scale[:, :3] for sign, s in signed], axis=0)
     length = np.linalg.norm(apart, axis=1)
     along = (apart / np.where(length > 0.0, length, 1.0)[:, None])[:, None, :]
 
@@ -179,23 +167,14 @@ def _distance(data: Dataset, sights: Sequence[_SixCoordinates], scale: float) ->
 
     residual = (data.value - length)[:, None]
     observed = np.isfinite(residual)
-    signs = (1.0, -1.0)[:len(sights)]
-    by_poses = tuple(sign * rows(s.by_pose) for sign, s in zip(signs, sights, strict=True))
-    by_target = np.sum([sign * rows(s.by_target) for sign, s in zip(signs, sights, strict=True)],
-                       axis=0)
-    nothing = np.zeros((len(data), 1, 3))
-    by_frame = rows(first.by_frame) if len(sights) == 1 else np.zeros((len(data), 1, 6))
+    by_frame = rows(sights[0].by_frame)
     return ResidualJacobian(
-        np.where(observed, residual, 0.0),
-        observed,
-        by_poses,
-        by_frame,
-        by_target,
-        nothing,
-        tuple(sign * scale * along for sign in signs),
-        tuple(s.point for s in sights),
-        (length / scale)[:, None],
-    )
+        np.where(observed, residual, 0.0), observed,
+        tuple(sign * rows(s.by_poses[0]) for sign, s in signed),
+        by_frame if len(sights) == 1 else np.zeros_like(by_frame),
+        np.sum([sign * rows(s.by_target) for sign, s in signed], axis=0),
+        np.zeros((len(data), 1, 3)), tuple(sign * rows(s.by_points[0]) for sign, s in signed),
+        tuple(s.points[0] for s in sights), (length / scale)[:, None])
 
 
 def in_scale(stretch: Array | None, scale: float) -> Array | None:

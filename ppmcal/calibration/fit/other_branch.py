@@ -6,7 +6,7 @@ at which it was never seen.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -64,17 +64,18 @@ def _range(mechanism: Mechanism, actuator: int, values: Array) -> str:
     return f"{values.min() / factor:.4g} to {values.max() / factor:.4g} {unit}".rstrip()
 
 
-def refuse_other_branch(model: Model, pose: Array, q: Array, ranges: Ranges, status: list[str],
-                        reason: list[str]) -> None:
-    """Refuse commands (N, k) outside what was measured where the limb's other way is inside it.
+def in_other_branch(model: Model, pose: Array, q: Array, ranges: Ranges
+                    ) -> Iterator[tuple[int, str]]:
+    """Yield which commands are outside what was measured where the limb's other way is inside it.
 
     Args:
         model: the identified machine.
         pose: the platform's motors (N, 8).
-        q: commands.
+        q: commands (N, k).
         ranges: what was measured, by column (``q_leg1`` ...), SI.
-        status: by row, in place.
-        reason: of refused rows, in place.
+
+    Yields:
+        index of the row, and the reason to refuse it.
     """
     mechanism = model.mechanism
     for index, limb in enumerate(mechanism.limbs):
@@ -83,16 +84,13 @@ def refuse_other_branch(model: Model, pose: Array, q: Array, ranges: Ranges, sta
             continue
         low, high = ranges[f"q_{name}"]
         here = wrapped(mechanism, limb.actuator, q[:, limb.actuator], 0.5 * (low + high))
-        outside = (here < low) | (here > high)
-        outside &= finite_rows(pose) & np.array([s == "ok" for s in status])
-        rows = np.flatnonzero(outside)
+        rows = np.flatnonzero(((here < low) | (here > high)) & finite_rows(pose))
         if not rows.size:
             continue
         other = both_ways(model, index, pose[rows], 0.5 * (low + high))[:, 1]
         factor, unit = mechanism.joint_units[limb.actuator]
         for n in rows[(other >= low) & (other <= high)].tolist():
-            status[n] = "refused"
-            reason[n] = (f"limb '{limb.name}' the other way round than it was measured: {name} = "
-                         f"{here[n] / factor:.6g} {unit}".rstrip() + ", measured "
-                         f"{low / factor:.6g} to {high / factor:.6g} {unit}".rstrip()
-                         + f"; its '{limb.kind.branch}' is the other one")
+            yield n, (f"limb '{limb.name}' the other way round than it was measured: {name} = "
+                      f"{here[n] / factor:.6g} {unit}".rstrip() + ", measured "
+                      f"{low / factor:.6g} to {high / factor:.6g} {unit}".rstrip()
+                      + f"; its '{limb.kind.branch}' is the other one")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -11,10 +11,11 @@ from scipy.special import chdtri
 from ppmcal import linalg
 from ppmcal.calibration.fit.fit_result import Fit, prediction_covariance
 from ppmcal.calibration.fit.homing_shift import HomingShift, homing_shifts
+from ppmcal.calibration.fit.linearisation import parameter_scale, prior_weights
 from ppmcal.calibration.fit.normal_equations import row_squares, white_blocks
 from ppmcal.calibration.fit.observation import coordinates, shown
 from ppmcal.calibration.fit.problem import Problem, State
-from ppmcal.inference.priors import NO_WEIGHT, NOISE_FREEDOM
+from ppmcal.inference.priors import MOST_GROSS, NO_WEIGHT, NOISE_FREEDOM
 from ppmcal.inference.row_weights import row_weights
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, Bools, finite_rows, reciprocals
@@ -75,17 +76,34 @@ class Distances:
             factor: noise over the stated one (D,).
         """
         known = [np.isfinite(d) & (m > 0) for d, m in zip(self.square, self.size, strict=True)]
-        freedom = float(NOISE_FREEDOM) + sum(
-            float(m[k].sum()) for m, k in zip(self.size, keep, strict=True))
         size = np.concatenate([m[k] for m, k in zip(self.size, known, strict=True)])
         square = np.concatenate([d[k] / f**2 for d, k, f in
                                  zip(self.square, known, factor, strict=True)])
-        found = row_weights(square, size, freedom, sum(int(k.sum()) for k in keep))
+        found = row_weights(square, size, *self._known(keep))
         out = [np.where(np.isinf(d), 0.0, 1.0) for d in self.square]
         ends = np.cumsum([int(k.sum()) for k in known])[:-1]
         for own, k, w in zip(out, known, np.split(found, ends), strict=True):
             own[k] = w
         return out
+
+    def held_back(self, keep: Sequence[Bools], factor: Array) -> list[Array]:
+        """Return the weight (N,) by which no row is farther off than those that may belong.
+
+        Arguments as of :meth:`weights`. Up to there it is 1: rows have a say in what is left.
+        """
+        freedom, belong = self._known(keep)
+        far = np.geomspace(1.0, 1e3, 400)
+        limit = {m: float(np.interp(-float(NO_WEIGHT), -row_weights(
+            far, np.full(far.size, m), freedom, belong), far))
+            for own in self.size for m in np.unique(own[own > 0]).tolist()}
+        return [np.minimum(1.0, np.array([limit.get(m, np.inf) for m in own.tolist()])
+                           * reciprocals(np.nan_to_num(d), np.inf) * f**2)
+                for d, own, f in zip(self.square, self.size, factor, strict=True)]
+
+    def _known(self, keep: Sequence[Bools]) -> tuple[float, int]:
+        """Return degrees of freedom of the noise's size, and how many rows belong."""
+        return float(NOISE_FREEDOM) + sum(float(m[k].sum()) for m, k in zip(
+            self.size, keep, strict=True)), sum(int(k.sum()) for k in keep)
 
 
 def distances(problem: Problem, state: State, covariance: Array | None = None,
@@ -108,16 +126,9 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
                                                 covariance, used)
                 size[i][block.index] = block.values
             continue
-        own = row_squares(problem, state, i, solved)
-        if own is not None:
-            rows = np.flatnonzero(solved)
-            square[i][rows] = own / problem.weights[i][rows]
-            size[i][rows] = problem.measured(i, rows)[2]
-            continue
-        for part in problem.rows_of(i, state, False):
-            square[i][part.index] = (np.sum(part.residual * part.residual, axis=1)
-                                     / problem.weights[i][part.index])
-            size[i][part.index] = part.observed.sum(axis=1)
+        rows = np.flatnonzero(solved)
+        square[i][rows] = row_squares(problem, state, i, solved) / problem.weights[i][rows]
+        size[i][rows] = problem.measured(i, rows)[2]
     return Distances(tuple(square), tuple(size), tuple(d.estimated for d in problem.datasets))
 
 
@@ -242,13 +253,10 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
                 pose = fit.state.poses[rows.dataset][index][None]
                 predicted = float(measured_pose(registration, pose)[0, places[c]])
             yield GrossError(data.name, int(data.rows[index]), places[c], value, predicted,
-                          _times(fit, rows.dataset, index, float(abs(rows.residual[n, c]))),
+                          # as it was judged, and where nobody did as it is
+                          (fit.times[rows.dataset] if fit.times else {}).get(
+                              index, float(abs(rows.residual[n, c]))),
                           NUMBERS.get(data.kind, ""))
-
-
-def _times(fit: Fit, dataset: int, row: int, plain: float) -> float:
-    """Return how many times the noise a row was judged to be off, ``plain`` where nobody did."""
-    return fit.times[dataset].get(row, plain) if fit.times else plain
 
 
 def _would(fit: Fit, covariance: Array, noise: float) -> dict[str, tuple[float, float]]:
@@ -288,3 +296,64 @@ def unchecked(fit: Fit, covariance: Array) -> Iterator[tuple[str, tuple[int, ...
     for name, numbers in found.items():
         if numbers:
             yield name, tuple(numbers)
+
+
+# --- rows far beyond what noise and tolerances explain, whatever the geometry ---------------------
+
+GROSS = 5.0
+"""Before a fit: a row so many times beyond what noise and tolerances explain waits aside."""
+
+
+def explained_distances(problem: Problem, state: State) -> Distances:
+    """Return every row's distance from the machine, freed of what the tolerances explain."""
+    problem = toleranced(problem)
+    weight = prior_weights(problem, "prior")
+    # frames and targets are where they are; how far a scale may be off its file says
+    scale = reciprocals(weight)
+    scale[:len(problem.free)] = parameter_scale(problem)
+    nobody = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
+    return distances(problem, state, np.diag(scale**2), nobody)
+
+
+def toleranced(problem: Problem, fixed: bool = False) -> Problem:
+    """Return the problem with every parameter free that has a tolerance: all that may be wrong.
+
+    ``fixed``: also those that the file holds. What a fit may change is the user's choice, and says
+    nothing of what is off in the machine.
+    """
+    own = {i for i, p in enumerate(problem.mechanism.parameters)
+           if p.prior_sigma and (fixed or not p.fixed)}
+    return replace(problem, free=tuple(sorted(own | set(problem.free))))
+
+
+def gross_errors(problem: Problem, state: State, keep: Sequence[Bools]) -> list[Bools]:
+    """Return which of the rows ``keep`` do not belong whatever the geometry, by data set (N,).
+
+    None where there are too many of them to be single mistakes.
+    """
+    out = beyond(explained_distances(problem, state), keep)
+    total = sum(int(k.sum()) for k in keep)
+    if sum(int(o.sum()) for o in out) > float(MOST_GROSS) * total:
+        return [np.zeros_like(o) for o in out]
+    return out
+
+
+def single_gross_rows(fit: Fit) -> list[Bools]:
+    """Return rows (N,) of each data set that are gross errors while their neighbours are not."""
+    out = []
+    for gross in gross_errors(fit.problem, fit.state, rows_with_outliers(fit)):
+        beside = np.convolve(gross, [1, 0, 1], mode="same") > 0 if gross.size > 1 else gross
+        out.append(gross & ~beside)
+    return out
+
+
+def rows_with_outliers(fit: Fit) -> list[Bools]:
+    """Return the rows (N,) of each data set that a fit uses or has left out as outliers."""
+    return [k | o for k, o in zip(fit.keep, fit.outliers, strict=True)]
+
+
+def beyond(found: Distances, keep: Sequence[Bools]) -> list[Bools]:
+    """Return the rows ``keep`` that are beyond :data:`GROSS` times what half of them are."""
+    limit = GROSS * max(1.0, found.times(keep))
+    return [k & (np.sqrt(np.where(np.isnan(d) | (m == 0), 0.0, d) / chdtri(np.maximum(m, 1.0), 0.5))
+                 > limit) for k, d, m in zip(keep, found.square, found.size, strict=True)]

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal import linalg
 from ppmcal.linalg import Array, range_basis, svd, unit_columns, without_range
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.same_rows import KnownRows
@@ -146,17 +145,6 @@ class Posterior:
         """Return the data's part, without the prior."""
         return Earlier(self.places, self.matrix / self.inflation, self.right / self.inflation,
                        self.value)
-
-    def covariance(self) -> tuple[Array, Array]:
-        """Return the covariance (F, F), and directions (F, d) that neither data nor prior see."""
-        rows = np.concatenate([self.matrix * self.scale / self.inflation,
-                               np.diag(self.scale / self.tolerance)])
-        _, s, vt = linalg.svd(rows, full=True)
-        strength = np.zeros(len(vt))
-        strength[:s.size] = s
-        seen = strength > SEEN
-        half = vt[seen].T / strength[seen]
-        return (half @ half.T) * np.outer(self.scale, self.scale), vt[~seen].T * self.scale[:, None]
 
 
 def of_data(triangle: Array, right: Array, count: int, scale: Array) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +95,10 @@ class Problem:
     def alone(self, data: Dataset) -> Problem:
         """Return the problem of one data set by itself, with a frame of its own."""
         return replace(self, datasets=(data.alone(),), pivots=None, given=None, earlier=None)
+
+    def changed(self, **fields: Any) -> Problem:
+        """Return the problem with other fields, its frames turned about the same points."""
+        return replace(self, pivots=tuple(o.about for o in self.opens), **fields)
 
     def weighted(self, weights: Sequence[Array] | None) -> Problem:
         """Return the problem with a weight for each row (N,) of its data sets; None: all alike."""
@@ -273,6 +278,15 @@ class Problem:
         index = np.flatnonzero(usable)
         for begin in range(0, index.size, CHUNK):
             yield self._chunk(i, self.datasets[i], index[begin:begin + CHUNK], state, jacobian)
+
+    def earlier_rows(self, state: State, size: int) -> Array:
+        """Return what earlier measurements say as white rows (k, size), the residual last."""
+        if self.earlier is None:
+            return np.zeros((0, size))
+        residual, jacobian = self.earlier.rows(self.mechanism, self.free, state.g)
+        out = np.zeros((residual.size, size))
+        out[:, :len(self.free)], out[:, -1] = jacobian, residual
+        return out
 
     def measured(self, index: int, rows: Ints) -> tuple[Array, Array, Ints]:
         """Return what a data set measured in some rows: x ... rz (n, 6), 1/sigma (n, m), how many.

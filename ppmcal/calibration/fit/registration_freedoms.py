@@ -125,7 +125,7 @@ def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior
     """
     words = [["frame" if w == SESSIONS else w for j, w in possible if j == i]
              for i in range(len(problem.datasets))]
-    wide = replace(problem, pivots=tuple(o.about for o in problem.opens), datasets=tuple(
+    wide = problem.changed(datasets=tuple(
         opened(d, w) for d, w in zip(problem.datasets, words, strict=True)))
     groups, columns, end = list[Group](), list[tuple[int, ...]](), 0
     for i, what in possible:
@@ -182,16 +182,15 @@ def _hint(fit: Fit, problem: Problem, state: State, keep: Sequence[Bools]
     if after is None:
         return None
     square, own = _squares(problem, state, keep), _squares(wider, after, rows)
-    total = sum(own, _Sum())
-    if not fall(sum(square, _Sum()).white, total.white):
+    total, values = own.sum(axis=0)[:2].tolist()
+    if not fall(float(square[:, 0].sum()), total):
         return None
-    ends = square[i], sum(own[i:i + len(own) - len(square) + 1], _Sum())
-    white, place = ([float(np.sqrt(a / max(b, 1))) for a, b in pairs] for pairs in (
-        [(e.white, e.values) for e in ends], [(e.place, e.rows) for e in ends]))
+    ends = np.stack([square[i], own[i:i + len(own) - len(square) + 1].sum(axis=0)])
+    white, place = np.sqrt(ends[:, ::2] / np.maximum(ends[:, 1::2], 1.0)).T.tolist()
     now = linearised(wider, after, rows, prior)
     fitted = values_fitted(*now.small.seen(), prior)
-    return RegistrationHint(i, what, white[0], white[1], (place[0], place[1]), total.white,
-                            total.values, fitted, tuple(keep), wider, tuple(instead)), after
+    return RegistrationHint(i, what, white[0], white[1], (place[0], place[1]), total, values,
+                            fitted, tuple(keep), wider, tuple(instead)), after
 
 
 def _with_outliers(fit: Fit) -> list[Bools]:
@@ -233,8 +232,7 @@ def _opened(problem: Problem, state: State, keep: Sequence[Bools], i: int, what:
     if what == SESSIONS:
         return _by_session(problem, state, keep, i)
     datasets = tuple(opened(d, [what]) if j == i else d for j, d in enumerate(problem.datasets))
-    return (replace(problem, datasets=datasets, pivots=tuple(o.about for o in problem.opens)),
-            state, list(keep))
+    return problem.changed(datasets=datasets), state, list(keep)
 
 
 def _sessions_of(data: Dataset) -> list[Bools]:
@@ -274,28 +272,14 @@ def _refitted(problem: Problem, state: State, keep: Sequence[Bools], prior: Arra
     return least_squares(problem, there, keep, prior, ITERATIONS).state
 
 
-@dataclass(frozen=True)
-class _Sum:
-    """Sums of squares over a data set: white, of how many values; of positions, m^2, and rows."""
-
-    white: float = 0.0
-    values: float = 0
-    place: float = 0.0
-    rows: int = 0
-
-    def __add__(self, other: _Sum) -> _Sum:
-        return _Sum(self.white + other.white, self.values + other.values,
-                    self.place + other.place, self.rows + other.rows)
-
-
-def _squares(problem: Problem, state: State, keep: Sequence[Bools]) -> list[_Sum]:
-    """Return the sums of squares by data set."""
-    out = [_Sum()] * len(problem.datasets)
+def _squares(problem: Problem, state: State, keep: Sequence[Bools]) -> Array:
+    """Return by data set (D, 4): white squares, of how many values; positions', m^2, and rows."""
+    out = np.zeros((len(problem.datasets), 4))
     for c in problem.rows(state, False, keep):
         data = problem.datasets[c.dataset]
         place = [j for j, k in enumerate(coordinates(data, problem.mechanism.motion)) if k < 3]
         raw = np.where(c.observed, c.raw, 0.0)[:, place]
-        out[c.dataset] += _Sum(*c.squares(), float(np.sum(raw**2)), len(raw))
+        out[c.dataset] += (*c.squares(), float(np.sum(raw**2)), len(raw))
     return out
 
 

@@ -58,14 +58,7 @@ def direction_sigma(mechanism: Mechanism, rows: Environment) -> Array:
             blind = np.all(rows.approach == ON_AVERAGE, axis=0) & np.array(effect.on)
             width = mechanism.parameters[effect.parameters["width"]].value
             square += np.where(blind, (0.5 * width) ** 2, 0.0)
-    return np.asarray(np.sqrt(square) / _ratios(mechanism)) if square.any() else square
-
-
-def _ratios(mechanism: Mechanism) -> Array:
-    """Return by how much each joint moves per unit of q (k,)."""
-    out = np.ones(len(mechanism.actuators))
-    out[[limb.actuator for limb in mechanism.limbs]] = np.abs(mechanism.limb_ratios)
-    return out
+    return np.asarray(np.sqrt(square) / mechanism.joint_ratios) if square.any() else square
 
 
 def _words(mechanism: Mechanism, datasets: Sequence[Dataset], without: Sequence[int],

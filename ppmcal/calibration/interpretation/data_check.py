@@ -14,10 +14,8 @@ from ppmcal.calibration.fit import (
     Problem,
     Unidentifiable,
     branch_findings,
-    column_scale,
     data_rows,
-    prior_weights,
-    qr_factor,
+    unfitted,
     unidentifiable,
     whole_rank,
 )
@@ -31,7 +29,7 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value, inverse_table
-from ppmcal.linalg import Array, finite_rows, ways
+from ppmcal.linalg import Array, ways
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
@@ -97,7 +95,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         m for d in datasets for m in plain_mistakes(d, mechanism, misreadings))))
     used = tuple(datasets) or ((trial_dataset(mechanism),) if judged else ())
     if judged and any(len(d) for d in used) and not misreadings:
-        start = _at_start(Problem(mechanism, used, mechanism.free))
+        start = unfitted(Problem(mechanism, used, mechanism.free))
         out = replace(out, **visibility(start))
         lost = sum(int((~k).sum()) for k in start.keep)
         # of poses about home some are beyond where a learned term is known
@@ -183,14 +181,6 @@ def _trial_environment(mechanism: Mechanism, n: int, rng: np.random.Generator) -
         columns[f"dir_{a}"] = rng.choice([-1.0, 1.0], n)
         columns[f"vel_{a}"] = rng.uniform(-0.1, 0.1, n)
     return columns
-
-
-def _at_start(problem: Problem) -> Fit:
-    """Return a fit that has made no step yet: what its rows see of the machine as it stands."""
-    state = problem.start()
-    keep = tuple(finite_rows(p) for p in state.poses)
-    return Fit(problem, state, qr_factor(problem, state, keep), prior_weights(problem, "prior"),
-               column_scale(problem), keep, 0, False)
 
 
 @stage("what the measurements see")

@@ -8,14 +8,16 @@ from ppmcal.lazy import on_first_use
 
 if TYPE_CHECKING:
     from ppmcal.calibration.knowledge.consider_parameters import Considered as Considered
+    from ppmcal.calibration.knowledge.consider_parameters import as_pose as as_pose
+    from ppmcal.calibration.knowledge.consider_parameters import by_tolerances as by_tolerances
     from ppmcal.calibration.knowledge.consider_parameters import considered as considered
     from ppmcal.calibration.knowledge.consider_parameters import none_considered as none_considered
     from ppmcal.calibration.knowledge.disagreement import Disagreement as Disagreement
-    from ppmcal.calibration.knowledge.distance_from_nominal import farthest as farthest
     from ppmcal.calibration.knowledge.extrapolation import OUTSIDE as OUTSIDE
     from ppmcal.calibration.knowledge.extrapolation import extrapolated as extrapolated
+    from ppmcal.calibration.knowledge.extrapolation import far_outside as far_outside
+    from ppmcal.calibration.knowledge.extrapolation import measured_by as measured_by
     from ppmcal.calibration.knowledge.extrapolation import measured_ranges as measured_ranges
-    from ppmcal.calibration.knowledge.extrapolation import refuse_far as refuse_far
     from ppmcal.calibration.knowledge.freedom_choice import FreedomChoice as FreedomChoice
     from ppmcal.calibration.knowledge.freedom_choice import choice_sentence as choice_sentence
     from ppmcal.calibration.knowledge.freedom_choice import (
@@ -47,15 +49,13 @@ if TYPE_CHECKING:
     from ppmcal.calibration.knowledge.parameter_estimates import (
         far_from_nominal as far_from_nominal,
     )
+    from ppmcal.calibration.knowledge.parameter_estimates import farthest as farthest
     from ppmcal.calibration.knowledge.parameter_estimates import registered as registered
     from ppmcal.calibration.knowledge.parameter_estimates import with_estimates as with_estimates
-    from ppmcal.calibration.knowledge.ranges import measured_by as measured_by
-    from ppmcal.calibration.knowledge.tension import pulled_apart as pulled_apart
-    from ppmcal.calibration.knowledge.tolerance_moves import as_pose as as_pose
-    from ppmcal.calibration.knowledge.tolerance_moves import by_tolerances as by_tolerances
-    from ppmcal.calibration.knowledge.tolerated_noise import (
+    from ppmcal.calibration.knowledge.tension import (
         noise_beyond_tolerances as noise_beyond_tolerances,
     )
+    from ppmcal.calibration.knowledge.tension import pulled_apart as pulled_apart
 
 if not TYPE_CHECKING:   # who checks types sees which names there are
     __getattr__ = on_first_use(__name__)

@@ -30,7 +30,7 @@ from ppmcal.calibration.fit import (
     posterior,
     prediction_covariance,
 )
-from ppmcal.calibration.knowledge.session_clusters import Clusters, Components, components
+from ppmcal.calibration.knowledge.session_clusters import RIDGE, Clusters, Components, components
 from ppmcal.errors import LinearAlgebraError
 from ppmcal.inference.priors import MOVED, NOISE_FREEDOM, SURE
 from ppmcal.inference.row_weights import log_ratio
@@ -40,16 +40,13 @@ SWEEPS, WARM_UP, LEAST_SWEEPS = 600, 0.2, 80
 """Draws of all variances times clusters, the part of them thrown away, and at least so many."""
 STEP = 1.3
 """Of the logarithm of a variance's root."""
-RIDGE = 1e-6
-"""Information, in units of tolerance, where there is none: what nothing sees stays finite."""
-NOTHING, THIN = 1e-6, 3
-"""Tolerances that clusters differ by where they do not; every third draw is looked at again."""
-SIZES = (-3.0, -1.5, 0.0)
-"""Logarithms of sizes, in noise of one cluster, at which differences are looked for."""
+NOTHING = 1e-6
+"""Tolerances that clusters differ by where they do not."""
+SIZES, NOISES = (-3.0, -1.5, 0.0, 1.5), 4
+"""Logarithms of sizes, in noise of one cluster, and how many sizes of the noise, over which it is
+summed whether clusters differ."""
 WIDEST = 30.0
 """Sessions differ by no more than so many tolerances, or units of comparable effect."""
-EVIDENCE = 5.0
-"""Clusters differ where that makes the rows likelier by more than so much, as a logarithm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +58,7 @@ class Disagreement:
         covariance: of all columns (C, C), disagreement included; the frame and target of one
             cluster are those in which the common machine is seen then.
         half: half of the 95 % interval of every column (C,), inf where unbounded.
-        evidence: log of how much likelier the rows are where clusters may differ.
+        odds: logarithm of the odds that clusters differ, in whatever.
         own, own_sigma: each cluster's own estimate of the parameters, all else fitted with it,
             as a step from the common one, and its uncertainty by noise (S, F).
         p_value: of all clusters having one value, by parameter (F,); it decides nothing.
@@ -74,7 +71,7 @@ class Disagreement:
     labels: tuple[str, ...]
     covariance: Array
     half: Array
-    evidence: float
+    odds: float
     own: Array
     own_sigma: Array
     p_value: Array
@@ -85,8 +82,8 @@ class Disagreement:
 
     @property
     def differ(self) -> bool:
-        """Whether clusters differ by more than noise, in whatever."""
-        return self.evidence > EVIDENCE
+        """Whether clusters more likely differ than not, in whatever."""
+        return self.odds > 0.0
 
     @property
     def disagree(self) -> Bools:
@@ -154,25 +151,17 @@ class _Posterior:
         return -0.5 * float(twice)
 
     @cached_property
-    def alone(self) -> float:
-        """The largest log likelihood where clusters do not differ, whatever the noise."""
-        none = np.full(len(self.parts.names), np.log(NOTHING))
-        steps = np.linspace(0.0, self.most, 12 if self.most else 1)
-        return max(self.likelihood(np.append(none, f)) for f in steps)
-
-    def evidence(self, sizes: Array) -> float:
-        """Return by how much the best of log sizes (n, K + 1) is likelier than no difference."""
-        return max(self.likelihood(d) for d in sizes) - self.alone
-
-    def screened(self) -> float:
-        """Return the evidence of a few sizes of each difference alone, and of all together."""
-        k = len(self.parts.names)
-        usual = 0.5 * np.log(self.shrinkage)
-        each = [np.where(np.arange(k) == i, usual + size, np.log(NOTHING))
-                for i in range(k) for size in SIZES]
-        sizes = [*each, *(usual + size for size in SIZES)]
-        return self.evidence(np.array([np.append(s, f) for s in sizes
-                                       for f in {0.0, 0.5 * self.most, self.most}]))
+    def odds(self) -> float:
+        """Logarithm of the odds that clusters differ, in one thing or in all, by whatever size."""
+        k, usual = len(self.parts.names), 0.5 * np.log(self.shrinkage)
+        none = np.full(k, np.log(NOTHING))
+        some = [np.where(mine, usual + size, none) for size in SIZES
+                for mine in (*np.eye(k, dtype=bool), np.ones(k, dtype=bool))]
+        noise = np.linspace(0.0, self.most, NOISES if self.most else 1)
+        there, nothing = (float(linalg.logsumexp([self.likelihood(np.append(s, f)) for s in sizes
+                                                  for f in noise])) - np.log(len(sizes))
+                          for sizes in (some, [none]))
+        return float(logit(float(MOVED)) + there - nothing)
 
     def draws(self, seed: int) -> Array:
         """Return draws of variances (n, K) and, last, of the noise's factor squared."""
@@ -196,16 +185,14 @@ class _Posterior:
 
 
 def differs(fit: Fit, data: Clusters, inflation: float = 1.0) -> bool:
-    """Return whether clusters differ by more than noise; as :func:`disagreement`, but quick."""
-    return _chances(data, components(fit), inflation).screened() > EVIDENCE
+    """Return whether clusters more likely differ than not; as :func:`disagreement`, but quick."""
+    return _chances(data, components(fit), inflation).odds > 0.0
 
 
 def _chances(data: Clusters, parts: Components, inflation: float, widest: float = WIDEST
              ) -> _Posterior:
     """Return the posterior in units of the stated noise, the estimate staying what it is."""
-    stated = Clusters(data.labels, data.matrix * inflation**2, data.right * inflation**2,
-                      data.square * inflation**2, data.count, data.prior, data.away)
-    return _Posterior(stated, parts, float(np.log(inflation)), widest)
+    return _Posterior(data.weighted(inflation**2), parts, float(np.log(inflation)), widest)
 
 
 def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float = WIDEST,
@@ -248,9 +235,8 @@ def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float
     spread = {n: float(np.sqrt(np.median(v))) for n, v in
               zip(parts.names, drawn[:, :-1].T, strict=True)}
     return Disagreement(data.labels, covariance * unit, half,
-                        chances.evidence(0.5 * np.log(drawn[::THIN])), own * scale,
-                        sigma * scale, np.asarray(chdtrc(len(own) - 1, square)),
-                        _apart(data, square), spread,
+                        chances.odds, own * scale, sigma * scale,
+                        np.asarray(chdtrc(len(own) - 1, square)), _apart(data, square), spread,
                         coverage=coverage_of(drawn[:, -1] / np.median(drawn[:, -1])))
 
 

@@ -1,4 +1,8 @@
-"""Targets beyond what the calibration measured: refused far outside, told a little outside."""
+"""What a calibration measured, and targets beyond it.
+
+A fit's ranges of rows, its noise check and how it ended are kept in the machine's file. Targets far
+outside of them are refused, those a little outside told.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from ppmcal.calibration.fit import Fit, Noise
+from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.rotations import vector_like
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import WRENCH, ZERO_CELSIUS
@@ -32,23 +38,30 @@ def from_home(mechanism: Mechanism, full: Array) -> Array:
     return np.concatenate([full[:, :3], vector_like(full[:, 3:], mechanism.home_pose[3:])], axis=1)
 
 
-def refuse_far(mechanism: Mechanism, full: Array, ranges: Ranges, status: list[str],
-               reason: list[str]) -> None:
-    """Refuse platform poses (N, 6) far outside the measured ``ranges``, m and rad."""
+def _beyond(mechanism: Mechanism, ranges: Ranges, name: str, values: Array, part: float
+            ) -> tuple[Array, Bools]:
+    """Return by how much values (N,) are outside what was measured, and where by more than a part.
+
+    ``part``: of the range's width.
+    """
+    low, high = ranges[name]
+    beyond = np.fmax(low - values, values - high)
+    with np.errstate(invalid="ignore"):
+        return beyond, beyond > part * (high - low) + _still(mechanism, name, low, high)
+
+
+def far_outside(mechanism: Mechanism, full: Array, ranges: Ranges) -> Iterator[tuple[int, str]]:
+    """Yield which platform poses (N, 6), m and rad, are far outside what was measured, and why."""
     full = from_home(mechanism, full)
     for c, name in zip(mechanism.dof, mechanism.coordinates, strict=True):
         if name not in ranges:
             continue
-        low, high = ranges[name]
-        margin = FAR_OUTSIDE * (high - low) + _still(mechanism, name, low, high)
         factor, unit = _shown(mechanism, name)
-        with np.errstate(invalid="ignore"):
-            far = (full[:, c] < low - margin) | (full[:, c] > high + margin)
-        for n in np.flatnonzero(far):
-            if status[n] == "ok":
-                status[n] = "refused"
-                reason[n] = (f"far outside the measured volume: {name} = {full[n, c] / factor:.6g} "
-                             f"{unit}, measured {low / factor:.6g} to {high / factor:.6g}")
+        low, high = ranges[name]
+        far = _beyond(mechanism, ranges, name, full[:, c], FAR_OUTSIDE)[1]
+        for n in np.flatnonzero(far).tolist():
+            yield n, (f"far outside the measured volume: {name} = {full[n, c] / factor:.6g} "
+                      f"{unit}, measured {low / factor:.6g} to {high / factor:.6g}")
 
 
 def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
@@ -70,13 +83,11 @@ def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
         if name not in ranges or not good.any():
             continue
         low, high = ranges[name]
-        beyond = np.where(good, np.fmax(low - values, values - high), np.nan)
-        with np.errstate(invalid="ignore"):
-            rows = int(np.sum(beyond > OUTSIDE * (high - low) + _still(mechanism, name, low, high)))
-        if rows:
+        beyond, far = _beyond(mechanism, ranges, name, np.where(good, values, np.nan), OUTSIDE)
+        if far.any():
             factor, unit = _shown(mechanism, name)
             zero = CONDITIONS[name][2] if name in CONDITIONS else 0.0
-            yield (f"{counted(rows, 'row')} outside of what was measured: {name} up to "
+            yield (f"{counted(int(far.sum()), 'row')} outside of what was measured: {name} up to "
                    f"{float(np.nanmax(beyond)) / factor:.4g} {unit} beyond "
                    f"{(low - zero) / factor:.6g} to {(high - zero) / factor:.6g}; there only the "
                    "tolerances and the model's form hold it, as its uncertainty says")
@@ -103,3 +114,32 @@ def _shown(mechanism: Mechanism, name: str) -> tuple[float, str]:
         return CONDITIONS[name][:2]
     quantity = "angle" if name.startswith("r") else "length"
     return mechanism.units.factor(quantity), mechanism.units.name(quantity)
+
+
+def measured_by(fit: Fit, noise: Noise) -> MeasurementBasis:
+    """Return the noise check of a fit, the ranges of the rows that it used, SI, and how it ended.
+
+    Carried on from an earlier calibration, with what that one had measured, as its machine says.
+    """
+    found: dict[str, list[Array]] = {}
+    mechanism = fit.problem.mechanism
+    if fit.problem.earlier is not None and mechanism.measured is not None:
+        found = {name: [np.array(ends)] for name, ends in mechanism.measured.ranges.items()}
+    for data, state, kept in zip(fit.problem.datasets, fit.state.poses, fit.keep, strict=True):
+        # a distance has two platform positions
+        full = from_home(mechanism, pose_vector(state[kept].reshape(-1, 8)))
+        for c in mechanism.dof:
+            found.setdefault(POSE_COORDINATES[c], []).append(full[:, c])
+        joints = [data.q[kept], *([] if data.to_q is None else [data.to_q[kept]])]
+        for a, name in enumerate(mechanism.actuators):
+            found.setdefault(f"q_{name}", []).extend(q[:, a] for q in joints)
+        for name in CONDITIONS:
+            if name in data.columns:
+                found.setdefault(name, []).append(data.columns[name][kept])
+    ranges = {}
+    for name, parts in found.items():
+        values = np.concatenate(parts)
+        values = values[np.isfinite(values)]
+        if values.size:
+            ranges[name] = (float(values.min()), float(values.max()))
+    return MeasurementBasis(noise.sigma_ratio, noise.chi2_p, ranges, fit.ended)

@@ -33,7 +33,7 @@ from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.predictive import predicted
 from ppmcal.inference.priors import WIDE
-from ppmcal.linalg import Array, reciprocals
+from ppmcal.linalg import Array, Ints, reciprocals
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
 
@@ -147,20 +147,20 @@ def freedom_choice(fit: Fit, levels: Sequence[Sequence[int]], usual: int
         return None
     machine = fit.problem.mechanism
     order = [p for level in levels for p in level]
-    wide = replace(fit.problem, free=tuple(order),
-                   pivots=tuple(o.about for o in fit.problem.opens))
-    rows, values = _by_block(fit, wide)
-    if len(rows) < FEWEST:
+    wide = fit.problem.changed(free=tuple(order))
+    rows, block, values = _by_block(fit, wide)
+    blocks = int(block.max(initial=-1)) + 1
+    if blocks < FEWEST:
         return None
     unit, count, size = column_scale(wide), len(order), len(wide.columns)
     away = to_prior(wide, fit.state) / unit
     ends = np.cumsum([len(level) for level in levels])
-    square = np.stack([_left_out(rows, prior_weights(wide, "prior") * unit, away,
+    square = np.stack([_left_out(rows, block, prior_weights(wide, "prior") * unit, away,
                                  np.r_[:end, count:size]) for end in ends])
     total = square.sum(axis=1)
     best = int(np.argmin(total))
     apart = square - square[best]
-    error = np.sqrt(len(rows) * np.var(apart, axis=1, ddof=1))
+    error = np.sqrt(blocks * np.var(apart, axis=1, ddof=1))
     kept = usual
     worth = total[best] < (1.0 - WORTH) ** 2 * total[usual]
     if worth and apart[usual].sum() > error[usual]:
@@ -168,35 +168,32 @@ def freedom_choice(fit: Fit, levels: Sequence[Sequence[int]], usual: int
     sets = tuple(FreedomSet(tuple(machine.names[p] for p in level), float(np.sqrt(t / values)),
                             float(a / values), float(e / values))
                  for level, t, a, e in zip(levels, total, apart.sum(axis=1), error, strict=True))
-    return FreedomChoice(sets, usual, kept, len(rows))
+    return FreedomChoice(sets, usual, kept, blocks)
 
 
-def _by_block(fit: Fit, wide: Problem) -> tuple[list[Array], float]:
-    """Return the white rows (n, C + 1) of each block, residual last, and how many values."""
+def _by_block(fit: Fit, wide: Problem) -> tuple[Array, Ints, float]:
+    """Return white rows (n, C + 1), residual last, the block of each (n,), and how many values."""
     block, unit = spatial_blocks(fit), column_scale(wide)
-    out: dict[int, list[Array]] = {}
-    values = 0.0
+    rows, label, values = list[Array](), list[Ints](), 0.0
     for part in wide.rows(fit.state, True, fit.keep):
         own = np.concatenate([part.jacobian * unit, part.residual[..., None]], axis=-1)
-        mine = block[part.dataset][part.index]
+        rows.append(own.reshape(-1, unit.size + 1))
+        label.append(np.repeat(block[part.dataset][part.index], own.shape[1]))
         values += part.count
-        for b in np.unique(mine).tolist():
-            out.setdefault(b, []).append(own[mine == b].reshape(-1, unit.size + 1))
-    return [np.concatenate(parts) for _, parts in sorted(out.items())], values
+    return np.concatenate(rows), np.unique(np.concatenate(label), return_inverse=True)[1], values
 
 
-def _left_out(rows: Sequence[Array], prior: Array, away: Array, columns: Array) -> Array:
+def _left_out(rows: Array, block: Ints, prior: Array, away: Array, columns: Array) -> Array:
     """Return the sum of squares of each block as a fit of the others predicts it (B,).
 
     Args:
-        rows: by block, white rows with the residual last, columns in natural units.
+        rows: white (n, C + 1), the residual last, columns in natural units.
+        block: of each (n,).
         prior: weight of each column.
         away: how far each column's nominal is.
         columns: that the set has; the others are at their nominals.
     """
-    every = np.concatenate(rows)
-    block = np.repeat(np.arange(len(rows)), [len(r) for r in rows])
-    given = Conditioned.nothing(MatrixColumns(np.zeros((len(every), 0))),
-                                every[:, -1] - every[:, :-1] @ away)
-    given = given.taking(every[:, columns] * reciprocals(prior, float(WIDE))[columns])
+    given = Conditioned.nothing(MatrixColumns(np.zeros((len(rows), 0))),
+                                rows[:, -1] - rows[:, :-1] @ away)
+    given = given.taking(rows[:, columns] * reciprocals(prior, float(WIDE))[columns])
     return np.asarray(np.bincount(block, predicted(given, block).error**2), dtype=float)

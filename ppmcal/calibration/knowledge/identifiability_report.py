@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -14,15 +14,13 @@ from ppmcal.calibration.fit import (
     Z95,
     Fit,
     Problem,
-    column_scale,
     directions,
     posterior,
-    prior_weights,
-    qr_factor,
+    unfitted,
 )
 from ppmcal.calibration.knowledge.intervals import coverage
 from ppmcal.kinematics.closure import Model
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import is_joint_component
@@ -102,10 +100,7 @@ class Identifiability:
 
 def predict_identifiability(problem: Problem, method: str) -> Identifiability:
     """Return what a fit of a problem would leave open, judged at the machine as it stands."""
-    state = problem.start()
-    keep = tuple(finite_rows(pose) for pose in state.poses)
-    return identifiability(Fit(problem, state, qr_factor(problem, state, keep),
-                      prior_weights(problem, method), column_scale(problem), keep, 0, False))
+    return identifiability(unfitted(problem, method=method))
 
 
 @stage("what the data leave open")
@@ -133,11 +128,8 @@ def with_held(fit: Fit, held: Iterable[int]) -> Identifiability:
         fit: of the others.
         held: indices of these parameters.
     """
-    pivots = tuple(o.about for o in fit.problem.opens)
-    wide = replace(fit.problem, free=tuple(sorted({*fit.problem.free, *held})), pivots=pivots)
-    return identifiability(Fit(wide, fit.state, qr_factor(wide, fit.state, fit.keep),
-                               prior_weights(wide, "prior"), column_scale(wide), fit.keep, 0,
-                               fit.converged), coverage(fit))
+    wide = fit.problem.changed(free=tuple(sorted({*fit.problem.free, *held})))
+    return identifiability(unfitted(wide, fit.state, fit.keep), coverage(fit))
 
 
 def _scale(fit: Fit, times: float) -> Scale | None:

@@ -5,14 +5,16 @@ Their normal equations, and the directions in which their machines may differ.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, to_prior, white_blocks
+from ppmcal.calibration.fit import Fit, WhiteBlock, to_prior, white_blocks
 from ppmcal.linalg import Array, Bools
 
+RIDGE = 1e-6
+"""Information, in units of tolerance, where there is none: what nothing sees stays finite."""
 FEW, OTHERS = 3, "others"
 """Classes of fewer parameters have one variance together: two numbers do not tell their own."""
 
@@ -33,6 +35,29 @@ class Clusters:
     prior: Array
     away: Array
 
+    @classmethod
+    def nothing(cls, fit: Fit, labels: Sequence[str]) -> Clusters:
+        """Return clusters without any rows yet."""
+        count, size = len(labels), fit.scale.size
+        return cls(tuple(labels), np.zeros((count, size, size)), np.zeros((count, size)),
+                   np.zeros(count), np.zeros(count), fit.prior * fit.scale,
+                   to_prior(fit.problem, fit.state) / fit.scale)
+
+    def add(self, cluster: int, rows: Array, values: float, sign: float = 1.0) -> None:
+        """Add rows (n, m, C + 1), the residual last, to a cluster; ``sign`` -1 takes them away."""
+        own = rows.reshape(-1, rows.shape[-1])
+        square = sign * own.T @ own
+        self.matrix[cluster] += square[:-1, :-1]
+        self.right[cluster] += square[:-1, -1]
+        self.square[cluster] += square[-1, -1]
+        self.count[cluster] += sign * values
+
+    def weighted(self, weight: Array | float) -> Clusters:
+        """Return them with their rows' squares times a weight, of each cluster (S,) or of all."""
+        each = np.broadcast_to(weight, len(self.labels))
+        return replace(self, matrix=self.matrix * each[:, None, None],
+                       right=self.right * each[:, None], square=self.square * each)
+
 
 @dataclass(frozen=True, eq=False)
 class Components:
@@ -43,6 +68,15 @@ class Components:
     names: tuple[str, ...]
 
 
+def unit_rows(fit: Fit) -> Iterator[tuple[int, WhiteBlock]]:
+    """Yield the rows of a fit by data set, white by its noise, columns in natural units."""
+    # the problem's rows are white by the stated noise
+    unit = np.append(fit.scale, 1.0) / fit.noise
+    for i, keep in enumerate(fit.keep):
+        for block in white_blocks(fit.problem, fit.state, i, keep):
+            yield i, replace(block, rows=block.rows * unit)
+
+
 def clusters(fit: Fit, labels: Sequence[str], masks: Sequence[Sequence[Bools]]) -> Clusters:
     """Return the rows of a fit by cluster.
 
@@ -51,21 +85,13 @@ def clusters(fit: Fit, labels: Sequence[str], masks: Sequence[Sequence[Bools]]) 
         labels: of the S clusters.
         masks: by cluster the rows (N,) of every data set.
     """
-    size = fit.scale.size
-    sums, count = np.zeros((len(labels), size + 1, size + 1)), np.zeros(len(labels))
-    # the problem's rows are white by the stated noise
-    unit = np.append(fit.scale, 1.0) / fit.noise
-    for i, keep in enumerate(fit.keep):
-        for block in white_blocks(fit.problem, fit.state, i, keep):
-            for s, mask in enumerate(masks):
-                mine = mask[i][block.index]
-                if mine.any():
-                    own = block.rows[mine].reshape(-1, size + 1) * unit
-                    sums[s] += own.T @ own
-                    count[s] += float(block.values[mine].sum())
-    away = to_prior(fit.problem, fit.state)
-    return Clusters(tuple(labels), sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1], count,
-                    fit.prior * fit.scale, away / fit.scale)
+    out = Clusters.nothing(fit, labels)
+    for i, block in unit_rows(fit):
+        for s, mask in enumerate(masks):
+            mine = mask[i][block.index]
+            if mine.any():
+                out.add(s, block.rows[mine], float(block.values[mine].sum()))
+    return out
 
 
 def components(fit: Fit) -> Components:

@@ -2,7 +2,7 @@
 
 What heights and distances disagree about is left over where both are fitted, and an estimate takes
 it for the noise of both. Each instrument alone shows what its own noise is: with that, the
-chi-squared of the common fit exceeds the sum of those alone by no more than chance allows, if one
+chi-squared of the common fit exceeds the sum of those alone by what noise makes of it, if one
 machine is behind both.
 """
 
@@ -12,61 +12,36 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import expit, logit
 
-from ppmcal.calibration.fit import (
-    LEAST,
-    Fit,
-    NormalStep,
-    coverage_by,
-    known_part,
-    seen_directions,
-    to_prior,
-    typical_noise,
-)
-from ppmcal.linalg import Array, svd
+from ppmcal import linalg
+from ppmcal.calibration.fit import LEAST, Fit, coverage_by, known_part, typical_noise
+from ppmcal.calibration.knowledge.session_clusters import RIDGE, Clusters, unit_rows
+from ppmcal.inference.priors import UNKNOWN
+from ppmcal.inference.row_weights import log_ratio
+from ppmcal.linalg import Array, eigh, reciprocals
 from ppmcal.model.dataset import Dataset
 
-CHANCE = 0.01
-"""Instruments pull apart below this p-value."""
-DRAWS = 200
-"""Of the noises, over which the probability is integrated."""
 MOST_ROWS = 200
 """Each row in turn is left out of no more than so many."""
-
-
-@dataclass(frozen=True)
-class InstrumentRows:
-    """The white rows of one kind of instrument, by the noise that its files stated.
-
-    ``names``: of its data sets; ``rows``: Jacobian in natural units and the residual (n, C + 1);
-    ``source``: data set and row behind each (n, 2).
-    """
-
-    names: tuple[str, ...]
-    rows: Array
-    source: Array
-
-    def without(self, source: Array) -> InstrumentRows:
-        """Return it without the values of one row (2,)."""
-        stay = (self.source != source).any(axis=1)
-        return InstrumentRows(self.names, self.rows[stay], self.source[stay])
 
 
 @dataclass(frozen=True)
 class PulledApart:
     """How instruments pull apart.
 
-    ``p_value``: chance of as much if one machine is behind all; ``noise``: of each alone over the
-    stated one, from so many ``degrees`` of freedom; ``row``: data set and row without which they
-    agree best, None where they never do; ``without``: the chance then.
+    ``probability``: that they tell of several machines; ``noise``: of each alone over the stated
+    one (S,), from so many ``degrees`` of freedom (S,).
     """
 
-    p_value: float
-    noise: tuple[float, ...]
-    degrees: tuple[float, ...]
-    row: tuple[int, int] | None = None
-    without: float = 0.0
+    probability: float
+    noise: Array
+    degrees: Array
+
+    @property
+    def likely(self) -> bool:
+        """Whether they do more likely than not."""
+        return self.probability > 0.5
 
 
 def pulled_apart(fit: Fit, stated: Sequence[Dataset]) -> list[str]:
@@ -78,142 +53,132 @@ def pulled_apart(fit: Fit, stated: Sequence[Dataset]) -> list[str]:
     """
     if not any(d.estimated for d in stated):
         return []    # the check of the noise tells it
-    instruments = _instruments(fit, [typical_noise(now) / typical_noise(was) for now, was in
-                                     zip(fit.problem.datasets, stated, strict=True)])
-    if len(instruments) < 2:
+    kinds = list(dict.fromkeys(d.kind for d, k in zip(stated, fit.keep, strict=True) if k.any()))
+    if len(kinds) < 2:
         return []
-    held = fit.prior * fit.scale
-    found = split(instruments, held)
-    if not found.p_value < CHANCE:
-        return []
-    found = _explained(instruments, held, found)
-    return [_sentence(fit, instruments, found)]
+    names = [" and ".join(d.name for d, k in zip(stated, fit.keep, strict=True)
+                          if d.kind == kind and k.any()) for kind in kinds]
+    factor = [typical_noise(now) / typical_noise(was) for now, was in
+              zip(fit.problem.datasets, stated, strict=True)]
+    apart = Clusters.nothing(fit, names)
+    rows = [(kinds.index(stated[i].kind), i, int(n), own * factor[i], int(m))
+            for i, block in unit_rows(replace(fit, noise=1.0))
+            for n, own, m in zip(block.index, block.rows, block.values, strict=True)]
+    for s, _, _, own, values in rows:
+        apart.add(s, own, values)
+    found = split(apart)
+    return [_sentence(fit, apart, found) + _worst_row(fit, apart, rows)] if found.likely else []
 
 
-def split(instruments: Sequence[InstrumentRows], held: Array, draws: int = DRAWS) -> PulledApart:
+def split(data: Clusters) -> PulledApart:
     """Return whether instruments pull apart.
 
     Args:
-        instruments: at least two, linearised at one machine.
-        held: weight of each column's distance from its nominal, natural units (C,).
-        draws: of the noises.
+        data: rows of at least two by instrument, white by the noise that was stated, linearised at
+            one machine.
     """
-    alone = [_left(i.rows, held) for i in instruments]
+    alone = [_left(data, [s]) for s in range(len(data.labels))]
     freedom = np.array([LEAST + degrees for _, degrees in alone])
-    own = LEAST + np.array([chi2 for chi2, _ in alone])
-    noise = np.sqrt(own / freedom)
-    degrees = _left(_stacked(instruments, noise), held)[1] - sum(d for _, d in alone)
-    if degrees <= 0:
-        return PulledApart(1.0, tuple(noise.tolist()), tuple(freedom.tolist()))
-    drawn = np.sqrt(own / np.random.default_rng(0).chisquare(freedom, (draws, own.size)))
-    excess = [_left(_stacked(instruments, s), held)[0] - sum(
-        chi2 / f**2 for (chi2, _), f in zip(alone, s, strict=True)) for s in drawn]
-    p_value = float(np.mean(chdtrc(degrees, np.maximum(excess, 0.0))))
-    return PulledApart(p_value, tuple(noise.tolist()), tuple(freedom.tolist()))
+    variance = np.array([LEAST + chi2 for chi2, _ in alone]) / freedom
+    chi2, degrees = _left(data.weighted(1.0 / variance), list(range(len(alone))))
+    degrees -= sum(d for _, d in alone)
+    excess = chi2 - sum(c / v for (c, _), v in zip(alone, variance, strict=True))
+    more = log_ratio(np.array([max(excess, 0.0)]), np.array([degrees]), float(freedom.sum()))[0] \
+        if degrees > 0 else -np.inf
+    return PulledApart(float(expit(logit(float(UNKNOWN)) + more)), np.sqrt(variance), freedom)
 
 
-def _instruments(fit: Fit, factor: Sequence[float]) -> list[InstrumentRows]:
-    """Return the rows in use by kind of instrument, white by the noise that was stated.
+def _left(data: Clusters, some: Sequence[int]) -> tuple[float, float]:
+    """Return chi-squared of what no error of the machine explains, and its degrees of freedom."""
+    size, turn = eigh(data.matrix[some].sum(axis=0))
+    size = np.sqrt(np.maximum(size, 0.0))
+    explained, taken = known_part(size[:, None] * turn.T, reciprocals(size) * (
+        turn.T @ data.right[some].sum(axis=0)), data.prior)
+    return (max(float(data.square[some].sum()) - explained, 0.0),
+            float(data.count[some].sum()) - taken)
+
+
+def _worst_row(fit: Fit, data: Clusters, rows: Sequence[tuple[int, int, int, Array, int]]) -> str:
+    """Return without which row the instruments agree best, if they do.
+
+    ``rows``: instrument, data set, index, white values and how many they are.
+    """
+    without = []
+    for s, _, _, own, values in rows if len(rows) <= MOST_ROWS else ():
+        data.add(s, own, values, -1.0)
+        without.append(split(data))
+        data.add(s, own, values)
+    best = min(range(len(without)), key=lambda n: without[n].probability, default=None)
+    if best is None or without[best].likely:
+        return ("; no single row explains it: one of them is off, or something is missing in the "
+                "model")
+    _, i, n, _, _ = rows[best]
+    out = fit.problem.datasets[i]
+    return (f"; they agree best without {out.name} row {int(out.rows[n])} (probability "
+            f"{without[best].probability:.2g}): measure it again")
+
+
+def _sentence(fit: Fit, data: Clusters, found: PulledApart) -> str:
+    """Return what instruments say against each other, in units of the file."""
+    each = ", ".join(f"{n} {s:.3g}" for n, s in zip(data.labels, found.noise.tolist(),
+                                                    strict=True))
+    out = (f"{' and '.join(data.labels)} pull apart (probability {found.probability:.2g}): each "
+           f"alone shows {each} times the stated noise, and together they show more")
+    count, own = len(fit.problem.free), data.weighted(found.noise**-2)
+    inverse = linalg.inv(own.matrix + np.diag(data.prior**2 + RIDGE))
+    step = np.einsum("scd,sd->sc", inverse, own.right + data.prior**2 * data.away)[:, :count]
+    sigma = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)[:, :count])
+    worst = int(np.argmax(np.ptp(step, axis=0) / np.linalg.norm(sigma, axis=0)))
+    place = fit.problem.free[worst]
+    parameter, units = fit.problem.mechanism.parameters[place], fit.problem.mechanism.units
+    factor, unit = units.factor(parameter.quantity), units.name(parameter.quantity)
+    value, scale = float(fit.state.g[place]), float(fit.scale[worst])
+    return out + "; " + ", ".join(
+        f"{n} alone {'say' if k else f'say {parameter.name}'} "
+        f"{(value + scale * v) / factor:.6g} +- {coverage_by(f) * scale * d / factor:.2g} {unit}"
+        for k, (n, v, d, f) in enumerate(zip(data.labels, step[:, worst].tolist(),
+                                             sigma[:, worst].tolist(), found.degrees.tolist(),
+                                             strict=True)))
+
+
+# --- is it noise, or has what does not fit become it? ---------------------------------------------
+#
+# An estimate takes whatever is left for noise, measurements of another machine too. Where it
+# exceeds what the tolerances do to the readings, the rows have told nothing of the machine.
+
+def noise_beyond_tolerances(fit: Fit, which: Sequence[bool]) -> list[str]:
+    """Return a sentence for each data set whose estimated noise hides all that tolerances do.
 
     Args:
-        fit: with the noise as it was estimated.
-        factor: by what the stated noise of each data set was multiplied (D,).
+        fit: with the noise as it was estimated; without tolerances there is nothing to compare.
+        which: data sets whose noise is estimated (D,).
     """
-    rows: dict[str, list[Array]] = {}
-    source: dict[str, list[Array]] = {}
-    names: dict[str, dict[str, None]] = {}
-    for part in fit.problem.rows(fit.state, True, fit.keep):
-        data = fit.problem.datasets[part.dataset]
-        seen = part.observed
-        white = np.concatenate([part.jacobian * fit.scale, part.residual[..., None]], axis=-1)
-        rows.setdefault(data.kind, []).append(white[seen] * factor[part.dataset])
-        index = np.broadcast_to(part.index[:, None], seen.shape)[seen]
-        source.setdefault(data.kind, []).append(
-            np.stack([np.full(index.size, part.dataset), index], axis=1))
-        names.setdefault(data.kind, {})[data.name] = None
-    return [InstrumentRows(tuple(names[k]), np.concatenate(rows[k]), np.concatenate(source[k]))
-            for k in rows]
+    out = []
+    for i, data in enumerate(fit.problem.datasets):
+        if not which[i] or not fit.keep[i].any():
+            continue
+        moved = _moved(fit, i)
+        noise = typical_noise(data)
+        if not 0.0 < moved < 1.0 or not np.isfinite(noise):
+            continue
+        unit, factor = data.units.length, data.units.factor("length")
+        out.append(
+            f"{data.name}: what is left, {noise / factor:.3g} {unit}, is taken for noise, and is "
+            f"more than this machine's tolerances move the readings ({moved * noise / factor:.3g} "
+            f"{unit}): these rows tell nothing of the machine; check that they are of it, how "
+            "their columns are read, and the tolerances")
+    return out
 
 
-def _stacked(instruments: Sequence[InstrumentRows], noise: Sequence[float] | Array) -> Array:
-    return np.concatenate([i.rows / s for i, s in zip(instruments, noise, strict=True)])
-
-
-def _left(rows: Array, held: Array) -> tuple[float, int]:
-    """Return chi-squared of what no error of the machine explains, and its degrees of freedom."""
-    explained, taken = known_part(rows[:, :-1], rows[:, -1], held)
-    return max(float(rows[:, -1] @ rows[:, -1]) - explained, 0.0), len(rows) - taken
-
-
-def _explained(instruments: Sequence[InstrumentRows], held: Array, found: PulledApart
-               ) -> PulledApart:
-    """Return the split with the row without which the instruments agree best, where they do."""
-    source = np.unique(np.concatenate([i.source for i in instruments]), axis=0)
-    if len(source) > MOST_ROWS:
-        return found
-    chance = [split([i.without(n) for i in instruments], held, DRAWS // 4).p_value
-              for n in source]
-    best = int(np.argmax(chance))
-    if chance[best] < CHANCE:
-        return found
-    return replace(found, row=(int(source[best][0]), int(source[best][1])), without=chance[best])
-
-
-def _sentence(fit: Fit, instruments: Sequence[InstrumentRows], found: PulledApart) -> str:
-    """Return what instruments say against each other, in units of the file."""
-    names = [" and ".join(i.names) for i in instruments]
-    values, sigma = zip(*(_alone(i.rows / s, fit) for i, s in
-                          zip(instruments, found.noise, strict=True)), strict=True)
-    out = (f"{' and '.join(names)} pull apart (p = {found.p_value:.2g}): each alone shows "
-           + ", ".join(f"{n} {s:.3g}" for n, s in zip(names, found.noise, strict=True))
-           + " times the stated noise, and together they show more")
-    worst = _farthest(np.array(values), np.array(sigma))
-    if worst is not None:
-        out += "; " + ", ".join(
-            f"{n} alone {'say' if k else 'say ' + _name(fit, worst)} "
-            + _value(fit, worst, float(v[worst]), coverage_by(f) * float(d[worst]))
-            for k, (n, v, d, f) in enumerate(zip(names, values, sigma, found.degrees,
-                                                 strict=True)))
-    if found.row is None:
-        return (out + "; no single row explains it: one of them is off, or something is missing "
-                "in the model")
-    data = fit.problem.datasets[found.row[0]]
-    return (out + f"; they agree best without {data.name} row {int(data.rows[found.row[1]])} "
-            f"(p = {found.without:.2g}): measure it again")
-
-
-def _name(fit: Fit, column: int) -> str:
-    """Return the name of a free parameter."""
-    return fit.problem.mechanism.names[fit.problem.free[column]]
-
-
-def _value(fit: Fit, column: int, step: float, half: float) -> str:
-    """Return a parameter's value and 95 % interval, a step of SI from the fit's, file units."""
-    place = fit.problem.free[column]
-    parameter, units = fit.problem.mechanism.parameters[place], fit.problem.mechanism.units
-    factor = units.factor(parameter.quantity)
-    return (f"{(float(fit.state.g[place]) + step) / factor:.6g} +- {half / factor:.2g} "
-            f"{units.name(parameter.quantity)}")
-
-
-def _alone(rows: Array, fit: Fit) -> tuple[Array, Array]:
-    """Return what white rows and tolerances say of the parameters: steps and sigma (F,), SI."""
-    count = len(fit.problem.free)
-    u, s, vt = svd(np.concatenate([rows[:, :-1], np.diag(fit.prior * fit.scale)]))
-    right = u.T @ np.concatenate([rows[:, -1], fit.prior * to_prior(fit.problem, fit.state)])
-    whole = NormalStep(s, right, vt, fit.scale)
-    sigma = np.sqrt(whole.seen()[1])
-    sigma[np.linalg.norm(vt[~seen_directions(s)], axis=0) > 1e-6] = np.inf
-    return whole.step()[0][:count], sigma[:count]
-
-
-def _farthest(values: Array, sigma: Array) -> int | None:
-    """Return the parameter about which two instruments (K, F) differ most, None without one."""
-    lowest, highest = values.argmin(axis=0), values.argmax(axis=0)
-    column = np.arange(values.shape[1])
-    both = np.hypot(sigma[lowest, column], sigma[highest, column])
-    known = np.isfinite(both) & (both > 0.0)
-    if not known.any():
-        return None
-    ratio = np.where(known, np.ptp(values, axis=0) / np.where(known, both, 1.0), 0.0)
-    return int(np.argmax(ratio))
+def _moved(fit: Fit, i: int) -> float:
+    """Return how far tolerances move the readings of a data set over their noise, the median."""
+    held = fit.prior[:len(fit.problem.free)] > 0.0
+    if not held.any():
+        return 0.0
+    tau = reciprocals(fit.prior[:held.size])
+    each: list[Array] = []
+    for rows in fit.problem.rows_of(i, fit.state, True, fit.keep[i]):
+        spread = np.linalg.norm(rows.jacobian[..., :held.size] * tau, axis=-1)
+        each.append(spread[rows.observed])
+    values = np.concatenate(each) if each else np.zeros(0)
+    return float(np.median(values)) if values.size else 0.0

@@ -21,7 +21,6 @@ from ppmcal.calibration.fit import (
     OPENED,
     Fit,
     FitOptions,
-    Noise,
     Problem,
     noise_check,
     noise_state,
@@ -108,13 +107,10 @@ def _noise(fit: Fit, factor: float, data: Dataset) -> tuple[float, str]:
     if check.overstated and check.by_dataset:    # on redundancy enough
         return (repeats, REPEATS) if repeats and repeats < check.sigma_ratio else (
             check.sigma_ratio, RESIDUALS)
-    return (repeats, REPEATS) if repeats and _noisier(check) else (1.0, STATED)
-
-
-def _noisier(check: Noise) -> bool:
-    """Whether repeats scatter by more than the stated noise can."""
-    ratio, degrees = check.repeat_ratio or 0.0, check.repeat_degrees
-    return noise_state(ratio, float(chdtrc(degrees, degrees * ratio**2))) == LARGER
+    degrees = check.repeat_degrees
+    larger = repeats is not None and noise_state(
+        repeats, float(chdtrc(degrees, degrees * repeats**2))) == LARGER
+    return (repeats, REPEATS) if repeats and larger else (1.0, STATED)
 
 
 def with_day_noise(machines: Sequence[Mechanism], datasets: Sequence[Dataset], notes: list[str]

@@ -24,11 +24,9 @@ from ppmcal.calibration.fit import (
     Posterior,
     Problem,
     State,
-    column_scale,
     identify,
     noise_state,
-    prior_weights,
-    qr_factor,
+    unfitted,
 )
 from ppmcal.calibration.sessions.change_detection import posterior_of
 from ppmcal.errors import NoResult
@@ -92,11 +90,10 @@ def _of_session(joint: Fit, own: Fit, part: slice, known: Posterior, options: Fi
         keep.append(kept.copy())
         keep[-1][kept] = used
     state = State(joint.state.g, joint.state.registrations[part], tuple(poses))
-    prior = prior_weights(problem, options.method, joint.prior_scale)
-    fit = Fit(problem, state, qr_factor(problem, state, keep), prior, column_scale(problem),
-              tuple(keep), 0, True, own.noise_factor, reasons=own.reasons)
+    fit = replace(unfitted(problem, state, keep, options.method, joint.prior_scale),
+                  noise_factor=own.noise_factor, reasons=own.reasons)
     found, places = posterior_of(fit, known.inputs), list(problem.free)
-    inflation, held = _inflation(found, known), prior[:len(places)]
+    inflation, held = _inflation(found, known), fit.prior[:len(places)]
     away = np.where(held > 0.0, whole.mechanism.nominals[places] - found.value, 0.0)
     step = _to_minimum(found.matrix / inflation, found.right / inflation, held, away, found.scale)
     return replace(found, inflation=inflation, source=known.source, known=known.known, step=step)

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from ppmcal.calibration.validation.nominal_machine import before as before
     from ppmcal.calibration.validation.residual_vectors import Residuals as Residuals
     from ppmcal.calibration.validation.residual_vectors import fresh_state as fresh_state
+    from ppmcal.calibration.validation.residual_vectors import other_sessions as other_sessions
     from ppmcal.calibration.validation.residual_vectors import residuals as residuals
     from ppmcal.calibration.validation.residual_vectors import split as split
-    from ppmcal.calibration.validation.session_validation import other_sessions as other_sessions
     from ppmcal.calibration.validation.summary import Dependence as Dependence
     from ppmcal.calibration.validation.summary import Identification as Identification
     from ppmcal.calibration.validation.summary import report as report

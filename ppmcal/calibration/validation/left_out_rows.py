@@ -48,7 +48,7 @@ class LeftOut:
     follows: str
     share: float
     probability: float
-    stretch: tuple[int, float, float] | None = None
+    stretch: Stretch = None
 
     @property
     def sentence(self) -> str:
@@ -87,50 +87,47 @@ def left_out(fit: Fit) -> LeftOut:
     """
     gone, datasets = fit.outliers, fit.problem.datasets
     used = rows_with_outliers(fit)
-    count, rows = (sum(int(m.sum()) for m in masks) for masks in (gone, used))
     # what hits a pose hits all its rows: what they have in common they have once
-    poses = _one_of_each(used, gone, [d.groups for d in datasets])
-    found: list[tuple[float, float, _Pattern]] = []
+    poses = [_one_of_each(u, g, d.groups) for u, g, d in zip(used, gone, datasets, strict=True)]
+    every = [_counts(mine, gone) for mine in (used, poses)]
+    several = sum(np.unique(d.groups).size for d in datasets)
+    found: list[tuple[float, float, tuple[str, Stretch]]] = []
     for patterns in KINDS:
-        some = [_Hit.of(p, poses if _of_poses(fit, p) else used, gone)
-                for p in _patterns(fit, patterns)]
-        some = [h for h in some if 0 < h.inside < h.total and 0 < h.count < h.total]
-        found += [(in_a_part(h.hits, h.inside, h.count, h.total) / len(KINDS) / len(some),
-                   h.hits / h.count, h.pattern) for h in some]
+        some = []
+        for i, data in enumerate(datasets):
+            for words, mask, stretch in _named(fit, i, patterns):
+                once = 2 * _mixed(data.groups, mask) < several
+                hits, inside = _counts([mask & (poses if once else used)[i]], [gone[i]])
+                some.append((hits, inside, *every[once], (words, stretch)))
+        some = [h for h in some if 0 < h[1] < h[3] and 0 < h[2] < h[3]]
+        found += [(in_a_part(*h[:4]) / len(KINDS) / len(some), h[0] / h[2], h[4]) for h in some]
     odds = sum(f[0] for f in found)
-    _, share, pattern = max(found, default=(0.0, 0.0, _Pattern("", [])), key=lambda f: f[:2])
-    follows, stretch = (pattern.words, pattern.stretch) if sure(odds) else ("", None)
+    _, share, told = max(found, default=(0.0, 0.0, ("", None)), key=lambda f: f[:2])
+    follows, stretch = told if sure(odds) else ("", None)
+    count, rows = every[0]
     return LeftOut(count, rows, sure(everywhere(count, rows)), follows, share, odds / (1.0 + odds),
                    stretch)
 
 
-def _rows_in(one: Sequence[Bools], other: Sequence[Bools]) -> int:
-    return sum(int((a & b).sum()) for a, b in zip(one, other, strict=True))
+def _counts(mine: Sequence[Bools], gone: Sequence[Bools]) -> tuple[int, int]:
+    """Return how many of ``mine`` of the rows are ``gone``, and how many they are."""
+    return (sum(int((m & g).sum()) for m, g in zip(mine, gone, strict=True)),
+            sum(int(m.sum()) for m in mine))
 
 
-def _one_of_each(used: Sequence[Bools], gone: Sequence[Bools], labels: Sequence[Ints]
-                 ) -> list[Bools]:
+def _one_of_each(used: Bools, gone: Bools, label: Ints) -> Bools:
     """Return one of the ``used`` rows (N,) of each label (N,), one that is ``gone`` if any."""
-    out = []
-    for label, u, g in zip(labels, used, gone, strict=True):
-        rows = np.flatnonzero(u)
-        rows = rows[np.argsort(~g[rows], kind="stable")]
-        mask = np.zeros_like(u)
-        mask[rows[np.unique(label[rows], return_index=True)[1]]] = True
-        out.append(mask)
-    return out
+    rows = np.flatnonzero(used)
+    rows = rows[np.argsort(~gone[rows], kind="stable")]
+    mask = np.zeros_like(used)
+    mask[rows[np.unique(label[rows], return_index=True)[1]]] = True
+    return mask
 
 
-@dataclass(frozen=True)
-class _Pattern:
-    """What rows may have in common, in words, and which have it, by data set (N,).
-
-    ``stretch``: of a joint's travel, as in :class:`LeftOut`.
-    """
-
-    words: str
-    rows: list[Bools]
-    stretch: tuple[int, float, float] | None = None
+def _mixed(groups: Ints, mask: Bools) -> int:
+    """Return at how many poses some of the rows have a pattern and others have not."""
+    both = np.unique(np.stack([groups, mask]), axis=1)
+    return int(both.shape[1]) - np.unique(groups).size
 
 
 @stage("where the machine is another")
@@ -149,25 +146,24 @@ def doubtful_stretches(fit: Fit, after: Residuals, out: LeftOut) -> tuple[Doubtf
     return (DoubtfulStretch(fit.problem.mechanism.actuators[joint], low, high, position, rotation),)
 
 
-Found = tuple[str, Bools, tuple[int, float, float] | None]
-"""Words, rows (N,) and stretch of a pattern in one data set."""
+Stretch = tuple[int, float, float] | None
+Pattern = tuple[str, Bools, Stretch]
+"""What rows of one data set may have in common, in words, which have it (N,), and the stretch of a
+joint's travel that it is, as in :class:`LeftOut`."""
 
 
-def _patterns(fit: Fit, of_one: Callable[[Fit, int], Iterator[Found]]) -> Iterator[_Pattern]:
-    """Yield what rows may have in common, of one kind; ``of_one`` data set."""
+def _named(fit: Fit, index: int, patterns: Callable[[Fit, int], Iterator[Pattern]]
+           ) -> Iterator[Pattern]:
+    """Yield patterns of one data set, of several with its name; to be in it is one of them."""
     datasets = fit.problem.datasets
-    many = len(datasets) > 1
-    for i, data in enumerate(datasets):
-        where = f" in {data.name}" if many else ""
-        for words, mask, stretch in of_one(fit, i):
-            masks = [np.zeros(len(d), dtype=bool) for d in datasets]
-            masks[i] = mask
-            yield _Pattern(words + where, masks, stretch)
-        if many and of_one is _circumstances:
-            yield _Pattern(f"are in {data.name}", [np.full(len(d), d is data) for d in datasets])
+    where = f" in {datasets[index].name}" if len(datasets) > 1 else ""
+    for words, mask, stretch in patterns(fit, index):
+        yield words + where, mask, stretch
+    if where and patterns is _circumstances:
+        yield f"are{where}", np.ones(len(datasets[index]), dtype=bool), None
 
 
-def _circumstances(fit: Fit, index: int) -> Iterator[Found]:
+def _circumstances(fit: Fit, index: int) -> Iterator[Pattern]:
     """Yield the order, the approach and what was recorded besides."""
     problem = fit.problem
     for words, mask in _of_one(problem.mechanism, problem.datasets[index],
@@ -175,7 +171,7 @@ def _circumstances(fit: Fit, index: int) -> Iterator[Found]:
         yield words, mask, None
 
 
-def _places(fit: Fit, index: int) -> Iterator[Found]:
+def _places(fit: Fit, index: int) -> Iterator[Pattern]:
     """Yield thirds of each coordinate of the platform and of each joint, and corners.
 
     The platform's pose is that of the joints: what was measured there may be wrong itself.
@@ -231,7 +227,7 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[
             yield f"are in the {part} {size} {what}", mask
 
 
-def _stretches(fit: Fit, index: int) -> Iterator[Found]:
+def _stretches(fit: Fit, index: int) -> Iterator[Pattern]:
     """Yield stretches of the joints' travel."""
     mechanism, data = fit.problem.mechanism, fit.problem.datasets[index]
     for a, name in enumerate(mechanism.actuators):
@@ -242,33 +238,6 @@ def _stretches(fit: Fit, index: int) -> Iterator[Found]:
                 low, high = (float(f(data.q[mask, a])) for f in (np.min, np.max))
                 yield (f"have {name} between {low / factor:.6g} and {high / factor:.6g} "
                        f"{unit}".rstrip(), mask, (a, low, high))
-
-
-@dataclass(frozen=True)
-class _Hit:
-    """Rows with a pattern, ``hits`` of ``inside`` left out, and ``count`` of ``total``."""
-
-    pattern: _Pattern
-    hits: int
-    inside: int
-    count: int
-    total: int
-
-    @classmethod
-    def of(cls, pattern: _Pattern, mine: Sequence[Bools], gone: Sequence[Bools]) -> _Hit:
-        """Return it of ``mine`` of the rows."""
-        both = [m & g for m, g in zip(pattern.rows, gone, strict=True)]
-        return cls(pattern, *(_rows_in(mine, some) for some in (both, pattern.rows, gone, mine)))
-
-
-def _of_poses(fit: Fit, pattern: _Pattern) -> bool:
-    """Return whether at most poses all rows have the pattern, or none."""
-    poses, mixed = 0, 0
-    for data, mask in zip(fit.problem.datasets, pattern.rows, strict=True):
-        labels = np.unique(data.groups)
-        poses += labels.size
-        mixed += np.unique(np.stack([data.groups, mask]), axis=1).shape[1] - labels.size
-    return 2 * mixed < poses
 
 
 KINDS = (_circumstances, _stretches, _places)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.calibration.fit import Problem, coordinates
+from ppmcal.calibration.knowledge import registered
 from ppmcal.calibration.validation.residual_vectors import (
     LEFT_OUT,
     Residuals,
@@ -48,16 +49,14 @@ def before(problem: Problem, keep: Sequence[Bools]) -> Before:
     """
     sets = problem.datasets
     used = tuple(d if k.all() else d.without(~k, LEFT_OUT) for d, k in zip(sets, keep, strict=True))
-    bare = Problem(problem.mechanism.nominal(), used, (),
-                   pivots=tuple(o.about for o in problem.opens))
+    bare = problem.changed(mechanism=problem.mechanism.nominal(), datasets=used, free=(),
+                           given=None, earlier=None)
     try:
         state = register_only(bare, robust=False).state
     except PpmcalError:
         return nothing_before(problem)
     whole = replace(bare, datasets=sets)
-    found = {d.name: Registration(s.frame, s.target, s.target_rotation, scale=s.scale)
-             for d, s in zip(sets, state.registrations, strict=True)}
-    return Before(residuals(whole, fresh_state(whole, state)), found)
+    return Before(residuals(whole, fresh_state(whole, state)), registered(whole, state))
 
 
 def nothing_before(problem: Problem) -> Before:

@@ -65,8 +65,13 @@ from ppmcal.calibration.validation.left_out_rows import (
     left_out,
 )
 from ppmcal.calibration.validation.nominal_machine import before, nothing_before
-from ppmcal.calibration.validation.residual_vectors import Residuals, held_out, on_other, residuals
-from ppmcal.calibration.validation.session_validation import sessions_left_out
+from ppmcal.calibration.validation.residual_vectors import (
+    Residuals,
+    held_out,
+    on_other,
+    residuals,
+    sessions_left_out,
+)
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -96,8 +101,8 @@ class Identification:
     ``fit``: where the noise check failed, with rows ``inflation`` times as noisy as stated.
     ``doubtful``: where the machine is another than this one, in no way that the model knows.
     ``sessions``: how far they disagree, None where there is one; ``blocks``: the same of stretches
-    of rows, None where they do not; ``covariance`` counts what is sure to differ, and takes what
-    was held for exact; ``considered`` is how far it may be off.
+    of rows, None where they do not; ``covariance`` counts what likely differs, and takes what was
+    held for exact; ``considered`` is how far it may be off.
     ``unidentifiable``: what the data see only together, as whole sets.
     ``campaign``: what is weak about the poses, and which are missing; None: nothing.
     """
@@ -185,7 +190,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
 
     Raises:
         BadInput, NoResult: as
-            :func:`ppmcal.calibration.validation.session_validation.sessions_left_out`.
+            :func:`ppmcal.calibration.validation.residual_vectors.sessions_left_out`.
     """
     noise, notes = noise_check(fit), list[str]()
     inflation = noise.inflation
