@@ -42,9 +42,9 @@ STEP = 1.3
 """Of the logarithm of a variance's root."""
 NOTHING = 1e-6
 """Tolerances that clusters differ by where they do not."""
-SIZES, NOISES = (-3.0, -1.5, 0.0, 1.5), 4
-"""Logarithms of sizes, in noise of one cluster, and how many sizes of the noise, over which it is
-summed whether clusters differ."""
+SMALLEST, APART, NOISES = -3.0, 1.5, 4
+"""The logarithm of the smallest size, in noise of one cluster, and of one over the next, and how
+many sizes of the noise: over these it is summed whether clusters differ."""
 WIDEST = 30.0
 """Sessions differ by no more than so many tolerances, or units of comparable effect."""
 
@@ -155,7 +155,9 @@ class _Posterior:
         """Logarithm of the odds that clusters differ, in one thing or in all, by whatever size."""
         k, usual = len(self.parts.names), 0.5 * np.log(self.shrinkage)
         none = np.full(k, np.log(NOTHING))
-        some = [np.where(mine, usual + size, none) for size in SIZES
+        widest = np.log(self.widest)
+        steps = np.arange(SMALLEST, max(float(np.max(widest - usual)), 2.0 * APART), APART)
+        some = [np.where(mine, np.minimum(usual + size, widest), none) for size in steps
                 for mine in (*np.eye(k, dtype=bool), np.ones(k, dtype=bool))]
         noise = np.linspace(0.0, self.most, NOISES if self.most else 1)
         there, nothing = (float(linalg.logsumexp([self.likelihood(np.append(s, f)) for s in sizes
