@@ -73,12 +73,14 @@ class Parameter:
         """Return the value after a Gauss-Newton step; a reciprocal one keeps its sign.
 
         With c = 1/value the step is dc = -step c^2, at most so large that c falls to a tenth, and
-        not below :data:`RIGID` of nominal, where there is as good as nothing to give way.
+        not below :data:`RIGID` of nominal, where there is as good as nothing to give way. However
+        often it is made smaller, it is not 0.
         """
         if not self.reciprocal:
             return value + step
         most = max(abs(self.nominal) / RIGID, abs(value))
-        return float(np.clip(value / max(1.0 - step / value, 0.1), -most, most))
+        least, moved = float(np.finfo(float).tiny), abs(value) / max(1.0 - step / value, 0.1)
+        return float(np.copysign(np.clip(moved, least, most), value))
 
     def matches(self, pattern: str) -> bool:
         """Whether a shell pattern names this parameter or a slot that it feeds."""

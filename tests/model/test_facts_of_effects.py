@@ -17,6 +17,7 @@ from ppmcal.model.effects.plate_compliance import _pushed
 from ppmcal.model.effects.setting import COORDINATES, PLACE, Shift, total
 from ppmcal.model.effects.wave import wave
 from ppmcal.model.limbs import kinds as limb_kinds
+from ppmcal.model.parameters import Parameter
 
 Array = NDArray[np.float64]
 TURNS = {"rx", "ry", "rz"}
@@ -270,3 +271,13 @@ def test_speeds_of_friction_go_up_by_even_parts_about_the_recorded_one() -> None
     assert found[0] < 0.2
     assert found[-1] > 2.0
     np.testing.assert_allclose(found[1:] / found[:-1], 2.55, atol=0.15)
+
+
+@pytest.mark.parametrize("value", [0.1, -2e7])
+def test_what_steps_make_ever_smaller_is_never_nothing(value: float) -> None:
+    """A stiffness or a reach of 0 would be divided by; steps in 1/value shrink it as they like."""
+    parameter = Parameter("reach", "length", value, value, reciprocal=True)
+    for _ in range(30):
+        value = parameter.stepped(value, -1e9 * float(np.sign(value)))
+        assert value * parameter.value > 0.0 and np.isfinite(1.0 / value)
+    assert abs(value) < 1e-300

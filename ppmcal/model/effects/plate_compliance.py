@@ -22,8 +22,6 @@ from ppmcal.model.effects.setting import Setting, Shift, total
 PARTS = ("base", "platform")
 BEYOND = 40.0
 """So many reaches away nothing bends: exp(-800) is 0, and a reach may be as small as it likes."""
-LEAST_REACH = 1e-6
-"""m; a step of a fit may end at no reach at all, where no joint moves with another either."""
 
 
 def _pushed(setting: Setting, part: str, points: Array) -> Array:
@@ -44,7 +42,7 @@ def _pushed(setting: Setting, part: str, points: Array) -> Array:
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     """Displacement of centre i = give sum over j of exp(-(d_ij/reach)^2/2) f_j."""
-    reach = float(np.copysign(max(abs(values["reach"]), LEAST_REACH), values["reach"]))
+    reach = values["reach"]
     by: dict[str, Shift] = {}
     wider: list[Shift] = []
     for part in PARTS:
@@ -84,8 +82,7 @@ PLATE_COMPLIANCE = register(EffectKind(
     fixed_list(*(EffectParameter(part, "length/N", low=0.0, usual=(0.0, 0.1),
                                  why="stiffer than 10 N/m, as drives are", size=1e-9)
                  for part in PARTS),
-               EffectParameter("reach", "length", None, low=LEAST_REACH, reciprocal=True,
-                               scan=_reaches)),
+               EffectParameter("reach", "length", None, low=1e-6, reciprocal=True, scan=_reaches)),
     ("wrench",), _terms, per_actuator=False, uses_load=True, one_by_one=True, seldom=True,
     remedy="indicate the base and the platform beside a joint while the payload is put on",
     worked=Worked({"base": 1e-8, "platform": 0.0, "reach": 0.1}, {"forces": 200.0, "base": 0.3},
