@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from ppmcal import linalg
 from ppmcal.diagnosis.equation_forms import (
@@ -166,7 +165,8 @@ def likeliest(gram: Array, right: Array, square: float, freedom: int, forms: Int
     top = sets[int(np.argmax(values))]
     whole = Counter(forms[list(top)].tolist())
     like = [n for n, s in enumerate(sets) if whole <= Counter(forms[list(s)].tolist())]
-    probability = float(np.exp(logsumexp(np.array(values)[like]) - logsumexp(values)))
+    probability = float(np.exp(linalg.logsumexp(np.array(values)[like])
+                               - linalg.logsumexp(values)))
     return tuple(sorted(top, key=lambda n: -alone[n])), probability
 
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import logsumexp
 
+from ppmcal import linalg
 from ppmcal.calibration.fit.added_columns import Group, added_columns
 from ppmcal.calibration.fit.fit_result import Fit, values_fitted
 from ppmcal.calibration.fit.gauss_newton import least_squares, linearised
@@ -109,7 +109,7 @@ def fall(before: float, after: float) -> float:
 
 def surely(log_odds: float | Array) -> bool:
     """Whether something is there: one thing, or one of several, by their odds against nothing."""
-    return bool(logsumexp(log_odds) > np.log(SURE_ODDS))
+    return bool(linalg.logsumexp(log_odds) > np.log(SURE_ODDS))
 
 
 def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -174,7 +174,7 @@ def _hint(fit: Fit, problem: Problem, state: State, keep: Sequence[Bools]
     if not possible or not surely(odds):
         return None
     order = np.argsort(-odds, kind="stable")
-    more = np.cumsum(np.exp(odds[order] - logsumexp(odds))) < float(SURE)
+    more = np.cumsum(np.exp(odds[order] - linalg.logsumexp(odds))) < float(SURE)
     (i, what), *instead = [possible[n] for n in order[:int(more.sum()) + 1].tolist()]
     wider, there, rows = _opened(problem, state, keep, i, what)
     prior = _padded(wider, fit)
