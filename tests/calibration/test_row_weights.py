@@ -181,11 +181,11 @@ def test_a_row_that_does_not_belong_pulls_as_much_as_one_that_hardly_does() -> N
     """However far it is; rows of more values may be farther off, and those that belong count."""
     square = np.array([1.0, 6.0, 12.0, 1e4, 1e8, np.nan, 1e4])
     size = np.array([3.0, 3.0, 3.0, 3.0, 3.0, 0.0, 6.0])
-    found, keep = Distances((square,), (size,)), [square < 100.0]
+    found, keep = Distances((square,), (size,), (False,)), [square < 100.0]
     (weight,) = found.held_back(keep, np.array([1.0]))
     np.testing.assert_array_equal(weight[[0, 1, 2, 5]], 1.0)
     pull = weight * square
     assert pull[3] == pytest.approx(pull[4], rel=1e-9) and pull[2] < pull[3] < pull[6] < 100.0
     there = np.where(np.isnan(square), square, np.minimum(square, pull[3]))
-    (known,) = Distances((there,), (size,)).weights(keep, np.array([1.0]))
+    (known,) = Distances((there,), (size,), (False,)).weights(keep, np.array([1.0]))
     assert known[3] == pytest.approx(float(NO_WEIGHT), rel=0.05)

@@ -33,12 +33,12 @@ class Distances:
     """How far rows are from the fit, by data set.
 
     ``square``: squared white distance (N,), nan where there is no pose; ``size``: number of
-    coordinates behind it (N,); ``estimated``: whose noise its file wants estimated, default none.
+    coordinates behind it (N,); ``estimated``: whose noise its file wants estimated.
     """
 
     square: tuple[Array, ...]
     size: tuple[Array, ...]
-    estimated: tuple[bool, ...] = ()
+    estimated: tuple[bool, ...]
 
     def factor(self, keep: Sequence[Bools]) -> Array:
         """Return the robust scale of the residuals over the stated noise (D,), at least 1.
@@ -46,19 +46,13 @@ class Distances:
         That of all rows; of a data set whose noise nobody stated its own where that is less: what
         others show is no excuse there. One of which no row is in use shows nothing.
         """
-        common = self.times(keep)
-        own = [Distances((d,), (m,)).times([k]) or np.inf if alone else np.inf for d, m, k, alone in
-               zip(self.square, self.size, keep, self.estimated or [False] * len(keep),
-                   strict=True)]
-        return np.maximum(1.0, np.minimum(own, common))
+        own = [(alone and _times([d], [m], [k])) or np.inf for d, m, k, alone in
+               zip(self.square, self.size, keep, self.estimated, strict=True)]
+        return np.maximum(1.0, np.minimum(own, self.times(keep)))
 
     def times(self, keep: Sequence[Bools]) -> float:
         """Return the median distance of the rows in use over that of noise, 0 without rows."""
-        ratios = np.concatenate([
-            (d[k & (m > 0)] / chdtri(m[k & (m > 0)], 0.5)) for d, m, k in
-            zip(self.square, self.size, keep, strict=True)])
-        ratios = ratios[np.isfinite(ratios)]
-        return float(np.sqrt(np.median(ratios))) if ratios.size else 0.0
+        return _times(self.square, self.size, keep)
 
     def over_noise(self, factor: Array) -> list[Array]:
         """Return how many times the noise, ``factor`` (D,) times what is stated, rows are off.
@@ -104,6 +98,13 @@ class Distances:
         """Return degrees of freedom of the noise's size, and how many rows belong."""
         return float(NOISE_FREEDOM) + sum(float(m[k].sum()) for m, k in zip(
             self.size, keep, strict=True)), sum(int(k.sum()) for k in keep)
+
+
+def _times(square: Sequence[Array], size: Sequence[Array], keep: Sequence[Bools]) -> float:
+    ratios = np.concatenate([d[k & (m > 0)] / chdtri(m[k & (m > 0)], 0.5) for d, m, k in
+                             zip(square, size, keep, strict=True)])
+    ratios = ratios[np.isfinite(ratios)]
+    return float(np.sqrt(np.median(ratios))) if ratios.size else 0.0
 
 
 def distances(problem: Problem, state: State, covariance: Array | None = None,
