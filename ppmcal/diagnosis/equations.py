@@ -81,14 +81,14 @@ def sized_again(seen: Visible, learned: Learned, found: Sequence[Equation | None
 
 def _target(seen: Visible, learned: Learned, which: int) -> Array:
     """Return what is left (n,) without all terms but one."""
-    others = [t.candidate.free @ c.values for i, (t, c) in enumerate(zip(
+    others = [t.free @ c.values for i, (t, c) in enumerate(zip(
         learned.terms, learned.curves, strict=True)) if i != which]
     return np.asarray(seen.left - sum(others, np.zeros_like(seen.left)))
 
 
 def _columns(seen: Visible, term: Term, products: Sequence[Product]) -> Array:
     """Return the whitened columns (n, F) of products."""
-    curve = term.candidate.curve
+    curve = term.curve
 
     def weights(setting: Setting) -> Array:
         found = values_of(products, dict(zip(curve.inputs, curve.seen(setting), strict=True)))
@@ -97,7 +97,7 @@ def _columns(seen: Visible, term: Term, products: Sequence[Product]) -> Array:
         found = found if found.ndim == 3 else found[:, None]
         return np.asarray(found * setting.approach[..., None])
 
-    return columns_from(seen, curve, term.candidate.on, weights)
+    return columns_from(seen, curve, term.on, weights)
 
 
 def _visible(seen: Visible, term: Term, products: Sequence[Product]
@@ -200,13 +200,13 @@ def _within(seen: Visible, term: Term, curve: LearnedCurve, found: Equation) -> 
     that its covariance draws stay within.
     """
     at = [curve.seen(p.setting) for p in seen.system.parts]
-    on = np.array(term.candidate.on)
+    on = np.array(term.on)
     inputs = [np.concatenate([(x[i] if x[i].ndim == 1 else x[i][:, on].ravel()) for x in at])
               for i in range(len(curve.inputs))]
     basis = curve.basis(*inputs)
     sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", basis, curve.covariance, basis), 0.0))
     nodes = np.meshgrid(*([curve.nodes, curve.by_nodes][:len(curve.inputs)]), indexing="ij")
-    values = term.shape.gauged(found.at(*(x.ravel() for x in nodes)))
+    values = term.shapes[term.likeliest].gauged(found.at(*(x.ravel() for x in nodes)))
     # between the nodes as the equation is, less what was taken out there
     values = found.at(*inputs) + basis @ (values - found.at(*(x.ravel() for x in nodes)))
     sure = np.maximum(sigma, 1e-12 * float(sigma.max()))

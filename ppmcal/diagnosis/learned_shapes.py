@@ -36,7 +36,7 @@ class LearnedShape:
 
     Attributes:
         curve: the function; on: joints, empty for the machine.
-        rms: over the rows; gain: in log marginal likelihood.
+        rms: over the rows.
         looks: even, odd, kinked, repeating, hysteretic; period in units of the input or None.
         near: label of a kind of effect -> cosine of what both do that geometry cannot.
         x, value, sigma: the curve and its standard deviation, over the range; of two inputs, at
@@ -50,7 +50,6 @@ class LearnedShape:
     curve: LearnedCurve
     on: tuple[str, ...]
     rms: float
-    gain: float
     looks: tuple[str, ...]
     period: float | None
     near: tuple[tuple[str, float], ...]
@@ -72,14 +71,13 @@ def shapes(found: LearnedTerms, stage: Stage) -> tuple[LearnedShape, ...]:
         stage: whose library they are compared with.
     """
     known = found.equations or (None,) * len(found.learned.terms)
-    return tuple(replace(_shape(found.seen, t, c, g, stage), equation=e) for t, c, g, e in zip(
-        found.learned.terms, found.learned.curves, found.learned.gains, known, strict=True))
+    return tuple(replace(_shape(found.seen, t, c, stage), equation=e) for t, c, e in zip(
+        found.learned.terms, found.learned.curves, known, strict=True))
 
 
-def _shape(seen: Visible, term: Term, curve: LearnedCurve, gain: float, stage: Stage
-           ) -> LearnedShape:
+def _shape(seen: Visible, term: Term, curve: LearnedCurve, stage: Stage) -> LearnedShape:
     x = np.linspace(curve.nodes[0], curve.nodes[-1], POINTS)
-    ends = _ends(seen, curve, term.candidate.on)
+    ends = _ends(seen, curve, term.on)
     by: list[Array | None] = [np.full(x.shape, e) for e in ends] or [None]
     basis = curve.basis(x, by[-1])
     value = basis @ curve.values
@@ -87,10 +85,10 @@ def _shape(seen: Visible, term: Term, curve: LearnedCurve, gain: float, stage: S
     at, own, partial = _partial(seen, term, curve)
     looks, period = _looks(curve, x, value)
     names = seen.system.problem.mechanism.actuators
-    on = tuple(a for a, used in zip(names, term.candidate.on, strict=True) if used)
+    on = tuple(a for a, used in zip(names, term.on, strict=True) if used)
     return LearnedShape(curve, on if curve.acts == JOINT else (),
-                        float(np.sqrt(np.mean(own**2))), gain, looks, period,
-                        _near(stage, curve, term.candidate.on), x, value, sigma, at, partial,
+                        float(np.sqrt(np.mean(own**2))), looks, period,
+                        _near(stage, curve, term.on), x, value, sigma, at, partial,
                         ends, curve.at(x, by[0]) if ends else np.zeros(0))
 
 
@@ -107,11 +105,11 @@ def _ends(seen: Visible, curve: LearnedCurve, on: Sequence[bool]) -> tuple[float
 
 def _partial(seen: Visible, term: Term, curve: LearnedCurve) -> tuple[Array, Array, Array]:
     """Return inputs, the term, and partial residuals: with what is left along its direction."""
-    terms = term.candidate.free @ curve.values
+    terms = term.free @ curve.values
     shape = seen.system.residual.shape
     rest = seen.left - terms
     at, term_there, partial = [], [], []
-    joints = [a for a, used in enumerate(term.candidate.on) if used]
+    joints = [a for a, used in enumerate(term.on) if used]
     for a in joints if curve.acts == JOINT else [0]:
         for i, part in enumerate(seen.system.parts):
             unit = (seen.by_joint[i][..., a] if curve.acts == JOINT

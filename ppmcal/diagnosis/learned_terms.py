@@ -1,7 +1,8 @@
 """What the likeliest unknown causes do, learned: functions that claim no cause.
 
-Which functions there are is asked beside all other causes; here they get their values, from the
-rows that belong. They go into the machine unless they surely predict held-out poses worse.
+Which functions there are is asked beside all other causes; their values are the posterior of the
+same blocks, at the fits that are told, from the rows that belong. They go into the machine unless
+they surely predict held-out poses worse.
 """
 
 from __future__ import annotations
@@ -16,22 +17,19 @@ from ppmcal.diagnosis.equations import equations, sized_again
 from ppmcal.diagnosis.explanation import Round
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.learning import Learned, learned
+from ppmcal.diagnosis.learning import Learned, Placed, learned
 from ppmcal.diagnosis.linear_system import INVISIBLE, MOST_ROWS, Whitening, build, range_basis
 from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.result import Found, LearnedTerms
-from ppmcal.diagnosis.term_candidates import Visible, candidate
+from ppmcal.diagnosis.term_candidates import Visible
 from ppmcal.diagnosis.unknown_causes import UnknownCause
-from ppmcal.errors import NoResult, PpmcalError
+from ppmcal.errors import PpmcalError
 from ppmcal.inference.priors import SURE
 from ppmcal.linalg import Bools, subsample
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.effects.learned import JOINT, LearnedCurve, learned_kind
+from ppmcal.model.effects.learned import JOINT, learned_kind
 from ppmcal.model.mechanism import Mechanism, with_effect
-
-Placed = tuple[LearnedCurve, tuple[bool, ...]]
-"""A function without its values, and the joints on which it acts."""
 
 
 def learned_beyond(asked: Round, found: Found, named: bool, whole: Fit, held: Sequence[Dataset],
@@ -46,7 +44,7 @@ def learned_beyond(asked: Round, found: Found, named: bool, whole: Fit, held: Se
         held: the poses that were held out.
         options: of the diagnosis.
     """
-    forms = _forms(asked)
+    forms = functions(asked)
     if not (forms and held):
         return None
     belong = [there.copy() for there in rows_with_outliers(whole)]
@@ -59,13 +57,13 @@ def learned_beyond(asked: Round, found: Found, named: bool, whole: Fit, held: Se
                          found.noise, options)
 
 
-def _forms(asked: Round) -> list[Placed]:
+def functions(asked: Round) -> list[Placed]:
     """Return the functions that lead where something has no name; shapes of travel are one."""
     sources = asked.asked.sources
     causes = {(c.curve.inputs, c.curve.acts, c.curve.signed, c.on): c for c in sources
               if isinstance(c, UnknownCause) and c.curve is not None}
     every = asked.fit.problem.mechanism.actuators
-    out: dict[object, Placed] = {}
+    out: dict[str, Placed] = {}
     for place in asked.unnamed:
         source = sources[place.leader]
         if isinstance(source, Hypothesis):
@@ -144,10 +142,7 @@ def _fitted(fit: Fit, rows: Sequence[Bools], forms: Sequence[Placed], whitening:
         NoResult: where rows do not tell one of them.
     """
     seen = visible(fit, rows, whitening)
-    tried = [c for curve, on in forms if (c := candidate(seen, curve, on)) is not None]
-    if len(tried) < len(forms):
-        raise NoResult("something of a learned term is not seen by the instrument")
-    found = learned(seen, tried)
+    found = learned(seen, forms)
     return found, seen, with_mechanism(fit, with_terms(fit.problem.mechanism, found), options)
 
 
@@ -162,5 +157,5 @@ def visible(fit: Fit, keep: Sequence[Bools], whitening: Whitening) -> Visible:
 def with_terms(mechanism: Mechanism, found: Learned) -> Mechanism:
     """Return the machine with learned terms as effects that no fit changes."""
     for term, curve in zip(found.terms, found.curves, strict=True):
-        mechanism = with_effect(mechanism, learned_kind(curve), term.candidate.on, {})
+        mechanism = with_effect(mechanism, learned_kind(curve), term.on, {})
     return mechanism

@@ -47,6 +47,13 @@ class SystemPart:
         """What effects may know of these rows."""
         return self.response.setting()
 
+    @cached_property
+    def of_joints(self) -> list[Shift]:
+        """The shifts of one unit of each joint coordinate."""
+        count = len(self.response.pose)
+        return [Shift({(i, "offset"): np.ones(count) for i, limb in enumerate(self.setting.limbs)
+                       if limb.actuator == a}) for a in range(self.setting.turning.size)]
+
     def column(self, shift: Shift) -> Array:
         """Return the white column (n, m) of a shift."""
         raw = np.where(self.response.seen.observed, self.response.column(shift), 0.0)

@@ -1,4 +1,4 @@
-"""Which of the platform's motions an instrument sees, and how large tolerances make them.
+"""Which of the platform's motions an instrument sees.
 
 Touches of a flat say nothing of where along it the platform is, one mark nothing of turns about it.
 A term that moves the platform that way is no finding, however well its small part across explains
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.diagnosis.joint_tolerances import tolerated
+from ppmcal.calibration.knowledge import as_pose
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array
 
 HALF = 0.5
 """A displacement has more than this part of its square in what is seen. Of an error that lies
@@ -32,16 +32,11 @@ class ObservedMotion:
         seen: projector on the directions that are seen, lengths and arcs (6, 6).
         across: the platform's displacement with each joint (n, 6, k), by part of the system.
         joints: of the platform's displacement with each joint (rms), the part that is seen (k,).
-        place_sigma: standard deviation of the pose by the tolerances (6,), m and rad.
-        joint_sigma: of each joint's coordinate, by what that displacement asks of it (k,). Where no
-            finite tolerance says anything, both are of the size of the machine.
     """
 
     seen: Array
     across: tuple[Array, ...]
     joints: Array
-    place_sigma: Array
-    joint_sigma: Array
 
     def joint_seen(self, on: Sequence[bool]) -> bool:
         """Whether an error of these joints shows: a joint moves the platform as its legs do."""
@@ -78,20 +73,11 @@ def observed_motion(system: System) -> ObservedMotion:
     mechanism = system.problem.mechanism
     metric = np.array([1.0] * 3 + [mechanism.length_scale] * 3)
     seen = _seen(system, metric)
-    displaced, by_tolerance, asked = zip(*(tolerated(p, system) for p in system.parts), strict=True)
-    whole = np.concatenate(displaced)
+    across = tuple(np.stack([metric * as_pose(p.response).column(s) for s in p.of_joints], axis=-1)
+                   for p in system.parts)
+    whole = np.concatenate(across)
     felt, size = (np.sum(m**2, axis=(0, 1)) for m in (seen @ whole, whole))
-    lengths = np.arange(6) < 3, np.array([q == "length" for q in mechanism.actuator_quantity])
-    return ObservedMotion(
-        seen, displaced, np.sqrt(felt / np.maximum(size, 1e-300)),
-        *(_or_machine(np.sqrt(np.mean(np.concatenate(v), axis=0)), long, mechanism.reach)
-          for v, long in zip((by_tolerance, asked), lengths, strict=True)))
-
-
-def _or_machine(sigma: Array, lengths: Bools, reach: float) -> Array:
-    """Return standard deviations (n,); where tolerances give none, the reach, or a radian."""
-    size = np.where(lengths, reach, 1.0)
-    return np.where(sigma > np.finfo(float).eps * size, sigma, size)
+    return ObservedMotion(seen, across, np.sqrt(felt / np.maximum(size, 1e-300)))
 
 
 def _seen(system: System, metric: Array) -> Array:

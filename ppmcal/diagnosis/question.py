@@ -89,31 +89,42 @@ def question(system: System, library: Library, unknown: UnknownCauses,
              added: Sequence[int] = ()) -> Asked:
     """Return what may be in the residuals of a fit beside its geometry.
 
-    The residuals are taken back to the nominal machine, so that tolerances are the prior of
-    geometry whatever the fit has made of it. ``added``: columns of the problem that belong to
-    effects under test, which the system's Jacobian has no more.
+    ``added``: as of :func:`at_nominal`.
     """
-    problem = system.problem
+    observed = system.observed
+    columns = JoinedColumns((LibrarySource(library.products, observed), unknown.columns,
+                             UnitColumns(observed.size)))
+    first = library.count + unknown.columns.count
+    every: list[tuple[Block, Source]] = [*blocks(library, unknown.least),
+                                         *unknown.blocks(library.count), *rows(observed, first),
+                                         *files(system, first)]
+    asked = Question(columns, *at_nominal(system, added), tuple(b for b, _ in every), observed,
+                     system.apart, frozenset({ROW_FAMILY}), noise_freedom(system))
+    return Asked(asked, system, tuple(source for _, source in every))
+
+
+def at_nominal(system: System, added: Sequence[int] = ()) -> tuple[Array, Array]:
+    """Return residuals (N m,) taken back to the nominal machine, and its geometry (N m, c).
+
+    So tolerances are the prior of geometry, whose root it is times, whatever the fit has made of
+    it. ``added``: columns of the problem that belong to effects under test, which the system's
+    Jacobian has no more.
+    """
+    problem, observed = system.problem, system.observed
     scale = system.jacobian_scale
     away = -to_prior(problem, system.state) / scale
     weight = prior_weights(problem, "prior") * scale
     prior = reciprocals(weight, float(WIDE))
     rest = [c for c in range(scale.size) if c not in set(added)]
-    away, prior = away[rest], prior[rest]
-    observed = system.observed
     flat = system.jacobian.reshape(observed.size, -1) * observed.reshape(-1, 1)
-    values = system.residual.reshape(-1) * observed.reshape(-1) + flat @ away
-    columns = JoinedColumns((LibrarySource(library.products, observed), unknown.columns,
-                             UnitColumns(observed.size)))
-    own_noise = all(d.estimated for d in problem.datasets)
-    first = library.count + unknown.columns.count
-    every: list[tuple[Block, Source]] = [*blocks(library, unknown.least),
-                                         *unknown.blocks(library.count), *rows(observed, first),
-                                         *files(system, first)]
-    asked = Question(columns, values, flat * prior, tuple(b for b, _ in every), observed,
-                     system.apart, frozenset({ROW_FAMILY}),
-                     float(OWN_NOISE_FREEDOM if own_noise else NOISE_FREEDOM))
-    return Asked(asked, system, tuple(source for _, source in every))
+    values = system.residual.reshape(-1) * observed.reshape(-1) + flat @ away[rest]
+    return values, flat * prior[rest]
+
+
+def noise_freedom(system: System) -> float:
+    """Return the values that the noise of a system's files is as good as known from."""
+    own = all(d.estimated for d in system.problem.datasets)
+    return float(OWN_NOISE_FREEDOM if own else NOISE_FREEDOM)
 
 
 BY_JOINT = ("dir", "vel")

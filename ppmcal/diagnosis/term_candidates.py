@@ -1,9 +1,8 @@
 """What a learned term could follow and act on, and its whitened columns, one for each node.
 
 A term is a spline through values at nodes (:mod:`ppmcal.model.effects.learned_curve`), of one
-input or of two that are recorded of the same joint. Each of its
-columns says how residuals move with the value at one node; ``free`` is that column without what
-geometry and named effects could do instead.
+input or of two that are recorded of the same joint. Each of its columns says how residuals move
+with the value at one node.
 """
 
 from __future__ import annotations
@@ -15,12 +14,10 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.diagnosis.joint_tolerances import joint_shifts
 from ppmcal.diagnosis.linear_system import System, Whitening
-from ppmcal.diagnosis.observed_directions import ObservedMotion, observed_motion
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting
-from ppmcal.linalg import Array, Bools, finite_rows, without_range
+from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.effects import Setting, Shift
 from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve, LearnedInput
 from ppmcal.model.effects.setting import PLACE
@@ -61,7 +58,7 @@ class Visible:
     @cached_property
     def by_joint(self) -> list[Array]:
         """Column (N, m) of one unit of each joint coordinate, by part of the system."""
-        return [_units(p.column, joint_shifts(p)) for p in self.system.parts]
+        return [_units(p.column, p.of_joints) for p in self.system.parts]
 
     @cached_property
     def by_place(self) -> list[Array]:
@@ -74,29 +71,6 @@ def _units(column: Callable[[Shift], Array], shifts: Sequence[Shift]) -> Array:
     return np.stack([column(s) for s in shifts], axis=-1)
 
 
-@dataclass(frozen=True, eq=False)
-class TermCandidate:
-    """A term that could be learned: a curve without values, the joints, its columns (n, K).
-
-    ``sigma``: how large tolerances make what it acts on, one standard deviation, SI. ``moved``,
-    ``observed`` (K, K): inner products of the platform's displacements by each, and of what rows
-    see of them.
-    """
-
-    curve: LearnedCurve
-    on: tuple[bool, ...]
-    columns: Array
-    free: Array
-    sigma: float
-    moved: Array
-    observed: Array
-
-    @cached_property
-    def gram(self) -> Array:
-        """Inner products of the free columns (K, K)."""
-        return np.asarray(self.free.T @ self.free)
-
-
 def all_settings(fit: Fit) -> list[Setting]:
     """Return what effects may know of all rows that have a pose, used or not."""
     problem, out = fit.problem, []
@@ -106,35 +80,6 @@ def all_settings(fit: Fit) -> list[Setting]:
             model = Model(problem.mechanism, fit.state.g)
             out.append(setting(model, rows.take(good), q[good], pose[good]))
     return out
-
-
-def candidate(seen: Visible, curve: LearnedCurve, on: tuple[bool, ...]) -> TermCandidate | None:
-    """Return a term that rows could tell, None where it moves what the instrument does not see."""
-    observed = observed_motion(seen.system)
-    if not (observed.joint_seen(on) if curve.acts == JOINT
-            else observed.place_seen(PLACE[curve.acts])):
-        return None
-    columns = columns_of(seen, curve, on)
-    return TermCandidate(curve, on, columns, without_range(columns, seen.basis),
-                         _by_tolerances(observed, curve, on),
-                         *_displacements(seen, observed, curve, on))
-
-
-def _displacements(seen: Visible, observed: ObservedMotion, curve: LearnedCurve,
-                   on: Sequence[bool]) -> tuple[Array, Array]:
-    """Return inner products (K, K) of displacements by the values at the nodes, whole and seen."""
-    weights = [curve.weights(p.setting) for p in seen.system.parts]
-    if curve.acts == JOINT:
-        return observed.grams(weights, on)
-    whole = sum((w.T @ w for w in weights), np.zeros((weights[0].shape[1],) * 2))
-    return whole, observed.seen[PLACE[curve.acts], PLACE[curve.acts]] * whole
-
-
-def _by_tolerances(observed: ObservedMotion, curve: LearnedCurve, on: Sequence[bool]) -> float:
-    """Return how large tolerances make what a term acts on, one standard deviation, SI."""
-    if curve.acts == JOINT:
-        return float(np.sqrt(np.mean(observed.joint_sigma[np.array(on)] ** 2)))
-    return float(observed.place_sigma[PLACE[curve.acts]])
 
 
 def _varies(values: Array) -> Bools:

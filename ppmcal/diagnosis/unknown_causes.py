@@ -122,13 +122,9 @@ class UnknownCauses:
         gram = columns.T @ columns
         if not np.isfinite(gram).all() or not np.trace(gram) > self.least**2 * self.system.count:
             return
-        roots = []
-        for kernel in kernels:
-            size = np.sqrt(np.sum(gram * kernel) / self.system.count)
-            roots.append(_root(kernel) / size)
         self._columns.append(columns)
-        self.causes.append(UnknownCause(label, columns.shape[1], tuple(roots), share, curve, on,
-                                        remedy))
+        self.causes.append(UnknownCause(label, columns.shape[1], roots(
+            kernels, gram, self.system.count), share, curve, on, remedy))
 
     def _of_inputs(self, everywhere: Sequence[Setting]) -> Iterator[Made]:
         mechanism = self.system.problem.mechanism
@@ -312,6 +308,20 @@ def _courses(wave: Array) -> list[Array]:
     """Return kernels (k, k) of half waves: smooth, by length, and a Wiener walk."""
     smooth = [np.diag((1.0 + (length * wave) ** 2 / 5.0) ** -3.0) for length in LENGTHS]
     return [*smooth, np.diag(wave**-2.0)]
+
+
+def whole_kernels(curve: LearnedCurve) -> list[Array]:
+    """Return the kernels (K, K) of a curve's values, by length, with what each input does alone."""
+    second = matern(curve.by_nodes, SECOND) if curve.by else np.ones((1, 1))
+    return [np.asarray(np.kron(matern(curve.nodes, length), second)) for length in LENGTHS]
+
+
+def roots(kernels: Sequence[Array], gram: Array, count: int) -> tuple[Array, ...]:
+    """Return the roots (K, K) of kernels, each so that it makes one sigma rms.
+
+    ``gram`` (K, K): inner products of the columns; ``count``: of the values that were measured.
+    """
+    return tuple(_root(kernel) / np.sqrt(np.sum(gram * kernel) / count) for kernel in kernels)
 
 
 def _root(kernel: Array) -> Array:

@@ -112,6 +112,29 @@ def taken_blocks(given: Conditioned, blocks: Sequence[Block], sizes: Sequence[in
         zip(each, blocks, sizes, [0] * len(blocks) if grid is None else grid, strict=True)])
 
 
+def coefficients(given: Conditioned, block: Block) -> tuple[Array, Array]:
+    """Return mean (k,) and covariance (k, k) of a block's coefficients, given what is taken.
+
+    Over all sizes and roots, each as likely as it is: the likeliest alone would be too sure.
+    """
+    values, seen = given.columns.some(block.columns), given.seen[list(block.columns)]
+    gram, right = values.T @ values, given.right[list(block.columns)]
+    roots = np.array(block.own_roots(gram, given.count))
+    own, turn = small_eigh(np.swapaxes(roots, 1, 2) @ (gram - seen @ seen.T) @ roots)
+    own, lift = np.maximum(own, 0.0)[:, None], roots @ turn                 # (G, 1, q), (G, k, q)
+    part, grown = (right @ lift)[:, None], SIZES[:, None] ** 2
+    odds = odds_by_size(given, own[:, 0], part[:, 0] ** 2)                  # (G, S)
+    share = np.exp(odds - linalg.logsumexp(odds))
+    known = grown / (1.0 + grown * own)                                     # (G, S, q)
+    rest = np.maximum(given.spread - np.sum(known * part**2, axis=2), LEAST) / given.freedom
+    each = (known * part) @ np.swapaxes(lift, 1, 2)                         # (G, S, k)
+    mean = np.einsum("gs,gsk->k", share, each)
+    width = np.einsum("gs,gsq->gq", share * rest, known)
+    away = (each - mean).reshape(-1, mean.size)
+    return mean, np.asarray(np.sum((lift * width[:, None]) @ np.swapaxes(lift, 1, 2), axis=0)
+                            + (away * share.reshape(-1, 1)).T @ away)
+
+
 class _System:
     """Inner products of the columns of some blocks, given what is taken, for V correlations."""
 

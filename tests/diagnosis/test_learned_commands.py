@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.diagnoses import CONFIGS
 from helpers.instruments import joints
-from helpers.learned import likeliest, terms
+from helpers.learned import learned_of, terms
 from numpy.typing import NDArray
 
 from ppmcal.calibration.compensation.commands import compensate, tolerance_sigma
@@ -18,8 +18,9 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.held_out_gap import training_part
 from ppmcal.diagnosis.learned_terms import learned_terms, visible
-from ppmcal.diagnosis.learning import shapes_of
+from ppmcal.diagnosis.learning import term
 from ppmcal.diagnosis.linear_system import Whitening
+from ppmcal.diagnosis.observed_directions import observed_motion
 from ppmcal.diagnosis.term_candidates import all_settings, forms
 from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model
@@ -152,7 +153,7 @@ def test_of_a_flat_only_its_height_is_seen() -> None:
     """However it is tilted by what is usual; a term along it is nothing that could be learned."""
     fit, _, _ = campaign("plane", "up")
     seen = visible(fit, fit.keep, Whitening())
-    acts = {c.curve.acts for c in terms(fit, seen)}
+    acts = {t.curve.acts for t in terms(fit, seen)}
     assert acts == {JOINT, "z"}
 
 
@@ -161,10 +162,11 @@ def test_shapes_that_move_the_platform_along_the_flat_alone_are_none() -> None:
     def freedom(instrument: str) -> tuple[int, int]:
         fit, _, _ = campaign(instrument, "up")
         seen = visible(fit, fit.keep, Whitening())
-        mine = next(c for c in terms(fit, seen)
-                    if c.curve.acts == JOINT and c.curve.input == "travel" and all(c.on))
-        every = replace(mine, observed=mine.moved)
-        own, other = (shapes_of(c)[0].root.shape[1] for c in (mine, every))
+        mine = next(t for t in terms(fit, seen)
+                    if t.curve.acts == JOINT and t.curve.input == "travel" and all(t.on))
+        all_seen = replace(observed_motion(seen.system), seen=np.eye(6))
+        own, other = (t.shapes[0].root.shape[1]
+                      for t in (mine, term(seen, all_seen, mine.curve, mine.on)))
         return own, other
 
     flat, position = freedom("plane"), freedom("position")
@@ -172,15 +174,15 @@ def test_shapes_that_move_the_platform_along_the_flat_alone_are_none() -> None:
     assert position[0] == position[1]
 
 
-def test_a_term_is_of_a_size_that_tolerances_explain() -> None:
+def test_a_term_is_as_large_as_rows_show() -> None:
+    """Ten times as large where rows say so, and nothing in rows of the geometry alone."""
     fit, _, _ = campaign("position", "up")
     seen = visible(fit, fit.keep, Whitening())
-    tried = [c for c in terms(fit, seen) if c.curve.acts == "z"]
-    sizes = []
-    for part in (1.0, 1e-2, 1e-4):
-        found = likeliest(seen, [replace(c, sigma=part * c.sigma) for c in tried])
-        sizes.append(max(float(np.abs(c.values).max()) for c in found.curves))
-    # tolerances of a tenth of a millimetre, of a micrometre and of a hundredth of one
-    assert sizes[0] > 4e-5
-    assert sizes[0] > sizes[1] > sizes[2]
-    assert sizes[2] < 1e-6
+    own = next(t for t in terms(fit, seen) if (t.curve.inputs, t.curve.acts) == (("x",), "z"))
+    bent = own.shapes[-1].gauged(1e-4 * np.sin(9.0 * np.linspace(0.0, 1.0, own.curve.nodes.size)))
+    noise = np.random.default_rng(7).standard_normal(len(own.columns))
+    for part in (1.0, 0.1, 0.0):
+        (found,) = learned_of(seen, own, part * own.columns @ bent + noise).curves
+        sigma = np.sqrt(np.diag(found.covariance))
+        assert np.all(np.abs(found.values - part * bent) < 4.0 * sigma)
+        assert sigma.max() < 0.2 * np.abs(bent).max()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,23 +20,24 @@ from helpers.learned import (
     dip,
     fitted,
     hidden,
+    learned_of,
     squared,
     terms,
 )
 
 import ppmcal as face
-from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fit_result import Fit, FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.held_out_gap import measure_gap, training_part
 from ppmcal.diagnosis.learned_terms import visible
-from ppmcal.diagnosis.learning import learned, shapes_of
+from ppmcal.diagnosis.learning import Shape, Term, learned
 from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.refit import with_mechanism
-from ppmcal.diagnosis.term_candidates import Visible, candidate, columns_from, forms
+from ppmcal.diagnosis.term_candidates import Visible, columns_from
 from ppmcal.io import read_mechanism
-from ppmcal.linalg import Array, without_range
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -65,11 +66,11 @@ def test_a_level_bed_is_not_explained_by_its_own_height() -> None:
     fit = identify(Problem(mechanism, data, mechanism.free), FitOptions(robust=False))
     seen = visible(fit, fit.keep, Whitening())
     tried = terms(fit, seen)
-    inputs = {(c.curve.input, c.curve.acts) for c in tried}
+    inputs = {(t.curve.input, t.curve.acts) for t in tried}
     assert {("x", "z"), ("y", "z"), ("travel", "joint")} <= inputs
     assert not any(i == "z" or acts in ("x", "y") for i, acts in inputs)
     # each can be judged
-    assert all(shapes_of(c) for c in tried)
+    assert all(s.root.shape[1] for t in tried for s in t.shapes)
 
 
 @pytest.mark.slow
@@ -118,47 +119,71 @@ def test_most_of_the_gap_is_closed_that_the_truth_closes(tmp_path: Path, shape: 
                if p.name.startswith("learned."))
 
 
+def of_leg2(fit: Fit, seen: Visible, *inputs: str) -> Term:
+    """Return the function of one leg that follows some inputs."""
+    (own,) = [t for t in terms(fit, seen) if t.curve.inputs == inputs
+              and not t.curve.signed and t.on == (False, True, False)]
+    return own
+
+
+def shape_of(own: Term) -> Shape:
+    """Return the likeliest shape of a term."""
+    return own.shapes[own.likeliest]
+
+
+def hidden_in(seen: Visible, own: Term, true: Callable[..., Array]) -> Array:
+    """Return what rows (n,) have of any function of a term's inputs, white."""
+    return columns_from(seen, own.curve, own.on, lambda s: true(
+        *own.curve.seen(s))[..., None])[:, 0]
+
+
+def inside(seen: Visible, own: Term, true: Callable[..., Array], seed: int,
+           at: Sequence[Array]) -> float:
+    """Return the part of inputs at which the band of what is learned of a function has it."""
+    there = hidden_in(seen, own, true)
+    noise = np.random.default_rng(seed).standard_normal(there.size)
+    found = learned_of(seen, own, there + noise)
+    (curve,), (own,) = found.curves, found.terms
+    nodes = np.meshgrid(*[curve.nodes, curve.by_nodes][:len(at)], indexing="ij")
+    basis = curve.basis(*at)
+    sigma = np.sqrt(np.einsum("ij,jk,ik->i", basis, curve.covariance, basis))
+    away = basis @ (curve.values - shape_of(own).gauged(true(*(x.ravel() for x in nodes))))
+    return float(np.mean(np.abs(away) <= 1.96 * sigma))
+
+
 @pytest.mark.slow
 def test_the_band_holds_the_truth(tmp_path: Path) -> None:
     """In the rows of one campaign, dip and noise drawn anew: pointwise over the range, what
     geometry does as well taken out of both.
     """
-    inside = []
     fit = fitted(*campaign(tmp_path, [], 1, count=50))
     seen = visible(fit, fit.keep, Whitening())
-    (term,) = [c for c in terms(fit, seen) if c.curve.inputs == ("travel",)
-               and not c.curve.signed and c.on == (False, True, False)]
+    own = of_leg2(fit, seen, "travel")
+    at = np.linspace(own.curve.nodes[0], own.curve.nodes[-1], 100)[2:-2]
+    held = []
     for seed in range(60):
         rng = np.random.default_rng(seed)
         effect = dip(rng.uniform(395.0, 485.0), rng.uniform(15.0, 45.0), 0.02)
 
-        def there(x: Array, effect: dict[str, Any] = effect) -> Array:
+        def true(x: Array, effect: dict[str, Any] = effect) -> Array:
             return 1e-3 * np.interp(1e3 * x, effect["nodes"], effect["values"])
 
-        hidden_there = columns_from(seen, term.curve, term.on, lambda s, f=there: f(  # type: ignore
-            *term.curve.seen(s))[..., None])[:, 0]
-        noisy = hidden_there + rng.standard_normal(hidden_there.size)
-        found = learned(replace(seen, left=without_range(noisy, seen.basis)), [term])
-        curve, shape = found.curves[0], found.terms[0].shape
-        true = there(curve.nodes)
-        basis = curve.basis(np.linspace(curve.nodes[0], curve.nodes[-1], 100)[2:-2])
-        sigma = np.sqrt(np.einsum("ij,jk,ik->i", basis, curve.covariance, basis))
-        away = basis @ (curve.values - shape.gauged(true))
-        inside.append(np.mean(np.abs(away) <= 1.96 * sigma))
-    assert 0.93 <= np.mean(inside) <= 0.97, np.mean(inside)
+        held.append(inside(seen, own, true, seed, [at]))
+    assert 0.93 <= np.mean(held) <= 0.97, np.mean(held)
 
 
 @pytest.mark.slow
 def test_the_band_of_two_inputs_holds_the_truth(tmp_path: Path) -> None:
-    """In the rows of one campaign, noise drawn anew: waves of travel that grow with temperature."""
+    """In the rows of one campaign, noise drawn anew: waves of travel that grow with temperature.
+
+    What each of the inputs does by itself is in it.
+    """
     fit = fitted(*campaign(tmp_path, [], 1, count=50, conditions=WEATHER))
     seen = visible(fit, fit.keep, Whitening())
-    (term,) = [c for c in terms(fit, seen) if c.on == (False, True, False)
-               and c.curve.inputs == ("travel", "temperature")]
-    nodes = [x.ravel() for x in np.meshgrid(term.curve.nodes, term.curve.by_nodes, indexing="ij")]
+    own = of_leg2(fit, seen, "travel", "temperature")
     at = [np.concatenate([i[:, 1] for i in both]) for both in zip(*(
-        term.curve.seen(p.setting) for p in seen.system.parts), strict=True)]
-    inside = []
+        own.curve.seen(p.setting) for p in seen.system.parts), strict=True)]
+    held = []
     for seed in range(60):
         rng = np.random.default_rng(seed)
         wave, phase, zero = rng.uniform(0.12, 0.3), rng.uniform(0.0, 6.0), rng.uniform(-10.0, 5.0)
@@ -167,43 +192,50 @@ def test_the_band_of_two_inputs_holds_the_truth(tmp_path: Path) -> None:
                  zero: float = zero) -> Array:
             return np.asarray(2e-5 * np.cos(2.0 * np.pi * x / wave + phase) * (warm - zero) / 10.0)
 
-        hidden_there = columns_from(seen, term.curve, term.on, lambda s, f=true: f(  # type: ignore
-            *term.curve.seen(s))[..., None])[:, 0]
-        noisy = hidden_there + rng.standard_normal(hidden_there.size)
-        found = learned(replace(seen, left=without_range(noisy, seen.basis)), [term])
-        curve, shape = found.curves[0], found.terms[0].shape
-        basis = curve.basis(*at)
-        sigma = np.sqrt(np.einsum("ij,jk,ik->i", basis, curve.covariance, basis))
-        away = basis @ (curve.values - shape.gauged(true(*nodes)))
-        inside.append(np.mean(np.abs(away) <= 1.96 * sigma))
-    assert 0.93 <= np.mean(inside) <= 0.97, np.mean(inside)
+        held.append(inside(seen, own, true, seed, at))
+    assert 0.93 <= np.mean(held) <= 0.97, np.mean(held)
 
 
 @cache
-def _seen() -> Visible:
+def _seen() -> tuple[Fit, Visible]:
     """Rows of a machine with a dip, made once."""
     import tempfile
 
     with tempfile.TemporaryDirectory() as folder:
         fit = fitted(*campaign(Path(folder), [dip()], 1, count=30))
-        return replace(visible(fit, fit.keep, Whitening()))
+        return fit, visible(fit, fit.keep, Whitening())
 
 
 @pytest.mark.slow
 def test_what_is_learned_is_free_of_what_geometry_does() -> None:
     """A free offset: no constant is learned, so the term moves no zero of a joint."""
-    seen = _seen()
-    (term,) = [c for curve, on in forms(seen, [p.setting for p in seen.system.parts])
-               if curve.inputs == ("travel",) and not curve.signed
-               and on == (False, True, False) and (c := candidate(seen, curve, on))]
-    assert np.abs(seen.basis.T @ term.free).max() < 1e-9 * np.abs(term.columns).max()
-    for shape in shapes_of(term):
+    fit, seen = _seen()
+    own = of_leg2(fit, seen, "travel")
+    assert np.abs(seen.basis.T @ own.free).max() < 1e-9 * np.abs(own.columns).max()
+    (curve,) = learned(seen, [(own.curve, own.on)]).curves
+    constant = np.ones(curve.nodes.size)
+    for shape in own.shapes:
         assert shape.lost.shape[1] >= 1
         np.testing.assert_allclose(shape.held @ shape.root, 0.0, atol=1e-6 * np.abs(
             shape.held).max() * np.abs(shape.root).max())
-        constant = np.ones(term.curve.nodes.size)
-        assert np.linalg.norm(term.columns @ shape.gauged(constant)) < 0.25 * np.linalg.norm(
-            term.columns @ constant)
+        assert np.linalg.norm(own.columns @ shape.gauged(constant)) < 0.25 * np.linalg.norm(
+            own.columns @ constant)
+        # of what is learned, and of what it may be besides, nothing is of that kind
+        for values in (curve.values, *curve.modes.T):
+            assert np.linalg.norm(own.columns @ (values - shape.gauged(values))) < (
+                0.02 * np.linalg.norm(own.columns @ curve.values))
+
+
+def test_nothing_is_learned_of_noise() -> None:
+    """Rows of geometry and noise alone: the term is nothing beside what it may be."""
+    fit, seen = _seen()
+    own = of_leg2(fit, seen, "travel")
+    noise = np.random.default_rng(4).standard_normal(seen.system.residual.size)
+    (quiet,), (dipped,) = (found.curves for found in (
+        learned_of(seen, own, noise), learned(seen, [(own.curve, own.on)])))
+    sigma = np.sqrt(np.diag(quiet.covariance))
+    assert np.all(np.abs(quiet.values) < 3.0 * sigma)
+    assert np.abs(quiet.values).max() < 0.05 * np.abs(dipped.values).max()
 
 
 @pytest.mark.slow

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +16,14 @@ from ppmcal.calibration.fit.fit_result import Fit, FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
-from ppmcal.diagnosis.learning import Learned, learned
+from ppmcal.diagnosis.learning import Learned, Term, learned, term
+from ppmcal.diagnosis.observed_directions import observed_motion
+from ppmcal.diagnosis.question import at_nominal
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.diagnosis.term_candidates import (
-    TermCandidate,
-    Visible,
-    all_settings,
-    candidate,
-    forms,
-)
+from ppmcal.diagnosis.term_candidates import Visible, all_settings, forms
+from ppmcal.errors import NoResult
 from ppmcal.io import read_campaign, read_mechanism
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, without_range
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -78,15 +76,26 @@ def campaign(folder: Path, effects: list[dict[str, Any]], seed: int, count: int 
     return mechanism, read_campaign([folder / out / "measurements.csv"], mechanism)
 
 
-def terms(fit: Fit, seen: Visible) -> list[TermCandidate]:
+def terms(fit: Fit, seen: Visible) -> list[Term]:
     """Return the terms that rows could tell."""
-    return [c for curve, on in forms(seen, all_settings(fit))
-            if (c := candidate(seen, curve, on)) is not None]
+    motion, out = observed_motion(seen.system), list[Term]()
+    for curve, on in forms(seen, all_settings(fit)):
+        with suppress(NoResult):
+            out.append(term(seen, motion, curve, on))
+    return out
 
 
-def likeliest(seen: Visible, tried: Sequence[TermCandidate]) -> Learned:
-    """Return the one of some terms that gains most."""
-    return max((learned(seen, [c]) for c in tried), key=lambda found: found.gains[0])
+def learned_of(seen: Visible, own: Term, values: Array) -> Learned:
+    """Return one term learned of rows of the nominal machine that have white values (n,)."""
+    return learned(with_values(seen, values), [(own.curve, own.on)])
+
+
+def with_values(seen: Visible, values: Array) -> Visible:
+    """Return rows of the nominal machine that have other values (N m,), white."""
+    system = seen.system
+    away = at_nominal(system)[0] - system.residual.reshape(-1)
+    return replace(seen, left=without_range(values, seen.basis), system=replace(
+        system, residual=(values - away).reshape(system.residual.shape)))
 
 
 def diagnosed(mechanism: Mechanism, data: tuple[Dataset, ...], seed: int = 0) -> Diagnosis:

@@ -27,13 +27,13 @@ OTHERS = {
         "thinning.LEAST", "thinning.MOST_STRATA", "thinning.MOST_VALUES", "thinning.SAME_LOAD",
         "unknown_causes.MOST_POSES", "unknown_causes.WAVES", "block_sets.ROUNDS", "blocks.CHUNK",
         "columns.KEPT", "correlation.BLOCK", "evidence.WIDE", "gross_rows.SWEEPS", "joint.SWEEPS",
-        "learning.SWEEPS", "moves.CLOSE", "moves.DEEP", "moves.FIRSTS", "moves.MOST",
+        "moves.CLOSE", "moves.DEEP", "moves.FIRSTS", "moves.MOST",
         "moves.MOST_FORMS", "moves.SETS", "question.KEPT", "row_weights.AT_ONCE", "sets.MOVES",
         "term_candidates.PER_NODE", "learned_shapes.POINTS"},
     # what is smaller changes no digit that is told
     "round-off": {
         "block_sets.NEGLIGIBLE", "gross_rows.LOST", "moves.LEAST_GAIN", "pairs.ROUND_OFF",
-        "ranges.FAR", "ranges.LEAST", "ranges.TINY", "learning.NEGLIGIBLE", "learning.UNSEEN",
+        "ranges.FAR", "ranges.LEAST", "ranges.TINY", "learning.ROUND_OFF", "learning.UNSEEN",
         "linear_system.RANK", "session_effects.SEEN", "unknown_causes.ROUND_OFF",
         "derived_errors.SMALL", "extended_model.SMALLEST"},
     # what rows can show at all, in sigmas, or as a part that geometry leaves
