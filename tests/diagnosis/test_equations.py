@@ -137,7 +137,7 @@ def test_a_hidden_product_comes_back_with_its_powers(tmp_path: Path, seed: int) 
     found = learned(tmp_path, [warped()], seed, conditions=WEATHER)
     assert found is not None
     (term,), (curve,), (equation,) = found.learned.terms, found.learned.curves, found.equations
-    assert term.candidate.on == (False, True, False)
+    assert term.on == (False, True, False)
     assert curve.inputs == ("travel", "temperature")
     assert equation is not None
     assert equation.products == ((InputForm("travel", degree=2), InputForm("temperature")),)
