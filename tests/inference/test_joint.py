@@ -13,8 +13,9 @@ from ppmcal.inference.columns import MatrixColumns
 from ppmcal.inference.evidence import total
 from ppmcal.inference.given import Conditioned
 from ppmcal.inference.joint import _System as system
-from ppmcal.inference.joint import joint, taken_blocks
+from ppmcal.inference.joint import coefficients, joint, taken_blocks
 from ppmcal.inference.ranges import SIZES
+from ppmcal.linalg import Array
 
 
 def drawn(seed: int) -> Conditioned:
@@ -33,6 +34,33 @@ def test_one_block_is_as_likely_as_its_odds_say() -> None:
         batch, = batches([block], given.columns, 80)
         assert joint(given, [block]).log_evidence - given.log_evidence == pytest.approx(
             total(odds(given, batch))[0], abs=1e-9)
+
+
+@pytest.mark.parametrize("roots", [(), (np.eye(2), np.diag([0.1, 2.0]), np.array([
+    [1.0, 0.0], [1.0, 0.0]]))])
+def test_coefficients_are_those_of_all_sizes_and_roots(roots: tuple[Array, ...]) -> None:
+    """Mean and covariance of the mixture, each part a Gaussian of its own, by dense matrices."""
+    given, block = drawn(3), Block("", "", (0, 3), 0.0, roots)
+    geometry, columns = 4.0 * given.columns.some([5, 6]), given.columns.some(block.columns)
+    past = np.linalg.inv(np.eye(80) + geometry @ geometry.T)
+    log_p, means, squares = [], [], []
+    for root in block.own_roots(columns.T @ columns, 80):
+        for size in SIZES:
+            along = columns @ root * size
+            narrow = np.linalg.inv(np.eye(root.shape[1]) + along.T @ past @ along)
+            mean = size * root @ narrow @ along.T @ past @ given.values
+            left = given.values @ past @ (given.values - columns @ mean)
+            log_p.append(0.5 * np.linalg.slogdet(narrow)[1] - 0.5 * (given.known + 80.0) * np.log(
+                given.known + left))
+            means.append(mean)
+            squares.append((given.known + left) / (given.known + 80.0) * size**2
+                           * root @ narrow @ root.T + np.outer(mean, mean))
+    share = np.exp(np.array(log_p) - logsumexp(log_p))
+    mean, covariance = coefficients(given, block)
+    wanted = share @ np.array(means)
+    np.testing.assert_allclose(mean, wanted, rtol=1e-6)
+    np.testing.assert_allclose(covariance, np.tensordot(share, squares, 1) - np.outer(
+        wanted, wanted), rtol=1e-5, atol=1e-9 * np.abs(wanted).max() ** 2)
 
 
 PAIRS = (
