@@ -116,6 +116,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
         return
     from ppmcal.io.results.campaign import campaign_sentences
     from ppmcal.io.results.diagnosis_wording import (
+        another_day,
         gap_closed,
         imitated,
         learned,
@@ -131,7 +132,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
     console.say(f"{record.name}: {verdict(record)}")
     console.say("Disagreement with geometry alone: " + _where(result))
     console.say(stages(record))
-    for line in [*_effects(record), *_days(record), *_suspected(result), *_left(result)]:
+    for line in [*_effects(record), *another_day(record), *_suspected(result), *_left(result)]:
         console.say(line)
     for line in (unknown_causes(record), tried_sets(record),
                  gap_closed(record) if record.effects else "",
@@ -200,14 +201,6 @@ def _effects(record: DiagnosisRecord) -> list[str]:
         if others := rivals(record, group[0]):
             out.append(f"  Cannot be told from: {some(others, 'effects.csv', joint='; ')}.")
     return out
-
-
-def _days(record: DiagnosisRecord) -> list[str]:
-    """Return how each session is predicted from the others."""
-    from ppmcal.io.results.validation import effects_sentence, model_sentence
-
-    return [f"From the other sessions, {model_sentence(day)} {effects_sentence(day)}".strip()
-            for day in record.validation]
 
 
 def _event(when: str) -> str:

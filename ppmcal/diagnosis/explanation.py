@@ -171,13 +171,17 @@ class Round:
         return tuple(p for p in self.places if p.sure and not p.named)
 
     @property
+    def wrong(self) -> dict[int, tuple[int, ...]]:
+        """Of the likeliest set the blocks whose rows do not belong, and these rows."""
+        return {i: source.rows for i in self.answer.best.chosen
+                if isinstance(source := self.asked.sources[i], WrongRows)}
+
+    @property
     def rows(self) -> frozenset[tuple[int, int]]:
         """Rows that do not belong: data set and number in it, whatever rows a system has lost."""
         system = self.asked.system
         return frozenset((int(system.dataset[n]), int(system.row[n]))
-                         for i in self.answer.best.chosen
-                         if isinstance(source := self.asked.sources[i], WrongRows)
-                         for n in source.rows)
+                         for own in self.wrong.values() for n in own)
 
     @property
     def verdict(self) -> str:

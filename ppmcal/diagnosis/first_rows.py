@@ -44,12 +44,6 @@ def without_first_rows(fit: Fit, options: FitOptions) -> Fit:
     return near(replace(problem, datasets=settled, given=None), fit.state, options)
 
 
-def first_rows(fit: Fit) -> frozenset[tuple[int, int]]:
-    """Return the rows that were left out so: data set, and number in it."""
-    return frozenset((n, row) for n, data in enumerate(fit.problem.datasets)
-                     for row, why in enumerate(data.unusable or ()) if why == REASON)
-
-
 def _unsettled(model: Model, effect: Effect, data: Dataset, rows: Environment) -> Bools:
     """Return the rows (N,) in which an effect is not known."""
     kind = effect.kind

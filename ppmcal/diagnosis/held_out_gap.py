@@ -25,7 +25,6 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.calibration.validation import fresh_state, split
 from ppmcal.diagnosis.options import DiagnosisOptions
-from ppmcal.diagnosis.recorded import usable
 from ppmcal.diagnosis.refit import of_rows
 from ppmcal.inference.priors import SURE
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
@@ -75,8 +74,7 @@ class HeldOutErrors:
 
 def _predictor(fit: Fit, held: Sequence[Dataset]) -> tuple[Problem, State]:
     """Return held-out rows as a problem, and its state as a fit predicts it."""
-    about = tuple(o.about for o in fit.problem.opens)
-    problem = replace(fit.problem, datasets=tuple(held), pivots=about)
+    problem = fit.problem.changed(datasets=tuple(held))
     return problem, fresh_state(problem, fit.state)
 
 
@@ -209,6 +207,6 @@ def training_part(whole: Fit, options: DiagnosisOptions) -> tuple[Fit, tuple[Dat
                  for o, d in zip(out, problem.datasets, strict=True))
     if values < 2.0 * len(problem.columns) or not any(o.any() for o in out):
         return whole, ()
-    held = tuple(d.take(o & usable(d) & ~typo) for d, o, typo in zip(
+    held = tuple(d.take(o & d.usable & ~typo) for d, o, typo in zip(
         problem.datasets, out, single_gross_rows(whole), strict=True))
     return of_rows(whole, [~o for o in out], options.fit), held

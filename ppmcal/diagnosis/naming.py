@@ -18,7 +18,7 @@ from ppmcal.diagnosis.explanation import (
     what_is_fitted,
 )
 from ppmcal.diagnosis.extended_model import Added, extended
-from ppmcal.diagnosis.first_rows import first_rows, without_first_rows
+from ppmcal.diagnosis.first_rows import without_first_rows
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap, training_part
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
@@ -62,6 +62,13 @@ class Told:
     def added(self) -> tuple[Added, ...]:
         """All effects that were added."""
         return tuple(a for _, own in self.effects for a in own)
+
+    @property
+    def first_rows(self) -> frozenset[tuple[int, int]]:
+        """Rows that only the fit left out, as what has a name is not known in them yet."""
+        pairs = zip(self.whole.problem.datasets, self.fit.problem.datasets, strict=True)
+        return frozenset((n, int(row)) for n, (old, new) in enumerate(pairs)
+                         for row in np.flatnonzero(old.usable & ~new.usable))
 
     def label(self, member: Member, place: CausePlace) -> str:
         """Return what a member of a place is called, empty for nothing."""
@@ -163,7 +170,7 @@ def _with_held_out(what: Told, options: DiagnosisOptions, beside: list[str]
 
 def _found(what: Told, training: Fit, options: DiagnosisOptions) -> Found:
     """Return the fits of the training rows, without and with what has a name, and the questions."""
-    rows = what.last.rows | first_rows(what.fit)
+    rows = what.last.rows | what.first_rows
     first = _stage(what.rounds[0], rows, ())
     if not what.added:
         return Found(training, training, first, first, ())

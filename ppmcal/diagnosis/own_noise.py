@@ -12,7 +12,7 @@ from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.diagnosis.wrong_files import left_out, without
+from ppmcal.diagnosis.wrong_files import without
 from ppmcal.wording.progress import begin
 
 LESS = 0.95
@@ -39,9 +39,9 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
     # probabilities hold that such noise is hardly known: once more is as good as often
     fit = found.identification.fit
     machine = fit.problem.mechanism.with_values(fit.state.g)
+    gone = {d.name for d in fit.problem.datasets if not d.usable.any()}
     less, sentences = with_own_noise(
-        replace(without(problem, left_out(fit.problem)), mechanism=machine, free=machine.free),
-        options.fit)
+        replace(without(problem, gone), mechanism=machine, free=machine.free), options.fit)
     if not _quieter(less, own):
         return found, told
     begin("again with the noise that what was named leaves")

@@ -9,7 +9,6 @@ import numpy as np
 from ppmcal.diagnosis.explanation import Round
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.left_out_schemes import SESSION, schemes
-from ppmcal.diagnosis.question import WrongRows
 from ppmcal.diagnosis.result import LeftOutBlocks, Predictions
 from ppmcal.inference.block_sets import state
 from ppmcal.inference.given import Conditioned
@@ -27,13 +26,11 @@ def predictions(asked: Round) -> tuple[LeftOutBlocks, ...]:
         LinearAlgebraError: if rows are known exactly from the others.
     """
     answer, question = asked.answer, asked.asked.question
-    noise, sources = answer.best.likeliest[0], asked.asked.sources
-    rows = [i for i in answer.best.chosen if isinstance(sources[i], WrongRows)]
+    noise, rows = answer.best.likeliest[0], list(asked.wrong)
     sets = [sorted(key) for key, p in answer.log_p.items() if p > np.log(COUNTS.value)]
     whole, bare = (list(_models(asked, some, noise)) for some in (sets or [rows], [rows]))
     belong = question.observed.copy()
-    belong[[n for i in rows if isinstance(wrong := sources[i], WrongRows)
-            for n in wrong.rows]] = False
+    belong[[n for own in asked.wrong.values() for n in own]] = False
     out = []
     for by, label in _labels(asked):
         group = np.where(belong, label[:, None], -1).reshape(-1)

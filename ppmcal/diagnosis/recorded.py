@@ -38,11 +38,6 @@ def with_whole_rows(problem: Problem) -> Problem:
     return replace(problem, datasets=datasets, given=None)
 
 
-def usable(data: Dataset) -> Bools:
-    """Return which rows may be used (N,)."""
-    return np.array([not r for r in data.unusable or [""] * len(data)], dtype=bool)
-
-
 def _whole(mechanism: Mechanism, data: Dataset, rows: Environment) -> Dataset:
     negative = rows_with_negative_struts(data, mechanism)
     if negative.any():

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from ppmcal.calibration.fit import Fit, FitOptions, Problem, State, bounded, identify
 from ppmcal.linalg import Bools, finite_rows
-from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
 NEAR = 30
@@ -82,10 +81,8 @@ def started(fit: Fit, mechanism: Mechanism) -> tuple[Problem, State]:
 
 def of_rows(fit: Fit, rows: Sequence[Bools], options: FitOptions) -> Fit:
     """Fit the same machine to some rows (N,) of each data set."""
-    datasets: tuple[Dataset, ...] = tuple(
-        d.take(r) for d, r in zip(fit.problem.datasets, rows, strict=True))
-    about = tuple(o.about for o in fit.problem.opens)
-    problem = replace(fit.problem, datasets=datasets, pivots=about)
+    problem = fit.problem.changed(datasets=tuple(
+        d.take(r) for d, r in zip(fit.problem.datasets, rows, strict=True)))
     poses = tuple(p[r] for p, r in zip(fit.state.poses, rows, strict=True))
     return near(problem, replace(fit.state, poses=poses), options)
 

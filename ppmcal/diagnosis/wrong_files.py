@@ -27,8 +27,3 @@ def without(problem: Problem, names: Container[str]) -> Problem:
     return replace(problem, datasets=tuple(
         d.without(np.ones(len(d), dtype=bool), REASON) if d.name in names else d
         for d in problem.datasets))
-
-
-def left_out(problem: Problem) -> frozenset[str]:
-    """Return the names of the files that were left out here."""
-    return frozenset(d.name for d in problem.datasets if REASON in (d.unusable or ()))

@@ -156,6 +156,11 @@ class Dataset:
         """Return the number of rows N."""
         return int(self.rows.shape[0])
 
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Which rows may be used (N,): those that no reason speaks against."""
+        return np.array([not why for why in self.unusable or ("",) * len(self)], dtype=np.bool_)
+
     def take(self, keep: NDArray[np.int64] | NDArray[np.bool_]) -> Dataset:
         """Return the data set with only the rows ``keep`` (indices or mask)."""
         sessions, unusable = (

@@ -6,6 +6,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
+    another_day,
     effect_name,
     gap_closed,
     headline,
@@ -65,7 +66,8 @@ def _lead(r: DiagnosisRecord) -> str:
 
 def _days(r: DiagnosisRecord) -> Section:
     """Return how each session is predicted from the others."""
-    return Section("Each session, predicted by a fit of the others", days(r.validation))
+    told = days(r.validation) or "".join(paragraph(t) for t in another_day(r))
+    return Section("Each session, predicted by a fit of the others", told)
 
 
 def _effects(r: DiagnosisRecord) -> str:

@@ -118,7 +118,7 @@ class _LeftOut:
         """Rows in which all is there."""
         data = self.data
         return np.flatnonzero(finite_rows(data.q) & finite_rows(shown(data)[:, self.parts])
-                              & [not why for why in data.unusable or [""] * len(data)])
+                              & data.usable)
 
     @cached_property
     def rows(self) -> Ints:

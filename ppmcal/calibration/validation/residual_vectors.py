@@ -284,7 +284,7 @@ def _taken(datasets: Sequence[Dataset], mask: Sequence[Bools]) -> list[Dataset]:
     """Return the usable rows of a session; a part of a file keeps the frame of the others."""
     out = []
     for data, m in zip(datasets, mask, strict=True):
-        usable = m & np.array([not u for u in data.unusable or [""] * len(data)])
+        usable = m & data.usable
         if usable.any():
             part = data.take(usable)
             out.append(part if m.all() else replace(

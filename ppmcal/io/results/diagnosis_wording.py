@@ -10,6 +10,7 @@ from ppmcal.diagnosis.result import LeftOutBlocks
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
 from ppmcal.io.results.learned_parts import LearnedEntry
+from ppmcal.io.results.validation import effects_sentence, model_sentence
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.wording import counted, number, rate, shorter, where
 
@@ -237,6 +238,15 @@ def predicted(record: DiagnosisRecord) -> str:
             f"by {_ratio(first.averaged.error)} times the noise, geometry alone by "
             f"{_ratio(first.geometry.error)}; log score {_gain(first)}")
     return text + (f", by {least.by} {_gain(least)}" if least is not first else "") + "."
+
+
+def another_day(record: DiagnosisRecord) -> list[str]:
+    """Return how each session is predicted from the others, or that none shows what is named."""
+    if record.effects and not record.validation:
+        return ["No other session shows whether this holds on another day: measure one, and "
+                "ppmcal validate compares."]
+    return [f"From the other sessions, {model_sentence(day)} {effects_sentence(day)}".strip()
+            for day in record.validation]
 
 
 def _portion(by: str) -> str:
