@@ -9,38 +9,38 @@ from typing import TypeGuard
 
 import ppmcal
 
+ROOT = Path(ppmcal.__file__).parent
+UNTOLD = ("type_params", "annotation", "returns", "type_comment")
+"""Fields of a syntax tree that decide nothing."""
+
 
 def engine_digest(packages: tuple[str, ...], but: tuple[str, ...] = ()) -> str:
     """Return 12 hex digits that change with the code of the packages, not with words about it.
 
+    In which module a definition stands does not count, nor what annotations say.
     ``but``: paths of modules that do not count.
     """
-    root = Path(ppmcal.__file__).parent
-    total = hashlib.sha256()
-    for package in packages:
-        for path in sorted((root / package).rglob("*.py")):
-            if path.relative_to(root).as_posix() in but:
-                continue
-            total.update(path.relative_to(root).as_posix().encode())
-            total.update(code_of(path.read_text(encoding="utf-8")).encode())
-    return total.hexdigest()[:12]
+    found = [piece for package in packages for path in (ROOT / package).rglob("*.py")
+             if path.relative_to(ROOT).as_posix() not in but
+             for piece in pieces_of(path.read_text(encoding="utf-8"))]
+    return hashlib.sha256("\n".join(sorted(found)).encode()).hexdigest()[:12]
 
 
-def code_of(source: str) -> str:
-    """Return a module's syntax tree as text, without docstrings, comments and layout.
+def pieces_of(source: str) -> set[str]:
+    """Return the syntax trees of a module's statements as texts.
 
-    Of what it imports from the package the names count, and not in which module each stands.
+    Without docstrings, comments, layout and annotations; of what it imports from the package only
+    what it calls otherwise counts.
     """
     tree = ast.parse(source)
-    names: list[str] = []
+    aliases = {f"{a.name} as {a.asname}" for node in ast.walk(tree) if _of_package(node)
+               for a in node.names if a.asname not in (None, a.name)}
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
         if isinstance(body, list):
-            names += [f"{a.name} as {a.asname or a.name}" for s in body if _of_package(s)
-                      for a in s.names]
             node.body = [  # type: ignore[attr-defined]
                 s for s in body if not (_of_package(s) or _is_text(s))]
-    return f"{sorted(names)}{unparsed(tree)}"
+    return aliases | {unparsed(statement) for statement in tree.body}
 
 
 def _of_package(statement: ast.AST) -> TypeGuard[ast.ImportFrom]:
@@ -61,5 +61,5 @@ def unparsed(tree: ast.AST) -> str:
             return "[" + ",".join(unparsed(t) for t in tree) + "]"
         return repr(tree)
     fields = (f"{name}={unparsed(value)}" for name, value in ast.iter_fields(tree)
-              if value not in (None, []) and name != "type_params")
+              if value not in (None, []) and name not in UNTOLD)
     return f"{type(tree).__name__}({','.join(fields)})"

@@ -10,7 +10,7 @@ import pytest
 from diagnosis_study import reliability
 from helpers.paths import ROOT
 from hidden import Options, hide
-from rates.digest import code_of
+from rates.digest import engine_digest, pieces_of
 from rates.studies import AFTERWARDS, STUDIES, filled
 from rates.tables import FOLDER, TABLES
 from study_runner import read
@@ -102,15 +102,29 @@ def test_reliability_is_of_kinds_with_a_probability():
 def test_the_digest_sees_code_and_no_words():
     plain = "LIMIT = 3\ndef f(a):\n    return a + LIMIT\n"
     told = ('"""Of f."""\n\nLIMIT = 3\n"""Of what."""\n\n'
-            'def f(a):  # adds\n    "Doc."\n    return a + LIMIT\n')
-    assert code_of(plain) == code_of(told)
-    assert code_of(plain) != code_of(plain.replace("3", "4"))
+            'def f(a: float) -> float:  # adds\n    "Doc."\n    return a + LIMIT\n')
+    assert pieces_of(plain) == pieces_of(told)
+    assert pieces_of(plain) != pieces_of(plain.replace("3", "4"))
+    assert pieces_of("class A:\n    n: int\n") != pieces_of("class A:\n    m: int\n")
 
 
-def test_the_digest_sees_which_names_are_imported_and_not_from_where():
-    plain = "from ppmcal.calibration.fit import a, b\nx = a + b\n"
-    moved = "from ppmcal.calibration.fit.one import b\nfrom ppmcal.linalg import a\nx = a + b\n"
-    assert code_of(plain) == code_of(moved)
-    for other in (plain.replace("a, b", "a, c as b"), plain.replace("ppmcal", "numpy"),
-                  plain.replace("a, b", "a")):
-        assert code_of(other) != code_of(plain)
+def test_the_digest_sees_what_is_imported_under_which_name_and_not_from_where():
+    plain = "from ppmcal.calibration.fit import a, c as b\nx = a + b\n"
+    moved = ("from ppmcal.calibration.fit.one import c as b\n"
+             "from ppmcal.linalg import a\nx = a + b\n")
+    assert pieces_of(plain) == pieces_of(moved)
+    for other in (plain.replace("c as b", "d as b"), plain.replace("ppmcal", "numpy")):
+        assert pieces_of(other) != pieces_of(plain)
+
+
+def test_a_definition_that_moves_to_another_module_is_the_same(tmp_path, monkeypatch):
+    one, two = "LIMIT = 3\n", "def f(a):\n    return a + LIMIT\n"
+    digests = []
+    for name, texts in (("before", (one + two, "")), ("after", (one, two)),
+                        ("other", (one, two.replace("+", "-")))):
+        for module, text in zip(("a", "b"), texts, strict=True):
+            (tmp_path / name / "engine").mkdir(parents=True, exist_ok=True)
+            (tmp_path / name / "engine" / f"{module}.py").write_text(text)
+        monkeypatch.setattr("rates.digest.ROOT", tmp_path / name)
+        digests.append(engine_digest(("engine",)))
+    assert digests[0] == digests[1] != digests[2]
