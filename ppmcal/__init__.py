@@ -65,6 +65,8 @@ def __getattr__(name: str) -> "Any":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     import importlib
 
+    if name in importlib.import_module(f"{__name__}.commands").names():
+        return importlib.import_module(f"{__name__}.commands.face").function(name)
     return getattr(importlib.import_module(f"{__name__}.{_HOME.get(name, f'api.{name}')}"), name)
 
 

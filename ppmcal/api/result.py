@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +23,7 @@ from ppmcal.io.folder import current, note_read, running
 from ppmcal.io.input_files import path_errors
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
+from ppmcal.wording.tables import ShortTable
 
 Progress = Callable[[str], None]
 SHOWN = 20
@@ -42,6 +43,8 @@ class Result:
     COMMAND: ClassVar[str]
     TABLE: ClassVar[str]
     """The file whose rows stand for the result."""
+    UNTOLD: ClassVar[tuple[str, ...]] = ()
+    """Keys of the record that ``--json`` leaves out."""
 
     provenance: Mapping[str, Any]
     findings: tuple[str, ...]
@@ -51,18 +54,47 @@ class Result:
         raise NotImplementedError
 
     @property
+    def row_failures(self) -> Sequence[str]:
+        """Sentences on rows that have no result."""
+        return ()
+
+    @property
+    def warnings(self) -> list[str]:
+        """What needs a look, and what the machine's file leaves to the program."""
+        return list(dict.fromkeys([*self._of_machine, *self.findings]))
+
+    @property
     def needs_a_look(self) -> bool:
         """Whether the command leaves with exit code 1.
 
         A default that a machine's file leaves to the program is told, and is no fault.
         """
+        return bool(self.row_failures) or any(f not in self._of_machine for f in self.findings)
+
+    @property
+    def exit_code(self) -> int:
+        """The exit code of the command."""
+        return int(self.needs_a_look)
+
+    @property
+    def _of_machine(self) -> Sequence[str]:
         machine = getattr(self, "mechanism", None)
-        return any(f not in machine.findings for f in self.findings) if isinstance(
-            machine, Mechanism) else bool(self.findings)
+        return machine.findings if isinstance(machine, Mechanism) else ()
+
+    def told(self) -> Iterator[str | ShortTable]:
+        """Yield what a person wants to know, the most important first."""
+        raise NotImplementedError
+
+    def summary(self) -> Mapping[str, Any]:
+        """Return what ``--json`` prints."""
+        entries: Mapping[str, Any] = self.record.entries()  # type: ignore[attr-defined]
+        return {k: v for k, v in entries.items() if k not in self.UNTOLD}
 
     def headline(self) -> str:
         """Return the result in a line."""
-        raise NotImplementedError
+        record = self.record  # type: ignore[attr-defined]
+        first = str(record.said[0])
+        return first if first.startswith(f"{record.name}: ") else f"{record.name}: {first}"
 
     def save(self, folder: str | os.PathLike[str], force: bool = False) -> list[Path]:
         """Write the command's files into a folder, all of them or none; return their paths.

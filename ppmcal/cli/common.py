@@ -101,10 +101,10 @@ def verbose_alone(function: F) -> F:
 @contextmanager
 def _under_way(quiet: bool, verbose: int) -> Iterator[None]:
     """Show progress and remarks of the command that is about to run."""
-    from ppmcal.cli.shares import SHARES
+    from ppmcal.cli.shares import shares
 
     context = click.get_current_context()
-    with shown(SHARES.get(context.command.name or "", {}), quiet), remarks(verbose):
+    with shown(shares(context.command.name or ""), quiet), remarks(verbose):
         _say_defaults(context)
         yield
 

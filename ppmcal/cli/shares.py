@@ -46,12 +46,6 @@ SHARES: Shares = {
         "reading the table": 0.15, "correcting the grid": 12.0, "how sure the model is": 5.0,
         "predicting errors of the grid": 2.5, "writing the results": 1.6},
     "simulate": {"simulating": 5.5, "writing the results": 1.2},
-    "sensitivity": {"what each error does": 0.3, "writing the results": 1.9},
-    "plan": {"drawing candidates": 0.9, "information of each candidate": 0.2, "choosing": 2.6,
-             "writing the results": 0.6},
-    "workspace": {"mapping the workspace": 0.2, "assembly modes": 4.2, "writing the results": 1.0},
-    "stiffness": {"mapping the stiffness": 0.1, "writing the results": 1.5},
-    "tolerances": {"allocating tolerances": 0.6, "simulating": 2.6, "writing the results": 0.4},
     "validate": {
         "reading the measurements": 0.01, "looking at the noise": 2.2,
         "predicting with and without each effect": 2.9, "writing the results": 1.0},
@@ -61,3 +55,10 @@ SHARES: Shares = {
              "simulate": 0.1, "sensitivity": 1.6, "plan": 2.9, "report": 2.6},
 }
 """By command."""
+
+
+def shares(name: str) -> Mapping[str, float]:
+    """Return the shares of a command's stages, none where they were not measured."""
+    from ppmcal import commands
+
+    return commands.command(name).shares if name in commands.names() else SHARES.get(name, {})

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from ppmcal.api.inputs import Machine, files_of, load, recorded, source_of
+from ppmcal.api.inputs import files_of, load, source_of
 from ppmcal.api.result import Result
+from ppmcal.commands.sensitivity.options import SensitivityArguments
 from ppmcal.design.error_sources import all_components as every_component
 from ppmcal.design.sensitivity import Sensitivity, SensitivityOptions, analyse
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import read_poses
 from ppmcal.io.grid import metric_length, read_grid, read_point
+from ppmcal.io.results.record import in_units
 from ppmcal.io.results.sensitivity import SensitivityRecord
+from ppmcal.io.results.sensitivity_tables import ranking, rotates
 from ppmcal.kinematics.region import Grid
 from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
+from ppmcal.wording import number
+from ppmcal.wording.tables import ShortTable
+
+SHOWN = 10
+"""Errors that the console shows."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,64 +52,40 @@ class SensitivityResult(Result):
         """Return sensitivity.csv, map.csv, linearity.csv, pictures and sensitivity.json."""
         return dict(self.record.files(self.sensitivity, self.grid, self.chosen_poses))
 
-    def headline(self) -> str:
-        """Return the first sentence of what was found."""
-        return self.record.said[0]
+    def told(self) -> Iterator[str | ShortTable]:
+        """Yield what was found in sentences, and the errors that count most."""
+        yield from self.record.said
+        yield _ranking(self.sensitivity)
 
 
-@recorded
-def sensitivity(mechanism: Machine, *, poses: Any = None, grid: str | None = None,
-                home_only: bool = False, all_components: bool = False, free: Sequence[str] = (),
-                tool: str | Sequence[float] | None = None, metric: float | None = None,
-                sigmas: float = 1.0, together: Sequence[str] = (), size: float | None = None
-                ) -> SensitivityResult:
-    """Tell what each geometric error of a machine does to the tool.
-
-    Args:
-        mechanism: the machine, or its file.
-        poses: poses to look at, as a file or a table in memory.
-        grid: poses of a grid about home, such as ``x=-100:100:41,y``  [default: a map of the
-            first two coordinates].
-        home_only: look at home alone.
-        all_components: all error components of every joint frame and the platform points.
-        free: errors to look at, by patterns of their names  [default: the free parameters].
-        tool: the tool point ``X,Y,Z``, or its numbers, in platform axes  [default: the
-            platform's origin].
-        metric: an angular error of sigma/metric counts like a length error of sigma.
-        sigmas: worst case: every error at this many standard deviations.
-        together: try the linear model with these errors all off by the same amount.
-        size: with ``together``: also what an error of this size does, file units.
-
-    Raises:
-        BadInput: anything wrong in the files or options. NoResult: home is singular.
-    """
-    machine = load(mechanism)
+def run(asked: SensitivityArguments) -> SensitivityResult:
+    """Tell what each geometric error of a machine does to the tool."""
+    machine = load(asked.mechanism)
     refuse_singular_home(machine)    # about which no grid would be found
-    mesh = _grid(machine, grid, poses, home_only)
-    point, rho = read_point(tool, machine), metric_length(metric, machine)
-    if not 0.0 < sigmas < 1e6:
-        raise BadInput(f"{sigmas:g} is not a number of standard deviations", "--sigmas",
+    mesh = _grid(machine, asked)
+    point, rho = read_point(asked.tool, machine), metric_length(asked.metric, machine)
+    if not 0.0 < asked.sigmas < 1e6:
+        raise BadInput(f"{asked.sigmas:g} is not a number of standard deviations", "--sigmas",
                        "Write one above 0, such as 3")
-    looked = every_component(machine) if all_components else machine
-    if free:
-        looked = _narrowed(looked, tuple(free))
-    wanted = (mesh.poses(machine) if mesh else None if poses is None
-              else read_poses(poses, machine).poses)
-    named = tuple(together)
-    found = analyse(looked, SensitivityOptions(point, rho, sigmas, named,
-                                               _size(looked, named, size)), wanted)
-    source = source_of("sensitivity", [*machine.inputs, *files_of(poses)], None)
+    looked = every_component(machine) if asked.all_components else machine
+    if asked.free:
+        looked = _narrowed(looked, tuple(asked.free))
+    wanted = (mesh.poses(machine) if mesh else None if asked.poses is None
+              else read_poses(asked.poses, machine).poses)
+    named = tuple(asked.together)
+    found = analyse(looked, SensitivityOptions(point, rho, asked.sigmas, named,
+                                               _size(looked, named, asked.size)), wanted)
+    source = source_of("sensitivity", [*machine.inputs, *files_of(asked.poses)], None)
     record = SensitivityRecord.of(found, machine, mesh, source)
     return SensitivityResult(source, tuple(record.findings), machine, found, record, mesh,
-                             poses is not None)
+                             asked.poses is not None)
 
 
-def _grid(machine: Mechanism, grid: str | None, poses: Any, home_only: bool
-          ) -> Grid | None:
-    if sum((grid is not None, poses is not None, home_only)) > 1:
+def _grid(machine: Mechanism, asked: SensitivityArguments) -> Grid | None:
+    if sum((asked.grid is not None, asked.poses is not None, asked.home_only)) > 1:
         raise BadInput("only one of --poses, --grid and --home-only can be given", "",
                        "Leave the others out")
-    return None if poses is not None or home_only else read_grid(grid, machine)
+    return None if asked.poses is not None or asked.home_only else read_grid(asked.grid, machine)
 
 
 def _size(machine: Mechanism, together: tuple[str, ...], size: float | None) -> float | None:
@@ -122,3 +106,15 @@ def _narrowed(machine: Mechanism, patterns: tuple[str, ...]) -> Mechanism:
         raise unknown("parameter", pattern, machine.names, "--free")
     return replace(machine, free=tuple(
         i for i, p in enumerate(machine.parameters) if any(p.matches(t) for t in patterns)))
+
+
+def _ranking(found: Sensitivity) -> ShortTable:
+    """Return the errors that count most."""
+    units, both = found.mechanism.units, rotates(found)
+    table, mm, deg = in_units(ranking(found), units), units.length, units.angle
+    rows = [[table["name"][i], f"{number(table['tolerance'][i])} {table['unit'][i]}",
+             number(table["rss_position"][i]), f"{table['share_position'][i]:.1%}",
+             *([number(table["rss_rotation"][i])] if both else [])]
+            for i in range(min(SHOWN, len(table["name"])))]
+    heads = ["error", "tolerance", f"tool rms, {mm}", "share", *([f"rms, {deg}"] if both else [])]
+    return ShortTable(heads, rows, (1, 2, 3, 4))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ppmcal.api.inputs import Machine, files_of, load, place_of, recorded, source_of
-from ppmcal.api.result import Progress, Result
+from ppmcal.api.inputs import files_of, load, place_of, source_of
+from ppmcal.api.result import Result
+from ppmcal.commands.workspace.options import WorkspaceArguments
 from ppmcal.design.assembly_modes import assembly_modes
 from ppmcal.design.workspace import Workspace
 from ppmcal.design.workspace import workspace as mapped
@@ -15,14 +16,24 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_joints
 from ppmcal.io.grid import read_grid
 from ppmcal.io.results.workspace import WorkspaceRecord
-from ppmcal.io.results.workspace_tables import ModeRow, pictures
+from ppmcal.io.results.workspace_tables import (
+    ModeRow,
+    left_table,
+    modes_table,
+    pictures,
+)
+from ppmcal.io.results.workspace_wording import assembly_modes as modes_words
+from ppmcal.io.results.workspace_wording import reach, singularities
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording.progress import begin, heard, silent
+from ppmcal.wording.progress import begin
+from ppmcal.wording.tables import ShortTable
 
 LEVELS = 61
+SHOWN = 10
+"""Rows of a table that the console shows."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,37 +59,30 @@ class WorkspaceResult(Result):
         """Return map.csv, singular.csv, modes.csv, workspace.json and pictures."""
         return {**self.record.files(self.workspace, list(self.modes)), **pictures(self.workspace)}
 
-    def headline(self) -> str:
-        """Return the first sentence of what was found."""
-        return f"{self.mechanism.name}: {self.record.said[0]}"
+    def told(self) -> Iterator[str | ShortTable]:
+        """Yield everything in sentences, with the tables that belong to it."""
+        found, rows = self.workspace, list(self.modes)
+        yield from reach(found)
+        if found.table.status.count("ok") < len(found.table.status):
+            left = left_table(found)
+            yield ShortTable(left.columns, left.rows[:SHOWN], (1,))
+        yield from singularities(found)
+        yield from modes_words(found, rows)
+        table = modes_table(found, rows)
+        if table is not None:
+            yield ShortTable(table.columns, table.rows[:SHOWN], range(len(table.columns) - 1))
+            if len(table.rows) > SHOWN:
+                yield f"... and {len(table.rows) - SHOWN} more, see modes.csv."
 
 
-@recorded
-@heard
-def workspace(mechanism: Machine, *, grid: str | None = None, joints: Any = None, seed: int = 0,
-              progress: Progress = silent) -> WorkspaceResult:
-    """Show where a machine can go, its singularities, dexterity and assembly modes.
-
-    Geometry only: effects are left out.
-
-    Args:
-        mechanism: the machine, or its file.
-        grid: coordinates with range and levels, such as ``x=-300:300:41,rz``  [default: the
-            first two, as far as home can go].
-        joints: joint values to find assembly modes for, as a file or a table in memory
-            [default: home's].
-        seed: of the search for assembly modes.
-        progress: called with a line of text now and then.
-
-    Raises:
-        BadInput: anything wrong in the files or options. NoResult: home is singular.
-    """
-    machine = load(mechanism)
+def run(asked: WorkspaceArguments) -> WorkspaceResult:
+    """Show where a machine can go, its singularities, dexterity and assembly modes."""
+    machine = load(asked.mechanism)
     refuse_singular_home(machine)    # about which no grid would be found
-    found = mapped(machine, read_grid(grid, machine, LEVELS))
+    found = mapped(machine, read_grid(asked.grid, machine, LEVELS))
     begin("assembly modes")
-    rows = _modes(found, joints, seed)
-    source = source_of("workspace", [*machine.inputs, *files_of(joints)], seed)
+    rows = _modes(found, asked.joints, asked.seed)
+    source = source_of("workspace", [*machine.inputs, *files_of(asked.joints)], asked.seed)
     record = WorkspaceRecord.of(found, rows, source)
     return WorkspaceResult(source, tuple(record.findings), machine, found, tuple(rows), record)
 

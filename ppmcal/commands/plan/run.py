@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from ppmcal.api.inputs import Machine, Path_, files_of, load, place_of, recorded, source_of
-from ppmcal.api.result import Progress, Result
+from ppmcal.api.inputs import files_of, load, place_of, source_of
+from ppmcal.api.result import Result
+from ppmcal.commands.plan.options import PlanArguments
 from ppmcal.design.plan.plan import PlanOptions
 from ppmcal.design.plan.plan import plan as planned
 from ppmcal.design.plan.result import Plan
@@ -18,7 +19,6 @@ from ppmcal.io import read_poses
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.sidecar import read_instrument
 from ppmcal.model.mechanism import Effect, Mechanism
-from ppmcal.wording.progress import heard, silent
 
 ABSOLUTE_ZERO = -273.15
 
@@ -35,6 +35,7 @@ class PlanResult(Result):
     """
 
     COMMAND: ClassVar[str] = "plan"
+    UNTOLD: ClassVar[tuple[str, ...]] = ("tables", "pictures")
     TABLE: ClassVar[str] = "poses.csv"
 
     mechanism: Mechanism
@@ -46,58 +47,35 @@ class PlanResult(Result):
         """Return poses.csv, accuracy.csv, plan.json and accuracy.png."""
         return dict(self.record.files(self.plan, self.accuracy))
 
-    def headline(self) -> str:
-        """Return the first sentence of what was found."""
-        return f"{self.mechanism.name}: {self.record.said[0]}"
+    def told(self) -> Iterator[str]:
+        """Yield what was found in sentences."""
+        yield f"{self.mechanism.name}:"
+        yield from self.record.said
 
 
-@recorded
-@heard
-def plan(mechanism: Machine, *, count: int | None = None, instrument: Path_ | None = None,
-         tasks: Any = None, candidates: Any = None, effects: Sequence[str] = (),
-         payload: str | Sequence[float] | None = None,
-         temperature: str | Sequence[float] | None = None, accuracy: float | None = None,
-         seed: int = 0, progress: Progress = silent) -> PlanResult:
-    """Choose the poses of a machine that are worth measuring.
-
-    D-optimal for the parameters that the machine leaves free, with its tolerances as prior;
-    ordered into a short path.
-
-    Args:
-        mechanism: the machine, or its file.
-        count: measurements to take  [default: until one more hardly helps].
-        instrument: sidecar of what measures  [default: the full pose, a tenth of the tolerances].
-        tasks: poses at which the machine has to be exact, as a file or a table in memory
-            [default: the whole region].
-        candidates: poses to choose from  [default: drawn in the machine's region].
-        effects: kinds of effect to be shown too.
-        payload: lowest and highest payload that can be put on, kg.
-        temperature: lowest and highest temperature that can be set, deg C.
-        accuracy: wanted standard deviation of position at the tasks, the file's unit of length.
-        seed: of everything drawn at random.
-        progress: called with a line of text now and then.
-
-    Raises:
-        BadInput: anything wrong in the files or options. NoResult: no pose can be reached.
-    """
-    machine = load(mechanism)
-    if count is not None and count < 1:
-        raise BadInput(f"{count} is not a number of measurements", "--count",
+def run(asked: PlanArguments) -> PlanResult:
+    """Choose the poses of a machine that are worth measuring."""
+    machine = load(asked.mechanism)
+    if asked.count is not None and asked.count < 1:
+        raise BadInput(f"{asked.count} is not a number of measurements", "--count",
                        "Write at least 2, or leave it out")
-    names = tuple(dict.fromkeys(k.strip() for text in effects for k in text.split(",")
+    names = tuple(dict.fromkeys(k.strip() for text in asked.effects for k in text.split(",")
                                 if k.strip()))
-    asked = PlanSettings(names, _ends(payload, "--payload", "0,20", 0.0),
-                         _ends(temperature, "--temperature", "18,26", ABSOLUTE_ZERO,
-                               -ABSOLUTE_ZERO))
-    chosen = read_instrument(instrument, machine) if instrument else default_instrument(machine)
+    settings = PlanSettings(names, _ends(asked.payload, "--payload", "0,20", 0.0),
+                            _ends(asked.temperature, "--temperature", "18,26", ABSOLUTE_ZERO,
+                                  -ABSOLUTE_ZERO))
+    chosen = (read_instrument(asked.instrument, machine) if asked.instrument
+              else default_instrument(machine))
     given, aims = (None if t is None else (read_poses(t, machine).poses, place_of(t, what))
-                   for t, what in ((candidates, "candidates"), (tasks, "tasks")))
-    if accuracy is not None and not 0.0 < accuracy < 1e12:
-        raise BadInput(f"{accuracy:g} is not the size of an error", "--accuracy",
+                   for t, what in ((asked.candidates, "candidates"), (asked.tasks, "tasks")))
+    if asked.accuracy is not None and not 0.0 < asked.accuracy < 1e12:
+        raise BadInput(f"{asked.accuracy:g} is not the size of an error", "--accuracy",
                        "Write one above 0")
-    wanted = None if accuracy is None else accuracy * machine.units.factor("length")
-    found = planned(machine, chosen, PlanOptions(count, seed, asked), given, aims, wanted)
-    source = source_of("plan", [*machine.inputs, *files_of(instrument, tasks, candidates)], seed)
+    wanted = None if asked.accuracy is None else asked.accuracy * machine.units.factor("length")
+    found = planned(machine, chosen, PlanOptions(asked.count, asked.seed, settings), given,
+                    aims, wanted)
+    source = source_of("plan", [*machine.inputs, *files_of(asked.instrument, asked.tasks,
+                                                           asked.candidates)], asked.seed)
     record = PlanRecord.of(found, wanted, _notes(machine.effects, names, found.unused), source)
     return PlanResult(source, tuple(record.findings), machine, found, record, wanted)
 

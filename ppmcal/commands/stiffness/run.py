@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ppmcal.api.inputs import Machine, files_of, load, recorded, source_of
+from ppmcal.api.inputs import files_of, load, source_of
 from ppmcal.api.result import Result
+from ppmcal.commands.stiffness.options import StiffnessArguments
 from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import read_poses
 from ppmcal.io.grid import read_grid, read_point
 from ppmcal.io.results.stiffness import StiffnessRecord
-from ppmcal.io.results.stiffness_tables import Load, StiffnessStudy
+from ppmcal.io.results.stiffness_tables import Load, StiffnessStudy, share_table
 from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import STANDARD_GRAVITY
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.tables import ShortTable
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 LARGEST = 1e12
@@ -38,6 +40,7 @@ class StiffnessResult(Result):
     """
 
     COMMAND: ClassVar[str] = "stiffness"
+    UNTOLD: ClassVar[tuple[str, ...]] = ("tables", "pictures", "units")
     TABLE: ClassVar[str] = "map.csv"
 
     mechanism: Mechanism
@@ -58,47 +61,39 @@ class StiffnessResult(Result):
         return [f"row {n + 1}: {s}: {r}" for n, (s, r) in
                 enumerate(zip(table.status, table.reason, strict=True)) if s != "ok"]
 
-    def headline(self) -> str:
-        """Return the first sentence of what was found."""
-        return f"{self.mechanism.name}: {self.record.said[0]}"
+    @property
+    def row_failures(self) -> Sequence[str]:
+        """Sentences on given poses that have no answer."""
+        return self.failed
+
+    def told(self) -> Iterator[str | ShortTable]:
+        """Yield what was found in sentences, and what gives way most."""
+        yield f"{self.mechanism.name}:"
+        yield from self.record.said
+        shares = share_table(self.study)
+        if shares.rows:
+            yield f"{shares.title}. {shares.note}"
+            yield ShortTable(shares.columns, shares.rows, range(1, len(shares.columns)))
 
 
-@recorded
-def stiffness(mechanism: Machine, *, grid: str | None = None, poses: Any = None,
-              load_at_tool: str | None = None, payload: float | None = None,
-              tool: str | Sequence[float] | None = None) -> StiffnessResult:
-    """Tell how far the tool of a machine gives way under load, at home and over a map.
-
-    The mechanism says how stiff bars, drives and joints are under ``stiffness``.
-
-    Args:
-        mechanism: the machine, or its file.
-        grid: coordinates of the map, such as ``x=-300:300:41,y``.
-        poses: poses instead of a grid, as a file or a table in memory.
-        load_at_tool: load at the tool point, base axes, N and N m: ``fz=-100``.
-        payload: mass at the tool point instead, kg.
-        tool: the tool point ``X,Y,Z``, or its numbers, in platform axes  [default: the
-            platform's origin].
-
-    Raises:
-        BadInput: anything wrong in the files or options; a machine without springs.
-    """
-    for pair, words in (((grid, poses), "--grid or --poses"),
-                        ((load_at_tool, payload), "--load or --payload")):
+def run(asked: StiffnessArguments) -> StiffnessResult:
+    """Tell how far the tool of a machine gives way under load, at home and over a map."""
+    for pair, words in (((asked.grid, asked.poses), "--grid or --poses"),
+                        ((asked.load_at_tool, asked.payload), "--load or --payload")):
         if all(p is not None for p in pair):
             raise BadInput(f"Give {words}, not both", "", "Leave one of them out")
-    machine = load(mechanism)
-    point = read_point(tool, machine)
-    weight = (_payload(payload, machine) if payload is not None
-              else _load(load_at_tool, machine))
+    machine = load(asked.mechanism)
+    point = read_point(asked.tool, machine)
+    weight = (_payload(asked.payload, machine) if asked.payload is not None
+              else _load(asked.load_at_tool, machine))
     home = stiffness_at_home(machine, point)
-    mesh, wanted, notes = _poses(grid, poses, machine)
+    mesh, wanted, notes = _poses(asked.grid, asked.poses, machine)
     found = stiffness_table(machine, wanted, point, weight.wrench if weight else None)
     study = StiffnessStudy(machine, wanted, mesh, point, weight, home, found, tuple(notes))
-    source = source_of("stiffness", [*machine.inputs, *files_of(poses)], None)
+    source = source_of("stiffness", [*machine.inputs, *files_of(asked.poses)], None)
     record = StiffnessRecord.of(study, source)
     return StiffnessResult(source, tuple(record.findings), machine, study, record,
-                           poses is not None)
+                           asked.poses is not None)
 
 
 def _poses(grid_text: str | None, poses: Any, mechanism: Mechanism

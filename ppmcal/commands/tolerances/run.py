@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from ppmcal.api.inputs import Machine, Path_, files_of, load, place_of, recorded, source_of
-from ppmcal.api.result import Progress, Result
+from ppmcal.api.inputs import files_of, load, place_of, source_of
+from ppmcal.api.result import Result
 from ppmcal.calibration.fit import secondary
+from ppmcal.commands.tolerances.options import TolerancesArguments
 from ppmcal.design.error_jacobian import Poses, covariance, root_sum_square
 from ppmcal.design.error_sources import Source, geometry_only, natural_units, sources
 from ppmcal.design.error_sources import tolerances as stated_tolerances
@@ -23,7 +24,7 @@ from ppmcal.design.virtual_instrument import Instrument, default_instrument
 from ppmcal.errors import BadInput
 from ppmcal.io import read_poses
 from ppmcal.io.grid import metric_length, read_point
-from ppmcal.io.results.tolerance_tables import ToleranceResult
+from ppmcal.io.results.tolerance_tables import ToleranceResult, slot_table
 from ppmcal.io.results.tolerances import TolerancesRecord
 from ppmcal.io.sidecar import read_instrument
 from ppmcal.kinematics.closure import Model
@@ -32,7 +33,8 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table, refuse_singular_home
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording.progress import heard, silent
+from ppmcal.wording import number
+from ppmcal.wording.tables import ShortTable
 
 OF_ACCURACY = 0.1
 """Noise of the default instrument, as a part of the accuracy demanded."""
@@ -63,92 +65,51 @@ class TolerancesResult(Result):
         """Return tolerances.csv, errors.csv, allocated.yaml, yield.png and tolerances.json."""
         return dict(self.record.files(self.found))
 
-    def headline(self) -> str:
-        """Return the first sentence of what was found."""
-        return self.record.said[0]
+    def told(self) -> Iterator[str | ShortTable]:
+        """Yield what was found in sentences, and the tolerances by slot."""
+        yield from self.record.said
+        slots = slot_table(self.found)
+        yield f"{slots.title}:"
+        yield ShortTable(
+            ["slot", "errors", *slots.columns[3:], "unit"],
+            [[r[0], str(r[1]), *(number(v, 3) for v in r[3:]), r[2]] for r in slots.rows],
+            (1, 2, 3, 4, 5))
 
 
-@recorded
-@heard
-def tolerances(mechanism: Machine, *, accuracy: float | None = None, rotation: float | None = None,
-               share: float = 0.95, method: str = "cost", poses: Any = None,
-               instrument: Path_ | None = None, measure: int = 30, machines: int = 1000,
-               metric: float | None = None, tool: str | Sequence[float] | None = None,
-               cores: int | None = None, scheduler: str | None = None, seed: int = 0,
-               progress: Progress = silent) -> TolerancesResult:
-    """Find tolerances with which a machine keeps an accuracy, and count the machines that do.
-
-    Args:
-        mechanism: the machine, or its file.
-        accuracy: largest position error of the tool that is allowed, the file's unit.
-        rotation: largest rotation error that is allowed, the file's unit.
-        share: of the machines that must meet it before calibration.
-        method: which tolerances to verify: ``cost``, ``equal``, ``mean`` or ``file``.
-        poses: task poses, as a file or a table in memory  [default: drawn over the workspace].
-        instrument: sidecar of what calibrates  [default: noise of a tenth of the accuracy].
-        measure: poses that a calibration measures.
-        machines: machines to simulate.
-        metric: an angle of sigma/metric counts like a length of sigma.
-        tool: the tool point ``X,Y,Z``, or its numbers, in platform axes.
-        cores: processes to run in  [default: all processors].
-        scheduler: run on the cluster of this dask scheduler, such as ``tcp://10.0.0.5:8786``.
-        seed: of everything drawn at random.
-        progress: called with a line of text now and then.
-
-    Raises:
-        BadInput: anything wrong in the files or options.
-    """
-    machine = load(mechanism)
-    job = TolerancesJob(accuracy, rotation, share, method, poses, instrument, measure, machines,
-                        metric, tool, cores, scheduler, seed)
-    found = solve(machine, job)
-    source = source_of("tolerances", [*machine.inputs, *files_of(poses, instrument)], seed)
+def run(asked: TolerancesArguments) -> TolerancesResult:
+    """Find tolerances with which a machine keeps an accuracy, and count the machines that do."""
+    machine = load(asked.mechanism)
+    found = solve(machine, asked)
+    source = source_of("tolerances", [*machine.inputs, *files_of(asked.poses, asked.instrument)],
+                       asked.seed)
     record = TolerancesRecord.of(found, machine, source)
     return TolerancesResult(source, tuple(record.findings), machine, found, record)
 
 
-@dataclass(frozen=True)
-class TolerancesJob:
-    """The options as typed, file units."""
-
-    accuracy: float | None
-    rotation: float | None
-    share: float
-    method: str
-    poses: Any
-    instrument: Path_ | None
-    measure: int
-    machines: int
-    metric: float | None
-    tool: str | Sequence[float] | None
-    cores: int | None
-    scheduler: str | None
-    seed: int
-
-
-def solve(mechanism: Mechanism, job: TolerancesJob) -> ToleranceResult:
-    """Return tolerances, and the machines simulated with those of ``job.method``."""
+def solve(mechanism: Mechanism, asked: TolerancesArguments) -> ToleranceResult:
+    """Return tolerances, and the machines simulated with those of ``asked.method``."""
     machine = geometry_only(mechanism).nominal()
     refuse_singular_home(machine)
     found = sources(machine)
     if not found:
         raise BadInput("no parameter is free, so there is no tolerance to find",
                        f"{mechanism.source}: free", "Give slots a tolerance, or change `free`")
-    demand, instrument = _demand(machine, job), None
-    if job.instrument is not None:
-        instrument = read_instrument(job.instrument, machine)
-    tasks, notes = _tasks(machine, job, _tool(machine, job, instrument))
-    unit = natural_units(machine, found, metric_length(job.metric, machine))
+    demand, instrument = _demand(machine, asked), None
+    if asked.instrument is not None:
+        instrument = read_instrument(asked.instrument, machine)
+    tasks, notes = _tasks(machine, asked, _tool(machine, asked, instrument))
+    unit = natural_units(machine, found, metric_length(asked.metric, machine))
     weight, exponent = _costs(machine, found, unit)
     given = stated_tolerances(machine, found)
-    _refuse_unknown(machine, found, given, job.method)
-    tau = allocate(machine, found, tasks, demand, unit, weight, exponent, given, job.seed)
-    chosen = tau[job.method]
+    _refuse_unknown(machine, found, given, asked.method)
+    tau = allocate(machine, found, tasks, demand, unit, weight, exponent, given, asked.seed)
+    chosen = tau[asked.method]
     free = tuple(s.parameter for s in found)
     nominal = _with_tolerances(machine, free, chosen.tau)
-    setup = _measurement_setup(nominal, job, instrument, demand)
+    setup = _measurement_setup(nominal, asked, instrument, demand)
     fleet = Fleet(nominal, free, chosen.drawn, tasks, setup)
-    judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.scheduler)
+    judged = simulate(fleet, asked.machines, asked.seed, asked.cores or all_cores(),
+                      asked.scheduler)
     home = Poses(home_state(machine).q[None], machine.home[None], tasks.tool)
 
     def deviation() -> float | None:
@@ -158,25 +119,25 @@ def solve(mechanism: Mechanism, job: TolerancesJob) -> ToleranceResult:
     mean = secondary("the mean deviation at home", deviation, None, notes)
     expected = secondary("what the linear model expects after calibration",
                          lambda: _expected(setup, tasks), None, notes)
-    return ToleranceResult(machine, found, demand, tau, job.method, fleet, judged,
+    return ToleranceResult(machine, found, demand, tau, asked.method, fleet, judged,
                            check(fleet, judged.built), mean, expected, tuple(notes))
 
 
-def _demand(machine: Mechanism, job: TolerancesJob) -> Demand:
-    if not 0.01 <= job.share <= 0.999:
-        raise BadInput(f"{job.share:g} is not a share of machines", "--yield",
+def _demand(machine: Mechanism, asked: TolerancesArguments) -> Demand:
+    if not 0.01 <= asked.share <= 0.999:
+        raise BadInput(f"{asked.share:g} is not a share of machines", "--yield",
                        "Write a number from 0.01 to 0.999")
-    if job.accuracy is None and job.rotation is None:
+    if asked.accuracy is None and asked.rotation is None:
         raise BadInput("no accuracy is demanded", "--accuracy",
                        f"Write the largest allowed error, such as --accuracy 0.05 (in "
                        f"{machine.units.length})")
-    if job.rotation is not None and machine.motion == "translational":
+    if asked.rotation is not None and machine.motion == "translational":
         raise BadInput("this machine does not turn", "--rotation", "Leave it out")
-    for name, value in (("--accuracy", job.accuracy), ("--rotation", job.rotation)):
+    for name, value in (("--accuracy", asked.accuracy), ("--rotation", asked.rotation)):
         if value is not None and not 0.0 < value < 1e12:
             raise BadInput(f"{value:g} is not the size of an error", name, "Write one above 0")
-    return Demand(_size(job.accuracy, "length", machine), _size(job.rotation, "angle", machine),
-                  job.share)
+    return Demand(_size(asked.accuracy, "length", machine), _size(asked.rotation, "angle", machine),
+                  asked.share)
 
 
 def _size(value: float | None, quantity: str, machine: Mechanism) -> float | None:
@@ -193,13 +154,13 @@ def _size(value: float | None, quantity: str, machine: Mechanism) -> float | Non
     return size
 
 
-def _tool(machine: Mechanism, job: TolerancesJob, instrument: Instrument | None) -> Array:
+def _tool(machine: Mechanism, asked: TolerancesArguments, instrument: Instrument | None) -> Array:
     """Return the point at which all stages are judged (3,): the tool, else what is measured."""
-    if job.tool is None:
+    if asked.tool is None:
         return np.zeros(3) if instrument is None else instrument.target.value
     known = machine.motion != "translational" if instrument is None else (
         instrument.kind == "pose" and not instrument.target.fitted)
-    tool = read_point(job.tool, machine)
+    tool = read_point(asked.tool, machine)
     if tool.any() and not known:
         raise BadInput("a tool point apart from what is measured is not known after a "
                        "calibration", "--tool", "Leave it out, or use an instrument of kind "
@@ -207,14 +168,14 @@ def _tool(machine: Mechanism, job: TolerancesJob, instrument: Instrument | None)
     return tool
 
 
-def _tasks(machine: Mechanism, job: TolerancesJob, tool: Array) -> tuple[Poses, list[str]]:
+def _tasks(machine: Mechanism, asked: TolerancesArguments, tool: Array) -> tuple[Poses, list[str]]:
     """Return the task poses, and which of the user's cannot be used and why."""
-    if job.poses is None:
-        chosen = evenly(machine, region_of(machine), TASKS, job.seed + 1)
+    if asked.poses is None:
+        chosen = evenly(machine, region_of(machine), TASKS, asked.seed + 1)
         return Poses(chosen.q, pose_motor(chosen.pose), tool), []
-    table = inverse_table(Model(machine), read_poses(job.poses, machine).poses)
+    table = inverse_table(Model(machine), read_poses(asked.poses, machine).poses)
     good = np.array([s == "ok" for s in table.status], dtype=np.bool_)
-    place = place_of(job.poses, "poses")
+    place = place_of(asked.poses, "poses")
     notes = [f"{place}, row {n + 1}: {table.reason[n]}; it is no task pose then"
              for n in np.flatnonzero(~good)]
     if not good.any():
@@ -272,12 +233,12 @@ def _expected(setup: MeasurementSetup, tasks: Poses) -> float | None:
 
 
 def _measurement_setup(
-    nominal: Mechanism, job: TolerancesJob, instrument: Instrument | None, demand: Demand
+    nominal: Mechanism, asked: TolerancesArguments, instrument: Instrument | None, demand: Demand
 ) -> MeasurementSetup:
     if instrument is None:
         instrument = default_instrument(nominal)
         sigma = OF_ACCURACY * (demand.position or nominal.length_scale * (demand.rotation or 0.0))
         instrument = replace(instrument, sigma_position=sigma,
                              sigma_rotation=sigma / nominal.length_scale)
-    measured = evenly(nominal, region_of(nominal), job.measure, job.seed + 2)
+    measured = evenly(nominal, region_of(nominal), asked.measure, asked.seed + 2)
     return MeasurementSetup(nominal, instrument, measured.q, measured.pose)

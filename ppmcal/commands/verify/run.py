@@ -10,12 +10,15 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ppmcal.api.diagnose import save_misread
-from ppmcal.api.inputs import IN_MEMORY, UNRECORDED, Path_
-from ppmcal.api.result import Progress, Result
+from ppmcal.api.inputs import IN_MEMORY, UNRECORDED
+from ppmcal.api.result import Result
 from ppmcal.calibration.interpretation import Misread
+from ppmcal.commands import names
+from ppmcal.commands.face import function
+from ppmcal.commands.verify.options import VerifyArguments
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.folder import running
 from ppmcal.io.folder_record import RECORD, digest_of, read_record
@@ -41,7 +44,8 @@ from ppmcal.io.results.verification import (
     status_of,
 )
 from ppmcal.io.sandbox import RESULTS, Sandbox, sandbox
-from ppmcal.wording.progress import heard, silent, stage
+from ppmcal.wording.progress import stage
+from ppmcal.wording.tables import ShortTable
 
 _NAME = re.compile(r"[a-z_]+\.[a-z_]+")
 
@@ -65,25 +69,36 @@ class VerificationResult:
         """Return a sentence for each run that does not come out as it was."""
         return tuple(r.sentence() for r in self.record.runs if r.exit_code)
 
+    def told(self) -> Iterator[str | ShortTable]:
+        """Yield what became of each run."""
+        for run in self.record.runs:
+            yield run.sentence()
+            if run.environment:
+                yield ("Not as it was, so numbers may be off by a little: "
+                       f"{'; '.join(run.environment)}.")
+            if run.files:
+                yield ShortTable(["file", "", "values that differ"], [
+                    [f.file, f.status, str(f.count or "")] for f in run.files], (2,))
+            for file in run.files:
+                if file.words():
+                    yield f"{file.file}: {file.words()}."
 
-@heard
-def verify(*folders: Path_, inputs: Path_ | None = None, progress: Progress = silent
-           ) -> VerificationResult:
+    warnings: ClassVar[tuple[str, ...]] = ()
+    row_failures: ClassVar[tuple[str, ...]] = ()
+
+    def summary(self) -> Mapping[str, Any]:
+        """Return what ``--json`` prints."""
+        return self.record.entries(whole=True)
+
+
+def run(asked: VerifyArguments) -> VerificationResult:
     """Make results again from the same inputs and options, and compare them value by value.
 
     Nothing is written but into a temporary folder. Where version, libraries and processor are as
     they were, every byte must be the same; elsewhere numbers may be off by a little, and
     everything else not at all: see :mod:`ppmcal.io.results.differences`.
-
-    Args:
-        *folders: folders that commands, or ``save`` of their results, wrote; also those within.
-        inputs: folder to look for the inputs in, by name and content, where they are not any more
-            where they were.
-        progress: called with a line of text now and then.
-
-    Raises:
-        BadInput: a folder is not there, or holds no results.
     """
+    folders, inputs = asked.folders, asked.inputs
     if inputs is not None and not Path(inputs).is_dir():
         raise BadInput("is no folder", f"--inputs: {inputs}", "Name the folder of the inputs")
     checks: list[RunCheck] = []
@@ -103,9 +118,9 @@ def verify(*folders: Path_, inputs: Path_ | None = None, progress: Progress = si
 
 def _checked(run: RecordedRun, inputs: Path | None) -> list[RunCheck]:
     """Do a run again and compare; its own check first, then those of the folders within."""
-    function = _function(run.source.function)
-    if function is None or _in_memory(run.source.options):
-        why = ("a machine or data were given to Python in memory" if function else
+    call = _function(run.source.function)
+    if call is None or _in_memory(run.source.options):
+        why = ("a machine or data were given to Python in memory" if call else
                "it is not recorded how it was written, or by another version")
         return [_ended(run, UNKNOWN, f"cannot be run again, {why}.")]
     found = FoundInputs(run, inputs)
@@ -113,7 +128,7 @@ def _checked(run: RecordedRun, inputs: Path | None) -> list[RunCheck]:
         return [_ended(run, INPUT, inputs=found.wrong)]
     with sandbox(run.working_folder) as box:
         try:
-            source = _run_again(run, function, box, found.places)
+            source = _run_again(run, call, box, found.places)
         except (MemoryError, RecursionError):
             return [_ended(run, FAILED, "the run itself needs more memory than there is.")]
         except Exception as error:    # whatever a record that was made up leads to
@@ -122,15 +137,15 @@ def _checked(run: RecordedRun, inputs: Path | None) -> list[RunCheck]:
         return list(_compared(run, source, box))
 
 
-def _run_again(run: RecordedRun, function: Callable[..., Any], box: Sandbox,
+def _run_again(run: RecordedRun, call: Callable[..., Any], box: Sandbox,
                inputs: Mapping[str, Path]) -> Mapping[str, Any]:
     """Write the results into the sandbox; return where they come from."""
     box.lay_out(inputs)
-    args, options = _arguments(function, {k: box.inside(v) for k, v in run.source.options.items()})
+    args, options = _arguments(call, {k: box.inside(v) for k, v in run.source.options.items()})
     out = Path(options["out"]) if run.whole else _results(run, box)
     with contextlib.chdir(box.cwd), running(run.command, out, typed=run.source.command) as own:
         try:
-            result: Result = function(*args, **options)
+            result: Result = call(*args, **options)
         except Misread as refused:
             save_misread(refused, options["mechanism"], options["data"], out, options["seed"])
         else:
@@ -195,25 +210,26 @@ def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sa
 
 
 def _function(name: str) -> Callable[..., Any] | None:
-    """Return a function of ``ppmcal.api`` that is recorded, None for any other name."""
+    """Return a function of the Python face that is recorded, None for any other name."""
     if not _NAME.fullmatch(name):
         return None
     module, _, own = name.partition(".")
     try:
-        found = getattr(importlib.import_module(f"ppmcal.api.{module}"), own, None)
+        found = function(module) if module in names() and own == module else getattr(
+            importlib.import_module(f"ppmcal.api.{module}"), own, None)
     except ImportError:
         return None
     return found if callable(found) and hasattr(found, "recorded") else None
 
 
-def _arguments(function: Callable[..., Any], options: dict[str, Any]
+def _arguments(call: Callable[..., Any], options: dict[str, Any]
                ) -> tuple[list[Any], dict[str, Any]]:
     """Return the arguments of a call; those without a name apart.
 
     Raises:
         BadInput: the function has no such argument.
     """
-    known = inspect.signature(function).parameters
+    known = inspect.signature(call).parameters
     if strange := [k for k in options if k not in known or k in UNRECORDED]:
         raise BadInput(f"the option '{strange[0]}' is of another version of ppmcal", "",
                        "Run it again with the version that is recorded")

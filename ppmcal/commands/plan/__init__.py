@@ -1,0 +1,3 @@
+"""Which poses to measure."""
+
+ORDER = 16

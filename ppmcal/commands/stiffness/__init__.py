@@ -1,0 +1,3 @@
+"""How far the tool gives way under load, over the workspace."""
+
+ORDER = 14

@@ -1,0 +1,3 @@
+"""Make results again and compare them value by value."""
+
+ORDER = 21

@@ -1,0 +1,3 @@
+"""Where the machine can go, its singularities, its assembly modes."""
+
+ORDER = 15
