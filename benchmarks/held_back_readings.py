@@ -28,9 +28,9 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 import ppmcal
-from ppmcal.api.identify import identify
-from ppmcal.api.inputs import load, shipped
+from ppmcal import identify
 from ppmcal.calibration.interpretation import Misread
+from ppmcal.commands.inputs import load, shipped
 from ppmcal.errors import PpmcalError
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown

@@ -47,8 +47,8 @@ def write_campaign(rows: int, folder: Path) -> None:
 def spent(machine: Path, data: Path) -> dict[str, float]:
     """Return the CPU seconds of each part of `identify` in this process, and its peak memory."""
     times = [0.0, time.process_time()]
-    from ppmcal.api.identify import identify
-    from ppmcal.api.inputs import load, read_data
+    from ppmcal import identify
+    from ppmcal.commands.inputs import load, read_data
 
     times.append(time.process_time())
     found = identify(machine, [data])

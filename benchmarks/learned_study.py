@@ -27,7 +27,7 @@ from wild.catalogue import World, draw, write  # noqa: E402
 from wild.machines import MACHINES  # noqa: E402
 from wild_diagnosis import Job, jobs  # noqa: E402
 
-from ppmcal.api.diagnose import diagnose  # noqa: E402
+from ppmcal import diagnose  # noqa: E402
 from ppmcal.diagnosis.diagnose import DiagnosisOptions  # noqa: E402
 from ppmcal.diagnosis.held_out_gap import (  # noqa: E402
     Gap,

@@ -24,7 +24,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 import numpy as np  # noqa: E402
 
 import ppmcal  # noqa: E402
-from ppmcal.api.diagnose import diagnose  # noqa: E402
+from ppmcal import diagnose  # noqa: E402
 from ppmcal.kinematics.closure import Model  # noqa: E402
 from ppmcal.kinematics.equilibrium import reached_poses  # noqa: E402
 from ppmcal.kinematics.registration import predict  # noqa: E402

@@ -26,7 +26,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 import pytest  # noqa: E402
 from wild.catalogue import write  # noqa: E402
 
-from ppmcal.api.diagnose import diagnose  # noqa: E402
+from ppmcal import diagnose  # noqa: E402
 from ppmcal.kinematics.compiled_limbs import MANY  # noqa: E402
 
 MACHINE, SEED = "hexapod", 7

@@ -27,9 +27,8 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 import numpy as np  # noqa: E402
 import yaml  # noqa: E402
 
-from ppmcal.api.diagnose import diagnose  # noqa: E402
-from ppmcal.api.inputs import load, shipped  # noqa: E402
-from ppmcal.api.simulate import simulate  # noqa: E402
+from ppmcal import diagnose, simulate  # noqa: E402
+from ppmcal.commands.inputs import load, shipped  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 
 MACHINES = {"6-UPS": 10, "3-RPR": 7, "delta-linear": 6, "6-RUS": 15}

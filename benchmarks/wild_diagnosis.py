@@ -40,7 +40,7 @@ from wild.cases import CASES  # noqa: E402
 from wild.catalogue import write  # noqa: E402
 from wild.machines import MACHINES  # noqa: E402
 
-from ppmcal.api.diagnose import diagnose  # noqa: E402
+from ppmcal import diagnose  # noqa: E402
 from ppmcal.calibration.interpretation import Misread  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 

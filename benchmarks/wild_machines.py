@@ -34,9 +34,8 @@ from wild.catalogue import truth_pose, write  # noqa: E402
 from wild.files import coordinates  # noqa: E402
 from wild.machines import MACHINES, build  # noqa: E402
 
-from ppmcal.api.compensate import CompensationResult, compensate  # noqa: E402
-from ppmcal.api.diagnose import diagnose  # noqa: E402
-from ppmcal.api.identify import identify  # noqa: E402
+from ppmcal import compensate, diagnose, identify  # noqa: E402
+from ppmcal.commands.compensate.run import CompensationResult  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 
 CASES = ("none", "backlash-all", "homed-one", "leg-heat", "compliance-all", "periodic-one",

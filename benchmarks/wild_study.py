@@ -33,13 +33,12 @@ from wild.cases import CASES
 from wild.catalogue import write
 from wild.machines import MACHINES
 
-from ppmcal.api.diagnose import diagnose
-from ppmcal.api.identify import identify
-from ppmcal.api.inputs import prepared
+from ppmcal import diagnose, identify
 from ppmcal.calibration.fit import Problem
 from ppmcal.calibration.interpretation import Misread, Misreading, plain_mistakes
 from ppmcal.calibration.interpretation.limits import TELLING
 from ppmcal.calibration.interpretation.score import score
+from ppmcal.commands.inputs import prepared
 from ppmcal.errors import PpmcalError
 
 KINDS = frozenset(("permuted", "sign", "unit", "rotation", "inverse", "mirrored", "exchanged",

@@ -22,10 +22,8 @@ if TYPE_CHECKING:
 __version__ = "0.3.0"
 
 _HOME = {"BadInput": "errors", "NoResult": "errors", "PpmcalError": "errors",
-         "load": "api.inputs", "read_data": "api.inputs", "shipped": "api.inputs",
-         "forward": "api.kinematics", "inverse": "api.kinematics", "velocity": "api.kinematics",
-         "import_config": "api.import_", "make_report": "api.report"}
-"""Where names are that are not in the module of ``api`` that is called like them."""
+         "load": "commands.inputs", "read_data": "commands.inputs", "shipped": "commands.inputs"}
+"""Where names are that are of no command."""
 
 __all__ = [
     "BadInput",
@@ -61,13 +59,14 @@ __all__ = [
 
 def __getattr__(name: str) -> "Any":
     """Load the module that holds ``name`` on first use."""
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     import importlib
 
-    if name in importlib.import_module(f"{__name__}.commands").names():
-        return importlib.import_module(f"{__name__}.commands.face").function(name)
-    return getattr(importlib.import_module(f"{__name__}.{_HOME.get(name, f'api.{name}')}"), name)
+    if name in _HOME:
+        return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    if name.startswith("_") or name not in importlib.import_module(
+            f"{__name__}.commands").functions():
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return importlib.import_module(f"{__name__}.commands.face").function(name)
 
 
 def __dir__() -> list[str]:

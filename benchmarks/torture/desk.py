@@ -17,62 +17,65 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+from ppmcal.commands import command, names, work
+from ppmcal.commands.spec import taken
 from ppmcal.io.folder import current
 from ppmcal.io.folder_record import RECORD
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
-COMMANDS = {
-    "import": "klipper {desk}/printer.cfg",
-    "kinematics": "inverse {desk}/mine.yaml {desk}/poses.csv",
-    "simulate": "{desk}/mine.yaml {desk}/mine.scenario.yaml",
-    "identify": "{desk}/mine.yaml {desk}/run1.csv",
-    "validate": "{desk}/identified {desk}/run1.csv",
-    "compare": "{desk}/identified {desk}/identified-may",
-    "diagnose": "{desk}/mine.yaml {desk}/run2.csv",
-    "compensate": "{desk}/identified {desk}/targets.csv",
-    "sensitivity": "{desk}/mine.yaml --home-only",
-    "tolerances": "{desk}/mine.yaml --accuracy 0.2 --machines 20 --cores 1",
-    "stiffness": "{desk}/stiff.yaml --grid x=-20:20:2,y=-20:20:2",
-    "workspace": "{desk}/mine.yaml --grid x=-20:20:2,y=-20:20:2",
-    "plan": "{desk}/mine.yaml --count 12",
-    "export": "grid {desk}/identified --poses {desk}/poses.csv",
-    "report": "{desk}/identified {desk}/compensated",
+WORDS = {
     "batch": "{desk}/fleet.yaml --cores 1",
+    "check": "{desk}/mine.yaml --draw machine.html",
     "demo": "-q",
-}
-"""Commands that write into a folder, and their words before --out."""
-NOTHING = {"verify": "{desk}/identified {desk}/compensated"}
-"""Those that write into a temporary folder only."""
-FILES = {
+    "diagnose": "{desk}/mine.yaml {desk}/run1.csv --kind backlash",
+    "export": "grid {desk}/identified --poses {desk}/poses.csv",
     "init": "3-RPR --out mine.yaml --force",
+    "kinematics": "inverse {desk}/mine.yaml {desk}/poses.csv",
+    "plan": "{desk}/mine.yaml --count 12",
     "read": "{desk}/log.csv --mechanism {desk}/mine.yaml --sidecar {desk}/run1.yaml "
             "--out run.csv --force",
-    "check": "{desk}/mine.yaml --draw machine.html",
+    "report": "{desk}/identified {desk}/compensated",
+    "stiffness": "{desk}/stiff.yaml --grid x=-20:20:2,y=-20:20:2",
+    "tolerances": "{desk}/mine.yaml --accuracy 0.2 --machines 20 --cores 1",
+    "validate": "{desk}/identified {desk}/run1.csv",
+    "verify": "{desk}/identified {desk}/compensated",
+    "workspace": "{desk}/mine.yaml --grid x=-20:20:2,y=-20:20:2",
 }
+"""Words of those commands whose first example takes long, or is of other files."""
+RESULTS = ("identified", "identified-may", "compensated")
+"""Results that are on the desk."""
+
+
+def words_of(name: str) -> str:
+    """Return the words of a command before --out; files are on the desk."""
+    if name in WORDS:
+        return WORDS[name]
+    own = shlex.split(command(name).examples[0])[2:]
+    return " ".join(f"{{desk}}/{w}" if w in RESULTS or Path(w).suffix else w for w in own)
+
+
+COMMANDS = {n: words_of(n) for n in names() if command(n).out}
+"""Commands that write into a folder, and their words before --out."""
+NOTHING = {n: words_of(n) for n in names() if not (command(n).out or command(n).files
+                                                   or command(n).data)}
+"""Those that write into a temporary folder only."""
+FILES = {n: words_of(n) for n in names() if command(n).files}
 """Those that write single files among others."""
-REMEMBERED = {
-    "ppmcal.api.import_": "import_config", "ppmcal.api.kinematics": "kinematics",
-    "ppmcal.api.simulate": "simulate", "ppmcal.api.identify": "identify",
-    "ppmcal.api.validate": "validate", "ppmcal.api.compare": "compare",
-    "ppmcal.api.diagnose": "diagnose", "ppmcal.api.compensate": "compensate",
-    "ppmcal.api.sensitivity": "sensitivity", "ppmcal.api.tolerances": "tolerances",
-    "ppmcal.api.stiffness": "stiffness", "ppmcal.api.workspace": "workspace",
-    "ppmcal.api.plan": "plan", "ppmcal.api.export": "export",
-    "ppmcal.api.report": "make_report", "ppmcal.api.read": "read", "ppmcal.api.check": "check",
-    "ppmcal.api.campaign": "_call", "ppmcal.report.batch": "batch_page",
-    "ppmcal.report.drawing": "drawing_page"}
-"""Functions whose results are computed once: module -> name."""
+PAGES = {"ppmcal.report.batch": "batch_page", "ppmcal.report.drawing": "drawing_page"}
+"""Functions besides the commands' own whose results are computed once: module -> name."""
 State = Mapping[str, str]
 """The files of a folder: name -> SHA-256."""
 
 
 def remember(put: Callable[[Any, str, Any], None] = setattr) -> None:
-    """Let each function of :data:`REMEMBERED` compute only once for the same words.
+    """Let the work of each command, but what runs others, be done only once for the same words.
 
-    ``put(module, name, function)`` puts it there.
+    ``put(module, name, function)`` puts a function there.
     """
-    for module, name in REMEMBERED.items():
-        home = importlib.import_module(module)
+    homes = [(work(n), "run") for n in names() if command(n).result and n not in NOTHING
+             and not any(one.name == "out" and one.required for one in taken(
+                 command(n).arguments))]
+    for home, name in (*homes, *((importlib.import_module(m), n) for m, n in PAGES.items())):
         put(home, name, _once(getattr(home, name)))
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import inspect
 import re
-import typing
 from collections.abc import Iterator
 from typing import Any
 
 import ppmcal
 from generators.markdown import code, fenced, table
+from ppmcal.commands import functions
+from ppmcal.commands.face import result_of
 
 SECTIONS = ("Args", "Returns", "Raises", "Attributes")
 INTRODUCTION = """# Python functions
@@ -21,21 +22,22 @@ commands.
 
 In the signatures `Machine` is a mechanism, its file, the folder of a result or a mapping such as
 the file holds; `Measurements` are data sets, or paths of measurement files; `Path_` is a path;
-`Progress` is called with a line of text now and then.
+`Table` is the path of a table, a data frame or a mapping of columns; `Progress` is called with a
+line of text now and then.
 """
 
 
 def api_page() -> str:
     """Return the page: functions, then results, then errors."""
-    public = {name: getattr(ppmcal, name) for name in ppmcal.__all__}
-    functions = {n: v for n, v in public.items() if inspect.isfunction(v)}
+    public = {name: getattr(ppmcal, name) for name in (*ppmcal._HOME, *functions())}
+    own = {n: v for n, v in public.items() if inspect.isfunction(v)}
     errors = {n: v for n, v in public.items() if inspect.isclass(v)}
-    results = {v.__name__: v for f in functions.values() for v in _results(f)}
+    results = {v.__name__: v for v in map(result_of, functions()) if v is not None}
     listed = table(["function", "what it does"], [
-        (f"[`{n}`](#{n.lower()})", first_line(f)) for n, f in sorted(functions.items())])
+        (f"[`{n}`](#{n.lower()})", first_line(f)) for n, f in sorted(own.items())])
     return "\n".join([
         INTRODUCTION, listed, "## Functions\n",
-        *(_function(n, f) for n, f in sorted(functions.items())), "## Results\n",
+        *(_function(n, f) for n, f in sorted(own.items())), "## Results\n",
         *(_class(n, c) for n, c in sorted(results.items())), "## Errors\n",
         *(_class(n, c) for n, c in sorted(errors.items()))])
 
@@ -43,13 +45,6 @@ def api_page() -> str:
 def first_line(thing: object) -> str:
     """Return the first sentence of a docstring."""
     return markup((inspect.getdoc(thing) or "").partition("\n\n")[0])
-
-
-def _results(function: Any) -> Iterator[type]:
-    found = typing.get_type_hints(function).get("return")
-    for one in (found, *typing.get_args(found)):
-        if inspect.isclass(one) and one.__module__.startswith("ppmcal"):
-            yield one
 
 
 def markup(text: str) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import click
 
 from generators.markdown import code, fenced, plain, table
-from ppmcal.cli import COMMANDS, cli
+from ppmcal.cli import cli
+from ppmcal.commands import line, names
 
 EXIT_CODES = """## Exit codes
 
@@ -32,8 +33,8 @@ prints a result takes `--json` (one object on standard output, for other program
 def command_page() -> str:
     """Return the page: a table of all commands, each command, then exit codes."""
     listed = table(["command", "what it does"],
-                   [(f"[`{name}`](#{name})", plain(line)) for name, line in COMMANDS.items()])
-    return "\n".join([INTRODUCTION, listed, *map(_section, COMMANDS), EXIT_CODES])
+                   [(f"[`{name}`](#{name})", plain(line(name))) for name in names()])
+    return "\n".join([INTRODUCTION, listed, *map(_section, names()), EXIT_CODES])
 
 
 def _section(name: str) -> str:

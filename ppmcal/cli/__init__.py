@@ -1,4 +1,4 @@
-"""The command line: one file per command; the only place that prints.
+"""The command line: made of what commands say that they take; the only place that prints.
 
 ``ppmcal --help`` imports neither NumPy nor SciPy: commands are loaded by name, and each
 imports what it needs when it runs.
@@ -7,7 +7,6 @@ imports what it needs when it runs.
 import sys
 
 try:
-    import importlib
     import io
     import os
 
@@ -22,68 +21,30 @@ except KeyboardInterrupt:    # there is nothing to stop yet
     sys.stderr.write("Stopped.\n")
     raise SystemExit(130) from None
 
-OWN = {
-    "init": (1, "Write a commented mechanism file to start from."),
-    "import": (2, "Turn a controller's configuration into a machine and its data."),
-    "read": (3, "Turn files of instruments and controllers into measurements."),
-    "check": (4, "Check a mechanism file, alone or with its measurements."),
-    "kinematics": (5, "Inverse, forward or velocity kinematics of a table."),
-    "simulate": (6, "Simulate measurements of a machine with injected errors."),
-    "identify": (7, "Identify the machine's geometry from measurements."),
-    "validate": (8, "How well a calibrated machine predicts other measurements."),
-    "compare": (9, "Tell what changed between two calibrations of a machine."),
-    "diagnose": (10, "Find the effect that the model misses, name it and add it."),
-    "compensate": (11, "Turn wanted poses into corrected commands."),
-    "export": (17, "Write a machine as lines for a controller's configuration."),
-    "schema": (18, "Print the JSON Schema of a file, for editors."),
-    "batch": (19, "Identify, diagnose or compensate hundreds of machines and dates."),
-    "report": (20, "Gather output folders into one HTML page."),
-    "demo": (22, "Run the whole job once on the sample data."),
-}
-"""Commands that have a module here: place in the list, and line."""
-MODULES = {"import": "import_"}
-"""Modules of the commands whose own name cannot be a module's."""
-
-
-def listed() -> dict[str, str]:
-    """Return the line of each command, in the order of the work."""
-    from ppmcal import commands
-
-    found = {name: (commands.order(name), commands.line(name)) for name in commands.names()} | OWN
-    return {name: found[name][1] for name in sorted(found, key=lambda n: found[n][0])}
-
-
 class LazyGroup(click.Group):
     """A group that knows its commands' names and loads each on use."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return all command names, in the order of the work."""
-        return list(listed())
+        from ppmcal.commands import names
+
+        return list(names())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Load one command."""
-        if cmd_name not in OWN:
-            return self._declared(cmd_name)
-        module = importlib.import_module(f"ppmcal.cli.{MODULES.get(cmd_name, cmd_name)}")
-        command: click.Command = module.command
-        return command
-
-    def _declared(self, name: str) -> click.Command | None:
-        """Return a command of :mod:`ppmcal.commands`."""
-        from ppmcal import commands
-
-        if name not in commands.names():
+        if cmd_name not in self.list_commands(ctx):
             return None
         from ppmcal.cli.built import built
 
-        return built(name)
+        return built(cmd_name)
 
     def resolve_command(self, ctx: click.Context, args: list[str]
                         ) -> tuple[str | None, click.Command | None, list[str]]:
         """Name the nearest command when there is no such one."""
         import difflib
 
-        if args and not args[0].startswith("-") and args[0] not in (known := listed()):
+        if args and not args[0].startswith("-") and args[0] not in (
+                known := self.list_commands(ctx)):
             near = difflib.get_close_matches(args[0], known, n=1)
             hint = f" Did you mean '{near[0]}'?" if near else ""
             raise click.UsageError(f"No such command '{args[0]}'. There are: "
@@ -92,8 +53,10 @@ class LazyGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without loading them."""
+        from ppmcal.commands import line
+
         with formatter.section("Commands"):
-            formatter.write_dl(list(listed().items()))
+            formatter.write_dl([(name, line(name)) for name in self.list_commands(ctx)])
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})

@@ -17,12 +17,12 @@ import click
 from ppmcal.cli.display import aside, remarks, shortened, shown, wrapped
 from ppmcal.errors import printable
 from ppmcal.wording import MOST, gathered
+from ppmcal.wording.told import WIDTH, CommandLine, Findings, ShortTable, Told
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 F = TypeVar("F", bound=Callable[..., Any])
-WIDTH = 80
 WORDS, LEAST = 7, 16
 """Columns of a table that words can do with, and that a name is left at least."""
 FILE = click.Path(dir_okay=False, path_type=Path)
@@ -47,23 +47,8 @@ quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing b
 verbose_option = click.option(
     "-v", "--verbose", count=True, help="Say on standard error what was read, decided and how "
     "long it took; -vv: each iteration too.")
-leave_out_option = click.option(
-    "--leave-out", type=click.Choice(["session"]), default=None,
-    help="Predict each session (label of a column `session`, or files of one campaign) by the "
-    "others, in place of held-out poses.")
-
-
-def refuse_two_holdouts(leave_out: str | None) -> None:
-    """Refuse --holdout beside --leave-out, which takes its place (UsageError)."""
-    given = click.get_current_context().get_parameter_source("holdout")
-    if leave_out and given == click.core.ParameterSource.COMMANDLINE:
-        raise click.UsageError("--leave-out session takes the place of --holdout: give one.")
-
-
 json_option = click.option("--json", "as_json", is_flag=True,
                            help="Print the summary as one JSON object.")
-seed_option = click.option("--seed", type=click.IntRange(min=0), default=None,
-                           help="Seed of everything drawn at random.")
 
 
 def examples(*lines: str) -> str:
@@ -101,10 +86,10 @@ def verbose_alone(function: F) -> F:
 @contextmanager
 def _under_way(quiet: bool, verbose: int) -> Iterator[None]:
     """Show progress and remarks of the command that is about to run."""
-    from ppmcal.cli.shares import shares
+    from ppmcal.commands import command
 
     context = click.get_current_context()
-    with shown(shares(context.command.name or ""), quiet), remarks(verbose):
+    with shown(command(context.command.name or "").shares, quiet), remarks(verbose):
         _say_defaults(context)
         yield
 
@@ -118,16 +103,6 @@ def _say_defaults(context: click.Context) -> None:
              == click.core.ParameterSource.DEFAULT]
     if taken:
         logging.getLogger("ppmcal.cli").info("defaults taken: %s", ", ".join(taken))
-
-
-def cluster_options(function: F) -> F:
-    """Return the options ``--cores`` and ``--scheduler`` of work that processes share."""
-    far = click.option("--scheduler", "--dask", "scheduler", default=None, metavar="ADDRESS",
-                       help="Run on the cluster of this dask scheduler, such as "
-                       "tcp://10.0.0.5:8786.")
-    near = click.option("--cores", type=click.IntRange(min=1), default=None,
-                        help="Processes to run in  [default: all processors].")
-    return near(far(function))
 
 
 def _replace_option(name: str) -> Callable[[F], F]:
@@ -144,14 +119,10 @@ def _refuse_force(_: click.Context, __: click.Parameter, given: bool) -> None:
                                "--regardless lifts a refusal.")
 
 
-def regardless_option(lifted: str) -> Callable[[F], F]:
-    """Return the option ``--regardless``, which lifts the refusals ``lifted`` and no other."""
-    own = click.option("--regardless", is_flag=True,
-                       help=f"Lift the refusal of {lifted}, and no other; ends with exit code 1 "
-                       "where there was one.")
-    gone = click.option("--force", "was_two", is_flag=True, hidden=True, expose_value=False,
-                        callback=_refuse_force, help="--overwrite, or --regardless.")
-    return lambda function: own(gone(function))
+def _was_two(function: F) -> F:
+    """Return the option that was two, for a command whose option to replace has another name."""
+    return click.option("--force", "was_two", is_flag=True, hidden=True, expose_value=False,
+                        callback=_refuse_force, help="--overwrite, or --regardless.")(function)
 
 
 def single_files(function: F) -> F:
@@ -185,7 +156,8 @@ def out_option(default: str, replace: str = "--force") -> Callable[[F], F]:
             with running(name, out, force, option=replace):
                 return function(*args, out=out, **options)
 
-        return folder(_replace_option(replace)(cast(F, body)))
+        asked = folder(_replace_option(replace)(cast(F, body)))
+        return asked if replace == "--force" else _was_two(asked)
 
     folder = click.option("--out", type=FOLDER, default=default, show_default=True,
                           help="Folder for the results.")
@@ -220,6 +192,17 @@ class Console:
                 lines.append("   ")
             lines[-1] += f" {word}"
         self.say("\n".join(lines))
+
+    def tell(self, part: Told) -> None:
+        """Print a part of what a result says."""
+        if isinstance(part, ShortTable):
+            self.table(plain_table(part.heads, part.rows, part.right))
+        elif isinstance(part, Findings):
+            self.warn(part.sentences)
+        elif isinstance(part, CommandLine):
+            self.say_command(part.head, part.words)
+        else:
+            self.say(part)
 
     def warn(self, findings: Sequence[str]) -> None:
         """Print what the user must look at; of more than three of a kind one sentence."""
@@ -260,25 +243,6 @@ class Console:
                 text = json_text(content).encode("utf-8", "backslashreplace").decode()
                 click.echo(text, nl=False)
 
-    @contextmanager
-    def misread(self) -> Iterator[None]:
-        """Print, where ``--json`` asks for it, why there is no result.
-
-        Of files that were read wrongly also how they are to be read.
-        """
-        from ppmcal.calibration.interpretation import Misread
-        from ppmcal.errors import PpmcalError
-        from ppmcal.io.results.misreading import FORMAT, misreading_entries
-
-        try:
-            yield
-        except PpmcalError as error:
-            entries = misreading_entries(error.found, error.units) if isinstance(
-                error, Misread) else ()
-            self.summary({"format": FORMAT, "exit_code": error.exit_code, "reason": str(error),
-                          "misreadings": [e.entries(whole=True) for e in entries]})
-            raise
-
 
 def _told(text: str) -> str:
     """Return text as standard output can have it; bytes of a file's name stay where they can."""
@@ -310,14 +274,3 @@ def plain_table(headings: Sequence[str], rows: Sequence[Sequence[str]],
     for name, *rest in rows:
         table.add_row(shortened(name, first), *rest)
     return table
-
-
-def finish(out: Path, names: Sequence[str], console: Console) -> None:
-    """Say where the results are."""
-    console.say(f"Written to {out}: {', '.join(names)}")
-
-
-def leave(findings: bool) -> None:
-    """Exit with 1 where the user must look at something."""
-    if findings:
-        raise click.exceptions.Exit(1)

@@ -1,68 +1,44 @@
-"""What the shell completes: kinds of machines and effects, formats, files, parameters.
+"""What the shell completes, as options and arguments say it; files it completes by itself.
 
-Files it completes by itself. Where a machine cannot be read there is nothing to complete.
+Where a machine cannot be read there is nothing to complete.
 """
 
 from __future__ import annotations
 
+import importlib
+import inspect
 from collections.abc import Callable, Iterable
 
 import click
 
-Complete = Callable[[click.Context, click.Parameter, str], list[str]]
 
+def completed(place: str) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    """Return what completes a word with names.
 
-def _from(names: Callable[[click.Context], Iterable[str]]) -> Complete:
+    Args:
+        place: ``module:name`` of the names, or of a function that returns them, of the machine
+            that was named before where it takes one.
+    """
     def complete(context: click.Context, _: click.Parameter, begun: str) -> list[str]:
         from ppmcal.errors import PpmcalError
 
         try:
-            return sorted(n for n in names(context) if n.lower().startswith(begun.lower()))
+            return sorted(n for n in _names(place, context) if n.lower().startswith(begun.lower()))
         except (PpmcalError, OSError):
             return []
 
     return complete
 
 
-def _machines(_: click.Context) -> Iterable[str]:
-    from ppmcal.io.templates import templates
-
-    return templates()
-
-
-def _imports(_: click.Context) -> Iterable[str]:
-    from ppmcal.api.import_ import FORMATS
-
-    return FORMATS
-
-
-def _exports(_: click.Context) -> Iterable[str]:
-    from ppmcal.controllers.export import formats
-
-    return formats()
-
-
-def _schemas(_: click.Context) -> Iterable[str]:
-    from ppmcal.api.schema import RESULTS
-    from ppmcal.io.json_schema import FILES
-
-    return [*FILES, *RESULTS]
-
-
-def _effects(_: click.Context) -> Iterable[str]:
-    from ppmcal.model.effects import effect_kinds
-
-    return effect_kinds()
-
-
-def _parameters(context: click.Context) -> Iterable[str]:
-    from ppmcal.api.inputs import load
-
+def _names(place: str, context: click.Context) -> Iterable[str]:
+    module, _, name = place.partition(":")
+    found = getattr(importlib.import_module(module), name)
+    if not callable(found):
+        return found    # type: ignore[no-any-return]
+    if not inspect.signature(found).parameters:
+        return found()    # type: ignore[no-any-return]
     # an option that waits for its value leaves the words before it as they are
-    words = [context.params.get("mech"), *context.args]
+    own = [p.name or "" for p in context.command.params if isinstance(p, click.Argument)]
+    words = [*map(context.params.get, own[:1]), *context.args]
     machine = next((word for word in words if word), None)
-    return load(machine).names if machine else []
-
-
-machines, imports, exports = _from(_machines), _from(_imports), _from(_exports)
-schemas, effects, parameters = _from(_schemas), _from(_effects), _from(_parameters)
+    return found(machine) if machine else []

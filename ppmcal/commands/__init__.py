@@ -1,9 +1,13 @@
 """What a person can ask of the program: one folder for each command, and nowhere a list of them.
 
 A folder's docstring is the line in the list of commands, its ``ORDER`` the place there. Its module
-``options`` has the :class:`~ppmcal.commands.spec.Command`: what it takes and how it is called; its
-module ``run`` does the work. The command line, the Python face, ``verify``, completion and the docs
-are made of these.
+``options`` has ``COMMAND``, the :class:`~ppmcal.commands.spec.Command`: what it takes and how it is
+called. Its module ``run`` has ``run(asked)``, which does the work, and may have
+``refused(error, asked, folder)``: what is left where there is no result, a
+:class:`~ppmcal.commands.spec.Refusal` or None. The command line, the Python face, ``verify``,
+completion and the docs are made of these.
+
+A folder whose name would be a word of Python ends in an underscore, its command does not.
 """
 
 from __future__ import annotations
@@ -13,30 +17,47 @@ import pkgutil
 from functools import cache
 from types import ModuleType
 
-from ppmcal.commands.spec import Command
+from ppmcal.commands.spec import Command, Face
 
 
 @cache
 def names() -> tuple[str, ...]:
     """Return the names of all commands, in the order of the work."""
-    return tuple(sorted((m.name for m in pkgutil.iter_modules(__path__) if m.ispkg), key=order))
-
-
-def order(name: str) -> int:
-    """Return the place of a command in the list."""
-    return int(_folder(name).ORDER)
+    return tuple(sorted(_folders(), key=lambda name: int(_module(name).ORDER)))
 
 
 def line(name: str) -> str:
     """Return what a command does, in a line."""
-    return (_folder(name).__doc__ or "").strip()
+    return (_module(name).__doc__ or "").strip()
 
 
+@cache
 def command(name: str) -> Command:
     """Return what a command takes."""
-    found: Command = importlib.import_module(f"{__name__}.{name}.options").COMMAND
+    found: Command = _module(name, ".options").COMMAND
     return found
 
 
-def _folder(name: str) -> ModuleType:
-    return importlib.import_module(f"{__name__}.{name}")
+def work(name: str) -> ModuleType:
+    """Return the module that does the work of a command."""
+    return _module(name, ".run")
+
+
+@cache
+def functions() -> dict[str, tuple[str, Face]]:
+    """Return name -> command and face of all functions that commands have in Python."""
+    return {face.name: (one, face) for one in names() for face in command(one).functions}
+
+
+def folder(name: str) -> str:
+    """Return the name of a command's folder."""
+    return _folders()[name]
+
+
+@cache
+def _folders() -> dict[str, str]:
+    return {m.name.rstrip("_"): m.name for m in pkgutil.iter_modules(__path__) if m.ispkg}
+
+
+def _module(name: str, within: str = "") -> ModuleType:
+    return importlib.import_module(f"{__name__}.{folder(name)}{within}")

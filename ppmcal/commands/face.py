@@ -1,17 +1,18 @@
-"""The Python function of a command, from what the command says that it takes."""
+"""The Python functions of a command, from what the command says that it takes."""
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import textwrap
 from collections.abc import Callable, Iterator
 from functools import cache
+from pathlib import Path
 from typing import Any
 
-from ppmcal.api.inputs import recorded
-from ppmcal.commands import command
-from ppmcal.commands.spec import Command, Taken, taken
+from ppmcal.commands import command, folder, functions, names, work
+from ppmcal.commands.recording import as_json, recording, refuse_seed, refuse_words
+from ppmcal.commands.spec import CONSOLE, Arguments, Command, Face, Refusal, Taken, taken
+from ppmcal.errors import PpmcalError
 from ppmcal.wording.progress import heard, silent
 
 WIDTH = 99
@@ -19,48 +20,111 @@ PROGRESS = inspect.Parameter("progress", inspect.Parameter.KEYWORD_ONLY, default
                              annotation="Progress")
 
 
+@heard
+def carry_out(spec: Command, asked: Arguments, *, progress: Any = silent) -> Any:
+    """Do the work of a command, and return its result, which holds the arguments.
+
+    Raises:
+        BadInput, NoResult: as the command says.
+    """
+    run = work(spec.name).run
+    if not spec.recorded:
+        return run(asked)
+    options = {}
+    for one in taken(spec.arguments, CONSOLE):
+        value = getattr(asked, one.name)
+        if one.name == "seed":
+            refuse_seed(value)
+        refuse_words(one.name, one.kind, value)
+        if one.option.recorded:
+            options[one.name] = as_json(value, one.value)
+    with recording(recorded_as(spec), options):
+        return run(asked)
+
+
+def recorded_as(spec: Command) -> str:
+    """Return what a result calls the function that it is from."""
+    return f"{folder(spec.name)}.{spec.function}"
+
+
+def recorded(name: str) -> Command | None:
+    """Return the command that a result was made by, None where there is no such one."""
+    for one in names():
+        if folder(one) == name.partition(".")[0]:
+            spec = command(one)
+            return spec if spec.recorded and recorded_as(spec) == name else None
+    return None
+
+
+def refused(spec: Command, error: PpmcalError, asked: Arguments, out: Path | None
+            ) -> Refusal | None:
+    """Return what a command leaves in its folder where it has no result, None for nothing."""
+    left = getattr(work(spec.name), "refused", None)
+    found: Refusal | None = None if left is None else left(error, asked, out)
+    return found
+
+
 @cache
 def function(name: str) -> Callable[..., Any]:
-    """Return the function of a command: it takes what the command takes, and ``progress``."""
-    spec = command(name)
-    module, _, work = spec.run.partition(":")
+    """Return a function: it takes what the command takes, and ``progress``."""
+    one, face = functions()[name]
+    spec = command(one)
+    names_of = {taken_as: known for known, (taken_as, _) in face.called.items()}
 
     def call(*args: Any, **given: Any) -> Any:
         bound = signature.bind(*args, **given).arguments
-        bound.pop("progress", None)
-        return getattr(importlib.import_module(module), work)(spec.arguments(**bound))
+        progress = bound.pop("progress", silent)
+        asked = spec.arguments(**face.given, **{names_of.get(k, k): v for k, v in bound.items()})
+        return carry_out(spec, asked, progress=progress)
 
-    signature = signature_of(spec)
+    signature = signature_of(spec, face)
     call.__name__ = call.__qualname__ = name
-    call.__module__ = f"ppmcal.commands.{name}"
-    call.__doc__ = document(spec)
+    call.__module__ = f"ppmcal.commands.{folder(one)}"
+    call.__doc__ = document(spec, face)
     call.__signature__ = signature  # type: ignore[attr-defined]
-    return recorded(heard(call)) if spec.recorded else heard(call)
+    return call
 
 
-def signature_of(spec: Command) -> inspect.Signature:
+def result_of(name: str) -> type | None:
+    """Return the class of what a function returns, None where that is plain data."""
+    one, _ = functions()[name]
+    found: type | None = getattr(work(one), command(one).result, None)
+    return found
+
+
+def signature_of(spec: Command, face: Face) -> inspect.Signature:
     """Return the signature: arguments, then options by name, then ``progress``."""
-    return inspect.Signature([*map(_parameter, taken(spec.arguments)), PROGRESS],
-                             return_annotation=spec.result)
+    return inspect.Signature(
+        [*(_parameter(one, face) for one in _taken(spec, face)), PROGRESS],
+        return_annotation=spec.result)
 
 
-def _parameter(one: Taken) -> inspect.Parameter:
-    how = inspect.Parameter
+def _taken(spec: Command, face: Face) -> Iterator[Taken]:
+    for one in taken(spec.arguments, CONSOLE):
+        if one.name not in (*face.given, *face.left_out):
+            yield one
+
+
+def _parameter(one: Taken, face: Face) -> inspect.Parameter:
+    how, name = inspect.Parameter, face.called.get(one.name, (one.name,))[0]
     if one.option.argument and one.kind.startswith("tuple["):
-        return how(one.name, how.VAR_POSITIONAL, annotation=one.base)
-    return how(one.name, how.POSITIONAL_OR_KEYWORD if one.option.argument else how.KEYWORD_ONLY,
+        return how(name, how.VAR_POSITIONAL, annotation=one.base)
+    by_name = not (one.option.argument or one.required)
+    return how(name, how.KEYWORD_ONLY if by_name else how.POSITIONAL_OR_KEYWORD,
                annotation=one.kind, default=how.empty if one.required else one.value)
 
 
-def document(spec: Command) -> str:
-    """Return the docstring of the function."""
-    about = "\n\n".join(map(_filled, spec.help(python=True)))
-    return f"{about}\n\nArgs:\n{''.join(_lines(spec))}\nRaises:\n    {spec.raises}\n"
+def document(spec: Command, face: Face) -> str:
+    """Return the docstring of a function."""
+    about = "\n\n".join(_filled(spec.said(part, python=True)) for part in face.about or spec.about)
+    return (f"{about}\n\nArgs:\n{''.join(_lines(spec, face))}\nRaises:\n"
+            f"{_filled(face.raises or spec.raises, '    ')}\n")
 
 
-def _lines(spec: Command) -> Iterator[str]:
-    for one in taken(spec.arguments):
-        yield _filled(f"{one.name}: {one.option.text}", "    ") + "\n"
+def _lines(spec: Command, face: Face) -> Iterator[str]:
+    for one in _taken(spec, face):
+        name, text = face.called.get(one.name, (one.name, one.option.text))
+        yield _filled(f"{name}: {spec.said(text, python=True)}", "    ") + "\n"
     yield "    progress: called with a line of text now and then.\n"
 
 

@@ -8,15 +8,19 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 Path_ = str | os.PathLike[str]
 Machine = Any
 """A mechanism, the path of its file or of a folder that has one, or what such a file holds."""
+Measurements = Any
+"""Data sets, paths of their files, or a mixture."""
 Table = Any
 """A table: the path of its file, a data frame, or a mapping of columns."""
+CONSOLE, PYTHON = "the command line", "Python"
+"""Where a field may be asked for alone."""
 
 
 @dataclass(frozen=True)
@@ -29,13 +33,23 @@ class Option:
         metavar: what stands for its value there.
         otherwise: what is taken where nothing is given, in words.
         choices: what it may be.
-        least, most: ends of a range of whole numbers, None where it has none.
+        least, most: ends of a range of numbers, None where it has none; ``above``: the least
+            value itself is out.
         shown: whether the command line says the default.
-        complete: what the shell completes it with.
+        complete: ``module:name`` of what the shell completes it with; see
+            :func:`ppmcal.cli.completion.completed`.
         argument: whether it is an argument, and not an option; ``words``: what Python's docs call
             it, where the command line has its metavar.
         folder: whether a path is of a folder.
         common: whether other commands have it too, so that it stands behind those of its own.
+        only: :data:`CONSOLE` or :data:`PYTHON`, where it is asked for there alone.
+        kind: of one value on the command line, where the annotation is wider; ``several``: whether
+            it may be given several times there, where the annotation does not say it.
+        typed: default on the command line, where it is another one.
+        reads: makes the value of the words of the command line; ValueError: what is wrong.
+        prints: yields lines that are all that the command prints where this option is given, as
+            ``module:function`` of the command's folder.
+        recorded: whether it decides what is found, and not how long it takes or what is replaced.
     """
 
     help: str
@@ -43,14 +57,22 @@ class Option:
     metavar: str = ""
     otherwise: str = ""
     choices: tuple[str, ...] = ()
-    least: int | None = None
-    most: int | None = None
+    least: float | None = None
+    most: float | None = None
+    above: bool = False
     shown: bool = False
     complete: str = ""
     argument: bool = False
     words: str = ""
     folder: bool = False
     common: bool = False
+    only: str = ""
+    kind: str = ""
+    several: bool | None = None
+    typed: Any = None
+    reads: Callable[[Sequence[str]], Any] | None = None
+    prints: str = ""
+    recorded: bool = True
 
     @property
     def text(self) -> str:
@@ -63,9 +85,15 @@ def option(default: Any, help: str, *flags: str, **more: Any) -> Any:
     return field(default=default, metadata={"option": Option(help, flags, **more)})
 
 
-def argument(metavar: str, help: str, **more: Any) -> Any:
+def needed(help: str, *flags: str, **more: Any) -> Any:
+    """Return a field that has to be given, as an option of the command line."""
+    return field(metadata={"option": Option(help, flags, **more)})
+
+
+def argument(metavar: str, help: str, default: Any = dataclasses.MISSING, **more: Any) -> Any:
     """Return a field that is an argument of the command."""
-    return field(metadata={"option": Option(help, metavar=metavar, argument=True, **more)})
+    return field(default=default,
+                 metadata={"option": Option(help, metavar=metavar, argument=True, **more)})
 
 
 def mechanism() -> Any:
@@ -73,24 +101,67 @@ def mechanism() -> Any:
     return argument("MECH", "The machine, or its file.", words="a machine")
 
 
-def seed() -> Any:
+def measurements(default: Any = dataclasses.MISSING) -> Any:
+    """Return the argument ``data``."""
+    required = default is dataclasses.MISSING
+    return argument("DATA..." if required else "[DATA]...",
+                    "Data sets, or paths of measurement files.", default, words="``data``",
+                    several=True)
+
+
+PARAMETERS = "ppmcal.commands.inputs:parameters_of"
+EFFECTS = "ppmcal.model.effects:effect_kinds"
+"""What names of parameters and of effects are completed with."""
+
+
+def seed(default: int | None = 0) -> Any:
     """Return the field ``seed``."""
-    return option(0, "Seed of everything drawn at random.", least=0, common=True)
+    return option(default, "Seed of everything drawn at random.", least=0, common=True)
 
 
 def cores() -> Any:
     """Return the field ``cores`` of work that processes share."""
-    return option(None, "Processes to run in", otherwise="all processors", least=1, common=True)
+    return option(None, "Processes to run in", otherwise="all processors", least=1, common=True,
+                  recorded=False)
 
 
 def scheduler() -> Any:
     """Return the field ``scheduler`` of work that processes share."""
     return option(None, "Run on the cluster of this dask scheduler, such as tcp://10.0.0.5:8786.",
-                  "--scheduler", "--dask", metavar="ADDRESS", common=True)
+                  "--scheduler", "--dask", metavar="ADDRESS", common=True, recorded=False)
+
+
+def regardless(lifted: str) -> Any:
+    """Return the field ``regardless``, which lifts the refusals ``lifted`` and no other."""
+    return option(False, f"Lift the refusal of {lifted}, and no other; ends with exit code 1 where "
+                  "there was one.")
+
+
+def leave_out() -> Any:
+    """Return the field ``leave_out``, which goes with :func:`two_holdouts`."""
+    return option("", "Predict each session (label of a column `session`, or files of one "
+                  "campaign) by the others, in place of held-out poses.", choices=("session",))
+
+
+def two_holdouts(chosen: str, typed: Collection[str]) -> str:
+    """Return why --holdout does not go beside --leave-out, which takes its place."""
+    return ("--leave-out session takes the place of --holdout: give one."
+            if chosen and "holdout" in typed else "")
 
 
 class Arguments:
     """What a command takes: its subclasses are frozen dataclasses of these fields."""
+
+    def misuse(self, typed: Collection[str]) -> str:
+        """Return why options do not go together, of which ``typed`` were given; empty if they do.
+
+        Of the command line alone, which knows what was given and what is a default.
+        """
+        return ""
+
+    def completed(self) -> Self:
+        """Return the arguments of a command line with what follows from them for others."""
+        return self
 
 
 @dataclass(frozen=True)
@@ -110,20 +181,45 @@ class Taken:
     @property
     def several(self) -> bool:
         """Whether it may be given several times."""
-        return self.kind.startswith(("Sequence[", "tuple["))
+        if self.option.several is not None:
+            return self.option.several
+        return self.value == () or self.kind.startswith(("Sequence[", "tuple["))
 
     @property
     def base(self) -> str:
         """The kind of one value of it on the command line."""
-        inner = re.sub(r"^(?:Sequence|tuple)\[(.*?)(?:, \.\.\.)?\]$", r"\1",
-                       self.kind.removesuffix(" | None"))
-        return inner.partition(" | ")[0]
+        if self.option.kind:
+            return self.option.kind
+        inner = re.match(r"(?:Sequence|tuple)\[(\w+)", self.kind)
+        return inner[1] if inner else self.kind.partition(" | ")[0]
 
 
-def taken(arguments: type[Arguments]) -> Iterator[Taken]:
-    """Yield the fields of a class of arguments."""
+def taken(arguments: type[Arguments], without: str = "") -> Iterator[Taken]:
+    """Yield the fields of a class of arguments, but for those of ``without`` alone."""
     for f in dataclasses.fields(arguments):  # type: ignore[arg-type]
-        yield Taken(f.name, str(f.type), f.default, f.metadata["option"])
+        if not without or f.metadata["option"].only != without:
+            yield Taken(f.name, str(f.type), f.default, f.metadata["option"])
+
+
+@dataclass(frozen=True)
+class Face:
+    """A Python function: the command, or the command with some arguments given.
+
+    Attributes:
+        name: of the function.
+        about: the paragraphs of its docstring, where they are not those of the command.
+        given: arguments that it does not take, and their values.
+        called: argument -> name and docs of it in this function, where they are others.
+        left_out: options that it does not take.
+        raises: where it is not as of the command.
+    """
+
+    name: str
+    about: tuple[str, ...] = ()
+    given: Mapping[str, Any] = field(default_factory=dict)
+    called: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
+    raises: str = ""
 
 
 @dataclass(frozen=True)
@@ -131,14 +227,20 @@ class Command:
     """A command: its arguments, how its help tells it, and where its work is done.
 
     Attributes:
-        name: on the command line, and of the Python function.
+        name: on the command line.
         arguments: the class of what it takes.
         about: the paragraphs of its help; ``{mechanism}`` stands for that argument.
         examples: lines to copy, which the tests run.
-        result: the class of what it returns, in its module ``run``.
+        result: the class of what it returns, in its module ``run``; empty where no function of
+            Python is the command.
+        python: the name of that function, where it is another one; it is recorded.
+        faces: Python functions that it has  [default: the one].
         raises: of the Python function.
         out: the folder that results go to by default, empty where it writes none; ``replace``: the
             option to write where other files are.
+        files: whether it writes single files among the user's own, as its arguments say.
+        data: whether it prints what it returns as JSON, and nothing else.
+        script: whether it runs other commands, one after the other.
         recorded: whether results hold the arguments, so that ``verify`` can make them again.
         shares: of the time that each stage takes: CPU seconds of a run that is long enough to show
             a time left; only their proportions count.
@@ -148,24 +250,86 @@ class Command:
     arguments: type[Arguments]
     about: tuple[str, ...]
     examples: tuple[str, ...]
-    result: str
+    result: str = ""
+    python: str = ""
+    faces: tuple[Face, ...] = ()
     raises: str = "BadInput: anything wrong in the files or options."
     out: str = ""
     replace: str = "--force"
+    files: bool = False
+    data: bool = False
+    script: bool = False
     recorded: bool = True
     shares: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def run(self) -> str:
-        """``module:function`` that takes the arguments and returns the result."""
-        return f"ppmcal.commands.{self.name}.run:run"
+    def function(self) -> str:
+        """The name of its function, which is recorded."""
+        return self.python or self.name
 
-    def help(self, python: bool = False) -> list[str]:
-        """Return the paragraphs of its help with the arguments' names, in Python in words."""
-        called = {one.name: _words(one.option, python) for one in taken(self.arguments)
-                  if one.option.argument}
-        return [part.format(**called) for part in self.about]
+    @property
+    def functions(self) -> tuple[Face, ...]:
+        """The functions of the Python face."""
+        return self.faces or ((Face(self.function),) if self.result else ())
+
+    def said(self, text: str, python: bool = False) -> str:
+        """Return a text of the help with the arguments' names, in Python in words.
+
+        Options are called as they are asked for.
+        """
+        every = list(taken(self.arguments))
+        for one in every if python else ():
+            for flag in flags(one):
+                text = re.sub(rf"(?<![\w-]){flag}(?![\w-])", f"``{one.name}``", text)
+        for one in every:
+            if one.option.argument:
+                text = text.replace(f"{{{one.name}}}", _words(one.option, python))
+        return text
+
+
+def flags(one: Taken) -> tuple[str, ...]:
+    """Return what an option is called on the command line."""
+    own = one.option.flags or ("--" + one.name.replace("_", "-"),)
+    return tuple(word for flag in own for word in flag.split("/"))
 
 
 def _words(how: Option, python: bool) -> str:
-    return how.words if python and how.words else how.metavar.removesuffix("...")
+    return how.words if python and how.words else how.metavar.strip("[].")
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """What a command leaves where it has no result.
+
+    Attributes:
+        summary: what ``--json`` prints, None for nothing.
+        written: names of files in its folder.
+        told: what it says besides.
+    """
+
+    summary: Mapping[str, Any] | None = None
+    written: tuple[str, ...] = ()
+    told: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Step:
+    """A command line that a script runs, and what it answers."""
+
+    question: str
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Script:
+    """Command lines that are run one after the other.
+
+    Attributes:
+        steps: in their order.
+        end: said at the end.
+        summary: what ``--json`` prints, besides the exit codes.
+    """
+
+    steps: tuple[Step, ...]
+    end: str
+    summary: Mapping[str, Any]

@@ -15,8 +15,9 @@ from helpers.commands import EXECUTABLE, ppmcal, tree
 from helpers.fleets import DESIGN, write_fleet
 
 import ppmcal as face
-from ppmcal.api import campaign as campaign_module
-from ppmcal.api.campaign import KEPT
+from ppmcal.commands.batch import campaign as campaign_module
+from ppmcal.commands.batch.campaign import KEPT
+from ppmcal.commands.face import carry_out
 from ppmcal.io.batch_manifest import CampaignJob
 from ppmcal.io.folder_record import RECORD, digest_of
 from ppmcal.io.journal import NEW, write_journal
@@ -156,7 +157,7 @@ def test_three_workers_of_a_cluster_give_the_same_bytes(fleet, alone, tmp_path):
 
 def _campaigns_run():
     """Return whether this worker has run campaigns."""
-    return int("ppmcal.api.campaign" in sys.modules)
+    return int("ppmcal.commands.batch.campaign" in sys.modules)
 
 
 @pytest.mark.slow
@@ -238,13 +239,13 @@ def test_a_measurement_that_comes_while_its_campaign_runs_is_new(tmp_path, monke
     out, data = tmp_path / "out", tmp_path / "runs/m00/2026-03-12/measurements.csv"
     was = digest_of(data)
 
-    def slow(model, files, **options):
-        found = face.identify(model, files, **options)
-        if "2026-03-12" in files[0] and digest_of(data) == was:
+    def slow(spec, asked):
+        found = carry_out(spec, asked)
+        if "2026-03-12" in asked.data[0] and digest_of(data) == was:
             data.write_text("".join(data.read_text().splitlines(keepends=True)[:-1]))
         return found
 
-    monkeypatch.setattr(campaign_module, "identify", slow)
+    monkeypatch.setattr(campaign_module, "carry_out", slow)
     found = face.batch(manifest, out, cores=1)
     name = str(data.relative_to(tmp_path))
     kept = (out / KEPT / second).with_suffix(".json")
@@ -312,12 +313,12 @@ def test_what_a_run_could_not_take_away_is_swept(tmp_path):
 def test_a_fault_of_the_program_ends_one_campaign_alone(tmp_path, monkeypatch):
     manifest, (first, second) = small(tmp_path)
 
-    def breaks(model, data, **options):
-        if "2026-01-10" in data[0]:
+    def breaks(spec, asked):
+        if "2026-01-10" in asked.data[0]:
             raise ZeroDivisionError("by chance")
-        return face.identify(model, data, **options)
+        return carry_out(spec, asked)
 
-    monkeypatch.setattr(campaign_module, "identify", breaks)
+    monkeypatch.setattr(campaign_module, "carry_out", breaks)
     found = face.batch(manifest, tmp_path / "out", cores=1)
     ends = {r.campaign: r for r in found.records}
     assert ends[first].exit_code == 3

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import ppmcal
-from ppmcal.api import compensate as compensate_command
-from ppmcal.api import export as export_command
-from ppmcal.api import kinematics as kinematics_command
-from ppmcal.api import tolerances as tolerances_command
 from ppmcal.calibration.fit.secondary_analyses import NOTE
 from ppmcal.calibration.sessions import change_detection, day_noise
 from ppmcal.calibration.validation import frozen_models
+from ppmcal.commands.compensate import run as compensate_command
+from ppmcal.commands.export import run as export_command
+from ppmcal.commands.kinematics import run as kinematics_command
+from ppmcal.commands.tolerances import run as tolerances_command
 from ppmcal.design.plan import plan as planning
 from ppmcal.diagnosis.plot_data import PlotData, SelectionStep
 from ppmcal.errors import LinearAlgebraError

@@ -1,14 +1,15 @@
 """What only callers from Python meet: seeds, masks, paths, threads, stubs."""
 
-import ast
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from generators import stub
 
 import ppmcal
-from ppmcal.api.result import Result
+from ppmcal.commands import functions
+from ppmcal.commands.result import Result
 from ppmcal.io.environment import _function, _libraries, environment
 
 BENCH = ppmcal.shipped("3-RPR")
@@ -124,9 +125,12 @@ def test_a_number_with_a_unit_is_refused(call):
             call(given)
 
 
-def test_type_checkers_see_every_name():
-    home = Path(ppmcal.__file__).parent
-    assert (home / "py.typed").is_file()
-    told = {a.asname for node in ast.parse((home / "__init__.pyi").read_text()).body
-            if isinstance(node, ast.ImportFrom) for a in node.names}
-    assert told == set(ppmcal.__all__)
+def test_type_checkers_see_what_there_is():
+    assert (Path(ppmcal.__file__).parent / "py.typed").is_file()
+    assert stub.TARGET.read_text(encoding="utf-8") == stub.stub(), (
+        "in docs: python -m generators.stub")
+
+
+def test_the_names_are_those_of_the_commands():
+    assert sorted(ppmcal.__all__) == list(ppmcal.__all__) == sorted(
+        [*ppmcal._HOME, *functions()])

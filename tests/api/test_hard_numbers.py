@@ -19,7 +19,7 @@ from helpers.other_words import IN_LENGTHS
 from helpers.paths import ROOT
 
 import ppmcal as face
-from ppmcal.api.batch import batch
+from ppmcal import batch
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose

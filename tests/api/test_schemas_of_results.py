@@ -6,7 +6,8 @@ import pkgutil
 from importlib import import_module
 
 import ppmcal.io.results as results
-from ppmcal.api.schema import RESULTS, schema
+from ppmcal import schema
+from ppmcal.commands.schema.run import RESULTS
 from ppmcal.io.results.record import Record
 
 

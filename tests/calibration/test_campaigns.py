@@ -10,8 +10,7 @@ import pytest
 from helpers.sessions import BOX, POSITION, machine
 from numpy.typing import NDArray
 
-from ppmcal.api.check import check
-from ppmcal.api.diagnose import diagnose
+from ppmcal import check, diagnose
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.homing_shift import homing_shifts
 from ppmcal.calibration.fit.problem import Problem

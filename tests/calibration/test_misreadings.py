@@ -26,9 +26,8 @@ from helpers.mistakes import (
 from scipy.spatial.transform import Rotation
 from wild import catalogue
 
-from ppmcal.api.identify import identify as api_identify
-from ppmcal.api.inputs import load, prepared, read_data, shipped
-from ppmcal.api.simulate import simulate
+from ppmcal import identify as api_identify
+from ppmcal import simulate
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
@@ -45,6 +44,7 @@ from ppmcal.calibration.interpretation.read_rightly import (
 from ppmcal.calibration.interpretation.readings import FileReading
 from ppmcal.calibration.interpretation.wrong_rows import wrong_parts, wrong_rows
 from ppmcal.calibration.validation.residual_vectors import held_out, residuals
+from ppmcal.commands.inputs import load, prepared, read_data, shipped
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.errors import BadInput
 from ppmcal.io.results.misreading import misreading_entries

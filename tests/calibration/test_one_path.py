@@ -12,10 +12,9 @@ import pytest
 import yaml
 
 import ppmcal
-from ppmcal.api.check import check
-from ppmcal.api.identify import identify
-from ppmcal.api.inputs import load, shipped
+from ppmcal import check, identify
 from ppmcal.calibration.interpretation.misread import Misread
+from ppmcal.commands.inputs import load, shipped
 from ppmcal.kinematics.pose_readings import written
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism

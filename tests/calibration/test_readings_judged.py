@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from scipy.special import chdtri
 from wild import catalogue
 
-from ppmcal.api.inputs import prepared
 from ppmcal.calibration.fit import Problem
 from ppmcal.calibration.interpretation.candidates import joint_readings, pose_readings
 from ppmcal.calibration.interpretation.limits import TELLING
@@ -23,6 +22,7 @@ from ppmcal.calibration.interpretation.readings import FileReading
 from ppmcal.calibration.interpretation.score import Score, all_rows, first_order_scores, score
 from ppmcal.calibration.interpretation.search import Way
 from ppmcal.calibration.interpretation.wrong_rows import _best_stretch
+from ppmcal.commands.inputs import prepared
 from ppmcal.io.results.misreading import misreading_entries
 from ppmcal.model.dataset import Dataset
 from ppmcal.units import SI

@@ -12,7 +12,6 @@ import yaml
 
 import ppmcal
 from ppmcal import algebra as cga
-from ppmcal.api.inputs import load, shipped
 from ppmcal.calibration.fit.fit_result import Fit
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
@@ -23,6 +22,7 @@ from ppmcal.calibration.fit.registration_freedoms import (
     registration_hints,
     surely,
 )
+from ppmcal.commands.inputs import load, shipped
 from ppmcal.inference.priors import MOVED
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset

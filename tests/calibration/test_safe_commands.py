@@ -12,9 +12,9 @@ from helpers.paths import ROOT
 from numpy.typing import NDArray
 
 import ppmcal
-from ppmcal.api.compensate import _refuse_worse
 from ppmcal.calibration.compensation.commands import Compensation, compensate
 from ppmcal.calibration.compensation.safe_commands import _followed, unsafe_ways, worse_rows
+from ppmcal.commands.compensate.run import _refuse_worse
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.closure import Model

@@ -12,16 +12,16 @@ from helpers.campaigns_in_files import run
 from helpers.paths import ROOT
 
 import ppmcal
-from ppmcal.api import compare as compare_command
-from ppmcal.api import diagnose as diagnose_command
-from ppmcal.api import identify as identify_command
-from ppmcal.api import validate as validate_command
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.fit.secondary_analyses import NOTE, secondary
 from ppmcal.calibration.sessions import change_detection, day_noise
 from ppmcal.calibration.validation import frozen_models, summary
+from ppmcal.commands.compare import run as compare_command
+from ppmcal.commands.diagnose import run as diagnose_command
+from ppmcal.commands.identify import run as identify_command
+from ppmcal.commands.validate import run as validate_command
 from ppmcal.diagnosis import diagnose as diagnosis
 from ppmcal.diagnosis import naming
 from ppmcal.errors import BadInput, LinearAlgebraError

@@ -9,11 +9,11 @@ import numpy as np
 import yaml
 
 import ppmcal
-from ppmcal.api.inputs import load, shipped
 from ppmcal.calibration.fit.fit_result import Fit
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.fit.unsolved_rows import NO_POSE, with_unsolved
+from ppmcal.commands.inputs import load, shipped
 from ppmcal.linalg import Bools
 from ppmcal.model.dataset import Dataset
 

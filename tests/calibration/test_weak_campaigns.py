@@ -12,10 +12,10 @@ import pytest
 import yaml
 
 import ppmcal
-from ppmcal.api.identification_result import IdentificationResult
-from ppmcal.api.inputs import load, read_data, shipped
 from ppmcal.calibration.fit.campaign import HALF, grouped
 from ppmcal.calibration.fit.fit_result import posterior
+from ppmcal.commands.identify.result import IdentificationResult
+from ppmcal.commands.inputs import load, read_data, shipped
 from ppmcal.model.dataset import Dataset
 
 

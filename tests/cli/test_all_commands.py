@@ -12,9 +12,9 @@ import click
 import pytest
 import yaml
 from helpers.commands import columns, number, pick, ppmcal, ppmcal_process, rows, tree, write_csv
-from helpers.paths import ROOT
 
-from ppmcal.cli import COMMANDS, cli
+from ppmcal.cli import cli
+from ppmcal.commands import command, names
 from ppmcal.io.folder_record import RECORD
 
 MACHINES = {"planar": "3-RPR", "translational": "delta-linear", "spatial": "6-UPS"}
@@ -92,15 +92,15 @@ def actuators(path):
 # ---------------------------------------------------------------- help and start
 
 
-@pytest.mark.parametrize("name", list(COMMANDS))
+@pytest.mark.parametrize("name", names())
 def test_every_command_and_option_has_help(name):
-    command = cli.get_command(click.Context(cli), name)
-    assert command.help
-    for option in command.params:
+    shown, spec = cli.get_command(click.Context(cli), name), command(name)
+    assert shown.help
+    for option in shown.params:
         if isinstance(option, click.Option):
             assert option.help, option.name
-    names = {word for option in command.params for word in option.opts}
-    assert {"--quiet", "--json"} <= names or name == "schema"    # JSON is all that it prints
+    names = {word for option in shown.params for word in option.opts}
+    assert {"--quiet", "--json"} <= names or spec.data    # JSON is all that it prints
     assert ("--out" in names) == bool({"--force", "--overwrite"} & names)
     shown = ppmcal(name, "--help", expect=0).out
     assert max(map(len, shown.splitlines())) <= 80
@@ -108,7 +108,7 @@ def test_every_command_and_option_has_help(name):
 
 def test_main_help_names_every_command():
     shown = ppmcal("--help", expect=0).out
-    assert all(name in shown for name in COMMANDS)
+    assert all(name in shown for name in names())
 
 
 @pytest.mark.parametrize("args", [["--help"], ["--version"], ["identify", "--help"]])
@@ -123,8 +123,7 @@ def test_help_imports_no_heavy_library(args):
 
 def test_no_command_loads_the_statistics_of_scipy():
     """They take as long to load as the rest; scipy.special has what is needed."""
-    modules = [f"ppmcal.api.{p.stem}" for p in (ROOT / "ppmcal" / "api").glob("*.py")]
-    code = (f"import importlib, sys\nfor name in {modules}: importlib.import_module(name)\n"
+    code = ("import sys\nfrom ppmcal.commands import names, work\nfor name in names(): work(name)\n"
             "print('scipy.stats' in sys.modules)")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60,
                           check=False)

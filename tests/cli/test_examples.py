@@ -10,17 +10,17 @@ import pytest
 from helpers.desk import examples_of, run
 from helpers.shared import shared_desk
 
-from ppmcal.cli import COMMANDS
+from ppmcal.commands import command, names
 
 SLOW = {"tolerances", "workspace", "batch", "plan", "diagnose", "stiffness"}
 """Commands whose examples take more than some seconds."""
 
 
-HERE = [(name, line) for name in COMMANDS for line in examples_of(name) if name != "demo"]
+HERE = [(name, line) for name in names() for line in examples_of(name) if not command(name).script]
 """The demo runs where its results are verified, in `api/test_verify.py`."""
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", names())
 def test_every_command_has_an_example(name: str) -> None:
     lines = examples_of(name)
     assert lines

@@ -16,19 +16,19 @@ import pytest
 from helpers.commands import ppmcal, ppmcal_process
 from helpers.terminal import CLEAR, Terminal
 
-from ppmcal.cli import COMMANDS
 from ppmcal.cli.display import duration, shortened
-from ppmcal.cli.shares import INNER, SHARES
+from ppmcal.cli.shares import INNER
+from ppmcal.commands import command, names
+from ppmcal.commands.spec import PYTHON, flags, taken
 
 pytest.importorskip("pty")
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 WORK = """
 import time
-from ppmcal import api
 from ppmcal.cli import main
 from ppmcal.wording.progress import stage
-import ppmcal.api.simulate as face
+from ppmcal.commands.simulate import run as work
 
 def slow(*_, **__):
     with stage("simulating", 12, "poses") as work:
@@ -38,7 +38,7 @@ def slow(*_, **__):
     from ppmcal.errors import NoResult
     raise NoResult("that was it")
 
-face.simulate = slow
+work.run = slow
 main()
 """
 
@@ -104,11 +104,12 @@ def test_all_shares_are_of_stages_that_there_are() -> None:
     """A stage that is called otherwise would have no time left."""
     root = Path(__file__).resolve().parents[2] / "ppmcal"
     code = "\n".join(p.read_text(encoding="utf-8") for p in root.rglob("*.py")
-                     if p.name != "shares.py")
-    known = set(re.findall(r"(?:begin|stage)\(\s*\"([^\"]+)\"", code)) | set(COMMANDS)
-    named = {name for shares in (*SHARES.values(), *INNER.values()) for name in shares}
+                     if p.name not in ("shares.py", "options.py"))
+    known = set(re.findall(r"(?:begin|stage)\(\s*\"([^\"]+)\"", code)) | set(names())
+    of_commands = [command(name).shares for name in names()]
+    named = {name for shares in (*of_commands, *INNER.values()) for name in shares}
     assert named <= known, named - known
-    assert set(INNER) <= known and set(SHARES) <= set(COMMANDS)
+    assert set(INNER) <= known
 
 
 @pytest.mark.parametrize(("seconds", "words"), [
@@ -152,18 +153,19 @@ def test_standard_output_stays_json(desk: Path) -> None:
     assert "hexapod.yaml: spatial" in run.err
 
 
-@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "schema"])
+@pytest.mark.parametrize("name", [name for name in names() if not command(name).data])
 def test_quiet_and_verbose_together_are_refused(name: str, tmp_path: Path) -> None:
-    words = {"init": [], "demo": [], "kinematics": ["inverse", "a", "b"], "export": ["x", "a"],
-             "import": ["x", "a"], "read": ["a", "--mechanism", "b"]}.get(name, ["a", "b"])
-    if name in ("plan", "sensitivity", "tolerances", "stiffness", "workspace", "batch"):
-        words = ["a"]
+    words = []
+    for one in taken(command(name).arguments, PYTHON):
+        if one.required:
+            words += [] if one.option.argument else [flags(one)[0]]
+            words.append(one.option.choices[0] if one.option.choices else "a")
     run = ppmcal(name, *words, "-q", "-v", cwd=tmp_path, expect=2)
     assert "say the opposite" in run.err and not run.out
 
 
 def test_verbose_is_everywhere() -> None:
-    for name in COMMANDS:
+    for name in names():
         assert "--verbose" in ppmcal(name, "--help", expect=0).out, name
 
 

@@ -13,7 +13,8 @@ from helpers.commands import ppmcal, rows
 from helpers.paths import ROOT
 
 from ppmcal.calibration.interpretation.misread import Misread, Misreading, Mistake
-from ppmcal.cli import COMMANDS, cli
+from ppmcal.cli import cli
+from ppmcal.commands import names
 from ppmcal.units import SI
 
 SCENARIO = """
@@ -43,7 +44,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", list(COMMANDS))
+@pytest.mark.parametrize("name", names())
 def test_no_mark_of_the_help_is_printed(name: str) -> None:
     """A raw docstring shows click's sign for lines that are to stay as they are."""
     command = cli.get_command(click.Context(cli), name)

@@ -15,7 +15,7 @@ from helpers.paths import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ppmcal.api.import_ import import_config
+from ppmcal import import_config
 from ppmcal.controllers.klipper import drive_of, reached
 from ppmcal.controllers.klipper_config import (
     DeltaGeometry,

@@ -17,7 +17,7 @@ from controllers.test_klipper import OLD, TRUE, apart, printer_cfg
 from helpers.commands import ppmcal
 from helpers.paths import ROOT
 
-from ppmcal.api.import_ import import_config
+from ppmcal import import_config
 from ppmcal.controllers.klipper_config import DeltaGeometry
 
 START = """

@@ -15,7 +15,7 @@ import yaml
 from helpers.commands import ppmcal, rows
 from helpers.paths import ROOT
 
-from ppmcal.api.import_ import import_config
+from ppmcal import import_config
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.noise_estimate import with_estimated_noise

@@ -80,7 +80,7 @@ def test_joint_tables_end_a_little_beyond_the_measured_joints() -> None:
 @pytest.mark.slow
 def test_numbers_that_are_worse_than_the_old_ones_are_refused(tmp_path, monkeypatch) -> None:
     """What the format cannot hold costs more than what it mends."""
-    from ppmcal.api import export as face
+    from ppmcal.commands.export import run as work
     from ppmcal.controllers.export import exporter
 
     class Worse:
@@ -88,7 +88,7 @@ def test_numbers_that_are_worse_than_the_old_ones_are_refused(tmp_path, monkeypa
             made = exporter("grid").export(mechanism, old, poses)
             return replace(made, before=made.after, after=made.before)
 
-    monkeypatch.setattr(face, "exporter", lambda name: Worse())
+    monkeypatch.setattr(work, "exporter", lambda name: Worse())
     with pytest.raises(NoResult, match=r"worse than the old ones.*--regardless"):
         ppmcal.export("grid", machine("3-RPR"))
     forced = ppmcal.export("grid", machine("3-RPR"), regardless=True)

@@ -13,7 +13,7 @@ import yaml
 from helpers.commands import number, ppmcal, rows, write_csv
 from helpers.diagnoses import effect, simulate
 
-from ppmcal.api.inputs import load, shipped
+from ppmcal.commands.inputs import load, shipped
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, EventRow
 from ppmcal.io.results.diagnosis_wording import onset
 from ppmcal.kinematics.closure import Model

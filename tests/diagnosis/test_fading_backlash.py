@@ -9,7 +9,7 @@ import pytest
 from controllers.test_printer_import import MEANT, REAL, config, down, written
 from helpers.commands import ppmcal
 
-from ppmcal.api.import_ import import_config
+from ppmcal import import_config
 from ppmcal.controllers.printer_files import files
 
 BACKLASH = 0.034

@@ -10,7 +10,7 @@ import pytest
 from controllers.test_printer_import import MEANT, REAL, config, down, written
 from helpers.commands import ppmcal
 
-from ppmcal.api.import_ import import_config
+from ppmcal import import_config
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem

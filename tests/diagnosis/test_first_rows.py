@@ -13,10 +13,10 @@ from helpers.machines import Array
 from helpers.paths import ROOT
 
 import ppmcal
-from ppmcal.api.inputs import prepared
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.commands.inputs import prepared
 from ppmcal.diagnosis.explanation import explained
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.io import read_mechanism

@@ -21,8 +21,7 @@ from helpers.report_files import html_of
 
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.validation.left_out_rows import LeftOut
-from ppmcal.cli.common import Console
-from ppmcal.cli.diagnose import _effects, describe
+from ppmcal.commands.diagnose.told import effects, told
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.findings import advice, findings
 from ppmcal.diagnosis.held_out_gap import Gap
@@ -185,11 +184,9 @@ def test_a_record_of_another_kind_is_refused(tmp_path: Path, record: Record, pla
 
 
 @pytest.mark.slow
-def test_the_same_sentences_on_the_console_and_in_the_report(
-        capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_same_sentences_on_the_console_and_in_the_report() -> None:
     found = case("each")
-    describe(found.result, found.whole, Console(False, False))
-    said = " ".join(capsys.readouterr().out.split())
+    said = " ".join(told(found.result, found.whole))
     section = diagnosis_section(Diagnosed("d", found.whole, None))
     page = " ".join(unescape(html_of(section)).split())
     step = wording.next_step(found.whole)
@@ -229,7 +226,7 @@ def test_people_are_told_which_of_two_kinds_of_one_name(capsys: pytest.CaptureFi
     assert (effect.kind, effect.label) == ("base_compliance", "base_compliance about base")
     record = DiagnosisRecord(verdict="named", effects=(effect,), possible=(suspected,))
     page = " ".join(unescape(html_of(diagnosis_section(Diagnosed("d", record, None)))).split())
-    for said in (wording.headline(record), _effects(record)[0], page):
+    for said in (wording.headline(record), effects(record)[0], page):
         assert "base_compliance about base" in said
     older = effect.changed(label="")
     assert wording.effect_name(record, older) == "base_compliance"
@@ -297,10 +294,9 @@ def test_uncertainty_of_amplitude_and_phase() -> None:
 
 
 @pytest.mark.slow
-def test_amplitude_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_amplitude_is_told() -> None:
     """On the console, and in the report's table."""
-    describe(wavy().result, wavy().whole, Console(False, False))
-    said = " ".join(capsys.readouterr().out.split())
+    said = " ".join(told(wavy().result, wavy().whole))
     figures = wavy().record["effects"][0]["derived"]
     assert f"amplitude {number(figures['amplitude']['value'])} +-" in said
     assert f"phase {number(figures['phase_mid_stroke']['value'])} +-" in said

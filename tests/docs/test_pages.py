@@ -17,7 +17,8 @@ from helpers.desk import examples_of
 from helpers.paths import ROOT
 from helpers.shared import shared_desk
 
-from ppmcal.cli import COMMANDS, cli
+from ppmcal.cli import cli
+from ppmcal.commands import command, names
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 ELSEWHERE = {"--scheduler": "needs a cluster"}
@@ -42,7 +43,7 @@ def shown():
     found = [(path, page.startswith(WHOLE), unit) for path in PAGES
              for page in (path.read_text(encoding="utf-8"),) for unit in units(page)]
     times = Counter(key for _, _, unit in found for key in keys(unit))
-    times.update((line, Step(0).codes) for name in set(COMMANDS) - {"demo"}
+    times.update((line, Step(0).codes) for name in (n for n in names() if not command(n).script)
                  for line in examples_of(name))
     for path, whole, unit in found:
         own = Counter(keys(unit))

@@ -14,7 +14,8 @@ from helpers.paths import ROOT
 from jsonschema import Draft202012Validator
 
 import ppmcal
-from ppmcal.cli import COMMANDS, cli
+from ppmcal.cli import cli
+from ppmcal.commands import names
 from ppmcal.io.json_schema import FILES, file_schema
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.limbs import kinds as limb_kinds
@@ -73,7 +74,7 @@ def test_the_example_of_a_mechanism_is_one():
 
 def test_every_command_has_its_section_with_help_options_and_examples():
     page = commands.command_page()
-    for name in COMMANDS:
+    for name in names():
         section = re.search(rf"^## {name}$(.*?)(?=^## )", page, re.M | re.S)[1]
         command = cli.get_command(click.Context(cli), name)
         assert f"\nppmcal {name}" in section.partition("Examples:")[2], name

@@ -9,10 +9,10 @@ import yaml
 from numpy.typing import NDArray
 
 from helpers.instruments import data_of
-from ppmcal.api.inputs import shipped
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.commands.inputs import shipped
 from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import inverse

@@ -12,7 +12,8 @@ import pytest
 import yaml
 from helpers.paths import ROOT
 
-from ppmcal.api.tolerances import TolerancesJob, solve
+from ppmcal.commands.tolerances.options import TolerancesArguments
+from ppmcal.commands.tolerances.run import solve
 from ppmcal.controllers.export import exporter, record_of
 from ppmcal.design.assembly_modes import assembly_modes
 from ppmcal.design.plan.plan import PlanOptions, plan
@@ -60,22 +61,9 @@ def sensitivity(_: Path) -> SensitivityRecord:
 
 def tolerances(_: Path) -> TolerancesRecord:
     m = machine()
-    job = TolerancesJob(
-        accuracy=0.5,
-        rotation=None,
-        share=0.9,
-        method="cost",
-        poses=None,
-        instrument=None,
-        measure=10,
-        machines=20,
-        metric=None,
-        tool=None,
-        cores=1,
-        scheduler=None,
-        seed=3,
-    )
-    return TolerancesRecord.of(solve(m, job), m, source(m))
+    asked = TolerancesArguments(m, accuracy=0.5, share=0.9, measure=10, machines=20,
+                                cores=1, seed=3)
+    return TolerancesRecord.of(solve(m, asked), m, source(m))
 
 
 def stiffness(folder: Path, load: bool = True) -> StiffnessRecord:

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from helpers.mistakes import MACHINE, Row, scaled, session
 
-from ppmcal.api.inputs import load
+from ppmcal.commands.inputs import load
 from ppmcal.errors import BadInput
 from ppmcal.io.dataset_reader import read_dataset
 from ppmcal.model.dataset import Dataset

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import ppmcal
-from ppmcal.api.inputs import load, shipped
+from ppmcal.commands.inputs import load, shipped
 from ppmcal.errors import BadInput
 from ppmcal.model.dataset import Dataset
 

@@ -10,7 +10,7 @@ from helpers.paths import ROOT
 from jsonschema import Draft202012Validator
 
 import ppmcal as face
-from ppmcal.api.schema import RESULTS
+from ppmcal.commands.schema.run import RESULTS
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 from ppmcal.io.json_schema import FILES, file_schema

@@ -12,7 +12,7 @@ import yaml
 from helpers.mistakes import MACHINE, Row, inverse, scaled, session, swapped, turned
 from scipy.spatial.transform import Rotation
 
-from ppmcal.api.inputs import load, shipped
+from ppmcal.commands.inputs import load, shipped
 from ppmcal.errors import BadInput
 from ppmcal.io.dataset_reader import read_dataset
 from ppmcal.kinematics.rotations import ORDERS
@@ -341,7 +341,7 @@ def test_homogeneous_matrices_under_their_usual_names(tmp_path, letter, low):
     from helpers.mistakes import MACHINE, session
     from scipy.spatial.transform import Rotation
 
-    from ppmcal.api.inputs import load
+    from ppmcal.commands.inputs import load
     from ppmcal.errors import BadInput
     from ppmcal.io import read_dataset
 

@@ -16,6 +16,7 @@ from helpers.paths import ROOT
 from scipy.spatial.transform import Rotation
 
 import ppmcal
+from ppmcal.commands.read.run import ReadResult
 from ppmcal.errors import PpmcalError
 
 MACHINE = ppmcal.load(SAMPLE / "hexapod.yaml")
@@ -129,7 +130,7 @@ CRANKS = dataclasses.replace(ppmcal.load(ROOT / "configs/3-RRR-1.yaml"),
                              limits=np.array([[-np.inf, np.inf]] * 3))
 
 
-def turning(folder: Path, unit: str, angles: np.ndarray) -> ppmcal.api.read.ReadResult:
+def turning(folder: Path, unit: str, angles: np.ndarray) -> ReadResult:
     """Read a log at 10 Hz of a crank that turns on, and points between its rows."""
     names = CRANKS.actuators
     factor = {"deg": 1.0, "rad": np.pi / 180.0, "counts": 4096.0 / 360.0}[unit]
@@ -187,7 +188,7 @@ def test_joints_stay_in_the_turn_that_the_log_keeps_to(tmp_path: Path, readings:
     (-np.inf, np.inf, True), (-120.0, 120.0, False), (-200.0, -80.0, True), (-80.0, 40.0, True),
     (-200.0, 100.0, True), (170.0, 400.0, True), (190.0, 500.0, False), (-180.0, 180.0, True)])
 def test_limits_tell_whether_readings_may_jump(low: float, high: float, jumps: bool) -> None:
-    from ppmcal.api.read_join import _may_jump
+    from ppmcal.commands.read.join import _may_jump
 
     assert _may_jump(np.radians(low), np.radians(high)) == jumps
 

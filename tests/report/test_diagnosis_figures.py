@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import t as student
 
-from ppmcal.api.diagnose import DiagnosisResult
-from ppmcal.api.inputs import source_of
 from ppmcal.calibration.fit.fit_result import Fit
 from ppmcal.calibration.fit.fit_result import FitOptions as FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.knowledge.intervals import coverage
 from ppmcal.calibration.validation.residual_vectors import fresh_state
+from ppmcal.commands.diagnose.run import DiagnosisResult
+from ppmcal.commands.recording import source_of
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.extended_model import Sized, extended
 from ppmcal.diagnosis.result import Diagnosis

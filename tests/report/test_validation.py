@@ -7,7 +7,7 @@ import json
 import pytest
 from helpers.commands import ppmcal as command
 
-from ppmcal.cli.validate import _table
+from ppmcal.commands.validate.run import errors_table
 from ppmcal.io.results.validation import (
     ErrorSize,
     PredictedError,
@@ -70,8 +70,9 @@ def test_a_miss_that_is_one_row_is_not_told_as_another_machine(day):
 
 
 def test_the_console_says_in_which_unit_one_is_better(day):
-    header, table, _ = _table(day)
-    assert header == ["machine", "mm rms", "better by, mm", "95 %, mm", ""] and len(table) == 3
+    table = errors_table(day)
+    assert table.heads == ["machine", "mm rms", "better by, mm", "95 %, mm", ""]
+    assert len(table.rows) == 3
 
 
 def test_the_picture_has_a_line_for_each_machine(day):

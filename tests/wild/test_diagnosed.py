@@ -10,10 +10,9 @@ import pytest
 from helpers.commands import ppmcal, rows
 from wild.catalogue import write
 
-from ppmcal.api.compensate import compensate
-from ppmcal.api.diagnose import DiagnosisResult, diagnose
-from ppmcal.api.identify import identify
+from ppmcal import compensate, diagnose, identify
 from ppmcal.calibration.interpretation.misread import Misread
+from ppmcal.commands.diagnose.run import DiagnosisResult
 
 
 def diagnosed(folder: Path, case: str, machine: str, seed: int) -> DiagnosisResult:

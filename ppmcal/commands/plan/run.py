@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ppmcal.api.inputs import files_of, load, place_of, source_of
-from ppmcal.api.result import Result
+from ppmcal.commands.inputs import files_of, load, place_of
 from ppmcal.commands.plan.options import PlanArguments
+from ppmcal.commands.recording import source_of
+from ppmcal.commands.result import Result
 from ppmcal.design.plan.plan import PlanOptions
 from ppmcal.design.plan.plan import plan as planned
 from ppmcal.design.plan.result import Plan

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ppmcal.commands.spec import Arguments, Command, Machine, Table, mechanism, option
+from ppmcal.commands.spec import PARAMETERS, Arguments, Command, Machine, Table, mechanism, option
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class SensitivityArguments(Arguments):
         False, "All error components of every joint frame and the platform points (21 for a leg), "
         "also those that the closure cancels.")
     free: Sequence[str] = option((), "Errors to look at, by name", metavar="PATTERN",
-                                 otherwise="the file's free parameters", complete="parameters")
+                                 otherwise="the file's free parameters", complete=PARAMETERS)
     tool: str | Sequence[float] | None = option(
         None, "Tool point in platform axes", metavar="X,Y,Z", otherwise="the platform origin")
     metric: float | None = option(

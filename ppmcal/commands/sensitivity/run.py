@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from ppmcal.api.inputs import files_of, load, source_of
-from ppmcal.api.result import Result
+from ppmcal.commands.inputs import files_of, load
+from ppmcal.commands.recording import source_of
+from ppmcal.commands.result import Result
 from ppmcal.commands.sensitivity.options import SensitivityArguments
 from ppmcal.design.error_sources import all_components as every_component
 from ppmcal.design.sensitivity import Sensitivity, SensitivityOptions, analyse
@@ -22,7 +23,7 @@ from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
 from ppmcal.wording import number
-from ppmcal.wording.tables import ShortTable
+from ppmcal.wording.told import ShortTable
 
 SHOWN = 10
 """Errors that the console shows."""

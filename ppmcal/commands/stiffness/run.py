@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ppmcal.api.inputs import files_of, load, source_of
-from ppmcal.api.result import Result
+from ppmcal.commands.inputs import files_of, load
+from ppmcal.commands.recording import source_of
+from ppmcal.commands.result import Result
 from ppmcal.commands.stiffness.options import StiffnessArguments
 from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
 from ppmcal.errors import BadInput, unknown
@@ -22,7 +23,7 @@ from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import STANDARD_GRAVITY
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording.tables import ShortTable
+from ppmcal.wording.told import ShortTable
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 LARGEST = 1e12

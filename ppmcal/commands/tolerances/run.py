@@ -8,9 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from ppmcal.api.inputs import files_of, load, place_of, source_of
-from ppmcal.api.result import Result
 from ppmcal.calibration.fit import secondary
+from ppmcal.commands.inputs import files_of, load, place_of
+from ppmcal.commands.recording import source_of
+from ppmcal.commands.result import Result
 from ppmcal.commands.tolerances.options import TolerancesArguments
 from ppmcal.design.error_jacobian import Poses, covariance, root_sum_square
 from ppmcal.design.error_sources import Source, geometry_only, natural_units, sources
@@ -34,7 +35,7 @@ from ppmcal.kinematics.tables import inverse_table, refuse_singular_home
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import number
-from ppmcal.wording.tables import ShortTable
+from ppmcal.wording.told import ShortTable
 
 OF_ACCURACY = 0.1
 """Noise of the default instrument, as a part of the accuracy demanded."""

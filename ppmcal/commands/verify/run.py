@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
-import inspect
 import os
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ppmcal.api.diagnose import save_misread
-from ppmcal.api.inputs import IN_MEMORY, UNRECORDED
-from ppmcal.api.result import Result
-from ppmcal.calibration.interpretation import Misread
-from ppmcal.commands import names
-from ppmcal.commands.face import function
+from ppmcal.commands.face import carry_out, recorded, refused
+from ppmcal.commands.recording import IN_MEMORY
+from ppmcal.commands.result import Result
+from ppmcal.commands.spec import CONSOLE, Arguments, Command, taken
 from ppmcal.commands.verify.options import VerifyArguments
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.folder import running
@@ -45,9 +40,8 @@ from ppmcal.io.results.verification import (
 )
 from ppmcal.io.sandbox import RESULTS, Sandbox, sandbox
 from ppmcal.wording.progress import stage
-from ppmcal.wording.tables import ShortTable
+from ppmcal.wording.told import ShortTable
 
-_NAME = re.compile(r"[a-z_]+\.[a-z_]+")
 
 @dataclass(frozen=True)
 class VerificationResult:
@@ -118,9 +112,9 @@ def run(asked: VerifyArguments) -> VerificationResult:
 
 def _checked(run: RecordedRun, inputs: Path | None) -> list[RunCheck]:
     """Do a run again and compare; its own check first, then those of the folders within."""
-    call = _function(run.source.function)
-    if call is None or _in_memory(run.source.options):
-        why = ("a machine or data were given to Python in memory" if call else
+    spec = recorded(run.source.function)
+    if spec is None or _in_memory(run.source.options):
+        why = ("a machine or data were given to Python in memory" if spec else
                "it is not recorded how it was written, or by another version")
         return [_ended(run, UNKNOWN, f"cannot be run again, {why}.")]
     found = FoundInputs(run, inputs)
@@ -128,7 +122,7 @@ def _checked(run: RecordedRun, inputs: Path | None) -> list[RunCheck]:
         return [_ended(run, INPUT, inputs=found.wrong)]
     with sandbox(run.working_folder) as box:
         try:
-            source = _run_again(run, call, box, found.places)
+            source = _run_again(run, spec, box, found.places)
         except (MemoryError, RecursionError):
             return [_ended(run, FAILED, "the run itself needs more memory than there is.")]
         except Exception as error:    # whatever a record that was made up leads to
@@ -137,17 +131,20 @@ def _checked(run: RecordedRun, inputs: Path | None) -> list[RunCheck]:
         return list(_compared(run, source, box))
 
 
-def _run_again(run: RecordedRun, call: Callable[..., Any], box: Sandbox,
-               inputs: Mapping[str, Path]) -> Mapping[str, Any]:
+def _run_again(run: RecordedRun, spec: Command, box: Sandbox, inputs: Mapping[str, Path]
+               ) -> Mapping[str, Any]:
     """Write the results into the sandbox; return where they come from."""
     box.lay_out(inputs)
-    args, options = _arguments(call, {k: box.inside(v) for k, v in run.source.options.items()})
+    options = {k: box.inside(v) for k, v in run.source.options.items()}
+    asked = _arguments(spec, options)
     out = Path(options["out"]) if run.whole else _results(run, box)
     with contextlib.chdir(box.cwd), running(run.command, out, typed=run.source.command) as own:
         try:
-            result: Result = call(*args, **options)
-        except Misread as refused:
-            save_misread(refused, options["mechanism"], options["data"], out, options["seed"])
+            result: Result = carry_out(spec, asked)
+        except PpmcalError as error:
+            left = refused(spec, error, asked, out)
+            if left is None or not left.written:
+                raise
         else:
             result.save(out)
     return own.source
@@ -209,32 +206,17 @@ def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sa
     return found
 
 
-def _function(name: str) -> Callable[..., Any] | None:
-    """Return a function of the Python face that is recorded, None for any other name."""
-    if not _NAME.fullmatch(name):
-        return None
-    module, _, own = name.partition(".")
-    try:
-        found = function(module) if module in names() and own == module else getattr(
-            importlib.import_module(f"ppmcal.api.{module}"), own, None)
-    except ImportError:
-        return None
-    return found if callable(found) and hasattr(found, "recorded") else None
-
-
-def _arguments(call: Callable[..., Any], options: dict[str, Any]
-               ) -> tuple[list[Any], dict[str, Any]]:
-    """Return the arguments of a call; those without a name apart.
+def _arguments(spec: Command, options: Mapping[str, Any]) -> Arguments:
+    """Return the arguments of a run.
 
     Raises:
-        BadInput: the function has no such argument.
+        BadInput: the command has no such argument.
     """
-    known = inspect.signature(call).parameters
-    if strange := [k for k in options if k not in known or k in UNRECORDED]:
+    known = {one.name for one in taken(spec.arguments, CONSOLE) if one.option.recorded}
+    if strange := [k for k in options if k not in known]:
         raise BadInput(f"the option '{strange[0]}' is of another version of ppmcal", "",
                        "Run it again with the version that is recorded")
-    many = [k for k, p in known.items() if p.kind is p.VAR_POSITIONAL]
-    return [v for k in many for v in options.pop(k, [])], options
+    return spec.arguments(**options)
 
 
 def _in_memory(options: Mapping[str, Any]) -> bool:

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ppmcal.api.inputs import files_of, load, place_of, source_of
-from ppmcal.api.result import Result
+from ppmcal.commands.inputs import files_of, load, place_of
+from ppmcal.commands.recording import source_of
+from ppmcal.commands.result import Result
 from ppmcal.commands.workspace.options import WorkspaceArguments
 from ppmcal.design.assembly_modes import assembly_modes
 from ppmcal.design.workspace import Workspace
@@ -29,7 +30,7 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import begin
-from ppmcal.wording.tables import ShortTable
+from ppmcal.wording.told import ShortTable
 
 LEVELS = 61
 SHOWN = 10

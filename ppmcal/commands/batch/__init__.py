@@ -1,0 +1,3 @@
+"""Identify, diagnose or compensate hundreds of machines and dates."""
+
+ORDER = 19

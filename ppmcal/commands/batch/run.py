@@ -1,0 +1,219 @@
+"""Many campaigns of many machines: each as its command alone would do it, then seen together."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ppmcal.commands.batch.campaign import COMPARE, BatchPlace, finished, recalled, run_campaign
+from ppmcal.commands.batch.options import BatchArguments
+from ppmcal.commands.recording import source_of
+from ppmcal.commands.result import Result
+from ppmcal.design.processes import cores as all_cores
+from ppmcal.design.processes import over
+from ppmcal.errors import BadInput, NoResult
+from ppmcal.io import Output, csv_text
+from ppmcal.io.batch_manifest import CampaignJob, read_manifest
+from ppmcal.io.folder import current, running
+from ppmcal.io.parquet import refuse_without_pyarrow
+from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table, needing_a_look
+from ppmcal.wording import counted
+from ppmcal.wording.progress import stage
+from ppmcal.wording.told import Findings, Told
+
+SHOWN = 10
+"""Campaigns without a result that the console names."""
+COLUMNS = ("campaign", "machine", "date", "command", "exit_code", "verdict", "message")
+"""What a line says of a campaign."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchResult(Result):
+    """What many campaigns came to.
+
+    Attributes:
+        records: one for each campaign, in the manifest's order, then what changed since the
+            campaign before.
+        done_before: names of those that were finished already.
+    """
+
+    COMMAND: ClassVar[str] = "batch"
+    TABLE: ClassVar[str] = "campaigns.csv"
+
+    records: tuple[CampaignRecord, ...]
+    done_before: tuple[str, ...]
+
+    @property
+    def campaigns(self) -> list[CampaignRecord]:
+        """The campaigns of the manifest."""
+        return [r for r in self.records if r.command != COMPARE]
+
+    @property
+    def failed(self) -> list[CampaignRecord]:
+        """The campaigns that have no result."""
+        return [r for r in self.campaigns if r.failed]
+
+    @property
+    def needs_a_look(self) -> bool:
+        """Whether a campaign failed, has findings, or a machine has changed."""
+        return any(r.exit_code for r in self.records)
+
+    @cached_property
+    def _files(self) -> dict[str, str | bytes]:
+        from ppmcal.report.batch import batch_page
+
+        return {TABLE: campaigns_table(self.records), "batch.html": batch_page(self.records)}
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return campaigns.parquet and batch.html."""
+        return self._files
+
+    def tables(self) -> Mapping[str, str | bytes]:
+        """Return a line for each campaign, as a table besides the files."""
+        return {self.TABLE: csv_text(COLUMNS, [[getattr(r, n) for r in self.records]
+                                               for n in COLUMNS])}
+
+    @property
+    def warnings(self) -> list[str]:
+        """Nothing: what failed is told with the campaigns."""
+        return []
+
+    def told(self) -> Iterator[Told]:
+        """Yield how the campaigns ended, and which failed."""
+        yield self.headline()
+        for line in list(_findings(self.failed))[:SHOWN]:
+            yield Findings([line])
+        if len(self.failed) > SHOWN:
+            yield (f"... and {counted(len(self.failed) - SHOWN, 'further campaign')} that failed, "
+                   "see batch.html.")
+
+    def summary(self) -> Mapping[str, Any]:
+        """Return what ``--json`` prints."""
+        return {"format": "ppmcal/batch-summary/1", "headline": self.headline(),
+                "finished_before": list(self.done_before),
+                "campaigns": [{k: getattr(r, k) for k in COLUMNS} for r in self.records]}
+
+    def headline(self) -> str:
+        """Return how many campaigns of how many machines there are, and how they ended."""
+        own = self.campaigns
+        machines = len({r.machine for r in own})
+        look = sum(r.exit_code == 1 for r in own)
+        changed = sum(r.exit_code == 1 for r in self.records if r.command == COMPARE)
+        ends = [f"{look} {'needs' if look == 1 else 'need'} a look"] * bool(look) + [
+            f"{len(self.failed)} failed"] * bool(self.failed) + [
+            f"{counted(changed, 'comparison')} to look at"] * bool(changed)
+        if not ends and needing_a_look(self.records):
+            ends = ["see batch.html"]
+        done = sum(r.campaign in self.done_before for r in own)
+        before = f" ({done} {'was' if done == 1 else 'were'} finished before)" if done else ""
+        return (f"{counted(len(own), 'campaign')} of {counted(machines, 'machine')}"
+                f"{before}: {', '.join(ends) or 'nothing needs a look'}.")
+
+
+def run(asked: BatchArguments) -> BatchResult:
+    """Run the campaigns of a manifest, and see them together.
+
+    Each campaign's folder has the same bytes as its command writes, run in the manifest's folder.
+    A campaign that is finished, by the content of its inputs, its options and the version of
+    ppmcal, is not run again; one that fails is reported, and the others go on.
+    """
+    manifest, out = asked.manifest, asked.out
+    campaigns = read_manifest(manifest)
+    refuse_without_pyarrow(str(Path(out) / TABLE))
+    folder = Path(manifest).absolute().parent
+    at = BatchPlace(str(folder), os.path.relpath(Path(out).absolute(), folder), asked.force)
+    with contextlib.nullcontext() if current().command else running(
+            "batch", Path(out), asked.force):
+        Output(out).write()    # the folder is ours from now on, whatever happens
+    with contextlib.chdir(folder):
+        lines = lines_of(campaigns, at)
+        found = _finished(at, lines)
+    before = tuple(found)
+    todo = [tuple(c for c in line if c.name not in found) for line in lines]
+    todo = [line for line in todo if line]
+    with stage("calibrating", len(todo)) as work:
+        for codes in over(run_line, at, todo, asked.cores or all_cores(),
+                          asked.scheduler):
+            found |= _read(at, todo, codes)
+            failed = sum(r.failed for r in found.values())
+            work.done()
+            work.note(f"{len(found)} of {sum(map(len, lines))} campaigns"
+                      + f", {failed} failed" * (failed > 0))
+    named = [*campaigns, *(c for line in lines for c in line if c.command == COMPARE)]
+    records = tuple(found[c.name] for c in named if c.name in found)
+    inputs = _inputs(Path(manifest).parent, records, at)
+    current().sums.update(inputs)
+    source = source_of("batch", [str(manifest), *inputs], None)
+    return BatchResult(source, tuple(_findings(records)), records, before)
+
+
+def _inputs(folder: Path, records: Sequence[CampaignRecord], at: BatchPlace) -> dict[str, str]:
+    """Return path -> SHA-256 of what campaigns have read, but for what a batch writes itself."""
+    return {str(folder / name): digest for record in records
+            for name, digest in record.inputs.items()
+            if digest and not os.path.normpath(name).startswith(at.out + os.sep)}
+
+
+def lines_of(campaigns: Sequence[CampaignJob], at: BatchPlace) -> list[tuple[CampaignJob, ...]]:
+    """Return what one process does in a row: a campaign, or the last two of a machine.
+
+    After the last two that were identified comes the comparison of the one with the other.
+    """
+    groups: dict[tuple[str, str], list[CampaignJob]] = {}
+    for c in campaigns:
+        if c.command == "identify":
+            groups.setdefault((c.machine, c.name.rpartition("/")[2]), []).append(c)
+    rows = {}
+    for (machine, kind), own in groups.items():
+        if len(own) > 1:
+            old, new = sorted(own, key=lambda c: c.date)[-2:]
+            rows[new.name] = (old, new, CampaignJob(
+                f"{new.name.removesuffix(kind)}{COMPARE}-{kind}", machine, new.date, new.design,
+                COMPARE, at.place(old), (at.place(new),)))
+    earlier = {old.name for old, *_ in rows.values()}
+    return [rows.get(c.name, (c,)) for c in campaigns if c.name not in earlier]
+
+
+def run_line(at: BatchPlace, line: tuple[CampaignJob, ...]) -> dict[str, int]:
+    """Run campaigns one after the other; return the exit code of each that was run, by name."""
+    codes: dict[str, int] = {}
+    for campaign in line:
+        if campaign.command != COMPARE or all(code < 2 for code in codes.values()):
+            codes[campaign.name] = run_campaign(at, campaign)
+    return codes
+
+
+def _finished(at: BatchPlace, lines: Sequence[Sequence[CampaignJob]]) -> dict[str, CampaignRecord]:
+    """Return what is known of campaigns before, comparisons only where nothing else is to do."""
+    found: dict[str, CampaignRecord] = {}
+    for line in lines:
+        for campaign in line:
+            record = None
+            if campaign.command != COMPARE or all(c.name in found for c in line[:-1]):
+                record = finished(at, campaign)
+            if record is not None:
+                found[campaign.name] = record
+    return found
+
+
+def _read(at: BatchPlace, todo: Sequence[Sequence[CampaignJob]], names: Collection[str]
+          ) -> dict[str, CampaignRecord]:
+    """Return what was written of campaigns that a process has run."""
+    paths = {c.name: at.kept(c) for line in todo for c in line if c.name in names}
+    try:
+        return {name: recalled(path) for name, path in paths.items()}
+    except BadInput as error:
+        raise NoResult("is not there, though a worker has written it", error.where,
+                       "Give a folder that the workers see under the same path") from None
+
+
+def _findings(records: Sequence[CampaignRecord]) -> Iterator[str]:
+    """Yield who failed, with the message."""
+    for r in records:
+        if r.failed:
+            yield f"{r.campaign} failed (exit code {r.exit_code}): {r.message}"

@@ -1,0 +1,3 @@
+"""Check a mechanism file, alone or with its measurements."""
+
+ORDER = 4

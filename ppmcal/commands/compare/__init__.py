@@ -1,0 +1,3 @@
+"""Tell what changed between two calibrations of a machine."""
+
+ORDER = 9

@@ -1,0 +1,3 @@
+"""Turn wanted poses into corrected commands."""
+
+ORDER = 11

@@ -1,0 +1,341 @@
+"""Wanted poses into corrected commands."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ppmcal.calibration.compensation import (
+    KINDS,
+    Compensation,
+    Knowledge,
+    Readings,
+    Targets,
+    averaged,
+    is_worse,
+    own_steps,
+    refused,
+    sent,
+    unsafe_ways,
+    worse_rows,
+)
+from ppmcal.calibration.compensation import compensate as compensated
+from ppmcal.calibration.fit import secondary
+from ppmcal.calibration.knowledge import extrapolated, measured_ranges
+from ppmcal.commands.compensate.options import CompensateArguments
+from ppmcal.commands.inputs import files_of, load, place_of, refuse_unrecorded
+from ppmcal.commands.own_data import refuse_unfit
+from ppmcal.commands.recording import source_of
+from ppmcal.commands.result import CalibratedMachine, Result
+from ppmcal.commands.spec import Machine, Path_
+from ppmcal.errors import BadInput, NoResult, unknown
+from ppmcal.io import read_poses
+from ppmcal.io.poses import PoseTable
+from ppmcal.io.results.batch import CampaignQuantity
+from ppmcal.io.results.commands import (
+    CommandsRecord,
+    accepted_sentence,
+    command_files,
+    target_sentence,
+)
+from ppmcal.io.results.knowledge import knowledge_of, read_identification
+from ppmcal.io.results.other_models import read_other_models
+from ppmcal.io.results.own_calibration import of_other_values
+from ppmcal.kinematics.needed_columns import ORDER
+from ppmcal.kinematics.tables import refuse_singular_home
+from ppmcal.linalg import finite_rows
+from ppmcal.model.dataset import WRENCH, environment
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
+from ppmcal.wording import counted
+from ppmcal.wording.told import Told
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CompensationResult(Result):
+    """Corrected commands.
+
+    Attributes:
+        mechanism: the identified machine.
+        compensation: joint values ``q`` (N, k) SI, status and reason, predicted errors.
+        frame: data set whose measuring frame the targets are in, empty for the base.
+        knowledge: what the calibration knew, None where it is not known.
+        notes: sentences on what is not known.
+        targets: header and columns of the wanted poses, as they were given.
+    """
+
+    COMMAND: ClassVar[str] = "compensate"
+    TABLE: ClassVar[str] = "commands.csv"
+
+    mechanism: Mechanism
+    compensation: Compensation
+    frame: str
+    knowledge: Knowledge | None
+    notes: tuple[str, ...]
+    targets: tuple[tuple[str, ...], tuple[Any, ...]]
+
+    @property
+    def refused(self) -> list[tuple[int, str]]:
+        """Rows (from 1) that have no command, each with its reason."""
+        found = self.compensation
+        return [(n + 1, r) for n, (s, r) in enumerate(zip(found.status, found.reason, strict=True))
+                if s != "ok"]
+
+    @property
+    def needs_a_look(self) -> bool:
+        """Whether targets were refused, or a refusal was lifted."""
+        return bool(self.refused or self.findings)
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return commands.csv and commands.json."""
+        return dict(self._made[0])
+
+    @property
+    def record(self) -> CommandsRecord:
+        """The content of commands.json."""
+        return self._made[1]
+
+    @cached_property
+    def _made(self) -> tuple[dict[str, str], CommandsRecord]:
+        header, columns = self.targets
+        return command_files(self.mechanism, self.compensation, header, list(columns),
+                             self.provenance, self.notes, self.frame, self.findings)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What needs a look, and what is not known."""
+        return [*self.findings, *self.notes]
+
+    @property
+    def row_failures(self) -> Sequence[str]:
+        """Sentences on rows that have no command."""
+        return [f"row {n} refused: {r}" for n, r in self.refused]
+
+    def told(self) -> Iterator[Told]:
+        """Yield how many targets have commands, of which point, and the errors to expect."""
+        yield self.headline()
+        yield self.point()
+        predicted = self.record.predicted
+        for kind, size in predicted.items():
+            if size.words():
+                yield f"Predicted {kind} error: {size.words()}."
+        if any(size.after is not None for size in predicted.values()):
+            unexplained = self.knowledge is not None and any(self.knowledge.unexplained)
+            yield ("What is left is how well the measurements know the machine (1 sigma, in the "
+                   f"frame of {self.frame or 'its base'})"
+                   f"{', with what they leave unexplained' * unexplained}.")
+
+    def summary(self) -> Mapping[str, Any]:
+        """Return what ``--json`` prints."""
+        return self.record.summary()
+
+    def quantities(self) -> Iterator[CampaignQuantity]:
+        """Yield the errors to expect, and how many targets have no command."""
+        units = self.mechanism.units
+        for stage, rms in zip(("before", "after"), self.errors(), strict=True):
+            yield CampaignQuantity(
+                what="error", name="position", parameter=stage, unit=units.length,
+                value=None if rms is None else rms / units.factor("length"))
+        yield CampaignQuantity(what="refused", value=float(len(self.refused)))
+
+    def headline(self) -> str:
+        """Return how many targets have commands."""
+        total = len(self.compensation.status)
+        return (f"{self.mechanism.name}: {accepted_sentence(total - len(self.refused), total)}, "
+                f"in the frame of {self.frame or 'the base'}.")
+
+    def point(self) -> str:
+        """Return which point of the platform targets are of, as a sentence."""
+        return target_sentence(self.mechanism, self.frame)
+
+    def errors(self, kind: str = "position") -> tuple[float | None, float | None]:
+        """Return rms errors to expect without and with correction, SI; None: unknown.
+
+        Of ``position``, m, or ``rotation``, rad; what is not known of the model is in both.
+        """
+        return self.compensation.rms(kind)[:2]
+
+
+def run(asked: CompensateArguments) -> CompensationResult:
+    """Turn wanted poses into corrected commands of an identified machine."""
+    model, knowledge, targets = asked.model, asked.knowledge, asked.targets
+    machine, known, files, notes = _known(model, knowledge)
+    lifted = refuse_unfit(machine, None if knowledge is None else Path(knowledge),
+                          asked.regardless)
+    registration, name = _frame(machine, asked.frame)
+    refuse_singular_home(machine)
+    poses = read_poses(targets, machine, assume=asked.assume or {})
+    sequence = asked.approach == "sequence"
+    _refuse_short(machine, poses, place_of(targets, "poses"), sequence)
+    found = compensated(machine, poses.poses, registration, known, name, poses.environment,
+                        sequence)
+    readings, more = _readings(model, machine)
+    found, told = averaged(machine, found, readings, known,
+                           Targets(poses.poses, name, poses.environment, sequence))
+    inputs = [*machine.inputs, *files_of(targets), *files, *more]
+    result = CompensationResult(source_of("compensate", inputs, None), (), machine, found, name,
+                                known, (), poses.given)
+    worse = worse_rows(machine, found)
+    if asked.regardless and worse:
+        lifted.append(f"{counted(len(worse), 'row')} commanded though refused without --regardless "
+                      f"(first row {min(worse) + 1}: {worse[min(worse)]})")
+    else:
+        _refuse_worse(result, worse, machine.source)
+        found = refused(found, worse)
+    found = refused(found, unsafe_ways(machine, found)) if asked.path else found
+    beside = list[str]()
+    notes += [*told, *secondary("where the model is doubtful", lambda: _doubts(
+        found, machine, known), [], beside), *secondary(
+        "where commands go beyond what was measured", lambda: [*_beyond(
+            found, machine, known, poses, asked.path)], [], beside), *beside]
+    return replace(result, findings=tuple(lifted), compensation=found, notes=tuple(notes))
+
+
+def _beyond(found: Compensation, machine: Mechanism, knowledge: Knowledge | None,
+            poses: PoseTable, path: bool) -> Iterator[str]:
+    """Yield where commands go beyond what was measured, or step beyond what the targets do."""
+    good = sent(found)
+    ranges = measured_ranges(machine, None if knowledge is None else knowledge.volume)
+    yield from extrapolated(machine, found.pose, good, ranges, poses.environment)
+    lost = int(np.sum(good & ~finite_rows(found.command)))
+    if lost:
+        yield (f"{counted(lost, 'row')} without a corrected pose command (cmd_): the nominal "
+               "geometry has none; send the joint values there")
+    steps = own_steps(machine, found) if path else None
+    if steps is not None and steps.beyond.any():
+        worst = int(steps.beyond.argmax())
+        joint = int(steps.joint[worst])
+        quantity = machine.actuator_quantity[joint]
+        factor, unit = machine.units.factor(quantity), machine.units.name(quantity)
+        yield (f"{counted(int(np.sum(steps.beyond > 0.0)), 'row')} step beyond their targets' own "
+               f"steps, by {steps.beyond[worst] / factor:.3g} {unit} at most "
+               f"({machine.actuators[joint]}, row {steps.rows[worst] + 1}): what the model's "
+               "effects do there is another than in the row before")
+
+
+def _doubts(found: Compensation, machine: Mechanism, knowledge: Knowledge | None) -> list[str]:
+    """Return where targets lead through stretches that the model is known to miss."""
+    out = []
+    units = machine.units
+    q = np.where(np.isfinite(found.q), found.q, found.q_nominal)    # refused rows too, for it
+    for d in knowledge.doubtful if knowledge else ():
+        joint = machine.actuators.index(d.actuator)
+        factor, unit = machine.joint_units[joint]
+        rows = int(d.holds(q[:, joint]).sum())
+        if rows:
+            out.append(
+                f"{counted(rows, 'row')} with {d.actuator} between {d.low / factor:.6g} and "
+                f"{d.high / factor:.6g} {unit}: measurements there missed the model by "
+                f"{d.position / units.factor('length'):.2g} {units.length} rms and were left out "
+                "of the fit; it is in the uncertainty")
+    return out
+
+
+def _readings(model: Machine | CalibratedMachine, machine: Mechanism) -> tuple[Readings, list[str]]:
+    """Return the other readings of the measurements behind a model, and their files."""
+    if isinstance(model, CalibratedMachine):
+        return model.readings, []
+    return read_other_models(Path(machine.source), machine)
+
+
+def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
+           ) -> tuple[Mechanism, Knowledge | None, list[str], list[str]]:
+    """Return the machine, what its calibration knew, the file of that, and notes."""
+    if isinstance(model, CalibratedMachine):
+        return model.mechanism, Knowledge.of(model.identification), [], []
+    machine = load(model)
+    notes = list(machine.findings)
+    path = Path(knowledge) if knowledge is not None else Path(machine.source).with_name(
+        "identification.json")
+    # nothing lies beside a machine that is in memory
+    if knowledge is not None or (machine.source in machine.inputs and path.exists()):
+        record = read_identification(path)
+        known = knowledge_of(record, machine, path)
+        other = of_other_values(record, machine)
+        if not other:
+            return machine, known, [str(path)], notes
+        notes.append(f"{path} is not of {machine.source} as it is now ({other}): uncertainties "
+                     "are unknown; run identify again")
+        return machine, None, [str(path)], notes
+    ranges = machine.measured is not None and machine.measured.ranges
+    notes.append(f"{path} is not there: uncertainties are unknown" + ("" if ranges else (
+        " and so is the measured volume: poses far outside it are not refused")))
+    return machine, None, [], notes
+
+
+def _refuse_worse(result: CompensationResult, worse: Collection[int], source: str) -> None:
+    """Refuse corrections that are predicted to be worse than none, together and in most rows.
+
+    A few rows that are, ``worse``, do not refuse the others.
+
+    Raises:
+        NoResult: with both predictions.
+    """
+    found, machine = result.compensation, result.mechanism
+    if 2 * len(worse) < int(sent(found).sum()):
+        return
+    for kind, quantity in KINDS.items():
+        before, after = result.errors(kind)
+        if before is None or after is None or not is_worse(
+                machine, kind, np.array(before), np.array(after)):
+            continue
+        factor, unit = machine.units.factor(quantity), machine.units.name(quantity)
+        raise NoResult(
+            f"these corrections are predicted to be worse than none: {after / factor:.3g} {unit} "
+            f"rms of {kind} with them, {before / factor:.3g} {unit} without, the model's "
+            "uncertainty in both", source,
+            "Send the uncorrected commands; or measure more, or at these poses, and identify "
+            "again; --regardless makes the corrected ones all the same")
+
+
+def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence: bool) -> None:
+    """Refuse targets that lack a column which the machine's effects depend on."""
+    n = len(poses.rows)
+    # in a sequence every joint's direction follows from the order
+    joints = np.tile(np.arange(n, dtype=float)[:, None], (1, len(mechanism.actuators)))
+    rows = environment(poses.environment, mechanism.actuators, mechanism.gravity, joints, sequence)
+    if rows.history is not None:    # whether joints went straight is seen once they are known
+        rows = replace(rows, history=replace(rows.history, direct=np.ones(joints.shape[1], bool)))
+    refuse_unrecorded(mechanism, rows, "the model's effects", source, _or_assume)
+    # a load that the measurements had is none of 0 where only another one is given
+    seen = mechanism.measured.ranges if mechanism.measured else {}
+    needs = {need for effect in mechanism.effects for need in effect.kind.needs}
+    lacking = [c for c in ("payload", *WRENCH) if any(seen.get(c, ())) and c not in
+               poses.environment and needs & {"load", "wrench"}]
+    if lacking:
+        raise BadInput(f"the model was identified with {', '.join(lacking)}, which is not there",
+                       f"{source}: header", f"Add the column {lacking[0]}"
+                       + _or_assume(lacking[0]))
+
+
+def _or_assume(column: str) -> str:
+    """Return what may be done instead of adding a column; of an order there is no one value."""
+    return "" if column == ORDER else (
+        f", or give one value for all rows with --assume {column}=VALUE")
+
+
+def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:
+    """Return the registration that the targets are in, and its name."""
+    names = list(mechanism.registrations)
+    if frame == "base":
+        return Registration(), ""
+    if frame is None:
+        if len(names) == 1:
+            return true_lengths(mechanism.registrations[names[0]]), names[0]
+        what = f"the model knows {len(names)} measuring frames" if names else (
+            "the model knows no measuring frame: it was not identified")
+        raise BadInput(what, f"{mechanism.source}: measurement.datasets",
+                       f"Choose with --frame: {', '.join([*names, 'base'])}")
+    if frame not in names:
+        raise unknown("data set", frame, [*names, "base"], "--frame")
+    return true_lengths(mechanism.registrations[frame]), frame
+
+
+def true_lengths(registration: Registration) -> Registration:
+    """Return where an instrument stands, without its scale: wanted lengths are true ones."""
+    return replace(registration, scale=1.0)

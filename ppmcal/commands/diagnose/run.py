@@ -1,0 +1,203 @@
+"""The effect that the model misses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import ClassVar
+
+from ppmcal.calibration.compensation import Readings
+from ppmcal.calibration.fit import FitOptions, Problem, secondary
+from ppmcal.calibration.interpretation import Misread, misreading_sentence, refuse_before_fit
+from ppmcal.calibration.knowledge import (
+    choice_sentence,
+    noise_beyond_tolerances,
+    pulled_apart,
+    with_chosen_freedoms,
+)
+from ppmcal.calibration.validation import Identification
+from ppmcal.commands.diagnose.options import DiagnoseArguments
+from ppmcal.commands.diagnose.told import told
+from ppmcal.commands.identify.run import (
+    APART,
+    FREEDOMS,
+    MISSING,
+    PATTERN,
+    TOLERATED,
+    left_over,
+    with_unit_findings,
+)
+from ppmcal.commands.inputs import data_files, prepared
+from ppmcal.commands.recording import source_of
+from ppmcal.commands.result import Result
+from ppmcal.commands.spec import Path_, Refusal
+from ppmcal.design.missing_poses import weak_campaign
+from ppmcal.diagnosis.diagnose import DiagnosisOptions
+from ppmcal.diagnosis.next_experiment import with_poses
+from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
+from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.errors import BadInput, PpmcalError, unknown
+from ppmcal.io import Output
+from ppmcal.io.csv_writer import Content
+from ppmcal.io.folder import current
+from ppmcal.io.results.batch import CampaignQuantity, effect_quantities, fit_quantities
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_files import files
+from ppmcal.io.results.diagnosis_parts import HeldOutGap, NextMeasurements, ResidualAfter
+from ppmcal.io.results.diagnosis_wording import headline
+from ppmcal.io.results.misreading import misreading_entries
+from ppmcal.io.results.record import Provenance, UnitNames
+from ppmcal.model.effects import GEOMETRY, effect_kinds
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.sessions import one_session, session_masks
+from ppmcal.wording.progress import begin, note
+from ppmcal.wording.told import Told
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DiagnosisResult(Result):
+    """What the model misses, with the model that has it.
+
+    Attributes:
+        diagnosis: everything, SI: verdict, named effects, gap on held-out poses, rivals.
+        png: whether the pictures are saved as PNG too.
+    """
+
+    COMMAND: ClassVar[str] = "diagnose"
+    TABLE: ClassVar[str] = "effects.csv"
+
+    diagnosis: Diagnosis
+    png: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """``none``, ``named``, ``named-set``, ``partial`` or ``unnamed``."""
+        return self.diagnosis.verdict
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The machine with the effects that were found, identified."""
+        return self.diagnosis.identification.mechanism
+
+    @property
+    def identification(self) -> Identification:
+        """The fit of that machine."""
+        return self.diagnosis.identification
+
+    @property
+    def readings(self) -> Readings:
+        """The machine under each other set of effects, and without effects."""
+        others = self.diagnosis.others
+        bare = [r.mechanism for r in others if r.bare]
+        return Readings(tuple(r for r in others if not r.bare), bare[-1] if bare else None)
+
+    @cached_property
+    def record(self) -> DiagnosisRecord:
+        """The content of diagnosis.json, file units."""
+        return DiagnosisRecord.of(self.diagnosis, self.provenance)
+
+    def files(self) -> Mapping[str, Content]:
+        """Return model.yaml, effects.csv, residuals.csv, diagnosis.json, ... and pictures."""
+        from ppmcal.report.figure_files import diagnosis_files
+
+        return {**files(self.diagnosis, self.provenance, self.record),
+                **diagnosis_files(self.record, self.png)}
+
+    @property
+    def needs_a_look(self) -> bool:
+        """Whether there are findings, or a verdict other than none and named."""
+        return bool(self.findings) or self.verdict not in ("none", "named")
+
+    @property
+    def warnings(self) -> list[str]:
+        """What needs a look."""
+        return list(self.record.findings)
+
+    def told(self) -> Iterator[Told]:
+        """Yield the verdict, what was found and how sure it is, and what to measure next."""
+        return told(self.diagnosis, self.record)
+
+    def quantities(self) -> Iterator[CampaignQuantity]:
+        """Yield those of the fit, and of the effects."""
+        yield from fit_quantities(self.identification)
+        yield from effect_quantities(self.record)
+
+    def headline(self) -> str:
+        """Return the verdict with the effects that are named."""
+        return headline(self.record)
+
+
+def run(asked: DiagnoseArguments) -> DiagnosisResult:
+    """Find the physical effect that a model misses, name it and add it."""
+    kinds, holdout, seed = asked.kinds, asked.holdout, asked.seed
+    for kind in kinds:
+        if kind != GEOMETRY and kind not in effect_kinds():
+            raise unknown("effect", kind, [*effect_kinds(), GEOMETRY], "--kind")
+    if not 0.0 <= holdout <= 0.9:
+        raise BadInput(f"{holdout:g} is no part of the poses", "--holdout", "Give 0 to 0.9")
+    machine, datasets = prepared(asked.mechanism, asked.data, asked.free)
+    if asked.leave_out and len(session_masks(datasets)) < 2:
+        raise one_session()
+    problem = Problem(machine, datasets, machine.free)
+    with with_unit_findings(machine, datasets) as units:
+        begin("comparing the measurements with the nominal machine")
+        refuse_before_fit(problem, every_column=True)
+        extra = list[str]()
+        problem, choice = secondary(
+            FREEDOMS, partial(with_chosen_freedoms, problem, FitOptions(),
+                              [d.estimated for d in datasets]), (problem, None), extra)
+        found, told = diagnose_with_own_noise(problem, DiagnosisOptions(
+            0.0 if asked.leave_out else holdout, seed, tuple(kinds) or None,
+            by_session=bool(asked.leave_out),
+            held=tuple(machine.names[p] for p in set(machine.free) - set(problem.free))))
+    for line in (*told, *([choice_sentence(choice)] if choice else [])):
+        note(line)
+    begin("judging the campaign")
+    fit = found.identification.fit
+    campaign = secondary(MISSING, lambda: weak_campaign(fit, seed), None, extra)
+    beside = [*secondary(PATTERN, partial(left_over, found.before, seed), [], extra),
+              *secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
+                  fit, [d.estimated for d in datasets])), [], extra),
+              *secondary(APART, lambda: pulled_apart(fit, datasets), [], extra)]
+    found = replace(found, findings=(*units, *beside, *found.findings, *extra),
+                    identification=replace(found.identification, campaign=campaign))
+    found = replace(found, proposal=with_poses(found.proposal, campaign))
+    source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)
+    return DiagnosisResult(source, tuple(found.findings), found, asked.png)
+
+
+def refused(error: PpmcalError, asked: DiagnoseArguments, folder: Path | None) -> Refusal | None:
+    """Write diagnosis.json with how files are to be read, where that is known."""
+    if not isinstance(error, Misread) or not error.found or folder is None:
+        return None
+    machine, datasets = prepared(asked.mechanism, asked.data)
+    record = misread_record(error, machine, [*machine.inputs, *data_files(datasets)], asked.seed)
+    current().source.update(record.provenance.entries(whole=True))
+    output = Output(folder)
+    output.add(record.FILE, record.text())
+    output.write()
+    return Refusal(record.entries(), (record.FILE,))
+
+
+def misread_record(refused: Misread, machine: Mechanism, inputs: Sequence[Path_], seed: int
+                   ) -> DiagnosisRecord:
+    """Return the content of diagnosis.json for files that were read wrongly.
+
+    Args:
+        refused: what :func:`run` raised.
+        machine: that it was.
+        inputs: files that were read.
+        seed: as given.
+    """
+    return DiagnosisRecord(
+        format=DiagnosisRecord.FORMAT, name=machine.name, verdict="misread",
+        misreadings=misreading_entries(refused.found, machine.units), effects=(), localised=(),
+        not_testable=(), remainder=ResidualAfter(follows=None, p_value=None),
+        gap=HeldOutGap(noise=1.0, before=None, after=None, closed=None, interval=None),
+        next_measurements=NextMeasurements(reason="Correct how the file is read, then diagnose "
+                                           "again.", file=None),
+        findings=tuple(f"{m.source}: {misreading_sentence(m, machine.units)}."
+                       for m in refused.found), units=UnitNames.of(machine.units),
+        provenance=Provenance(**source_of("diagnose", inputs, seed)))

@@ -1,0 +1,3 @@
+"""Write a machine as lines for a controller's configuration."""
+
+ORDER = 17

@@ -1,0 +1,58 @@
+"""What ``ppmcal export`` takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ppmcal.commands.spec import (
+    Arguments,
+    Command,
+    Machine,
+    Path_,
+    argument,
+    option,
+    regardless,
+)
+
+
+@dataclass(frozen=True)
+class ExportArguments(Arguments):
+    """For which controller, and against what."""
+
+    form: str = argument("FORMAT", "klipper, linuxcnc, reprap, joints or grid.", words="``form``",
+                         complete="ppmcal.controllers.export:formats")
+    model: Machine = argument("MODEL", "The identified machine, or its file.", words="a machine")
+    old: Path_ | None = option(
+        None, "The controller's file in use, to predict the gain against",
+        otherwise="the nominal values of {model}")
+    poses: Path_ | None = option(None, "Wanted poses, for formats that are tables of them.")
+    write: bool = option(
+        False, "Write a copy of --old with the new numbers as well (klipper), such as its own "
+        "reader takes them.")
+    regardless: bool = regardless(
+        "a model whose fit had not converged or whose residuals are far beyond the noise of its "
+        "own measurements, and of numbers that are worse than the old ones")
+
+
+COMMAND = Command(
+    "export", ExportArguments,
+    about=("Write {model} as a controller's configuration takes it.",
+           "{form} klipper: lines for the printer.cfg of a linear delta. "
+           "{form} linuxcnc: HAL pins of genhexkins for a hexapod. "
+           "{form} reprap: M665 and M666 of a linear delta. "
+           "{form} joints: LinuxCNC compensation files, one for each actuator. "
+           "{form} grid: a table of wanted poses, their corrected commands and joint values.",
+           "The file is read back, and the machine is driven through the controller's own "
+           "arithmetic with the old and the new numbers; what the controller cannot express is "
+           "listed with what that costs. Refused, unless --regardless says so: a model whose fit "
+           "had not converged or whose residuals are far beyond the noise of its own measurements, "
+           "and numbers that are predicted to be worse than the old ones. Writes the controller's "
+           "file and export.json."),
+    examples=("ppmcal export klipper fitted-printer --old printer.cfg --write",
+              "ppmcal export grid identified --poses targets.csv"),
+    out="exported", replace="--overwrite", result="ExportResult",
+    raises="BadInput: a machine that this controller does not drive, or an option without use. "
+           "NoResult: the file does not read back as what it was written from, or it is not safe "
+           "to use it.",
+    shares={"reading the table": 0.15, "correcting the grid": 12.0, "how sure the model is": 5.0,
+            "predicting errors of the grid": 2.5, "writing the results": 1.6})

@@ -1,0 +1,118 @@
+"""A machine as lines for a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+
+from ppmcal.calibration.fit import secondary
+from ppmcal.commands.export.options import ExportArguments
+from ppmcal.commands.export.told import told
+from ppmcal.commands.inputs import files_of, load
+from ppmcal.commands.own_data import refuse_unfit
+from ppmcal.commands.recording import source_of
+from ppmcal.commands.result import Result
+from ppmcal.commands.spec import Path_
+from ppmcal.controllers.export import Exported, Exporter, exporter, record_of
+from ppmcal.controllers.model_uncertainty import KNOWLEDGE, UNKNOWN, pose_uncertainty
+from ppmcal.controllers.pose_errors import MM
+from ppmcal.errors import BadInput, NoResult
+from ppmcal.io.csv_writer import Content, csv_text
+from ppmcal.io.results.export import NO_GAIN, ExportRecord
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.told import Told
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExportResult(Result):
+    """A machine as a controller takes it.
+
+    Attributes:
+        mechanism: the machine.
+        exported: the controller's files, read back and found equal, and the errors left, SI.
+        record: the content of export.json.
+    """
+
+    COMMAND: ClassVar[str] = "export"
+    TABLE: ClassVar[str] = "numbers.csv"
+
+    mechanism: Mechanism
+    exported: Exported
+    record: ExportRecord
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return the controller's files and export.json."""
+        return {**self.exported.files, self.record.FILE: self.record.text()}
+
+    def tables(self) -> Mapping[str, Content]:
+        """Return the controller's numbers as a table besides the files."""
+        numbers = self.exported.numbers
+        own = csv_text(["parameter", "old", "new", "unit"],
+                       [[n.name for n in numbers],
+                        [float("nan") if n.old is None else n.old for n in numbers],
+                        [n.new for n in numbers], [n.unit for n in numbers]])
+        return {**super().tables(), self.TABLE: own}
+
+    @property
+    def warnings(self) -> list[str]:
+        """What needs a look."""
+        return list(self.findings)
+
+    def told(self) -> Iterator[Told]:
+        """Yield the numbers, and what they are worth."""
+        return told(self.record)
+
+    def headline(self) -> str:
+        """Return what the controller holds of the machine."""
+        return f"{self.record.name}: {self.record.said}."
+
+
+def run(asked: ExportArguments) -> ExportResult:
+    """Write a machine as a controller's configuration takes it."""
+    writer, machine = exporter(asked.form), load(asked.model)
+    warned = refuse_unfit(machine, regardless=asked.regardless)
+    source_file = Path(machine.source)
+    old, poses = asked.old, asked.poses
+    made = writer.export(machine, None if old is None else Path(old),
+                         None if poses is None else Path(poses))
+    if asked.write:
+        made = _copied(writer, asked.form, made, old)
+    notes = list[str]()
+    sure = secondary("how well the model is known", lambda: pose_uncertainty(
+        machine, made.poses, source_file), UNKNOWN, notes)
+    made = replace(made, uncertainty=replace(sure, reason=notes[0]) if notes else sure)
+    _refuse_worse(made, machine.source, asked.regardless)
+    known = source_file.with_name(KNOWLEDGE) if made.uncertainty.frame else None
+    source = source_of("export", [*machine.inputs, *files_of(old, poses, known)], None)
+    record = record_of(made, machine.name, source)
+    return ExportResult(source, (*warned, *notes, *record.attention()), machine, made, record)
+
+
+def _copied(writer: Exporter, form: str, made: Exported, old: Path_ | None) -> Exported:
+    """Return the export with a copy of the controller's file."""
+    patch = getattr(writer, "patch", None)
+    if patch is None:
+        raise BadInput(f"{form} writes no copy of a controller's file", "--write", "Leave it out")
+    if old is None:
+        raise BadInput("there is no file to copy", "--write",
+                       "Give the printer's own with --old printer.cfg")
+    out: Exported = patch(made, Path(old))
+    return out
+
+
+def _refuse_worse(made: Exported, source: str, regardless: bool) -> None:
+    """Refuse numbers with which the machine misses more than with the old ones.
+
+    The model's own uncertainty is in both errors, and decides nothing.
+
+    Raises:
+        NoResult: with both errors, if the model is exact.
+    """
+    before, after = made.before.rms, made.after.rms
+    if after > before + NO_GAIN * MM and not regardless:    # else the record says it
+        raise NoResult(
+            f"the new {made.title} numbers are worse than the old ones: {after / MM:.3g} mm rms "
+            f"with them, {before / MM:.3g} mm without", source,
+            "Keep the old ones; --regardless writes the new ones all the same")

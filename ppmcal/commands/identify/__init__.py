@@ -1,0 +1,3 @@
+"""Identify the machine's geometry from measurements."""
+
+ORDER = 7

@@ -1,0 +1,297 @@
+"""The machine's geometry from measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ppmcal.calibration.fit import (
+    Fit,
+    FitOptions,
+    Problem,
+    hint_sentences,
+    noise_check,
+    noise_sentences,
+    registration_hints,
+    secondary,
+    too_few,
+    with_estimated_noise,
+)
+from ppmcal.calibration.fit import identify as fitted
+from ppmcal.calibration.interpretation import (
+    Misread,
+    refuse_after_fit,
+    refuse_before_fit,
+    refuse_other_machine,
+)
+from ppmcal.calibration.knowledge import (
+    choice_sentence,
+    coverage,
+    noise_beyond_tolerances,
+    predict_identifiability,
+    pulled_apart,
+    with_chosen_freedoms,
+    with_held,
+)
+from ppmcal.calibration.sessions import carried_on
+from ppmcal.calibration.validation import Identification, report
+from ppmcal.commands.identify.options import IdentifyArguments
+from ppmcal.commands.identify.result import IdentificationResult
+from ppmcal.commands.inputs import data_files, datasets_of, prepared, started
+from ppmcal.commands.recording import source_of
+from ppmcal.commands.spec import Path_, Refusal
+from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
+from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
+from ppmcal.errors import BadInput, NoResult, PpmcalError
+from ppmcal.io import unit_findings
+from ppmcal.io.copies import without_known, without_shared
+from ppmcal.io.results.knowledge import read_posterior, refuse_twice
+from ppmcal.io.results.misreading import FORMAT, misreading_entries
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import begin
+
+APART, FREEDOMS, MISSING, PATTERN, TOLERATED = (
+    "whether instruments pull apart", "whether some parameters should be one",
+    "which poses are missing", "whether residuals have a pattern",
+    "whether the tolerances are kept")
+"""What is told beside a fit."""
+
+
+def run(asked: IdentifyArguments) -> IdentificationResult:
+    """Identify the geometry of a machine from measurements."""
+    method, prior, sigma, seed, start = (
+        asked.method, asked.prior, asked.sigma, asked.seed, asked.start)
+    refuse_mixtures(method, prior, sigma, asked.keep)
+    machine, datasets = prepared(asked.mechanism, asked.data, asked.free)
+    other, fraction = _held_out(asked.holdout, machine)
+    other, notes = _of_their_own(datasets, other)
+    inputs: list[Path_] = [*machine.inputs, *data_files((*datasets, *other))]
+    origin = Path(machine.source)
+    if start is not None:
+        origin = Path(start) / "identified.yaml" if Path(start).is_dir() else Path(start)
+        machine, more = started(machine, origin)
+        notes += more
+        inputs.append(str(origin))
+    before = read_posterior(origin.with_name("identification.json"), machine) if (
+        asked.keep) else None
+    inputs += [before.source] if before else []
+    source = source_of("identify", inputs, seed)
+    if before is not None:
+        refuse_twice(before, source)
+        datasets, other = (without_known(d, machine.actuators, before.known, before.source)
+                           for d in (datasets, other))
+    chosen = "flat" if prior == "flat" else method
+    options = FitOptions(chosen, asked.damping,
+                         not asked.keep_outliers and method != "damped", asked.iterations)
+    problem = Problem(machine, datasets, machine.free, earlier=before.data() if before else None)
+    if prior == "flat":
+        _refuse_unobservable(problem, machine.source)
+    with with_unit_findings(machine, datasets) as units:
+        begin("comparing the measurements with the nominal machine")
+        refuse_before_fit(problem)
+        begin("choosing what to fit")
+        extra = list[str]()
+        as_filed = problem
+        problem, choice = secondary(
+            FREEDOMS, partial(with_chosen_freedoms, problem, options, _estimated(problem, sigma)),
+            (problem, None), extra)
+        begin("fitting")
+        fit, odd, told = fitted_rows(problem, options, sigma)
+        begin("looking for wrong rows")
+        refuse_after_fit(fit)
+        begin("judging the fit")
+        held = set(as_filed.free) - set(problem.free)
+        found = report(fit, options, fraction, seed, other, asked.leave_out,
+                       [machine.names[p] for p in held])
+        if chosen == "prior":
+            refuse_other_machine(found.fit)
+    begin("judging the campaign")
+    if held:
+        found = replace(found, identifiability=secondary(
+            "what the data leave open", lambda: with_held(found.fit, held),
+            found.identifiability, extra))
+    campaign = secondary(MISSING, lambda: weak_campaign(found.fit, seed), None, extra)
+    # what an earlier calibration knew may be all that so few poses lack
+    beside = [] if before is not None or not problem.free else secondary(
+        "whether the poses are too few", lambda: list(too_few(fit)), [], extra)
+    if chosen == "prior":
+        beside += secondary("what else the registration might fit",
+                           lambda: hint_sentences(found.fit, registration_hints(found.fit)), [],
+                           extra)
+    beside += secondary(PATTERN, lambda: left_over(fit, seed), [], extra)
+    if before is not None:
+        notes += odd + secondary("how far the machine has changed",
+                                 lambda: carried_on(fit, before, options), [], extra)
+    beside += secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
+        fit, _estimated(problem, sigma))), [], extra)
+    if sigma != "estimated":
+        beside += secondary(APART, lambda: pulled_apart(fit, problem.datasets), [], extra)
+    told += [*secondary("the scale of true lengths", lambda: list(scale_sentences(found)), [],
+                        extra), *([choice_sentence(choice)] if choice else [])]
+    whole = replace(found, findings=(*notes, *units, *beside, *extra, *found.findings),
+                    earlier=before, campaign=campaign)
+    return IdentificationResult(source, tuple(whole.findings), whole, chosen, tuple(told),
+                                choice)
+
+
+def refused(error: PpmcalError, _: IdentifyArguments, __: Path | None) -> Refusal:
+    """Return why there is no result; of files that were read wrongly also how to read them."""
+    entries = misreading_entries(error.found, error.units) if isinstance(error, Misread) else ()
+    return Refusal({"format": FORMAT, "exit_code": error.exit_code, "reason": str(error),
+                    "misreadings": [e.entries(whole=True) for e in entries]})
+
+
+def scale_sentences(found: Identification) -> Iterator[str]:
+    """Yield what each data set shows of true lengths, where that was fitted, with 95 %."""
+    fit, names = found.fit, list(found.columns)
+    for data, registration in zip(fit.problem.datasets, fit.state.registrations, strict=True):
+        if data.scale.fitted:
+            place = names.index(f"scale of {data.name}")
+            sigma = float(np.sqrt(found.covariance[place, place]))
+            half = coverage(fit) * sigma
+            stated = "" if data.scale.sigma is None else (
+                f"; its file says {float(data.scale.value[0]):g} with a standard deviation of "
+                f"{data.scale.sigma:g}")
+            yield (f"{data.name}: shows {registration.scale:.5f} +- {half:.2g} of true "
+                   f"lengths (95 %){stated}.")
+
+
+def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
+    """Refuse options that do not go together.
+
+    Raises:
+        BadInput: with the option, and what goes with it.
+    """
+    for value, name, allowed in ((method, "method", ("prior", "gcv", "damped")),
+                                 (prior, "prior", ("tolerances", "flat")),
+                                 (sigma, "sigma", ("stated", "estimated"))):
+        if value not in allowed:
+            raise BadInput(f"'{value}' is not a {name}", f"--{name}",
+                           f"There are: {', '.join(allowed)}")
+    if sigma == "estimated" and method == "damped":
+        raise BadInput("--sigma estimated goes with --method prior or gcv", "--method",
+                       "Choose one")
+    if method != "prior" and prior == "flat":
+        raise BadInput(f"--prior flat goes with --method prior, not {method}", "--method",
+                       "Choose one")
+    if keep and method == "damped":
+        raise BadInput("--keep goes with --method prior or gcv", "--method", "Choose one")
+
+
+@contextmanager
+def with_unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Iterator[list[str]]:
+    """Yield what `check` says of units and limits; a fit that fails inside says it too."""
+    found = unit_findings(mechanism, datasets)
+    try:
+        yield found
+    except Misread as error:
+        if error.found:
+            raise
+        raise Misread(error.what, error.where, " ".join([*found, error.mend]).strip()) from None
+    except PpmcalError as error:
+        mend = " ".join([*found, error.mend]).strip()
+        where = error.where or ", ".join(d.source for d in datasets)
+        raise type(error)(error.what, where, mend) from None
+
+
+def fitted_rows(problem: Problem, options: FitOptions, sigma: str
+                ) -> tuple[Fit, list[str], list[str]]:
+    """Fit, with the noise as stated or as the residuals show it.
+
+    Returns:
+        The fit, what was odd about the noise, and what the estimated noise is.
+    """
+    odd, told = list[str](), list[str]()
+    which = _estimated(problem, sigma)
+    if any(which) and options.method != "damped":
+        fit, factor = with_estimated_noise(problem, options, which)
+        told = noise_sentences(problem, factor, which)
+    else:
+        fit = fitted(problem, options)
+        if problem.earlier is not None and noise_check(fit).failed:
+            # what was known before must not pay for the noise of the new rows
+            fit, factor = with_estimated_noise(problem, options)
+            odd = [f"{d.name}: residuals are {f:.3g} times the stated noise: something is missing "
+                   "in the model, or sigma is too small; this file counts that much less; identify "
+                   "it alone, or look with `ppmcal diagnose`"
+                   for d, f in zip(problem.datasets, factor.tolist(), strict=True) if f > 1.0]
+    _refuse_unconverged(fit, options)
+    return fit, odd, told
+
+
+def _estimated(problem: Problem, sigma: str) -> list[bool]:
+    """Return of which data sets the noise is estimated."""
+    return [sigma == "estimated" or d.estimated for d in problem.datasets]
+
+
+def _refuse_unobservable(problem: Problem, source: str) -> None:
+    """Refuse a fit without tolerances that nothing keeps from shrinking or growing."""
+    scale = predict_identifiability(problem, "flat").scale
+    if scale is not None and scale.unobservable:
+        raise BadInput("these data do not hold the machine's size, and without tolerances "
+                       "nothing else does: the fit would run off", f"{source} with --prior flat",
+                       "Keep the tolerances, fix the lengths or the drives (fixed: true), or add "
+                       "a measured distance")
+
+
+def left_over(fit: Fit, seed: int) -> list[str]:
+    """Return what pattern a residual has that hardly any freedom is left for, in words."""
+    pattern = left_over_pattern(fit)
+    if pattern is None:
+        return []
+    touches = all(d.kind == "plane" for d in fit.problem.datasets)
+    more = poses_to_tell(fit, pattern.slots, seed)
+    return [f"{pattern_sentence(pattern, more, touches)}."]
+
+
+def _held_out(holdout: Any, machine: Mechanism) -> tuple[tuple[Dataset, ...], float]:
+    """Return other measurements to test on, or the part of the poses to hold out."""
+    try:
+        fraction = float(holdout)
+    except (TypeError, ValueError):
+        return datasets_of(machine, holdout), 0.0
+    if not 0.0 <= fraction < 1.0:
+        raise BadInput(f"{holdout} is no part of the poses", "--holdout",
+                       "Give a fraction from 0 to below 1, or a CSV")
+    return (), fraction
+
+
+def _of_their_own(datasets: Sequence[Dataset], other: Sequence[Dataset]
+                  ) -> tuple[tuple[Dataset, ...], list[str]]:
+    """Return held-out measurements without rows that the fit has too, and what is left out.
+
+    Raises:
+        BadInput: one has no row of its own.
+    """
+    if not other:
+        return (), []
+    told = {f for d in other for f in d.findings}
+    own = without_shared((*datasets, *other))[len(datasets):]
+    return own, [f for d in own for f in d.findings if f not in told]
+
+
+def _refuse_unconverged(fit: Fit, options: FitOptions) -> None:
+    """Refuse a fit that is neither at its minimum nor at the noise, unless asked to stop there.
+
+    Raises:
+        NoResult: with how far it got.
+    """
+    if fit.converged or fit.stopped or options.iterations:
+        return
+    if options.method == "damped":
+        raise NoResult(f"the damped scheme is too slow for these parameters: {fit.reached}",
+                       "--method damped",
+                       "Use a smaller --damping, fewer free parameters, --iterations to stop "
+                       "where you want, or the prior (--method prior)")
+    if noise_check(fit).failed:
+        raise NoResult(f"the fit did not converge: {fit.reached}",
+                       ", ".join(d.source for d in fit.problem.datasets),
+                       "Run check on machine and data: units, order of columns, poses that tell "
+                       "the parameters apart; or free fewer parameters, or try more --iterations")

@@ -1,0 +1,3 @@
+"""Turn a controller's configuration into a machine and its data."""
+
+ORDER = 2

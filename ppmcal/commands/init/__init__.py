@@ -1,0 +1,3 @@
+"""Write a commented mechanism file to start from."""
+
+ORDER = 1

@@ -1,0 +1,3 @@
+"""Inverse, forward or velocity kinematics of a table."""
+
+ORDER = 5

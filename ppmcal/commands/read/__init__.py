@@ -1,0 +1,3 @@
+"""Turn files of instruments and controllers into measurements."""
+
+ORDER = 3

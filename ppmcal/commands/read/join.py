@@ -1,0 +1,267 @@
+"""The joint log among the files that were read, and points put beside it on one clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal.commands.read.targets import found_offset, known_points, with_targets
+from ppmcal.errors import BadInput
+from ppmcal.io.clock import Clock, on_clock_of
+from ppmcal.io.csv import Table
+from ppmcal.io.foreign import ForeignTable, pose_names
+from ppmcal.io.foreign_names import is_target
+from ppmcal.io.join import Join, join, unwrapped
+from ppmcal.io.measurement_columns import stacked
+from ppmcal.io.read_block import ANGULAR, ReadFile
+from ppmcal.io.reading import as_declared, unit_of
+from ppmcal.linalg import Array
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import TURN, Units
+
+FIND = "find"
+LONGEST = 1e10
+"""No two clocks differ by more, s."""
+
+
+@dataclass(frozen=True)
+class JoinOptions:
+    """How points find their rows; see :func:`ppmcal.commands.read.run.read`."""
+
+    by: str | None
+    tolerance: float
+    partial: bool
+    interpolate: bool
+    clock_offset: float | str | None
+
+
+@dataclass(frozen=True)
+class Joined:
+    """One table, with what is to be said of how it was made."""
+
+    table: Table
+    findings: tuple[str, ...] = ()
+    sentences: tuple[str, ...] = ()
+
+
+def sort_out(found: Sequence[ForeignTable], mechanism: Mechanism
+             ) -> tuple[ForeignTable, list[ForeignTable]]:
+    """Return the table that holds joints, and the lists of points.
+
+    Raises:
+        BadInput: none or several hold joints.
+    """
+    logs = [f for f in found if f.has_joints]
+    sources = ", ".join(f.table.source for f in (logs or found))
+    if len(logs) > 1:
+        raise BadInput("several files hold joint values", sources, "Read each with its own points")
+    if not logs:
+        joints = [f"q_{a}" for a in mechanism.actuators]
+        there = ", ".join(dict.fromkeys(h for f in found for h in f.ignored))
+        raise BadInput(f"no file holds joint values ({', '.join(joints)})", sources,
+                       "Name the columns under `read.columns` in a sidecar, such as "
+                       f'{{{joints[0]}: "its header"}}'
+                       + (f". Not understood: {there[:200]}" if there else ""))
+    return logs[0], [f for f in found if f is not logs[0]]
+
+
+def joined(log: ForeignTable, lists: Sequence[ForeignTable], options: JoinOptions, block: ReadFile,
+           mechanism: Mechanism, units: Units, place: str) -> Joined:
+    """Return the log with the points beside it, or as it is where there are none.
+
+    ``units`` are those of columns that say nothing else.
+
+    Raises:
+        BadInput: lists that differ, clocks that cannot be compared, or as :func:`join`.
+    """
+    offset = _offset(options.clock_offset)
+    if not lists:
+        for wanted, flag in ((options.interpolate, "--interpolate"), (offset, "--clock-offset"),
+                             (options.by, "--join")):
+            if wanted:
+                raise BadInput("there is one table, and nothing to put beside it", flag,
+                               "Give a list of points too, or leave the option out")
+        table, said = _from_first(log.table, log.clock)
+        called = pose_names(table) if "pose" in table.header else []
+        table, named = with_targets(table, block.names, called)
+        return Joined(table, (), (*named, *said))
+    points = _one_list(lists)
+    by_time = options.by == "time" or options.interpolate or offset is not None
+    table, named = with_targets(
+        points.table, block.names, () if by_time or "pose" not in log.table.header
+        else pose_names(log.table), is_target(points.headers.get("pose", "")))
+    sentences = list(named)
+    timed = log.clock is not None and points.clock is not None
+    if offset is not None:
+        if not timed:
+            raise BadInput("log and points do not both have times", "--clock-offset",
+                           "Leave it out, and join by name")
+        assert log.clock is not None and points.clock is not None
+        own = _comparable(log, points)
+        ahead = offset
+        if offset == FIND:
+            found, table, more = found_offset(
+                mechanism, *_joints(log, block, mechanism, units, place), own, table,
+                [f.table for f in lists], known_points(block, mechanism, units, place))
+            sentences += [*more, str(found)]
+            ahead = found.value
+        table = replace(table, numbers={**table.numbers, "time": own - float(ahead)})
+    elif timed and options.by != "name" and not _by_name(log.table, table, options):
+        assert log.clock is not None and points.clock is not None
+        times = on_clock_of(log.clock, points.clock, log.table.source, table.source)
+        table = replace(table, numbers={**table.numbers, "time": times})
+    by = options.by or ("time" if offset is not None else None)
+    try:
+        made = join(log.table, table, by, options.tolerance, options.partial, options.interpolate,
+                    _turns(log, block, mechanism, units, place))
+    except BadInput as error:
+        raise _with_hint(error, log, points, offset) from None
+    after, said = _from_first(made.table, log.clock if "time" in log.table.header else points.clock)
+    sentences.append(_how(made))
+    return Joined(after, made.findings, (*sentences, *said))
+
+
+def _how(made: Join) -> str:
+    return f"Joined by {made.by}: {len(made.table)} rows." + (f" {made.how}." if made.how else "")
+
+
+def _offset(given: float | str | None) -> float | str | None:
+    """Return a number of seconds, ``find``, or None."""
+    if given is None or given == FIND:
+        return given
+    try:
+        value = float(given)
+    except ValueError:
+        value = math.nan
+    if not abs(value) < LONGEST:
+        raise BadInput(f"'{given}' is no number of seconds", "--clock-offset",
+                       "Give what the points' clock is ahead by, s, or `find`")
+    return value
+
+
+def _by_name(log: Table, points: Table, options: JoinOptions) -> bool:
+    """Whether names will decide, so that clocks need not agree."""
+    if options.interpolate or options.by == "time":
+        return False
+    both = "pose" in log.header and "pose" in points.header
+    mine = {n.rsplit("::", 1)[-1] for n in pose_names(log)} if both else set()
+    return bool(both and mine & {n.rsplit("::", 1)[-1] for n in pose_names(points)})
+
+
+def _comparable(log: ForeignTable, points: ForeignTable) -> Array:
+    """Return the points' times; on the log's clock as far as that can be told."""
+    assert log.clock is not None and points.clock is not None
+    try:
+        return on_clock_of(log.clock, points.clock, log.table.source, points.table.source)
+    except BadInput:
+        return points.clock.seconds    # an offset between clocks of any two kinds
+
+
+def _with_hint(error: BadInput, log: ForeignTable, points: ForeignTable,
+               offset: float | str | None) -> BadInput:
+    """Return a refusal with both spans of time, where the two do not overlap."""
+    clocks = [f.clock for f in (log, points)]
+    if offset is not None or None in clocks or "match" not in error.what:
+        return error
+    one, two = (c for c in clocks if c is not None)
+    ends = [(c.first, float(np.nanmax(c.seconds, initial=-np.inf))) for c in (one, two)]
+    if ends[0][0] <= ends[1][1] and ends[1][0] <= ends[0][1]:
+        return error
+    return BadInput(f"{error.what} (the log runs from {one.name(ends[0][0])} to "
+                    f"{one.name(ends[0][1])}, the points from {two.name(ends[1][0])})", error.where,
+                    f"{error.mend}. If the clocks differ: --clock-offset S, or --clock-offset find")
+
+
+def _turns(log: ForeignTable, block: ReadFile, mechanism: Mechanism, units: Units, place: str
+           ) -> dict[str, float]:
+    """Return columns of joints that may turn over -> one turn as the column counts it."""
+    out = {}
+    for name in _wrapping(mechanism):
+        unit = log.units.get(name) or unit_of(name, block, place) or units.angle
+        if unit == "counts" and block.counts_per_turn is not None:
+            out[name] = float(block.counts_per_turn)
+        elif unit in ANGULAR:
+            out[name] = TURN / ANGULAR[unit]
+    return out
+
+
+def _wrapping(mechanism: Mechanism) -> list[str]:
+    """Return the columns of rotary joints whose readings may jump by a turn."""
+    return [f"q_{a}" for a, quantity, bare, (low, high) in zip(
+        mechanism.actuators, mechanism.actuator_quantity, mechanism.actuator_has_ratio,
+        mechanism.limits.tolist(), strict=True)
+        if quantity == "angle" and not bare and _may_jump(low, high)]
+
+
+def _may_jump(low: float, high: float) -> bool:
+    """Whether over half a turn from one reading to the next is a jump, not a long move: rad.
+
+    It is none where limits allow such a move and keep the joint off 180 deg, where readings wrap.
+    """
+    if high - low <= 0.5 * TURN or high - low >= TURN * (1.0 - 1e-9):
+        return True
+    return bool(low < TURN * (math.ceil(low / TURN - 0.5) + 0.5) < high)
+
+
+def _joints(log: ForeignTable, block: ReadFile, mechanism: Mechanism, declared: Units, place: str
+            ) -> tuple[Array, Array]:
+    """Return a log's times (N,), ascending, and joint values (N, k), SI."""
+    names = [f"q_{a}" for a in mechanism.actuators]
+    missing = [n for n in names if n not in log.table.numbers]
+    if missing:
+        raise BadInput(f"an offset is found from joint values, and there is no {missing[0]}",
+                       log.table.source, "Give the offset: --clock-offset S")
+    units = {n: u for n in names if (u := log.units.get(n) or unit_of(n, block, place))}
+    rest = ReadFile.model_construct(units=units, signs=block.signs,
+                                    counts_per_turn=block.counts_per_turn)
+    rest = rest.model_copy(update={"signs": {
+        p: s for p, s in block.signs.items() if p.startswith("q_")}})
+    table = as_declared(log.table, rest, mechanism, declared, place, units)
+    assert log.clock is not None
+    times = log.clock.seconds
+    order = np.argsort(times, kind="stable")
+    order = order[np.isfinite(times[order])]
+    q = (stacked(table, names) * mechanism.joint_factors(declared))[order]
+    for i in [names.index(n) for n in _wrapping(mechanism)]:
+        q[:, i] = unwrapped(q[:, i], TURN)
+    return times[order], q
+
+
+def _one_list(lists: Sequence[ForeignTable]) -> ForeignTable:
+    """Return the points of all lists, which have the same columns."""
+    first = lists[0]
+    for other in lists[1:]:
+        alike = (set(other.table.header) == set(first.table.header) and other.units == first.units
+                 and _kind(first.clock) == _kind(other.clock))
+        if not alike:
+            raise BadInput(f"has other columns, units or times than {first.table.source}",
+                           other.table.source, "Read it with the joint log by itself")
+    if len(lists) == 1:
+        return first
+    tables = [f.table for f in lists]
+    text = {h for t in tables for h in t.text}
+    whole = Table(", ".join(t.source for t in tables), first.table.header,
+                  {h: np.concatenate([t.numbers[h] for t in tables])
+                   for h in first.table.header if h not in text},
+                  {h: tuple(c for t in tables for c in t.labels(h)) for h in text},
+                  sum(len(t) for t in tables))
+    clock = first.clock and replace(first.clock, seconds=whole.numbers["time"])
+    return replace(first, table=whole, clock=clock)
+
+
+def _kind(clock: Clock | None) -> tuple[bool, ...]:
+    return () if clock is None else (clock.counter, clock.dated, clock.zoned)
+
+
+def _from_first(table: Table, clock: Clock | None) -> tuple[Table, tuple[str, ...]]:
+    """Return the table with its times counted from the first, unless they are a counter's."""
+    if clock is None or clock.counter or "time" not in table.numbers:
+        return table, ()
+    times = table.numbers["time"]
+    known = times[np.isfinite(times)]
+    first = float(known.min()) if known.size else 0.0
+    return replace(table, numbers={**table.numbers, "time": times - first}), (
+        f"Column time: s since {clock.name(first)}.",)

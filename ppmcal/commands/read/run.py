@@ -1,0 +1,295 @@
+"""Files as instruments and controllers write them, as the two that the program works with."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ppmcal.commands.inputs import load
+from ppmcal.commands.read.join import Joined, JoinOptions, joined, sort_out
+from ppmcal.commands.read.options import ReadArguments
+from ppmcal.commands.read.words import understood
+from ppmcal.commands.recording import source_of
+from ppmcal.commands.result import Result
+from ppmcal.commands.spec import Path_
+from ppmcal.errors import BadInput, unknown
+from ppmcal.io import Output
+from ppmcal.io.csv import Table, csv_table
+from ppmcal.io.csv_writer import Content, csv_lines
+from ppmcal.io.dataset_reader import dataset_of
+from ppmcal.io.foreign import ForeignTable, foreign_tables, refuse_unused
+from ppmcal.io.header_units import with_units
+from ppmcal.io.join import rows_of
+from ppmcal.io.measurement_columns import LABELS
+from ppmcal.io.output import origin_comment
+from ppmcal.io.pose_fields import QUATERNION
+from ppmcal.io.read_block import MATRIX, ReadFile
+from ppmcal.io.reading import as_declared, declared_unit, unit_of
+from ppmcal.io.schema import check
+from ppmcal.io.sidecar import FORMAT, SidecarFile, sidecar_path
+from ppmcal.io.yaml import dump_yaml, read_yaml
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import LENGTHS, Units
+from ppmcal.wording.told import Told
+
+GUESS = 1e-5
+"""Standard deviation with which an estimate of an unknown noise begins, m and rad."""
+TURNED = (*(f"r{a}" for a in "xyz"), *QUATERNION, *MATRIX)
+
+
+@dataclass(frozen=True, eq=False)
+class ReadRun:
+    """One measurement file: its name without end, table in the sidecar's units, sidecar, data."""
+
+    name: str
+    table: Table
+    sidecar: Mapping[str, Any]
+    data: Dataset
+
+
+@dataclass(frozen=True, eq=False)
+class ReadResult(Result):
+    """What was read, and how it was understood.
+
+    Attributes:
+        runs: one measurement file, or one for each target on the platform.
+        sentences: what was understood of each file.
+    """
+
+    COMMAND: ClassVar[str] = "read"
+    TABLE: ClassVar[str] = "run.csv"
+
+    runs: tuple[ReadRun, ...]
+    sentences: tuple[str, ...]
+
+    @property
+    def data(self) -> Dataset:
+        """The measurements of the first file, SI."""
+        return self.runs[0].data
+
+    @property
+    def table(self) -> Table:
+        """The columns of the first file, in its sidecar's units."""
+        return self.runs[0].table
+
+    @property
+    def sidecar(self) -> Mapping[str, Any]:
+        """What the YAML beside the first table says."""
+        return self.runs[0].sidecar
+
+    def files(self) -> Mapping[str, Content]:
+        """Return each CSV and its sidecar, which says at its head what it was made from."""
+        origin = origin_comment(self.provenance)
+        return {f"{run.name}.{end}": content for run in self.runs
+                for end, content in (("csv", table_text(run.table)),
+                                     ("yaml", origin + dump_yaml(dict(run.sidecar))))}
+
+    def headline(self) -> str:
+        """Return how many rows of which columns there are."""
+        rows = " and ".join(str(len(run.table)) for run in self.runs)
+        return f"{rows} rows of {', '.join(self.table.header)}."
+
+    def told(self) -> Iterator[Told]:
+        """Yield what was understood."""
+        yield from self.sentences
+
+    def write(self, asked: ReadArguments) -> list[Path]:
+        """Write the files among others, all of them or none; return their paths."""
+        assert asked.out is not None
+        output = Output(Path(asked.out).parent, loose=True)
+        for name, content in self.files().items():
+            output.add(name, content)
+        return output.write()
+
+    def finished(self, written: Sequence[Path], asked: Any) -> Iterator[Told]:
+        """Yield where the files are."""
+        yield f"Written: {', '.join(map(str, written))}"
+
+    def summary_of(self, written: Sequence[Path]) -> Mapping[str, Any]:
+        """Return the files that were written."""
+        return {"written": [str(p) for p in written]}
+
+    def summary(self) -> dict[str, object]:
+        """Return what the command prints as JSON."""
+        return {"format": "ppmcal/read/1", "rows": sum(len(run.table) for run in self.runs),
+                "columns": list(self.table.header), "understood": list(self.sentences),
+                "findings": list(self.findings), "provenance": self.provenance}
+
+
+def run(asked: ReadArguments) -> ReadResult:
+    """Read files of instruments and controllers as measurements."""
+    files, names, units = asked.files, asked.names, asked.units
+    paths = [Path(f) for f in ([files] if isinstance(files, str | os.PathLike) else files)]
+    if asked.out is not None:
+        known = [*paths, *(Path(p) for p in (asked.mechanism, asked.sidecar) if p)]
+        _refuse_to_replace(Path(asked.out), known, asked.force)
+    machine = load(asked.mechanism)
+    _check_options(asked.join, units, asked.tolerance)
+    side = _sidecar(paths, asked.sidecar)
+    content = None if side is None else read_yaml(side)
+    place = "the sidecar" if side is None else str(side)
+    block = ReadFile() if content is None else check(SidecarFile, content, place).read
+    block = block if names is None else check(
+        ReadFile, {"names": names}, "--names").model_copy(update={
+            k: getattr(block, k) for k in block.model_fields_set - {"names"}})
+    found = [f for p in paths for f in foreign_tables(p, machine, block, place)]
+    refuse_unused(block, found, place)
+    log, lists = sort_out(found, machine)
+    lists = lists if units is None else [_in_unit(points, units) for points in lists]
+    options = JoinOptions(asked.join, asked.tolerance, asked.partial, asked.interpolate,
+                          asked.clock_offset)
+    declared = (machine.units if content is None else
+                check(SidecarFile, content, place).units.units())
+    together = joined(log, lists, options, block, machine, declared, place)
+    notes = [n for f in found for n in f.findings] + list(together.findings)
+    said = "sidecar" if content is not None else "mechanism file"
+    if content is None:
+        content, more = _unsaid(together.table, machine)
+        notes += more
+    file = check(SidecarFile, content, place)
+
+
+    def told(f: ForeignTable, own: str) -> tuple[str, str]:
+        by_side, declared = unit_of(own, block, place), file.units.units()
+        if own in f.units:
+            return f.units[own], f.units_from.get(own, "header")
+        if by_side is not None:
+            return by_side, "read.units"
+        unit = declared_unit(own, machine, declared)
+        return unit, said if unit in (declared.length, declared.angle) else ""
+
+    sentences = [understood(f, told) for f in (log, *lists)] + list(together.sentences)
+    table = _declared(together, [log, *lists], block, machine, file.units.units(), place)
+    kept = {k: v for k, v in content.items() if k != "read"}
+    kept |= {"read": {"shift": block.shift}} if block.shift else {}
+    runs = _by_target(table, kept, block, asked.name, place, machine)
+    whole = [q for p in paths for q in (sorted(p.iterdir()) if p.is_dir() else [p]) if q.is_file()]
+    inputs: list[Path_] = [*whole, *([side] if side else []), *machine.inputs]
+    notes += [n for run in runs for n in run.data.findings]
+    result = ReadResult(source_of("read", inputs, None), tuple(notes), runs, tuple(sentences))
+    if asked.out is not None:
+        for name in result.files():
+            _refuse_to_replace(Path(asked.out).with_name(name).with_suffix(".csv"),
+                               [Path(p) for p in result.provenance["inputs"]], asked.force)
+    return result
+
+
+def _refuse_to_replace(out: Path, inputs: Sequence[Path], force: bool) -> None:
+    """Refuse to replace an input, or what is there."""
+    if out.suffix != ".csv":
+        raise BadInput("is no name of a CSV", str(out), "Write --out run.csv")
+    for place in (out, out.with_suffix(".yaml")):
+        if any(place.exists() and p.exists() and place.samefile(p) for p in inputs):
+            raise BadInput("is an input of this run, and its results would replace it",
+                           str(place), "Give another --out")
+        if place.exists() and not force:
+            raise BadInput("exists already", str(place), "Give another --out, or --force")
+
+
+def _check_options(join: str | None, units: str | None, tolerance: float) -> None:
+    if join not in (None, "name", "time"):
+        raise unknown("way to join", join, ("name", "time"), "--join")
+    if units is not None and units not in LENGTHS:
+        raise unknown("length unit", units, LENGTHS, "--units")
+    if not tolerance >= 0.0:
+        raise BadInput(f"{tolerance} is no time", "--tolerance", "Write seconds, 0 or more")
+
+
+def _declared(together: Joined, files: Sequence[ForeignTable], block: ReadFile,
+              machine: Mechanism, units: Units, place: str) -> Table:
+    """Return the table in the sidecar's units, axes and conventions."""
+    table = together.table
+    headed = {own: u for f in files for own, u in f.units.items() if own in table.header}
+    rest = block.model_copy(update={"columns": {}, "ignore": []})
+    return as_declared(table, with_units(rest, headed, place), machine, units, place, headed,
+                       ("time",))
+
+
+def _by_target(table: Table, kept: dict[str, Any], block: ReadFile, name: str, place: str,
+               machine: Mechanism) -> tuple[ReadRun, ...]:
+    """Return one measurement file, or one for each target, all seen from one frame."""
+    if "target" not in table.header:
+        return (ReadRun(name, table, kept, _checked(table, kept, place, machine)),)
+    if kept.get("target") not in (None, "unknown"):
+        raise BadInput("there are several targets, and one `target`", f"{place}: target",
+                       "Write `target: unknown`, and the points under `read.targets`")
+    targets, runs = list(dict.fromkeys(table.text["target"])), list[ReadRun]()
+    for target in block.targets:
+        if target not in targets:
+            raise unknown("target", target, targets, f"{place}: read.targets")
+    bare = replace(table, header=tuple(h for h in table.header if h != "target"),
+                   text={h: c for h, c in table.text.items() if h != "target"})
+    stem = str(kept.get("name", name))
+    for target in targets:
+        rows = np.flatnonzero(np.array(table.text["target"]) == target)
+        side = {**kept, "name": f"{stem} {target}", "target": block.targets.get(target, "unknown")}
+        if runs and kept.get("frame") == "unknown":
+            side["frame"] = {"same_as": runs[0].sidecar["name"]}
+        part = rows_of(bare, rows)
+        runs.append(ReadRun(f"{name}-{re.sub(r'[^A-Za-z0-9_.-]+', '-', target)}", part, side,
+                            _checked(part, side, place, machine)))
+    double = [r.name for r in runs]
+    if len(set(double)) < len(double):
+        raise BadInput("two targets would be written to one file", f"{place}: read.names",
+                       "Name them by letters and digits")
+    return tuple(runs)
+
+
+def table_text(table: Table) -> Content:
+    """Return a table as a CSV."""
+    return csv_lines(table.header, [table.numbers[h] if h in table.numbers else table.text[h]
+                                    for h in table.header])
+
+
+def _sidecar(paths: Sequence[Path], given: Path_ | None) -> Path | None:
+    """Return the sidecar of the files, None where there is none."""
+    if given is not None:
+        return Path(given)
+    there = list(dict.fromkeys(p for p in map(sidecar_path, paths) if p.is_file()))
+    if len(there) > 1:
+        raise BadInput("more than one of the files has a sidecar", ", ".join(map(str, there)),
+                       "Give the one that counts with --sidecar")
+    return there[0] if there else None
+
+
+def _in_unit(points: ForeignTable, unit: str) -> ForeignTable:
+    more: dict[str, str] = {c: unit for c in ("x", "y", "z") if c in points.table.header}
+    return replace(points, units={**more, **points.units},
+                   units_from={**dict.fromkeys(more, "--units"), **points.units_from})
+
+
+def _unsaid(table: Table, mechanism: Mechanism) -> tuple[dict[str, Any], list[str]]:
+    """Return the sidecar of a table that has none, and what the user must add to it."""
+    own = mechanism.units
+    if "x" not in table.header and ({"height", "distance"} & set(table.header)):
+        raise BadInput("heights and distances need a sidecar", table.source,
+                       "Write one (README, The measurements) and give it with --sidecar")
+    turning = mechanism.motion != "translational" and any(c in table.header for c in TURNED)
+    sigma: dict[str, Any] = {"position": _rounded(GUESS, own, "length")}
+    if turning:
+        sigma["rotation"] = _rounded(GUESS, own, "angle")
+    content = {"format": FORMAT, "units": {"length": own.length, "angle": own.angle},
+               "instrument": {"kind": "pose" if turning else "position",
+                              "sigma": {**sigma, "estimated": True}},
+               "frame": "unknown", "target": "unknown"}
+    return content, [f"there is no sidecar: units without another are taken for {own.length} and "
+                     f"{own.angle}, frame and target for unknown, and the noise is estimated. "
+                     "Write into the YAML what you know."]
+
+
+def _rounded(value: float, units: Units, quantity: str) -> float:
+    return float(f"{value / units.factor(quantity):.2g}")
+
+
+def _checked(table: Table, content: Mapping[str, Any], place: str, mechanism: Mechanism) -> Dataset:
+    """Return the data set of what will be written, read back by the program's own reader."""
+    file = check(SidecarFile, dict(content), place)
+    again = csv_table(str(table_text(table)).encode(), table.source, LABELS.__contains__)
+    return dataset_of(again, file, place, mechanism)

@@ -1,0 +1,3 @@
+"""Gather output folders into one HTML page."""
+
+ORDER = 20

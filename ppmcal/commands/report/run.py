@@ -1,0 +1,75 @@
+"""Output folders on one page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ppmcal.commands.recording import source_of
+from ppmcal.commands.report.options import ReportArguments
+from ppmcal.commands.result import Result
+from ppmcal.io import csv_text, json_text
+from ppmcal.report import collect, to_html, to_json
+from ppmcal.report.records import ReportData
+from ppmcal.wording.told import Told
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReportResult(Result):
+    """A report.
+
+    Attributes:
+        data: what the folders hold.
+        content: the content of report.json.
+    """
+
+    COMMAND: ClassVar[str] = "report"
+    TABLE: ClassVar[str] = "attention.csv"
+
+    data: ReportData
+    content: Mapping[str, Any]
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return report.html and report.json."""
+        return {"report.html": to_html(self.data), "report.json": json_text(self.content)}
+
+    def tables(self) -> Mapping[str, str | bytes]:
+        """Return what needs a look, as a table besides the files."""
+        rows = self.content["attention"]
+        return {self.TABLE: csv_text(["where", "what"], [[r["where"] for r in rows],
+                                                         [r["what"] for r in rows]])}
+
+    def told(self) -> Iterator[Told]:
+        """Yield nothing: the page says it."""
+        return iter(())
+
+    def finished(self, written: Sequence[Path], asked: Any) -> Iterator[Told]:
+        """Yield where the page is, which is opened where that is wanted and can be done."""
+        yield from super().finished(written, asked)
+        page = next(p for p in written if p.suffix == ".html")
+        if not (asked.open_page and _opened(page)):
+            yield f"Open {page} in a browser."
+
+    def summary(self) -> Mapping[str, Any]:
+        """Return what ``--json`` prints."""
+        return self.content
+
+    def headline(self) -> str:
+        """Return the page's first sentences."""
+        return " ".join(self.content["headline"])
+
+
+def run(asked: ReportArguments) -> ReportResult:
+    """Gather output folders into one page."""
+    data = collect([Path(f) for f in asked.folders])
+    content = to_json(data)
+    return ReportResult(source_of("make_report", [], None), (), data, content)
+
+
+def _opened(page: Path) -> bool:
+    """Open a page; whether there was a browser to do it."""
+    import webbrowser
+
+    return webbrowser.open(page.resolve().as_uri())

@@ -1,0 +1,3 @@
+"""Print the JSON Schema of a file, for editors."""
+
+ORDER = 18

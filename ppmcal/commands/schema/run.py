@@ -1,0 +1,40 @@
+"""JSON Schemas of the files that are read and written."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from ppmcal.commands.schema.options import SchemaArguments
+from ppmcal.errors import unknown
+from ppmcal.io.json_schema import DIALECT, FILES, file_schema
+from ppmcal.io.results import codec
+from ppmcal.io.results.record import Record
+
+RESULTS = {"identification": "identification.IdentificationRecord",
+           "diagnosis": "diagnosis.DiagnosisRecord", "comparison": "comparison.ComparisonRecord",
+           "commands": "commands.CommandsRecord", "kinematics": "kinematics.KinematicsRecord",
+           "truth": "simulation.TruthRecord", "sensitivity": "sensitivity.SensitivityRecord",
+           "tolerances": "tolerances.TolerancesRecord",
+           "stiffness": "stiffness.StiffnessRecord", "workspace": "workspace.WorkspaceRecord",
+           "plan": "plan.PlanRecord", "export": "export.ExportRecord",
+           "validation": "validation.ValidationRecord", "campaign": "batch.CampaignRecord",
+           "verification": "verification.VerificationRecord"}
+"""Results by name, and the records that write and read them."""
+
+
+def known() -> list[str]:
+    """Return the names of all files that have a schema."""
+    return [*FILES, *RESULTS]
+
+
+def run(asked: SchemaArguments) -> dict[str, Any]:
+    """Return the JSON Schema of a file."""
+    name = asked.name
+    if name in FILES:
+        return file_schema(name)
+    if name not in RESULTS:
+        raise unknown("file", name, known())
+    module, _, found = RESULTS[name].partition(".")
+    record: type[Record] = getattr(import_module(f"ppmcal.io.results.{module}"), found)
+    return {"$schema": DIALECT, **codec.schema(record)}

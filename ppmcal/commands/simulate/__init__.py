@@ -1,0 +1,3 @@
+"""Simulate measurements of a machine with injected errors."""
+
+ORDER = 6

@@ -1,0 +1,3 @@
+"""How well a calibrated machine predicts other measurements."""
+
+ORDER = 8

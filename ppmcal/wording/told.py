@@ -1,0 +1,37 @@
+"""What a result says of itself, for whoever shows it: sentences, short tables, findings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+WIDTH = 80
+"""Columns that a line of text may have."""
+
+
+@dataclass(frozen=True)
+class ShortTable:
+    """Rows of text below ``heads``; the columns ``right`` are numbers."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    right: Sequence[int] = ()
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Sentences that need a look, where they do not stand at the end."""
+
+    sentences: Sequence[str]
+
+
+@dataclass(frozen=True)
+class CommandLine:
+    """A command to be copied, behind what it is for."""
+
+    head: str
+    words: Sequence[object]
+
+
+Told = str | ShortTable | Findings | CommandLine
+"""A part of what a result says."""
