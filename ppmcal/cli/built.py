@@ -165,10 +165,13 @@ def _run(script: Script, console: Console) -> None:
 def _asked(spec: Command, one: Taken) -> Any:
     """Return the argument or option of a field."""
     how, kind = one.option, _kind(one)
+    more: dict[str, Any] = {}
+    if how.complete:
+        more["shell_complete"] = completed(how.complete)
     if how.argument:
         return click.argument(one.name, metavar=how.metavar or None, type=kind,
-                              nargs=-1 if one.several else 1, required=one.required)
-    more: dict[str, Any] = {"help": spec.said(how.text)}
+                              nargs=-1 if one.several else 1, required=one.required, **more)
+    more["help"] = spec.said(how.text)
     if not one.required:
         python = None if one.value in ("", ()) else one.value
         more["default"] = python if how.typed is None else how.typed
@@ -181,8 +184,6 @@ def _asked(spec: Command, one: Taken) -> Any:
         more["show_default"] = True
     if how.prints:
         more |= {"is_eager": True, "expose_value": False, "callback": _printed(spec, how.prints)}
-    if how.complete:
-        more["shell_complete"] = completed(how.complete)
     return click.option(*(how.flags or flags(one)), one.name, **more)
 
 

@@ -3,7 +3,7 @@
 A folder's docstring is the line in the list of commands, its ``ORDER`` the place there. Its module
 ``options`` has ``COMMAND``, the :class:`~ppmcal.commands.spec.Command`: what it takes and how it is
 called. Its module ``run`` has ``run(asked)``, which does the work, and may have
-``refused(error, asked, folder)``: what is left where there is no result, a
+``when_refused(error, asked, folder)``: what is left where there is no result, a
 :class:`~ppmcal.commands.spec.Refusal` or None. The command line, the Python face, ``verify``,
 completion and the docs are made of these.
 
@@ -13,11 +13,14 @@ A folder whose name would be a word of Python ends in an underscore, its command
 from __future__ import annotations
 
 import importlib
-import pkgutil
+import os
 from functools import cache
-from types import ModuleType
 
-from ppmcal.commands.spec import Command, Face
+TYPE_CHECKING = False    # what the list of commands needs not loads nothing
+if TYPE_CHECKING:
+    from types import ModuleType
+
+    from ppmcal.commands.spec import Command, Face
 
 
 @cache
@@ -56,7 +59,8 @@ def folder(name: str) -> str:
 
 @cache
 def _folders() -> dict[str, str]:
-    return {m.name.rstrip("_"): m.name for m in pkgutil.iter_modules(__path__) if m.ispkg}
+    return {one.rstrip("_"): one for place in __path__ for one in os.listdir(place)
+            if os.path.isfile(os.path.join(place, one, "__init__.py"))}
 
 
 def _module(name: str, within: str = "") -> ModuleType:

@@ -59,7 +59,7 @@ def recorded(name: str) -> Command | None:
 def refused(spec: Command, error: PpmcalError, asked: Arguments, out: Path | None
             ) -> Refusal | None:
     """Return what a command leaves in its folder where it has no result, None for nothing."""
-    left = getattr(work(spec.name), "refused", None)
+    left = getattr(work(spec.name), "when_refused", None)
     found: Refusal | None = None if left is None else left(error, asked, out)
     return found
 

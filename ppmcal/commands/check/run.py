@@ -162,7 +162,7 @@ def run(asked: CheckArguments) -> CheckResult:
     return result if asked.draw is None else replace(result, drawn=result.draw(asked.draw))
 
 
-def refused(error: PpmcalError, asked: CheckArguments, _: Path | None) -> Refusal | None:
+def when_refused(error: PpmcalError, asked: CheckArguments, _: Path | None) -> Refusal | None:
     """Draw what cannot be checked: it can still be looked at."""
     if asked.draw is None or not isinstance(error, BadInput):
         return None

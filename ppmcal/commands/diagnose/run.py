@@ -168,7 +168,8 @@ def run(asked: DiagnoseArguments) -> DiagnosisResult:
     return DiagnosisResult(source, tuple(found.findings), found, asked.png)
 
 
-def refused(error: PpmcalError, asked: DiagnoseArguments, folder: Path | None) -> Refusal | None:
+def when_refused(error: PpmcalError, asked: DiagnoseArguments, folder: Path | None
+                 ) -> Refusal | None:
     """Write diagnosis.json with how files are to be read, where that is known."""
     if not isinstance(error, Misread) or not error.found or folder is None:
         return None

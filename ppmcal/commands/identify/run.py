@@ -141,7 +141,7 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
                                 choice)
 
 
-def refused(error: PpmcalError, _: IdentifyArguments, __: Path | None) -> Refusal:
+def when_refused(error: PpmcalError, _: IdentifyArguments, __: Path | None) -> Refusal:
     """Return why there is no result; of files that were read wrongly also how to read them."""
     entries = misreading_entries(error.found, error.units) if isinstance(error, Misread) else ()
     return Refusal({"format": FORMAT, "exit_code": error.exit_code, "reason": str(error),
