@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import textwrap
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -116,15 +117,18 @@ def _parameter(one: Taken, face: Face) -> inspect.Parameter:
 
 def document(spec: Command, face: Face) -> str:
     """Return the docstring of a function."""
-    about = "\n\n".join(_filled(spec.said(part, python=True)) for part in face.about or spec.about)
-    return (f"{about}\n\nArgs:\n{''.join(_lines(spec, face))}\nRaises:\n"
-            f"{_filled(face.raises or spec.raises, '    ')}\n")
+    first, *others = face.about or spec.about
+    parts = [spec.in_python(first, "a "), *map(spec.in_python, others)]
+    about = "\n\n".join(map(_filled, parts))
+    raised = re.split(r" (?=NoResult: )", face.raises or spec.raises)
+    raises = "\n".join(_filled(one, "    ") for one in raised)
+    return f"{about}\n\nArgs:\n{''.join(_lines(spec, face))}\nRaises:\n{raises}\n"
 
 
 def _lines(spec: Command, face: Face) -> Iterator[str]:
     for one in _taken(spec, face):
         name, text = face.called.get(one.name, (one.name, one.option.text))
-        yield _filled(f"{name}: {spec.said(text, python=True)}", "    ") + "\n"
+        yield _filled(f"{name}: {spec.in_python(text)}", "    ") + "\n"
     yield "    progress: called with a line of text now and then.\n"
 
 

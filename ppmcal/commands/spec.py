@@ -38,8 +38,8 @@ class Option:
         shown: whether the command line says the default.
         complete: ``module:name`` of what the shell completes it with; see
             :func:`ppmcal.cli.completion.completed`.
-        argument: whether it is an argument, and not an option; ``words``: what Python's docs call
-            it, where the command line has its metavar.
+        argument: whether it is an argument, and not an option; ``words``: what it is called in
+            Python's docs, without an article, where that is not its name.
         folder: whether a path is of a folder.
         common: whether other commands have it too, so that it stands behind those of its own.
         only: :data:`CONSOLE` or :data:`PYTHON`, where it is asked for there alone.
@@ -98,15 +98,14 @@ def argument(metavar: str, help: str, default: Any = dataclasses.MISSING, **more
 
 def mechanism() -> Any:
     """Return the argument ``mechanism``."""
-    return argument("MECH", "The machine, or its file.", words="a machine")
+    return argument("MECH", "The machine, or its file.", words="machine")
 
 
 def measurements(default: Any = dataclasses.MISSING) -> Any:
     """Return the argument ``data``."""
     required = default is dataclasses.MISSING
     return argument("DATA..." if required else "[DATA]...",
-                    "Data sets, or paths of measurement files.", default, words="``data``",
-                    several=True)
+                    "Data sets, or paths of measurement files.", default, several=True)
 
 
 PARAMETERS = "ppmcal.commands.inputs:parameters_of"
@@ -272,18 +271,21 @@ class Command:
         """The functions of the Python face."""
         return self.faces or ((Face(self.function),) if self.result else ())
 
-    def said(self, text: str, python: bool = False) -> str:
-        """Return a text of the help with the arguments' names, in Python in words.
+    def said(self, text: str) -> str:
+        """Return a text of the help with the arguments as the command line calls them."""
+        for one in taken(self.arguments):
+            if one.option.argument:
+                text = text.replace(f"{{{one.name}}}", one.option.metavar.strip("[]."))
+        return text
 
-        Options are called as they are asked for.
-        """
-        every = list(taken(self.arguments))
-        for one in every if python else ():
+    def in_python(self, text: str, article: str = "the ") -> str:
+        """Return a text of the help with arguments in words and options by their names."""
+        for one in taken(self.arguments):
             for flag in flags(one):
                 text = re.sub(rf"(?<![\w-]){flag}(?![\w-])", f"``{one.name}``", text)
-        for one in every:
+            words = f"{article}{one.option.words}" if one.option.words else f"``{one.name}``"
             if one.option.argument:
-                text = text.replace(f"{{{one.name}}}", _words(one.option, python))
+                text = text.replace(f"{{{one.name}}}", words)
         return text
 
 
@@ -291,10 +293,6 @@ def flags(one: Taken) -> tuple[str, ...]:
     """Return what an option is called on the command line."""
     own = one.option.flags or ("--" + one.name.replace("_", "-"),)
     return tuple(word for flag in own for word in flag.split("/"))
-
-
-def _words(how: Option, python: bool) -> str:
-    return how.words if python and how.words else how.metavar.strip("[].")
 
 
 @dataclass(frozen=True)

@@ -182,7 +182,7 @@ def provenance(inputs: Sequence[str | os.PathLike[str]], command: str, seed: int
         inputs: files that were read.
         command: as it was typed.
         seed: of what is drawn at random.
-        function: of ``ppmcal.api`` that made the result, ``module.name``.
+        function: that made the result, as ``verify`` knows it.
         options: all that it was called with, defaults too.
     """
     sums, run = {}, current()

@@ -17,6 +17,8 @@ from helpers.commands import tree
 from helpers.paths import ROOT
 
 import ppmcal
+from ppmcal.commands import functions
+from ppmcal.commands.face import result_of
 from ppmcal.commands.result import Result
 from ppmcal.controllers.model_uncertainty import UNKNOWN, pose_uncertainty
 from ppmcal.io import tables as ppmcal_tables
@@ -87,9 +89,8 @@ def test_every_function_says_what_it_takes_and_raises(name):
 
 def results():
     """Return all classes of results."""
-    for name in FUNCTIONS:
-        getattr(ppmcal, name)
-    return sorted(Result.__subclasses__(), key=lambda c: c.__name__)
+    found = {kind for kind in map(result_of, functions()) if kind and issubclass(kind, Result)}
+    return sorted(found, key=lambda c: c.__name__)
 
 
 def test_every_result_documents_what_it_holds():

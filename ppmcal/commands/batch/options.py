@@ -21,8 +21,7 @@ from ppmcal.commands.spec import (
 class BatchArguments(Arguments):
     """What is to be done, where to, and in which processes."""
 
-    manifest: Path_ = argument("MANIFEST", "YAML file, see ``ppmcal schema batch``.",
-                               words="``manifest``")
+    manifest: Path_ = argument("MANIFEST", "YAML file, see ``ppmcal schema batch``.")
     out: Path_ = needed("Folder of the results; machine/date/command within it. ``save`` with the "
                         "same folder adds the table and the page.", only=PYTHON)
     cores: int | None = cores()

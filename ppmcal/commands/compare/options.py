@@ -12,9 +12,9 @@ class CompareArguments(Arguments):
     """Both calibrations."""
 
     old: Path_ = argument("OLD", "Folder that identify wrote, or the identified.yaml in it.",
-                          words="``old``", kind="Machine")
+                          kind="Machine")
     new: Path_ = argument("NEW", "The same of the later calibration, from other measurements.",
-                          words="``new``", kind="Machine")
+                          kind="Machine")
 
 
 COMMAND = Command(

@@ -48,11 +48,10 @@ class CompensateArguments(Arguments):
     """The identified machine, the wanted poses, and what they mean."""
 
     model: Machine | CalibratedMachine = argument(
-        "MODEL", "The identified machine: its file, or what identify or diagnose returned.",
-        words="an identified machine")
+        "MODEL", "The identified machine: its file, or what identify or diagnose returned.")
     targets: Table = argument(
         "TARGETS", "Poses: path of a CSV, data frame, mapping of columns or array (N, d) of the "
-        "machine's coordinates, in the mechanism file's units.", words="``targets``")
+        "machine's coordinates, in the mechanism file's units.")
     frame: str | None = option(
         None, "Data set whose measuring frame the targets are in: poses of the mark that it "
         "measured, which need not be the platform's origin. Or 'base': poses of the platform's "

@@ -19,9 +19,9 @@ from ppmcal.commands.spec import (
 class ExportArguments(Arguments):
     """For which controller, and against what."""
 
-    form: str = argument("FORMAT", "klipper, linuxcnc, reprap, joints or grid.", words="``form``",
+    form: str = argument("FORMAT", "klipper, linuxcnc, reprap, joints or grid.",
                          complete="ppmcal.controllers.export:formats")
-    model: Machine = argument("MODEL", "The identified machine, or its file.", words="a machine")
+    model: Machine = argument("MODEL", "The identified machine, or its file.", words="machine")
     old: Path_ | None = option(
         None, "The controller's file in use, to predict the gain against",
         otherwise="the nominal values of {model}")

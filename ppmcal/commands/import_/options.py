@@ -12,9 +12,9 @@ from ppmcal.commands.spec import Arguments, Command, Path_, argument, option
 class ImportArguments(Arguments):
     """The configuration, and what is known of the printer besides."""
 
-    form: str = argument("FORMAT", "klipper, or reprap: RepRapFirmware.", words="``form``",
+    form: str = argument("FORMAT", "klipper, or reprap: RepRapFirmware.",
                          complete="ppmcal.commands.import_.run:FORMATS")
-    file: Path_ = argument("FILE", "The configuration.", words="``file``")
+    file: Path_ = argument("FILE", "The configuration.")
     rods: str | float | Sequence[str | float] = option(
         (), "Length of the rods as you measured it, mm; and rods as drawn, one length for all, or "
         "one for each tower  [default: shared, or single where they differ]. Repeat to give both.",

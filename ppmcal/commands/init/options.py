@@ -11,7 +11,7 @@ from ppmcal.commands.spec import CONSOLE, Arguments, Command, Path_, argument, o
 class InitArguments(Arguments):
     """Which kind of machine, and where to."""
 
-    kind: str | None = argument("", "The kind of machine.", None, words="a kind",
+    kind: str | None = argument("", "The kind of machine.", None,
                                 complete="ppmcal.io.templates:templates")
     out: Path_ | None = option(None, "File to write [default: KIND.yaml].", only=CONSOLE)
     force: bool = option(False, "Overwrite a file that exists.", only=CONSOLE)

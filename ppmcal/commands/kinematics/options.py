@@ -26,7 +26,7 @@ class KinematicsArguments(Arguments):
                           choices=("inverse", "forward", "velocity"))
     mechanism: Machine = mechanism()
     table: Table = argument("TABLE", "Poses, joint values, or poses with velocities.",
-                            words="a table")
+                            words="table")
     tool: str | Sequence[float] | None = option(
         None, "Poses and velocities are those of this point in platform axes (X,Y where the "
         "machine is planar), in the unit of {mechanism}; its axes are the platform's",

@@ -27,7 +27,7 @@ class ReadArguments(Arguments):
     files: Path_ | Sequence[Path_] = argument(
         "FILES...", "A table with joint values and what was measured; or a joint log, and lists of "
         "points (name, x, y, z and perhaps time) that are put beside it; or a bag with both.",
-        words="``files``", kind="Machine", several=True)
+        kind="Machine", several=True)
     mechanism: Machine = needed("The machine that was measured.")
     out: Path_ | None = option(None, "CSV to write; its sidecar has the same stem.", only=CONSOLE,
                                typed="run.csv", shown=True)

@@ -11,7 +11,7 @@ from ppmcal.commands.spec import Arguments, Command, argument
 class SchemaArguments(Arguments):
     """Which file."""
 
-    name: str = argument("FILE", "Of the file.", words="``name``",
+    name: str = argument("FILE", "Of the file.",
                          complete="ppmcal.commands.schema.run:known")
 
 

@@ -15,7 +15,7 @@ class SimulateArguments(Arguments):
 
     mechanism: Machine = mechanism()
     scenario: Path_ | Mapping[str, Any] = argument(
-        "SCENARIO", "Path of a scenario file, or a mapping with its keys.", words="a scenario")
+        "SCENARIO", "Path of a scenario file, or a mapping with its keys.", words="scenario")
     seed: int | None = seed(None)
 
 

@@ -28,7 +28,7 @@ class ValidateArguments(Arguments):
 
     model: Machine | CalibratedMachine = argument(
         "MODEL", "The machine: its file, a folder that identify or diagnose wrote, or what these "
-        "returned.", words="a machine")
+        "returned.")
     data: Measurements = measurements()
     against: Sequence[Path_] = option(
         (), "Another calibration of the machine (file or folder), judged by the same rows.",
