@@ -19,6 +19,7 @@ from helpers.paths import ROOT
 from helpers.sources import nodes_of
 
 import ppmcal
+from ppmcal import commands
 from ppmcal.kinematics.closure import Closure
 
 PACKAGE = Path(ppmcal.__file__).parent
@@ -145,6 +146,14 @@ def test_ways_count_their_files(title):
              for f in cell.split(", ")]
     told = re.search(r"^([A-Z][\w-]+) files", section(title), re.M)[1]
     assert numbers[told] == len(files) == len(set(files))
+
+
+def test_the_command_line_knows_no_command():
+    """A command is a folder of `commands`; no other list names it."""
+    for path in (PACKAGE / "cli").glob("*.py"):
+        for node in nodes_of(path):
+            text = node.value if isinstance(node, ast.Constant) else ""
+            assert text not in commands.names(), (path, text)
 
 
 def test_no_class_name_twice():
