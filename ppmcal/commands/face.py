@@ -80,7 +80,7 @@ def function(name: str) -> Callable[..., Any]:
 
     signature = signature_of(spec, face)
     call.__name__ = call.__qualname__ = name
-    call.__module__ = f"ppmcal.commands.{folder(one)}"
+    call.__module__ = "ppmcal"    # where processes find it
     call.__doc__ = document(spec, face)
     call.__signature__ = signature  # type: ignore[attr-defined]
     return call

@@ -1,6 +1,7 @@
 """What only callers from Python meet: seeds, masks, paths, threads, stubs."""
 
 import json
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -134,3 +135,7 @@ def test_type_checkers_see_what_there_is():
 def test_the_names_are_those_of_the_commands():
     assert sorted(ppmcal.__all__) == list(ppmcal.__all__) == sorted(
         [*ppmcal._HOME, *functions()])
+
+
+def test_functions_go_to_other_processes():
+    assert all(pickle.loads(pickle.dumps(f)) is f for f in (ppmcal.identify, ppmcal.forward))
