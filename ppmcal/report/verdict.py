@@ -99,7 +99,7 @@ def _calibrated(one: Identified, d: DiagnosisRecord | None) -> Line:
     if r.campaign is not None:
         return Line("Calibrated?", "In part", f"{text}; these poses cannot tell all of it.", "warn")
     if not fine:
-        return Line("Calibrated?", "Not fully", f"{text}; something is left that is not noise.",
+        return Line("Calibrated?", "Not fully", f"{text}; unmodelled residuals remain.",
                     "warn")
     return Line("Calibrated?", "Yes", f"{text}.", "ok")
 
@@ -116,7 +116,7 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
     free = sum(p.status != "fixed" for p in r.parameters)
     if r.redundant:
         parts.append(f"{count(len(r.redundant), 'combination')} of {count(free, 'parameter')} "
-                     "cannot be told apart by these poses, which predictions do not need")
+                     "not determined by these poses; predictions are unaffected")
     weak = [p for p in r.parameters if p.disagree]
     if weak:
         parts.append(f"sessions disagree on {count(len(weak), 'parameter')}")

@@ -184,7 +184,7 @@ def test_page_says_it_all_with_units(everything: list[Path]) -> None:
     page = read(html)
     text = "".join(page.text)
     for piece in (f"0.512{NBSP}mm → 0.00612{NBSP}mm", f"0.00655{NBSP}mm on poses",
-                  "12 rows, 1 of them left out", "agrees with the stated noise (ratio 1.02",
+                  "12 rows, 1 of them left out", "consistent with the stated noise (ratio 1.02",
                   "1 of 12 rows left out", f"{FAR}: leg1.offset",
                   "outlier: 7.0 times the noise", "leg1 too long", "frame.x − 0.5 × leg2.offset",
                   "m.yaml: units: odd unit", "at rz 0", "10.4934 … 10.5090", "10.5012",
@@ -270,8 +270,8 @@ def test_diagnosis(tmp_path: Path) -> None:
     for piece in ("The missing effect is named: backlash on leg1.", "width 0.0212 ± 0.0020 mm",
                   "p\u00a0<\u00a010⁻⁸", "90 %", "windup",
                   "What is left follows time (p\u00a0=\u00a00.02)",
-                  "the residuals go from 3.10 to 1.02 times the noise",
-                  "93 % of what exceeds the noise is gone (95 % interval: 90 % to 95 %)",
+                  "residuals drop from 3.10 to 1.02 times the noise",
+                  "93 % of the excess error is explained (95 % interval: 90 % to 95 %)",
                   "Where the residuals are, group by group",
                   "Both directions. They are in next.csv"):
         assert piece in text, piece
