@@ -183,7 +183,8 @@ def test_page_says_it_all_with_units(everything: list[Path]) -> None:
     html = to_html(collect(everything))
     page = read(html)
     text = "".join(page.text)
-    for piece in (f"0.512{NBSP}mm → 0.00612{NBSP}mm", f"0.00655{NBSP}mm on poses",
+    for piece in (f"0.512{NBSP}mm → 0.00612{NBSP}mm",
+                  f"0.00655{NBSP}mm on poses kept out of the fit",
                   "12 rows, 1 of them left out", "consistent with the stated noise (ratio 1.02",
                   "1 of 12 rows left out", f"{FAR}: leg1.offset",
                   "outlier: 7.0 times the noise", "leg1 too long", "frame.x − 0.5 × leg2.offset",
@@ -407,8 +408,8 @@ def test_numbers_have_sensible_digits() -> None:
 
 def test_noise_verdicts() -> None:
     assert noise_verdict(NoiseCheck(sigma_ratio=3.0, chi2_p=1e-9))[1] is False
-    assert "smaller" in noise_verdict(NoiseCheck(sigma_ratio=0.2, chi2_p=1.0))[0]
-    assert "agrees" in noise_verdict(NoiseCheck(sigma_ratio=1.0, chi2_p=0.4))[0]
+    assert "below" in noise_verdict(NoiseCheck(sigma_ratio=0.2, chi2_p=1.0))[0]
+    assert "consistent" in noise_verdict(NoiseCheck(sigma_ratio=1.0, chi2_p=0.4))[0]
     assert noise_verdict(NoiseCheck()) == ("", True)
     assert typeset("p = 1.2e-09, -0.5*a - b +- 2 chi-squared of leg-1") == (
         "p = 1.2·10⁻⁹, −0.5 × a − b ± 2 χ² of leg-1")
