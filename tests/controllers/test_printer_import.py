@@ -105,7 +105,7 @@ def test_before_is_what_identify_says_of_the_same_files(tmp_path: Path) -> None:
     assert told["heights"]["unit"] == "mm" and told["heights"]["rms"] > 0.05
     assert told["definition"] == found["before_is"]
     said = import_config("klipper", tmp_path / "printer.cfg").headline()
-    assert f"Before: {told['heights']['rms']:.4g} mm rms on heights (the nominal machine" in said
+    assert f"Before: {told['heights']['rms']:.4g} mm rms on heights. \"Before\" is the" in said
 
 
 def test_a_printer_without_touches_has_no_before(tmp_path: Path) -> None:

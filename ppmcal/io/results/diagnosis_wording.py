@@ -207,12 +207,13 @@ def tried_sets(record: DiagnosisRecord) -> str:
         return ""
     total = actuators(record)
     common = [e for e in told[0][1].effects if all(e in s.effects for _, s in told)]
-    names = [", ".join(shorter(e, total) for e in s.effects if e not in common) or "nothing more"
-             for _, s in told]
     beside = f" beside {', '.join(shorter(e, total) for e in common)}" if common else ""
-    return (f"{len(told)} explanations{beside}: " + "; ".join(
-        f"({n}) {name}, {_percent(p)}" for n, (name, (p, _)) in enumerate(
-            zip(names, told, strict=True), 1)) + ".")
+    named = dict[str, float]()      # of the same joints, alike or each its own size
+    for p, s in told:
+        name = ", ".join(shorter(e, total) for e in s.effects if e not in common) or "nothing more"
+        named[name] = named.get(name, 0.0) + p
+    return (f"{counted(len(named), 'explanation')}{beside}: " + "; ".join(
+        f"({n}) {name}, {_percent(p)}" for n, (name, p) in enumerate(named.items(), 1)) + ".")
 
 
 def gap_closed(record: DiagnosisRecord) -> str:
@@ -248,8 +249,8 @@ def predicted(record: DiagnosisRecord) -> str:
 def another_day(record: DiagnosisRecord) -> list[str]:
     """Return how each session is predicted from the others, or that none shows what is named."""
     if record.effects and not record.validation:
-        return ["All rows are of one session: whether this holds on another day, a second one and "
-                "ppmcal validate tell."]
+        return ["All rows are of one session: measure a second one to see whether this holds on "
+                "another day (ppmcal validate)."]
     return [f"From the other sessions, {model_sentence(day)} {effects_sentence(day)}".strip()
             for day in record.validation]
 
