@@ -88,7 +88,7 @@ class CheckResult(Check):
                f"({', '.join(dict.fromkeys(limb.kind.name for limb in mechanism.limbs))}), "
                f"{len(mechanism.actuators)} actuators, {len(mechanism.free)} free parameters.")
         yield ShortTable(["joint", "at home", "unit"], [
-            [name, number(q / f, 7), u or "(bare)"] for name, q, (f, u) in
+            [name, number(q / f, 7), u or "units"] for name, q, (f, u) in
             zip(mechanism.actuators, self.q_home, mechanism.joint_units, strict=True)], (1,))
         if self.gaps:
             yield ShortTable(["limb", "gap at home", "allowed", "unit"], [

@@ -19,8 +19,8 @@ def told(record: ExportRecord) -> Iterator[Told]:
                          list(_numbers(record))[:ROWS], (1, 2, 3))
     if len(record.parameters) > ROWS:
         yield f"... and {len(record.parameters) - ROWS} more, all in export.json."
-    yield (f"Error over {record.over}, if the model is exact; then what to expect, the model's own "
-           "uncertainty in it:")
+    yield (f"Predicted error over {record.over}; \"expected\" counts the model's own uncertainty "
+           "too:")
     yield _errors(record)
     yield record.predicted.sentence()
     for note in record.notes:

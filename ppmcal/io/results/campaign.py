@@ -60,8 +60,8 @@ def sentence(found: WeakCampaign, units: Units) -> str:
     """Return what a campaign leaves unknown and which measurements are missing."""
     first, *more = found.shapes
     shape = "; ".join([first[:1].upper() + first[1:], *more])
-    text = (f"{shape}: {'; '.join(found.groups)} stay unknown (more than half the tolerance, which "
-            "other poses would tell)")
+    text = (f"{shape}, so these stay unknown to more than half their tolerance: "
+            f"{'; '.join(found.groups)}")
     what = "touch" if found.touches else "pose"
     count = len(found.missing.q)
     many = counted(count, what) if not found.touches or count == 1 else f"{count} touches"
@@ -69,4 +69,4 @@ def sentence(found: WeakCampaign, units: Units) -> str:
               f"{units.name(q)}" for name, low, high in found.missing.where[:FEW]
               for q in ["angle" if name.startswith("r") else "length"]]
     beyond = f" ({', '.join(ranges)})" if ranges else ""
-    return f"{text}: {many} more{beyond} would do, see next.csv"
+    return f"{text}. {many} more{beyond} would fix that, see next.csv"
