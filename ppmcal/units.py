@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 from ppmcal.errors import unknown
+
+T = TypeVar("T")
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
@@ -99,3 +101,35 @@ class Quantity:
         if not isinstance(value, int | float):
             return tuple(self.of_file(float(v), factor) for v in value)
         return float(f"{value / factor:.{self.digits}g}") if self.digits else value / factor
+
+
+Length = Annotated[T, Quantity("length")]
+Angle = Annotated[T, Quantity("angle")]
+OfUnit = Annotated[T, Quantity(of="unit")]
+"""A number of the quantity that the field ``unit`` says, which in a file is its unit."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """The key of a field in a file, where it cannot be its name."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class AtMost:
+    """The largest size of a number that is read; none for one that is only shown."""
+
+    largest: float
+
+
+@dataclass(frozen=True)
+class Unsaid:
+    """What a file does not say, or says is null, is nan or else None, whatever the default."""
+
+
+OrNull = Annotated[T, Unsaid()]
+
+LARGEST = 1e30
+Finite = Annotated[float, AtMost(LARGEST)]
+"""A number that is calculated with: of what is read, :data:`LARGEST` at most."""

@@ -26,9 +26,9 @@ from ppmcal.cli.common import (
 from ppmcal.wording import counted, number, some
 
 if TYPE_CHECKING:
+    from ppmcal.calibration.fit import Noise
     from ppmcal.calibration.validation import Identification
     from ppmcal.io.results.identification import IdentificationRecord
-    from ppmcal.io.results.identification_parts import NoiseCheck
 
 
 def show_result(result: Identification, record: IdentificationRecord, console: Console) -> None:
@@ -76,7 +76,7 @@ def _show_errors(record: IdentificationRecord, console: Console) -> None:
     console.say(f"Held out: {record.holdout_note}.{before_words(record.residual.before_is)}")
 
 
-def _show_noise(n: NoiseCheck, console: Console) -> None:
+def _show_noise(n: Noise, console: Console) -> None:
     from ppmcal.io.results.identification_wording import noise_verdict
 
     console.say(f"Noise: {noise_verdict(n)[0]}."

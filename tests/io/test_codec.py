@@ -14,9 +14,9 @@ import pytest
 
 from ppmcal.errors import BadInput
 from ppmcal.io.output import json_text
-from ppmcal.io.results.codec import AtMost, Key, WrongKind, decoded, encoded, in_units, schema
+from ppmcal.io.results.codec import WrongKind, decoded, encoded, in_units, schema
 from ppmcal.io.results.record import Part, Whole
-from ppmcal.units import Quantity, Units
+from ppmcal.units import AtMost, Key, Quantity, Units
 
 MM = Units("mm", "deg")
 Own = Annotated[float, Quantity(of="unit")]

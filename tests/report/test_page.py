@@ -6,16 +6,20 @@ import hashlib
 import json
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.report_files import cells, identification, own, read, specs, write_csv, write_fit
 
+from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge.parameter_estimates import FAR
+from ppmcal.calibration.validation import Dependence
 from ppmcal.errors import BadInput
+from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.identification_parts import Combination, NoiseCheck, ParameterEstimate
+from ppmcal.io.results.identification_parts import ParameterEstimate
 from ppmcal.io.results.identification_wording import combination, noise_verdict
 from ppmcal.io.results.record import Provenance, UnitNames
 from ppmcal.io.results.simulation import TruthRecord
@@ -406,13 +410,14 @@ def test_numbers_have_sensible_digits() -> None:
 
 
 def test_noise_verdicts() -> None:
-    assert noise_verdict(NoiseCheck(sigma_ratio=3.0, chi2_p=1e-9))[1] is False
-    assert "smaller" in noise_verdict(NoiseCheck(sigma_ratio=0.2, chi2_p=1.0))[0]
-    assert "agrees" in noise_verdict(NoiseCheck(sigma_ratio=1.0, chi2_p=0.4))[0]
-    assert noise_verdict(NoiseCheck()) == ("", True)
+    none = unsaid(Noise)
+    assert noise_verdict(replace(none, sigma_ratio=3.0, chi2_p=1e-9))[1] is False
+    assert "smaller" in noise_verdict(replace(none, sigma_ratio=0.2, chi2_p=1.0))[0]
+    assert "agrees" in noise_verdict(replace(none, sigma_ratio=1.0, chi2_p=0.4))[0]
+    assert noise_verdict(none) == ("", True)
     assert typeset("p = 1.2e-09, -0.5*a - b +- 2 chi-squared of leg-1") == (
         "p = 1.2·10⁻⁹, −0.5 × a − b ± 2 χ² of leg-1")
-    assert combination(Combination(name="a")) == "nothing: no effect on these measurements"
+    assert combination(Dependence("a", {})) == "nothing: no effect on these measurements"
 
 
 def test_a_row_is_told_with_what_its_own_file_says(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from ppmcal.linalg import Array, Bools, svd
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import SCALARS
 from ppmcal.model.repeats import repeats
+from ppmcal.units import Finite, OrNull
 
 log = logging.getLogger(__package__)
 
@@ -203,7 +204,7 @@ def noise_state(ratio: float | None, p: float | None) -> str:
 class Noise:
     """Residuals against the stated noise, and apart from it the errors against the tolerances.
 
-    ``sigma_ratio``: residual over stated noise; ``chi2``, ``degrees``: of what no error of the
+    All bare. ``sigma_ratio``: residual over stated noise; ``chi2``, ``degrees``: of what no error of the
     machine can explain; ``chi2_p``: chance of a larger one; ``prior_chi2``, ``prior_degrees``,
     ``prior_p``: the same of the errors that were found against tolerances and noise;
     ``repeat_ratio``: scatter of repeats over stated noise, None without repeats; ``by_dataset``:
@@ -211,16 +212,16 @@ class Noise:
     :func:`noise_source`.
     """
 
-    sigma_ratio: float
-    chi2: float
-    degrees: float
-    chi2_p: float
-    repeat_ratio: float | None
-    repeat_degrees: int
-    by_dataset: Mapping[str, float] = field(default_factory=dict)
-    prior_chi2: float = 0.0
-    prior_degrees: float = 0.0
-    prior_p: float = float("nan")
+    sigma_ratio: Finite
+    chi2: Finite
+    degrees: Finite
+    chi2_p: Finite
+    repeat_ratio: Finite | None
+    repeat_degrees: OrNull[int]
+    by_dataset: Mapping[str, OrNull[Finite]] = field(default_factory=dict)
+    prior_chi2: OrNull[Finite] = 0.0
+    prior_degrees: OrNull[Finite] = 0.0
+    prior_p: Finite = float("nan")
     source: str = STATED
 
     @property

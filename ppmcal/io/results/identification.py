@@ -8,11 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FreedomChoice
-from ppmcal.calibration.validation import DEFINITION, Identification
+from ppmcal.calibration.validation import DEFINITION, Dependence, Identification
 from ppmcal.io import write_mechanism
 from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.campaign import CampaignSummary
+from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.gross_errors import GrossErrorSummary
 from ppmcal.io.results.identifiability import (
     FlatShape,
@@ -20,18 +22,17 @@ from ppmcal.io.results.identifiability import (
     UnidentifiableSet,
 )
 from ppmcal.io.results.identification_parts import (
-    Combination,
     CorrelatedPair,
     CovarianceEntry,
     DoubtfulPart,
     ExcludedRow,
     FittedDataset,
     FreedomChoiceEntry,
-    NoiseCheck,
     ParameterEstimate,
     RegistrationEntry,
     ResidualStages,
     Summaries,
+    combination_in_units,
     summaries,
 )
 from ppmcal.io.results.identification_tables import (
@@ -42,7 +43,7 @@ from ppmcal.io.results.identification_tables import (
 )
 from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
 from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, UnitNames, Whole
-from ppmcal.io.results.units import Numbers
+from ppmcal.io.results.units import Numbers, pose_factors
 from ppmcal.model.mechanism import POSE_COORDINATES
 
 CORRELATED = 0.95
@@ -72,7 +73,7 @@ class IdentificationRecord(Record):
     parameters: tuple[ParameterEstimate, ...] = ()
     rank: Whole | None = None
     columns: Whole | None = None
-    redundant: tuple[Combination, ...] = ()
+    redundant: tuple[Dependence, ...] = ()
     unidentifiable: tuple[UnidentifiableSet, ...] = ()
     iterations: Whole | None = None
     by_normal_equations: Whole | None = None
@@ -81,7 +82,7 @@ class IdentificationRecord(Record):
     residual: ResidualStages = ResidualStages()
     unexplained: Summaries = field(default_factory=dict)
     holdout_note: Text = ""
-    noise: NoiseCheck = NoiseCheck()
+    noise: Noise = unsaid(Noise)
     observability: Mapping[Text, Finite | None] = field(default_factory=dict)
     correlations: tuple[CorrelatedPair, ...] = ()
     flats: tuple[FlatShape, ...] = ()
@@ -115,16 +116,16 @@ class IdentificationRecord(Record):
             format=cls.FORMAT, name=mechanism.name, method=method,
             parameters=tuple(ParameterEstimate.of(e, units) for e in result.estimates),
             rank=result.rank, columns=len(result.columns),
-            redundant=tuple(Combination.of(d, mechanism) for d in result.redundant),
+            redundant=tuple(combination_in_units(d, mechanism) for d in result.redundant),
             unidentifiable=tuple(UnidentifiableSet.of(s, mechanism)
                                  for s in result.unidentifiable),
             iterations=fit.iterations, by_normal_equations=fit.summed, converged=fit.converged,
             prior_scale=fit.prior_scale,
             residual=stages, unexplained=summaries(
                 {k: {"rms": v} for k, v in result.unexplained.items()}, units),
-            holdout_note=result.holdout_note, noise=NoiseCheck.of(result.noise),
+            holdout_note=result.holdout_note, noise=result.noise,
             observability=result.observability, correlations=_correlations(result),
-            flats=tuple(FlatShape.of(f, units) for f in result.flats),
+            flats=tuple(FlatShape.filled(f, units, unit="length") for f in result.flats),
             gross_errors=GrossErrorSummary.of(result.gross_errors, mechanism),
             identifiability=IdentifiabilitySummary.of(result.identifiability, mechanism),
             excluded=_excluded(result), findings=(*mechanism.findings, *result.findings),
@@ -191,6 +192,6 @@ def _datasets(result: Identification) -> tuple[FittedDataset, ...]:
 
 def _volume(result: Identification) -> dict[str, tuple[float, float]]:
     """Range of the platform poses that were measured, base frame, file units."""
-    units = result.mechanism.units
-    return {name: (low / f, high / f) for name, (low, high) in result.measured_volume.items()
-            for f in [units.factor("length" if name in POSE_COORDINATES[:3] else "angle")]}
+    f = dict(zip(POSE_COORDINATES, pose_factors(result.mechanism.units).tolist(), strict=True))
+    return {name: (low / f[name], high / f[name])
+            for name, (low, high) in result.measured_volume.items()}

@@ -25,7 +25,7 @@ from ppmcal.io.results.identification_parts import (
 )
 from ppmcal.io.results.record import Part
 from ppmcal.io.results.session_parts import SessionInformation, SessionRows, rest_factors
-from ppmcal.io.results.units import Numbers, column_factor
+from ppmcal.io.results.units import Numbers, column_factor, pose_factors
 from ppmcal.linalg import Array, eigh
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
@@ -97,11 +97,9 @@ def read_basis(path: Path) -> MeasurementBasis:
         BadInput: not readable, or not such a file.
     """
     record = read_identification(path)
-    ratio, p = (np.nan if v is None else v
-                for v in (record.noise.sigma_ratio, record.noise.chi2_p))
     # the damped scheme may have ended at the noise, which is not said
-    return MeasurementBasis(ratio, p, converged=None if record.method == "damped" else
-                            record.converged)
+    return MeasurementBasis(record.noise.sigma_ratio, record.noise.chi2_p,
+                            converged=None if record.method == "damped" else record.converged)
 
 
 def _doubtful(part: DoubtfulPart, mechanism: Mechanism, units: Units, path: Path
@@ -276,7 +274,7 @@ def _registration(data: FittedDataset, units: Units) -> Registration:
     length, angle = units.factor("length"), units.factor("angle")
     entry = _part(data, "name").registration_before
     entry = _part(entry, "frame", "target", "target_rotation")
-    return Registration.of_pose(_finite(entry.frame, 6) * np.array([length] * 3 + [angle] * 3),
+    return Registration.of_pose(_finite(entry.frame, 6) * pose_factors(units),
                                 _finite(entry.target, 3) * length,
                                 _finite(entry.target_rotation, 3) * angle, entry.scale)
 

@@ -7,7 +7,6 @@ from dataclasses import field
 from typing import Annotated, Any, ClassVar, Self
 
 from ppmcal.calibration.fit import pictures_beside
-from ppmcal.io.results.codec import Key
 from ppmcal.io.results.design import ShownTable, geometry_note
 from ppmcal.io.results.record import Part, Provenance, Record, Shown, Text, Whole, table_text
 from ppmcal.io.results.tables import unit_map
@@ -22,6 +21,7 @@ from ppmcal.io.results.tolerance_tables import (
 )
 from ppmcal.io.results.tolerances_wording import findings, sentences
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import Key
 
 
 class DemandedAccuracy(Part):

@@ -2,16 +2,52 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+
 from ppmcal.io.results.record import Finite
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import Units
 
 Numbers = tuple[Finite | None, ...]
+COLUMN = "column "
+JOINT = "column homing."
+"""Before the name of a column, or of a joint: its own quantity."""
+
+
+@dataclass(frozen=True)
+class MachineUnits(Units):
+    """Units of a machine's file, in which a column of a fit or a joint is a quantity too."""
+
+    mechanism: Mechanism
+
+    @classmethod
+    def of(cls, mechanism: Mechanism) -> MachineUnits:
+        """Return the units of a machine's file."""
+        return cls(mechanism.units.length, mechanism.units.angle, mechanism)
+
+    def factor(self, quantity: str) -> float:
+        """Return the SI value of one file unit of a quantity, or of :data:`COLUMN` and a name."""
+        column = quantity.removeprefix(COLUMN)
+        return super().factor(quantity) if column == quantity else column_factor(self.mechanism,
+                                                                                 column)
+
+    def name(self, quantity: str) -> str:
+        """Return the name of the unit, empty for a bare number."""
+        column = quantity.removeprefix(COLUMN)
+        return super().name(quantity) if column == quantity else column_unit(self.mechanism, column)
 
 
 def numbers(values: Array) -> Numbers:
     """Return an array (N,) as plain numbers."""
     return tuple(values.tolist())
+
+
+def pose_factors(units: Units) -> Array:
+    """Return the SI values of file units of x, y, z, rx, ry, rz (6,)."""
+    return np.array([units.factor("length")] * 3 + [units.factor("angle")] * 3)
 
 
 def column_factor(mechanism: Mechanism, name: str) -> float:
