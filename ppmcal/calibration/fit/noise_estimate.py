@@ -204,11 +204,11 @@ def noise_state(ratio: float | None, p: float | None) -> str:
 class Noise:
     """Residuals against the stated noise, and apart from it the errors against the tolerances.
 
-    All bare. ``sigma_ratio``: residual over stated noise; ``chi2``, ``degrees``: of what no error of the
+    ``sigma_ratio``: residual over stated noise; ``chi2``, ``degrees``: of what no error of the
     machine can explain; ``chi2_p``: chance of a larger one; ``prior_chi2``, ``prior_degrees``,
     ``prior_p``: the same of the errors that were found against tolerances and noise;
     ``repeat_ratio``: scatter of repeats over stated noise, None without repeats; ``by_dataset``:
-    ``sigma_ratio`` of each data set that has redundancy enough; ``source``: as
+    ``sigma_ratio`` of each data set that has redundancy enough; all bare. ``source``: as
     :func:`noise_source`.
     """
 
