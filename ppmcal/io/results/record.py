@@ -89,7 +89,7 @@ class Part:
         return codec.decoded(cls, data, path, mend)
 
     @classmethod
-    def filled(cls, found: object = None, units: Units = SI, **own: Any) -> Self:
+    def filled(cls, found: object = None, units: Units = SI, /, **own: Any) -> Self:
         """Return the object with the fields of a finding, SI, in the units of a file.
 
         ``own``: values, SI too, in place of the finding's of the same name, or beside them; of a
