@@ -14,12 +14,14 @@ from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.effects import effects_tree
 from ppmcal.io.results.record import Provenance, Record, Shown, Text, UnitNames, Whole
 from ppmcal.io.results.tables import joint_columns
+from ppmcal.io.results.units import pose_factors
 from ppmcal.io.yaml import printable
 from ppmcal.model.dataset import ZERO_CELSIUS
 from ppmcal.model.instruments import NUMBERS, SCALARS
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.simulation.scenario import Scenario
 from ppmcal.simulation.simulate import Campaign
+from ppmcal.units import Angle, Length
 
 
 class TruthRecord(Record):
@@ -36,8 +38,8 @@ class TruthRecord(Record):
     errors: Mapping[Text, Shown] = field(default_factory=dict)
     parameters: Mapping[Text, Shown] = field(default_factory=dict)
     frame: Mapping[Text, Shown] = field(default_factory=dict)
-    target: tuple[Shown, ...] = ()
-    target_rotation: tuple[Shown, ...] = ()
+    target: Length[tuple[Shown, ...]] = ()
+    target_rotation: Angle[tuple[Shown, ...]] = ()
     outliers: tuple[Whole, ...] = ()
     effects: tuple[Mapping[str, Any], ...] = ()
     left_out: tuple[Text, ...] = ()
@@ -57,15 +59,13 @@ class TruthRecord(Record):
             values[p.name] = true / f
             if true != nominal:
                 errors[p.name] = (true - nominal) / f
-        length, angle = units.factor("length"), units.factor("angle")
-        frame = scenario.frame / np.array([length] * 3 + [angle] * 3)
-        return cls(format=cls.FORMAT, errors=errors, parameters=values,
-                   frame=dict(zip(POSE_COORDINATES, frame.tolist(), strict=True)),
-                   target=tuple((scenario.target / length).tolist()),
-                   target_rotation=tuple((scenario.target_rotation / angle).tolist()),
-                   outliers=tuple((np.flatnonzero(campaign.outlier) + 1).tolist()),
-                   effects=tuple(effects_tree(campaign.with_effects)), left_out=campaign.left_out,
-                   units=UnitNames.of(units), provenance=Provenance(**provenance))
+        frame = scenario.frame / pose_factors(units)
+        return cls.filled(None, units, format=cls.FORMAT, errors=errors, parameters=values,
+                          frame=dict(zip(POSE_COORDINATES, frame.tolist(), strict=True)),
+                          target=scenario.target, target_rotation=scenario.target_rotation,
+                          outliers=np.flatnonzero(campaign.outlier) + 1,
+                          effects=effects_tree(campaign.with_effects), left_out=campaign.left_out,
+                          units=UnitNames.of(units), provenance=Provenance(**provenance))
 
 
 def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: str,
