@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
 from ppmcal.errors import unknown
+from ppmcal.wording import number
 
 T = TypeVar("T")
 
@@ -47,6 +48,10 @@ class Units:
             return own.get(above, above)
         under = own.get(below, below)
         return f"{own.get(above, above) or 1}/{f'({under})' if ' ' in under else under}"
+
+    def words(self, value: float, quantity: str, digits: int = 4) -> str:
+        """Return a value, SI, in file units: ``0.0123 mm``."""
+        return f"{number(value / self.factor(quantity), digits)} {self.name(quantity)}"
 
     def _one(self, part: str) -> float:
         if part == "length":

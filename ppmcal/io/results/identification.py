@@ -13,6 +13,7 @@ from ppmcal.calibration.knowledge import FreedomChoice
 from ppmcal.calibration.validation import DEFINITION, Dependence, Identification
 from ppmcal.io import write_mechanism
 from ppmcal.io.csv_writer import Content
+from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.gross_errors import GrossErrorSummary
@@ -43,7 +44,7 @@ from ppmcal.io.results.identification_tables import (
 )
 from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
 from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, UnitNames, Whole
-from ppmcal.io.results.units import Numbers, pose_factors
+from ppmcal.io.results.units import Numbers
 from ppmcal.model.mechanism import POSE_COORDINATES
 
 CORRELATED = 0.95
@@ -192,6 +193,6 @@ def _datasets(result: Identification) -> tuple[FittedDataset, ...]:
 
 def _volume(result: Identification) -> dict[str, tuple[float, float]]:
     """Range of the platform poses that were measured, base frame, file units."""
-    f = dict(zip(POSE_COORDINATES, pose_factors(result.mechanism.units).tolist(), strict=True))
+    f = dict(zip(POSE_COORDINATES, factors(result.mechanism.units).tolist(), strict=True))
     return {name: (low / f[name], high / f[name])
             for name, (low, high) in result.measured_volume.items()}

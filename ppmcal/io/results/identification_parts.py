@@ -11,6 +11,7 @@ from ppmcal.calibration.fit import data_rows, half_interval, half_or, of_data
 from ppmcal.calibration.knowledge import Considered, Estimate, FreedomChoice
 from ppmcal.calibration.sessions import session_knowledge
 from ppmcal.calibration.validation import Dependence, DoubtfulStretch, Identification
+from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.io.results.session_parts import SessionInformation
 from ppmcal.io.results.units import (
@@ -19,7 +20,6 @@ from ppmcal.io.results.units import (
     Numbers,
     column_factor,
     numbers,
-    pose_factors,
 )
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -166,7 +166,7 @@ class RegistrationEntry(Part):
     @classmethod
     def of(cls, r: Registration, units: Units) -> RegistrationEntry:
         """Return the entry in file units."""
-        return cls.filled(r, units, frame=numbers(r.frame_pose / pose_factors(units)))
+        return cls.filled(r, units, frame=numbers(r.frame_pose / factors(units)))
 
 
 class FittedDataset(Part):

@@ -15,6 +15,7 @@ from ppmcal.calibration.knowledge import Considered
 from ppmcal.calibration.sessions import SESSION
 from ppmcal.calibration.validation import DoubtfulStretch
 from ppmcal.errors import BadInput
+from ppmcal.io.pose_fields import factors, quantity
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
     CovarianceEntry,
@@ -25,7 +26,7 @@ from ppmcal.io.results.identification_parts import (
 )
 from ppmcal.io.results.record import Part
 from ppmcal.io.results.session_parts import SessionInformation, SessionRows, rest_factors
-from ppmcal.io.results.units import Numbers, column_factor, pose_factors
+from ppmcal.io.results.units import Numbers, column_factor
 from ppmcal.linalg import Array, eigh
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
@@ -265,7 +266,7 @@ def _range(ends: Numbers, mechanism: Mechanism, coordinate: str) -> tuple[float,
     low, high = _finite(ends, 2).tolist()
     if coordinate not in POSE_COORDINATES or not -LONGEST < low <= high < LONGEST:
         raise _Incomplete
-    f = mechanism.units.factor("angle" if coordinate.startswith("r") else "length")
+    f = mechanism.units.factor(quantity(coordinate))
     return low * f, high * f
 
 
@@ -274,7 +275,7 @@ def _registration(data: FittedDataset, units: Units) -> Registration:
     length, angle = units.factor("length"), units.factor("angle")
     entry = _part(data, "name").registration_before
     entry = _part(entry, "frame", "target", "target_rotation")
-    return Registration.of_pose(_finite(entry.frame, 6) * pose_factors(units),
+    return Registration.of_pose(_finite(entry.frame, 6) * factors(units),
                                 _finite(entry.target, 3) * length,
                                 _finite(entry.target_rotation, 3) * angle, entry.scale)
 

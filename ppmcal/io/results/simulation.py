@@ -12,9 +12,9 @@ import yaml
 from ppmcal.calibration.fit import coordinates_of
 from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.effects import effects_tree
+from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.record import Provenance, Record, Shown, Text, UnitNames, Whole
 from ppmcal.io.results.tables import joint_columns
-from ppmcal.io.results.units import pose_factors
 from ppmcal.io.yaml import printable
 from ppmcal.model.dataset import ZERO_CELSIUS
 from ppmcal.model.instruments import NUMBERS, SCALARS
@@ -59,7 +59,7 @@ class TruthRecord(Record):
             values[p.name] = true / f
             if true != nominal:
                 errors[p.name] = (true - nominal) / f
-        frame = scenario.frame / pose_factors(units)
+        frame = scenario.frame / factors(units)
         return cls.filled(None, units, format=cls.FORMAT, errors=errors, parameters=values,
                           frame=dict(zip(POSE_COORDINATES, frame.tolist(), strict=True)),
                           target=scenario.target, target_rotation=scenario.target_rotation,

@@ -11,10 +11,12 @@ import numpy as np
 
 from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.stiffness import Principal
+from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
 from ppmcal.io.results.stiffness_tables import (
-    Load,
+    WRENCH,
+    AppliedLoad,
     StiffnessStudy,
     maps,
     principal_table,
@@ -22,12 +24,10 @@ from ppmcal.io.results.stiffness_tables import (
 )
 from ppmcal.io.results.stiffness_wording import findings, sentences
 from ppmcal.io.results.tables import map_table, unit_map
-from ppmcal.io.results.units import pose_factors
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.plotting.map_data import Map
 from ppmcal.units import Length, OfUnit
 
-WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 Row = tuple[Shown | None, ...]
 
 
@@ -62,23 +62,6 @@ class HomeMatrix(Part):
     units: Text = ""
 
 
-class AppliedLoad(Part):
-    """The load at the tool point in base axes, N and N m, and in words."""
-
-    words: Text = ""
-    fx: Shown | None = None
-    fy: Shown | None = None
-    fz: Shown | None = None
-    mx: Shown | None = None
-    my: Shown | None = None
-    mz: Shown | None = None
-
-    @classmethod
-    def of(cls, load: Load) -> Self:
-        """Return a load."""
-        return cls(words=load.words, **dict(zip(WRENCH, load.wrench.tolist(), strict=True)))
-
-
 class HomeStiffness(Part):
     """All numbers at home; lengths and angles in the machine's units."""
 
@@ -97,14 +80,14 @@ class HomeStiffness(Part):
         """Return what was found at home in file units."""
         mechanism, found = study.mechanism, study.home.compliance
         units, dof = mechanism.units, list(mechanism.dof)
-        factor = pose_factors(units)[dof]
+        factor = factors(units)[dof]
         names = tuple(POSE_COORDINATES[c] for c in dof)
         loads = tuple(WRENCH[c] for c in dof)
         compliance, stiffness = found.matrix[0] / factor[:, None], found.stiffness[0] * factor
         loaded: dict[str, Any] = {}
         if study.load is not None:
             moved = found.deflection(study.load.wrench)[0, dof] / factor
-            loaded = {"load": AppliedLoad.of(study.load),
+            loaded = {"load": study.load,
                       "deflection": dict(zip(names, moved.tolist(), strict=True))}
         return cls.filled(
             None, units,

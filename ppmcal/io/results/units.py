@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from ppmcal.io.pose_fields import quantity
 from ppmcal.io.results.record import Finite
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -45,11 +44,6 @@ def numbers(values: Array) -> Numbers:
     return tuple(values.tolist())
 
 
-def pose_factors(units: Units) -> Array:
-    """Return the SI values of file units of x, y, z, rx, ry, rz (6,)."""
-    return np.array([units.factor("length")] * 3 + [units.factor("angle")] * 3)
-
-
 def column_factor(mechanism: Mechanism, name: str) -> float:
     """Return the SI value of one file unit of a parameter or of an open quantity."""
     for p in mechanism.parameters:
@@ -60,7 +54,7 @@ def column_factor(mechanism: Mechanism, name: str) -> float:
         return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][0]
     if head == "scale":
         return 1e-6
-    return mechanism.units.factor("angle" if head.split(".")[-1].startswith("r") else "length")
+    return mechanism.units.factor(quantity(head.split(".")[-1]))
 
 
 def column_unit(mechanism: Mechanism, name: str) -> str:
@@ -72,7 +66,7 @@ def column_unit(mechanism: Mechanism, name: str) -> str:
         return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][1]
     if head == "scale":
         return "ppm"
-    return mechanism.units.name("angle" if head.split(".")[-1].startswith("r") else "length")
+    return mechanism.units.name(quantity(head.split(".")[-1]))
 
 
 def parameter_unit(mechanism: Mechanism, name: str) -> str:

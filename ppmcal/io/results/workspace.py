@@ -16,7 +16,6 @@ from ppmcal.io.results.tables import pose_columns, unit_map
 from ppmcal.io.results.workspace_tables import (
     ModeRow,
     csv_files,
-    distance_unit,
     left_out,
     left_table,
     modes_table,
@@ -177,7 +176,8 @@ class WorkspaceRecord(Record):
             pictures={f"map_{m.name}.png": m.title for m in plotted(found)},
             tables=tuple(t for t in (left_table(found), modes_table(found, rows)) if t),
             columns=MEANING,
-            units=unit_map(machine, header) | {"singularity_distance": distance_unit(found)[1]},
+            units=unit_map(machine, header) | {
+                "singularity_distance": machine.units.name(found.distance_quantity)},
             length_scale=NumberWithUnit.filled(None, machine.units, value=machine.length_scale,
                                                unit="length"),
             provenance=Provenance(**provenance))
