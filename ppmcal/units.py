@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
@@ -99,17 +100,36 @@ class Quantity:
     of: str = ""
     digits: int = 0
 
-    def of_file(self, value: Any, factor: float) -> Any:
-        """Return a number, an array (N,) or None in units of which one is ``factor`` in SI."""
+    def of_file(self, value: Any, name: str, units: Units) -> Any:
+        """Return a value of a quantity ``name``, or such in lists and mappings, in file units."""
+        if name == COORDINATE and value is not None:
+            return {k: self._over(v, units.factor(coordinate_quantity(k)))
+                    for k, v in value.items()}
+        return self._over(value, units.factor(name))
+
+    def _over(self, value: Any, factor: float) -> Any:
         if value is None:
             return None
-        if not isinstance(value, int | float):
-            return tuple(self.of_file(float(v), factor) for v in value)
-        return float(f"{value / factor:.{self.digits}g}") if self.digits else value / factor
+        if isinstance(value, Mapping):
+            return {k: self._over(v, factor) for k, v in value.items()}
+        if hasattr(value, "__len__"):
+            return tuple(self._over(v, factor) for v in value)
+        own = float(value) / factor
+        return float(f"{own:.{self.digits}g}") if self.digits else own
+
+
+COORDINATE = "coordinate"
+"""The quantity of a mapping by pose coordinates: each its own."""
+
+
+def coordinate_quantity(name: str) -> str:
+    """Return ``length`` for x, y, z and ``angle`` for rx, ry, rz."""
+    return "angle" if name.startswith("r") else "length"
 
 
 Length = Annotated[T, Quantity("length")]
 Angle = Annotated[T, Quantity("angle")]
+ByCoordinate = Annotated[T, Quantity(COORDINATE)]
 OfUnit = Annotated[T, Quantity(of="unit")]
 """A number of the quantity that the field ``unit`` says, which in a file is its unit."""
 

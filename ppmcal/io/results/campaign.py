@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import field
 
 from ppmcal.calibration.fit import WeakCampaign
-from ppmcal.io.pose_fields import quantity
 from ppmcal.io.results.record import Finite, Part, Text, Whole
-from ppmcal.units import OfUnit, Units
+from ppmcal.units import OfUnit, Units, coordinate_quantity
 from ppmcal.wording import counted
 
 FEW = 3
@@ -44,7 +43,7 @@ class CampaignSummary(Part):
         if found is None:
             return None
         where = {name: PoseRange.filled(None, units, low=low, high=high,
-                                        unit=quantity(name))
+                                        unit=coordinate_quantity(name))
                  for name, low, high in found.missing.where}
         return cls(shapes=found.shapes, unknown=found.groups, parameters=found.unknown,
                    poses=len(found.missing.q), where=where, file="next.csv",

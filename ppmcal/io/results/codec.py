@@ -321,7 +321,7 @@ def fields_in_units(kind: Any, there: Mapping[str, Any], units: Units) -> Json:
             changed.setdefault(f.name, in_units(own, units))
             continue
         name = there[quantity.of] if quantity.of else quantity.name
-        changed[f.name] = quantity.of_file(own, units.factor(name))
+        changed[f.name] = quantity.of_file(own, name, units)
         if quantity.of in fields:
             changed[quantity.of] = units.name(name)
     return changed

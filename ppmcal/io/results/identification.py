@@ -13,7 +13,6 @@ from ppmcal.calibration.knowledge import FreedomChoice
 from ppmcal.calibration.validation import DEFINITION, Dependence, Identification
 from ppmcal.io import write_mechanism
 from ppmcal.io.csv_writer import Content
-from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.gross_errors import GrossErrorSummary
@@ -45,7 +44,7 @@ from ppmcal.io.results.identification_tables import (
 from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
 from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, UnitNames, Whole
 from ppmcal.io.results.units import Numbers
-from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.units import ByCoordinate
 
 CORRELATED = 0.95
 STRONGEST = 50
@@ -97,7 +96,7 @@ class IdentificationRecord(Record):
     doubtful: tuple[DoubtfulPart, ...] = ()
     campaign: CampaignSummary | None = None
     freedoms: FreedomChoiceEntry | None = None
-    measured_volume: Mapping[Text, Numbers] = field(default_factory=dict)
+    measured_volume: ByCoordinate[Mapping[Text, Numbers]] = field(default_factory=dict)
     provenance: Provenance = Provenance()
     earlier: Mapping[Text, Text] = field(default_factory=dict)
     known_rows: tuple[RowsOfTable, ...] = ()
@@ -113,8 +112,8 @@ class IdentificationRecord(Record):
                                 before=summaries(result.before.figures(fit.keep), units),
                                 after=summaries(result.after.figures(fit.keep), units),
                                 holdout=summaries(result.holdout, units))
-        return cls(
-            format=cls.FORMAT, name=mechanism.name, method=method,
+        return cls.filled(
+            None, units, format=cls.FORMAT, name=mechanism.name, method=method,
             parameters=tuple(ParameterEstimate.of(e, units) for e in result.estimates),
             rank=result.rank, columns=len(result.columns),
             redundant=tuple(combination_in_units(d, mechanism) for d in result.redundant),
@@ -135,7 +134,7 @@ class IdentificationRecord(Record):
             campaign=CampaignSummary.of(result.campaign, units),
             freedoms=None if freedoms is None else FreedomChoiceEntry.of(freedoms),
             units=UnitNames.of(units), column_units=table_units(fit.problem),
-            measured_volume=_volume(result),
+            measured_volume=result.measured_volume,
             provenance=Provenance(**provenance), **carried,
             known_rows=tuple(RowsOfTable.of_rows(k, mechanism) for k in rows_behind(result)),
             covariance=CovarianceEntry.of(result))
@@ -189,10 +188,3 @@ def _datasets(result: Identification) -> tuple[FittedDataset, ...]:
         registration=RegistrationEntry.of(result.mechanism.registrations[d.name], units),
         registration_before=RegistrationEntry.of(result.before_registrations[d.name], units))
         for d, k in zip(fit.problem.datasets, fit.keep, strict=True))
-
-
-def _volume(result: Identification) -> dict[str, tuple[float, float]]:
-    """Range of the platform poses that were measured, base frame, file units."""
-    f = dict(zip(POSE_COORDINATES, factors(result.mechanism.units).tolist(), strict=True))
-    return {name: (low / f[name], high / f[name])
-            for name, (low, high) in result.measured_volume.items()}

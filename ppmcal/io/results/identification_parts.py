@@ -223,7 +223,7 @@ class CovarianceEntry(Part):
     data: DataInformation | None = None
     session: SessionInformation | None = None
     matrix: tuple[Numbers, ...] = ()
-    frames_turn_about: Mapping[Text, Numbers] = field(default_factory=dict)
+    frames_turn_about: Length[Mapping[Text, Numbers]] = field(default_factory=dict)
     held: HeldParameters | None = None
 
     @classmethod
@@ -238,16 +238,14 @@ class CovarianceEntry(Part):
             unit_of_parameters=fit.scale[:count] / f[:count])
         prior = tuple(1.0 / w / u if w > 0.0 else None
                       for w, u in zip(fit.prior.tolist(), f.tolist(), strict=True))
-        about = {d.name: numbers(o.about / units.factor("length"))
+        about = {d.name: o.about
                  for d, o in zip(fit.problem.datasets, fit.problem.opens, strict=True)}
         session = SessionInformation.of(session_knowledge(fit), result.mechanism,
                                         result.columns[:count])
-        return cls(names=result.columns, prior=prior, inflation=fit.noise, data=data,
-                   session=session,
-                   matrix=tuple(map(numbers, result.covariance / np.outer(f, f))),
-                   frames_turn_about=about,
-                   held=HeldParameters.of(kept, result.mechanism, f) if kept and kept.names
-                   else None)
+        return cls.filled(
+            None, units, names=result.columns, prior=prior, inflation=fit.noise, data=data,
+            session=session, matrix=result.covariance / np.outer(f, f), frames_turn_about=about,
+            held=HeldParameters.of(kept, result.mechanism, f) if kept and kept.names else None)
 
 
 def summaries(values: Mapping[str, Mapping[str, float]], units: Units

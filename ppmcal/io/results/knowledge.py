@@ -15,7 +15,7 @@ from ppmcal.calibration.knowledge import Considered
 from ppmcal.calibration.sessions import SESSION
 from ppmcal.calibration.validation import DoubtfulStretch
 from ppmcal.errors import BadInput
-from ppmcal.io.pose_fields import factors, quantity
+from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
     CovarianceEntry,
@@ -32,7 +32,7 @@ from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.model.same_rows import KnownRows
-from ppmcal.units import Units
+from ppmcal.units import Units, coordinate_quantity
 
 AGAIN = "Run identify again"
 WITHOUT = "Run identify again, or remove it to go on without uncertainties"
@@ -266,7 +266,7 @@ def _range(ends: Numbers, mechanism: Mechanism, coordinate: str) -> tuple[float,
     low, high = _finite(ends, 2).tolist()
     if coordinate not in POSE_COORDINATES or not -LONGEST < low <= high < LONGEST:
         raise _Incomplete
-    f = mechanism.units.factor(quantity(coordinate))
+    f = mechanism.units.factor(coordinate_quantity(coordinate))
     return low * f, high * f
 
 

@@ -12,7 +12,6 @@ import yaml
 from ppmcal.calibration.fit import coordinates_of
 from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.effects import effects_tree
-from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.record import Provenance, Record, Shown, Text, UnitNames, Whole
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.io.yaml import printable
@@ -21,7 +20,7 @@ from ppmcal.model.instruments import NUMBERS, SCALARS
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.simulation.scenario import Scenario
 from ppmcal.simulation.simulate import Campaign
-from ppmcal.units import Angle, Length
+from ppmcal.units import Angle, ByCoordinate, Length
 
 
 class TruthRecord(Record):
@@ -37,7 +36,7 @@ class TruthRecord(Record):
 
     errors: Mapping[Text, Shown] = field(default_factory=dict)
     parameters: Mapping[Text, Shown] = field(default_factory=dict)
-    frame: Mapping[Text, Shown] = field(default_factory=dict)
+    frame: ByCoordinate[Mapping[Text, Shown]] = field(default_factory=dict)
     target: Length[tuple[Shown, ...]] = ()
     target_rotation: Angle[tuple[Shown, ...]] = ()
     outliers: tuple[Whole, ...] = ()
@@ -59,9 +58,8 @@ class TruthRecord(Record):
             values[p.name] = true / f
             if true != nominal:
                 errors[p.name] = (true - nominal) / f
-        frame = scenario.frame / factors(units)
         return cls.filled(None, units, format=cls.FORMAT, errors=errors, parameters=values,
-                          frame=dict(zip(POSE_COORDINATES, frame.tolist(), strict=True)),
+                          frame=dict(zip(POSE_COORDINATES, scenario.frame, strict=True)),
                           target=scenario.target, target_rotation=scenario.target_rotation,
                           outliers=np.flatnonzero(campaign.outlier) + 1,
                           effects=effects_tree(campaign.with_effects), left_out=campaign.left_out,

@@ -26,7 +26,7 @@ from ppmcal.io.results.stiffness_wording import findings, sentences
 from ppmcal.io.results.tables import map_table, unit_map
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.plotting.map_data import Map
-from ppmcal.units import Length, OfUnit
+from ppmcal.units import ByCoordinate, Length, OfUnit
 
 Row = tuple[Shown | None, ...]
 
@@ -65,7 +65,7 @@ class HomeMatrix(Part):
 class HomeStiffness(Part):
     """All numbers at home; lengths and angles in the machine's units."""
 
-    pose: Mapping[str, Shown | None] = field(default_factory=dict)
+    pose: ByCoordinate[Mapping[str, Shown | None]] = field(default_factory=dict)
     status: Text = ""
     tool: Length[tuple[Shown, ...]] = ()
     translational: PrincipalStiffness = PrincipalStiffness()
@@ -73,7 +73,7 @@ class HomeStiffness(Part):
     compliance: HomeMatrix = HomeMatrix()
     stiffness: HomeMatrix = HomeMatrix()
     load: AppliedLoad | None = None
-    deflection: Mapping[str, Shown | None] | None = None
+    deflection: ByCoordinate[Mapping[str, Shown | None] | None] = None
 
     @classmethod
     def of(cls, study: StiffnessStudy) -> Self:
@@ -86,12 +86,10 @@ class HomeStiffness(Part):
         compliance, stiffness = found.matrix[0] / factor[:, None], found.stiffness[0] * factor
         loaded: dict[str, Any] = {}
         if study.load is not None:
-            moved = found.deflection(study.load.wrench)[0, dof] / factor
-            loaded = {"load": study.load,
-                      "deflection": dict(zip(names, moved.tolist(), strict=True))}
+            moved = found.deflection(study.load.wrench)[0, dof]
+            loaded = {"load": study.load, "deflection": dict(zip(names, moved, strict=True))}
         return cls.filled(
-            None, units,
-            pose=dict(zip(names, (study.home.pose[dof] / factor).tolist(), strict=True)),
+            None, units, pose=dict(zip(names, study.home.pose[dof], strict=True)),
             status=study.home.status, tool=study.tool,
             translational=PrincipalStiffness.of(mechanism, found.translational(), "N/length"),
             rotational=PrincipalStiffness.of(mechanism, found.rotational(), "N.m/angle"),

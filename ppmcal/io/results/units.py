@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ppmcal.io.pose_fields import quantity
 from ppmcal.io.results.record import Finite
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.units import Units
+from ppmcal.units import Units, coordinate_quantity
 
 Numbers = tuple[Finite | None, ...]
 COLUMN = "column "
@@ -54,7 +53,7 @@ def column_factor(mechanism: Mechanism, name: str) -> float:
         return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][0]
     if head == "scale":
         return 1e-6
-    return mechanism.units.factor(quantity(head.split(".")[-1]))
+    return mechanism.units.factor(coordinate_quantity(head.split(".")[-1]))
 
 
 def column_unit(mechanism: Mechanism, name: str) -> str:
@@ -66,7 +65,7 @@ def column_unit(mechanism: Mechanism, name: str) -> str:
         return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][1]
     if head == "scale":
         return "ppm"
-    return mechanism.units.name(quantity(head.split(".")[-1]))
+    return mechanism.units.name(coordinate_quantity(head.split(".")[-1]))
 
 
 def parameter_unit(mechanism: Mechanism, name: str) -> str:

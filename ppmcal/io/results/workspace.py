@@ -12,7 +12,7 @@ import numpy as np
 from ppmcal.design.workspace import Workspace
 from ppmcal.io.results.design import NumberWithUnit, ShownTable
 from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
-from ppmcal.io.results.tables import pose_columns, unit_map
+from ppmcal.io.results.tables import unit_map
 from ppmcal.io.results.workspace_tables import (
     ModeRow,
     csv_files,
@@ -25,7 +25,7 @@ from ppmcal.io.results.workspace_tables import (
 )
 from ppmcal.io.results.workspace_wording import assembly_modes, findings, reach, singularities
 from ppmcal.model.mechanism import POSE_COORDINATES
-from ppmcal.units import OfUnit
+from ppmcal.units import ByCoordinate, OfUnit
 
 MEANING = {
     "condition": "smallest singular value of A, rotation columns divided by length_scale",
@@ -84,7 +84,7 @@ class SingularPose(Part):
 
     distance: OfUnit[Shown | None] = None
     unit: Text = ""
-    pose: Mapping[str, Shown | None] = field(default_factory=dict)
+    pose: ByCoordinate[Mapping[str, Shown | None]] = field(default_factory=dict)
     grid_ends_at: OfUnit[Shown | None] = None
 
     @classmethod
@@ -92,10 +92,10 @@ class SingularPose(Part):
         """Return the singular pose in the machine's units, None where the grid has none."""
         if found.nearest is None:
             return None
-        pose = pose_columns(found.mechanism, found.nearest.pose[None])
-        return cls.filled(found.nearest, found.mechanism.units, unit=found.distance_quantity,
-                          pose={name: float(v[0]) for name, v in pose.items()},
-                          grid_ends_at=found.nearest.edge)
+        machine, near = found.mechanism, found.nearest
+        return cls.filled(near, machine.units, unit=found.distance_quantity, grid_ends_at=near.edge,
+                          pose=dict(zip(machine.coordinates, near.pose[list(machine.dof)],
+                                        strict=True)))
 
 
 class SingularSet(Part):
