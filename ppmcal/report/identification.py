@@ -138,7 +138,7 @@ def _region(r: IdentificationRecord) -> str:
     """Return the ranges of the measured coordinates in words."""
     parts = []
     for name, ends in r.measured_volume.items():
-        unit = r.units.of_quantity(quantity_of(name))
+        unit = r.units.name(quantity_of(name))
         parts.append(f"{name} {' … '.join(with_unit(e, unit, 4) for e in ends)}")
     return "; ".join(parts)
 

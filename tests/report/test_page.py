@@ -21,7 +21,7 @@ from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate
 from ppmcal.io.results.identification_wording import combination, noise_verdict
-from ppmcal.io.results.record import Provenance, UnitNames
+from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.plotting.plot import Axis, span
 from ppmcal.report import collect, to_html, to_json
@@ -30,6 +30,7 @@ from ppmcal.report.format import NBSP, probability, sig, to_sigma, typeset
 from ppmcal.report.records import Identified, Simulated
 from ppmcal.report.residuals import envelope, evenly_spread
 from ppmcal.report.truth import compare
+from ppmcal.units import Units
 
 
 def write_simulation(folder: Path, rows: int = 12) -> Path:
@@ -136,12 +137,13 @@ def test_truth_of_measurements_simulated_again_is_compared(tmp_path: Path) -> No
 
 def test_truth_of_a_ratio_is_compared_in_the_units_of_the_fit() -> None:
     ratio = ParameterEstimate(name="leg1.ratio", error=2e-5, sigma=1e-5, unit="m/unit")
-    truth = TruthRecord(errors={"leg1.ratio": 0.02}, units=UnitNames(length="mm", angle="deg"))
+    truth = TruthRecord(errors={"leg1.ratio": 0.02}, units=Units("mm", "deg"))
     own = Provenance(inputs={"1": "x", "2": "y"})
     one = Identified("fit", IdentificationRecord(parameters=(ratio,), provenance=own))
     (c,) = compare([one], [Simulated("sim", truth, None, "x")])
     assert c.rows[0].true == pytest.approx(2e-5)
-    odd = TruthRecord(errors={"leg1.ratio": 0.02, "a": 1.0}, units=UnitNames(length="ell"))
+    odd = TruthRecord.checked({"errors": {"leg1.ratio": 0.02, "a": 1.0},
+                               "units": {"length": "ell"}})
     both = (ratio, ParameterEstimate(name="a", error=1.0))
     found = compare([Identified("fit", IdentificationRecord(parameters=both, provenance=own))],
                     [Simulated("sim", odd, None, "x"), Simulated("again", odd, None, "y")])

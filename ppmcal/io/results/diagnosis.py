@@ -13,7 +13,7 @@ from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import PlotData, plot_data
 from ppmcal.diagnosis.result import Diagnosis, LeftOutBlocks, Swallowed, UnknownFound
 from ppmcal.io.results.campaign import CampaignSummary
-from ppmcal.io.results.codec import in_units
+from ppmcal.io.results.codec import in_units, unsaid
 from ppmcal.io.results.diagnosed_errors import DiagnosedErrors
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
@@ -28,8 +28,9 @@ from ppmcal.io.results.diagnosis_parts import (
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.misreading import MisreadingEntry, misreading_entries
 from ppmcal.io.results.other_models import OtherModel, OtherModels, TriedSet, other_files
-from ppmcal.io.results.record import Flag, Provenance, Record, Shown, Text, UnitNames
+from ppmcal.io.results.record import Flag, Provenance, Record, Shown, Text
 from ppmcal.io.results.validation import ValidatedDataset
+from ppmcal.units import Units
 
 CHOSEN = ("effects", "learned terms")
 """What rows left out of the fits choose all the same: which names stand, and which shapes."""
@@ -74,7 +75,7 @@ class DiagnosisRecord(Record):
     validation: tuple[ValidatedDataset, ...] = ()
     plot_data: PlotData = PlotData()
     coverage: Shown | None = None
-    units: UnitNames = UnitNames()
+    units: Units = unsaid(Units)
     provenance: Provenance = Provenance()
 
     @classmethod
@@ -114,7 +115,7 @@ class DiagnosisRecord(Record):
             sets=TriedSet.each(result),
             validation=tuple(ValidatedDataset.of(d, units) for d in result.days),
             plot_data=in_units(plot_data(result), units),
-            coverage=coverage(fit), units=UnitNames.of(units),
+            coverage=coverage(fit), units=units,
             provenance=Provenance(**provenance))
 
 

@@ -42,9 +42,9 @@ from ppmcal.io.results.identification_tables import (
     table_units,
 )
 from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
-from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, UnitNames, Whole
+from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, Whole
 from ppmcal.io.results.units import Numbers
-from ppmcal.units import ByCoordinate
+from ppmcal.units import ByCoordinate, Units
 
 CORRELATED = 0.95
 STRONGEST = 50
@@ -91,7 +91,7 @@ class IdentificationRecord(Record):
     excluded: tuple[ExcludedRow, ...] = ()
     findings: tuple[Text, ...] = ()
     datasets: tuple[FittedDataset, ...] = ()
-    units: UnitNames = UnitNames()
+    units: Units = unsaid(Units)
     column_units: Mapping[Text, Mapping[Text, Text]] = field(default_factory=dict)
     doubtful: tuple[DoubtfulPart, ...] = ()
     campaign: CampaignSummary | None = None
@@ -133,7 +133,7 @@ class IdentificationRecord(Record):
             doubtful=tuple(DoubtfulPart.of(d, mechanism) for d in result.doubtful),
             campaign=CampaignSummary.of(result.campaign, units),
             freedoms=None if freedoms is None else FreedomChoiceEntry.of(freedoms),
-            units=UnitNames.of(units), column_units=table_units(fit.problem),
+            units=units, column_units=table_units(fit.problem),
             measured_volume=result.measured_volume,
             provenance=Provenance(**provenance), **carried,
             known_rows=tuple(RowsOfTable.of_rows(k, mechanism) for k in rows_behind(result)),

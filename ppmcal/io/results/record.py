@@ -136,22 +136,6 @@ class Provenance(Part):
     python: Text = ""
 
 
-class UnitNames(Part):
-    """The units of a file."""
-
-    length: Text = ""
-    angle: Text = ""
-
-    @classmethod
-    def of(cls, units: Units) -> UnitNames:
-        """Return the names of units."""
-        return cls(length=units.length, angle=units.angle)
-
-    def of_quantity(self, quantity: str) -> str:
-        """Return the unit of ``length`` or ``angle``, empty where the file does not say."""
-        return self.angle if quantity == "angle" else self.length
-
-
 class Record(Part):
     """The content of one JSON file.
 

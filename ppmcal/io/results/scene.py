@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.io.results.record import Finite, Flag, Part, Text, UnitNames
+from ppmcal.io.results.record import Finite, Flag, Part, Text
 from ppmcal.io.results.scene_machine import MachineStand, machine_frames, unit_of
 from ppmcal.io.results.scene_parts import (
     MeasuredPose,
@@ -29,6 +29,7 @@ from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.pose_sweep import PoseSweep, pose_sweep
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.units import Units
 from ppmcal.wording import number
 
 __all__ = ["MeasuredPose", "PlacedLimb", "Point", "Scene", "SceneEffect", "SceneFrame",
@@ -72,7 +73,7 @@ class Scene(Part):
     name: Text
     motion: Text
     flat: Flag
-    units: UnitNames
+    units: Units
     reach: Finite
     coordinates: tuple[Text, ...]
     coordinate_units: tuple[Text, ...]
@@ -126,7 +127,7 @@ class Scene(Part):
         rows = tuple(_with_frame(m, kept, about) for m in measured)
         return cls(
             name=mechanism.name, motion=mechanism.motion, flat=mechanism.motion == "planar",
-            units=UnitNames.of(units), reach=reach, coordinates=mechanism.coordinates,
+            units=units, reach=reach, coordinates=mechanism.coordinates,
             coordinate_units=tuple(unit_of(mechanism, c)[1] for c in mechanism.dof),
             actuators=mechanism.actuators, joint_units=tuple(u for _, u in mechanism.joint_units),
             still=() if sweep.lost else tuple(POSE_COORDINATES[c] for c in sweep.still),

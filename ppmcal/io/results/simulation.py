@@ -12,7 +12,8 @@ import yaml
 from ppmcal.calibration.fit import coordinates_of
 from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.effects import effects_tree
-from ppmcal.io.results.record import Provenance, Record, Shown, Text, UnitNames, Whole
+from ppmcal.io.results.codec import unsaid
+from ppmcal.io.results.record import Provenance, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.io.yaml import printable
 from ppmcal.model.dataset import ZERO_CELSIUS
@@ -20,7 +21,7 @@ from ppmcal.model.instruments import NUMBERS, SCALARS
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.simulation.scenario import Scenario
 from ppmcal.simulation.simulate import Campaign
-from ppmcal.units import Angle, ByCoordinate, Length
+from ppmcal.units import Angle, ByCoordinate, Length, Units
 
 
 class TruthRecord(Record):
@@ -42,7 +43,7 @@ class TruthRecord(Record):
     outliers: tuple[Whole, ...] = ()
     effects: tuple[Mapping[str, Any], ...] = ()
     left_out: tuple[Text, ...] = ()
-    units: UnitNames = UnitNames()
+    units: Units = unsaid(Units)
     provenance: Provenance = Provenance()
 
     @classmethod
@@ -63,7 +64,7 @@ class TruthRecord(Record):
                           target=scenario.target, target_rotation=scenario.target_rotation,
                           outliers=np.flatnonzero(campaign.outlier) + 1,
                           effects=effects_tree(campaign.with_effects), left_out=campaign.left_out,
-                          units=UnitNames.of(units), provenance=Provenance(**provenance))
+                          units=units, provenance=Provenance(**provenance))
 
 
 def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: str,

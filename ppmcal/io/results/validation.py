@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 from ppmcal.calibration.sessions import REPEATS, STATED, DayNoise, UnlikeRow
 from ppmcal.calibration.validation import ModelError, Validated
 from ppmcal.io import csv_text
-from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, UnitNames, Whole
+from ppmcal.io.results.codec import unsaid
+from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, Whole
 from ppmcal.model.measured import MISSED
 from ppmcal.units import OfUnit, Units
 from ppmcal.wording import number
@@ -141,7 +142,7 @@ class ValidationRecord(Record):
     FORMAT: ClassVar[str] = "ppmcal/validation/1"
 
     name: Text = ""
-    units: UnitNames = UnitNames()
+    units: Units = unsaid(Units)
     column_units: Mapping[Text, Text] = field(default_factory=dict)
     datasets: tuple[ValidatedDataset, ...] = ()
     findings: tuple[Text, ...] = ()
@@ -155,7 +156,7 @@ class ValidationRecord(Record):
         datasets = tuple(ValidatedDataset.of(v, units, n)
                          for v, n in zip(found, noise, strict=True))
         return cls(
-            format=cls.FORMAT, name=name, units=UnitNames.of(units), datasets=datasets,
+            format=cls.FORMAT, name=name, units=units, datasets=datasets,
             column_units=_column_units(units, datasets),
             findings=(*findings, *misled(datasets)),
             provenance=Provenance(**provenance))
