@@ -108,7 +108,7 @@ class DiagnosisRecord(Record):
             next_measurements=NextMeasurements(
                 reason=wanted.reason, file="next.csv" if wanted.rows else None, rows=wanted.rows,
                 odds_before=wanted.odds_before, odds_after=wanted.odds_after),
-            excluded=_left_out(result),
+            excluded=UnfittedRow.each(fit),
             findings=(*result.identification.mechanism.findings, *result.findings),
             campaign=CampaignSummary.of(result.identification.campaign, units),
             other_models=tuple(OtherModel.of(name, other) for name, other in other_files(result)),
@@ -123,10 +123,3 @@ def _confirmed(result: Diagnosis) -> bool | None:
     """Return whether sessions left out in turn, or else held-out poses, bear the effects out."""
     by_days = other_days.confirmed(result.days)
     return by_days if by_days is not None or result.gap is None else result.gap.confirmed
-
-
-def _left_out(result: Diagnosis) -> tuple[UnfittedRow, ...]:
-    fit = result.identification.fit
-    return tuple(UnfittedRow(dataset=d.name, row=int(d.rows[n]), reason=reason)
-                 for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)
-                 for n, reason in sorted(reasons.items()))

@@ -19,6 +19,7 @@ from ppmcal.diagnosis.result import (
     Onset,
     SessionEffect,
 )
+from ppmcal.io.results.identification_parts import ExcludedRow
 from ppmcal.io.results.record import Part, Shown, Text, UnitText, Whole
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.units import Units
@@ -236,12 +237,10 @@ class NextMeasurements(Part):
     odds_after: Shown | None = None
 
 
-class UnfittedRow(Part):
+class UnfittedRow(ExcludedRow):
     """An input row that the fit has left out."""
 
-    dataset: Text = ""
     row: Whole = 0
-    reason: Text = ""
 
 
 def _event(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:

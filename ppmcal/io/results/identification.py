@@ -128,7 +128,10 @@ class IdentificationRecord(Record):
             flats=tuple(FlatShape.filled(f, units, unit="length") for f in result.flats),
             gross_errors=GrossErrorSummary.of(result.gross_errors, mechanism),
             identifiability=IdentifiabilitySummary.of(result.identifiability, mechanism),
-            excluded=_excluded(result), findings=(*mechanism.findings, *result.findings),
+            excluded=(*ExcludedRow.each(fit), *(
+                ExcludedRow(dataset=d.name, row=int(row), reason=reason)
+                for d in fit.problem.datasets for row, reason in d.dropped)),
+            findings=(*mechanism.findings, *result.findings),
             datasets=_datasets(result),
             doubtful=tuple(DoubtfulPart.of(d, mechanism) for d in result.doubtful),
             campaign=CampaignSummary.of(result.campaign, units),
@@ -168,17 +171,6 @@ def _correlations(result: Identification) -> tuple[CorrelatedPair, ...]:
     pairs = sorted(strong, key=lambda p: -abs(r[p[0], p[1]]))[:STRONGEST]
     return tuple(CorrelatedPair(a=result.columns[i], b=result.columns[j], value=float(r[i, j]))
                  for i, j in pairs)
-
-
-def _excluded(result: Identification) -> tuple[ExcludedRow, ...]:
-    """Return the rows left out by the fit, then those that held nothing usable."""
-    fit = result.fit
-    return tuple(
-        [ExcludedRow(dataset=d.name, row=int(d.rows[n]), reason=reason)
-         for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)
-         for n, reason in sorted(reasons.items())]
-        + [ExcludedRow(dataset=d.name, row=int(row), reason=reason)
-           for d in fit.problem.datasets for row, reason in d.dropped])
 
 
 def _datasets(result: Identification) -> tuple[FittedDataset, ...]:

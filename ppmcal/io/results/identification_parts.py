@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
+from typing import Self
 
 import numpy as np
 
-from ppmcal.calibration.fit import data_rows, half_interval, half_or, of_data
+from ppmcal.calibration.fit import Fit, data_rows, half_interval, half_or, of_data
 from ppmcal.calibration.knowledge import Considered, Estimate, FreedomChoice
 from ppmcal.calibration.sessions import session_knowledge
 from ppmcal.calibration.validation import Dependence, DoubtfulStretch, Identification
@@ -150,6 +151,13 @@ class ExcludedRow(Part):
     dataset: Text = ""
     row: Whole | None = None
     reason: Text = ""
+
+    @classmethod
+    def each(cls, fit: Fit) -> tuple[Self, ...]:
+        """Return the rows that a fit left out."""
+        return tuple(cls(dataset=d.name, row=int(d.rows[n]), reason=reason)
+                     for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)
+                     for n, reason in sorted(reasons.items()))
 
 
 class RegistrationEntry(Part):

@@ -46,8 +46,8 @@ def misreading_entries(found: Sequence[Misreading], units: Units) -> tuple[Misre
     for one in found:
         miss = MedianMiss.filled(one, units, unit=one.quantity)
         known = np.isfinite(one.after)
-        out += [MisreadingEntry(
-            file=one.source, kind=m.kind, columns=m.columns, rows=m.rows or None, read=one.block,
+        out += [MisreadingEntry.filled(
+            m, file=one.source, rows=m.rows or None, read=one.block,
             residual=miss if known else None, text=m.text + one.otherwise * (m is one.mistakes[-1]),
             sigma=dict(one.sigma) or None) for m in one.mistakes]
     return tuple(out)

@@ -125,8 +125,7 @@ def _limb(mechanism: Mechanism, index: int, placed: LimbSkeleton) -> SceneLimb:
     return SceneLimb(
         name=limb.name, kind=limb.kind.name, actuator=mechanism.actuators[limb.actuator],
         unit=mechanism.joint_units[limb.actuator][1],
-        joints=tuple(SceneJoint(number=j.number, kind=j.kind, driven=j.driven)
-                     for j in placed.joints),
+        joints=tuple(SceneJoint.filled(j) for j in placed.joints),
         links=tuple(SceneLink(name=k.name, role=role.get(k.name, "bar")) for k in placed.links),
         slides=drive is not None and drive.prismatic, travel=travel)
 
