@@ -12,10 +12,12 @@ from typing import Annotated, Any
 import numpy as np
 import pytest
 
+import ppmcal
 from ppmcal.errors import BadInput
 from ppmcal.io.output import json_text
 from ppmcal.io.results.codec import WrongKind, decoded, encoded, in_units, schema, unsaid
 from ppmcal.io.results.record import Part, Whole
+from ppmcal.io.results.units import COLUMN, JOINT, MachineUnits
 from ppmcal.units import (
     AtMost,
     ByCoordinate,
@@ -169,6 +171,19 @@ def test_a_quantity_need_not_be_among_the_fields() -> None:
         now: OfUnit[float | None] = None
 
     assert Now.filled(None, MM, now=math.pi, unit="angle").entries() == {"now": 180.0}
+
+
+def test_a_column_and_a_joint_are_quantities_of_the_machines_file() -> None:
+    units = MachineUnits.of(ppmcal.load(ppmcal.shipped("delta-rotary")))
+    degree = math.pi / 180.0
+    for quantity, factor, name in (
+            ("length", 1e-3, "mm"), ("N/length", 1.0 / 1e-3, "N/mm"), (JOINT + "a", degree, "deg"),
+            (COLUMN + "base_radius", 1e-3, "mm"), (COLUMN + "a.base.axis.rx", degree, "deg"),
+            (COLUMN + "homing.a of session", degree, "deg"), (COLUMN + "scale of day", 1e-6, "ppm"),
+            (COLUMN + "frame.rz of day", degree, "deg"), (COLUMN + "frame.x of day", 1e-3, "mm")):
+        assert (units.factor(quantity), units.name(quantity)) == (factor, name), quantity
+    assert units.words(0.0123456, "length", 3) == "12.3 mm" == MM.words(0.0123456, "length", 3)
+    assert MM.words(math.nan, "angle") == "- deg"
 
 
 @dataclass(frozen=True)
