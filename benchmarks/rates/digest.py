@@ -17,7 +17,7 @@ UNTOLD = ("type_params", "annotation", "returns", "type_comment")
 def engine_digest(packages: tuple[str, ...], but: tuple[str, ...] = ()) -> str:
     """Return 12 hex digits that change with the code of the packages, not with words about it.
 
-    In which module a definition stands does not count, nor what annotations say.
+    In which module a definition stands does not count, nor what annotations and sentences say.
     ``but``: paths of modules that do not count.
     """
     found = [piece for package in packages for path in (ROOT / package).rglob("*.py")
@@ -55,11 +55,17 @@ def _is_text(statement: ast.AST) -> bool:
 
 
 def unparsed(tree: ast.AST) -> str:
-    """Return what `ast.dump` says, the same from Python 3.11 on (3.13 leaves empty lists out)."""
+    """Return what `ast.dump` says, the same from Python 3.11 on (3.13 leaves empty lists out).
+
+    Sentences are left out: text of three words or more is for people, and nothing compares it.
+    """
     if not isinstance(tree, ast.AST):
         if isinstance(tree, list):
             return "[" + ",".join(unparsed(t) for t in tree) + "]"
         return repr(tree)
+    if isinstance(tree, ast.Constant) and isinstance(tree.value, str) and (
+            len(tree.value.split()) > 2):
+        return "Sentence"
     fields = (f"{name}={unparsed(value)}" for name, value in ast.iter_fields(tree)
               if value not in (None, []) and name not in UNTOLD)
     return f"{type(tree).__name__}({','.join(fields)})"

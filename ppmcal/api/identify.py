@@ -188,8 +188,9 @@ def scale_sentences(found: Identification) -> Iterator[str]:
             stated = "" if data.scale.sigma is None else (
                 f"; its file says {float(data.scale.value[0]):g} with a standard deviation of "
                 f"{data.scale.sigma:g}")
-            yield (f"{data.name}: shows {registration.scale:.5f} +- {half:.2g} of true "
-                   f"lengths (95 %){stated}.")
+            away = 100.0 * (registration.scale - 1.0)
+            yield (f"{data.name}: readings come out {abs(away):.2g} % too "
+                   f"{'long' if away > 0.0 else 'short'} (+- {100.0 * half:.2g} %, 95 %){stated}.")
 
 
 def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:

@@ -30,7 +30,7 @@ def understood(found: ForeignTable, told: Told) -> str:
             lines += _filled(f"{names}: {reason}. If it is a standard deviation, name it "
                              "sigma_x ... under `read.columns` in the sidecar.")
     if found.remarks:
-        lines += _filled("Remarks above, of which nothing is made: "
+        lines += _filled("Comment lines (ignored): "
                          f"{' | '.join(r[:60] for r in found.remarks[:6])}"
                          + (" ..." if len(found.remarks) > 6 else ""))
     return "\n".join(lines)

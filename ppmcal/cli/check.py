@@ -52,7 +52,7 @@ def command(mech: Path, data: tuple[Path, ...], draw: Path | None, console: Cons
     console.say(f"{mechanism.name}: {mechanism.motion}, {len(mechanism.limbs)} limbs "
                 f"({', '.join(dict.fromkeys(limb.kind.name for limb in mechanism.limbs))}), "
                 f"{len(mechanism.actuators)} actuators, {len(mechanism.free)} free parameters.")
-    rows = [[name, number(q / f, 7), u or "(bare)"] for name, q, (f, u) in
+    rows = [[name, number(q / f, 7), u or "units"] for name, q, (f, u) in
             zip(mechanism.actuators, result.q_home, mechanism.joint_units, strict=True)]
     console.table(plain_table(["joint", "at home", "unit"], rows, (1,)))
     if result.gaps:

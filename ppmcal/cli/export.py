@@ -85,8 +85,8 @@ def _show(record: ExportRecord, console: Console) -> None:
                                   list(_numbers(record))[:ROWS], (1, 2, 3)))
     if len(record.parameters) > ROWS:
         console.say(f"... and {len(record.parameters) - ROWS} more, all in export.json.")
-    console.say(f"Error over {record.over}, if the model is exact; then what to expect, the "
-                "model's own uncertainty in it:")
+    console.say(f"Predicted error over {record.over}; \"expected\" counts the model's own "
+                "uncertainty too:")
     console.table(_errors(record))
     console.say(record.predicted.sentence())
     for note in record.notes:

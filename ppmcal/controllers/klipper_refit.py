@@ -62,11 +62,12 @@ def size_sentence(printer: Printer) -> str:
     rods = sum(_geometry(by_parts).arms) / len(TOWERS)
     meant = printer.nominal.geometry.arms
     own = f"{meant[0]:.6g}" if len(set(meant)) == 1 else "as long as the file says"
-    return (f"Size: the rods' length and the scale of the distances are one direction. If the "
-            f"distances are true, the rods are {rods:.2f} mm; if the rods are {own}"
-            f"{' mm' if len(set(meant)) == 1 else ''}, the distances show "
-            f"{by_rods.state.registrations[1].scale:.5f} of true lengths (a printed part shrinks, "
-            f"{SHRUNK[0]:g} to {SHRUNK[1]:g})")
+    away = 100.0 * (by_rods.state.registrations[1].scale - 1.0)
+    return (f"Size: longer rods and longer distances look alike. If the distances are true, the "
+            f"rods are {rods:.2f} mm; if the rods are {own}"
+            f"{' mm' if len(set(meant)) == 1 else ''}, the distances read {abs(away):.2g} % too "
+            f"{'long' if away > 0.0 else 'short'} (a printed part shrinks, to {SHRUNK[0]:g} to "
+            f"{SHRUNK[1]:g} of its length)")
 
 
 def _fitted(printer: Printer, rods: str, scale: str = "known") -> Fit | None:

@@ -54,7 +54,7 @@ def before_sentence(found: Mapping[str, object]) -> str:
     """Return what the errors were before, empty where they are not known."""
     parts = [f"{number(size['rms'])} {size['unit']} rms on {name}" for name, size in found.items()
              if isinstance(size, dict)]
-    return f"Before: {', '.join(parts)} ({found['definition']})." if parts else ""
+    return f"Before: {', '.join(parts)}. \"Before\" is {found['definition']}." if parts else ""
 
 
 def _datasets(texts: Mapping[str, str], mechanism: Mechanism) -> Iterator[Dataset]:

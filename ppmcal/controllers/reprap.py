@@ -131,7 +131,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         + ("most of the geometry, fitted" if found.not_expressed else "all of the geometry"),
         tuple(_numbers(found)),
         f"{len(found.points)} points, {found.radius * 1e3:.0f} mm around the middle, z 0 to 100 "
-        "mm, where on the bed a print lies aside",
+        "mm; offset and rotation on the bed ignored",
         found.before, found.after, found.not_expressed, notes, tuple(_advice(present, found)),
         {"grid": {"points": len(found.points), "radius": found.radius / MM,
                   "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}},

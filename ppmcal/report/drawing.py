@@ -18,6 +18,8 @@ GENERATOR = "ppmcal machine drawing"
 """What a page says of itself, so that a later one may replace it."""
 HEAD = 600
 """Within so many characters a page says it."""
+LONG = {"in": "inches"}
+"""Units whose name alone is another word."""
 
 
 def drawing_page(scene: Scene, source: str = "") -> str:
@@ -81,6 +83,7 @@ def write_drawing(path: Path, page: str, inputs: Sequence[str] = ()) -> None:
 def _lead(scene: Scene) -> str:
     """Return what is to be seen."""
     kinds = ", ".join(dict.fromkeys(limb.kind for limb in scene.machines[0].limbs))
-    lead = (f"{len(scene.machines[0].limbs)} limbs {kinds}, lengths in {scene.units.length}, equal "
-            "scale on all axes. Move the slider: does each joint go as it does on the machine?")
+    unit = LONG.get(scene.units.length, scene.units.length)
+    lead = (f"{len(scene.machines[0].limbs)} limbs {kinds}, lengths in {unit}, equal scale on all "
+            "axes. Move the slider: does each joint go as it does on the machine?")
     return lead if scene.flat else f"{lead} Drag to turn."

@@ -50,17 +50,17 @@ def headline(one: Identified) -> list[str]:
     kind = main_kind(one)
     if kind:
         after = figure(one, "after", kind)
-        # before: the nominal machine, as the table of errors says
         a, b, h = (figure(one, s, kind).rms for s in ("before", "after", "holdout"))
         unit = after.unit
-        if a is not None and b is not None:
+        if h is not None:
+            first += (f": the rms {kind} error is {with_unit(h, unit)} on poses kept out of the fit"
+                      + (f" ({with_unit(a, unit)} before)" if a is not None else ""))
+        elif a is not None and b is not None:
             verb = "fell" if b <= a else "rose"
             first += (f": the rms {kind} error {verb} from {with_unit(a, unit)} to "
-                      f"{with_unit(b, unit)}")
+                      f"{with_unit(b, unit)} in the fit")
         elif b is not None:
-            first += f": the rms {kind} error is {with_unit(b, unit)}"
-        if h is not None:
-            first += f", and is {with_unit(h, unit)} on poses that the fit had not seen"
+            first += f": the rms {kind} error is {with_unit(b, unit)} in the fit"
     out = [first + "."]
     verdict, _ = noise_verdict(one.record.noise)
     if verdict:

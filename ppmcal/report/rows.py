@@ -72,6 +72,6 @@ def rows_section(one: Identified, index: int) -> Section | None:
             if t.size > SHOWN else "")
     note = more + ("Noise: root mean square of a row's residuals over their sigma. Click a "
                    "row, or a point in a plot or on the machine, to find it in the others.")
-    return Section("Rows, those that miss most first", paragraph(note, "note") + table(
+    return Section("Rows by error", paragraph(note, "note") + table(
         "", [*heads, "in the fit"], body, sort=True, keys=[keys[i] for i in order]),
         f"{whole(min(SHOWN, t.size))} of {whole(t.size)}", folded=True)

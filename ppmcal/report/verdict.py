@@ -11,6 +11,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import gap_closed, next_step
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
 from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_parts import ResidualSummary
 from ppmcal.io.results.identification_wording import noise_verdict
 from ppmcal.report.format import count, typeset, with_unit
 from ppmcal.report.headlines import figure, main_kind
@@ -87,21 +88,33 @@ def _calibrated(one: Identified, d: DiagnosisRecord | None) -> Line:
     fine = r.noise.state != LARGER and (d is None or d.verdict in SETTLED)
     if after.rms is None:
         return Line("Calibrated?", "Not known", "The folder does not say what is left.", "warn")
-    unit = after.unit
-    flow = " → ".join(with_unit(v, unit) for v in (before.rms, after.rms) if v is not None)
-    text = f"rms {kind} error {flow}"
-    if held.rms is not None:
-        text += f"; {with_unit(held.rms, unit)} on poses that the fit had not seen"
+    text = _accuracy(kind, before, after, held)
     if before.rms is not None and after.rms > before.rms:
         return Line("Calibrated?", "No", f"{text}: it rose.", "bad")
     if r.converged is False:
         return Line("Calibrated?", "No", f"{text}; the fit had not converged.", "bad")
     if r.campaign is not None:
         return Line("Calibrated?", "In part", f"{text}; these poses cannot tell all of it.", "warn")
+    if d is not None and d.verdict == "named-set" and r.noise.state != LARGER:
+        return Line("Calibrated?", "Yes, cause open", f"{text}; a few effects explain alike what "
+                    "geometry does not.", "warn")
     if not fine:
-        return Line("Calibrated?", "Not fully", f"{text}; something is left that is not noise.",
+        return Line("Calibrated?", "Not fully", f"{text}; unmodelled residuals remain.",
                     "warn")
     return Line("Calibrated?", "Yes", f"{text}.", "ok")
+
+
+def _accuracy(kind: str, before: ResidualSummary, after: ResidualSummary,
+              held: ResidualSummary) -> str:
+    """Return the error on poses that no fit has seen, where there are some, else in the fit."""
+    unit, first = after.unit, held if held.rms is not None else after
+    assert first.rms is not None
+    more = [f"{with_unit(before.rms, unit)} before"] if before.rms is not None else []
+    if first is held and after.rms is not None:
+        more.append(f"{with_unit(after.rms, unit)} in the fit")
+    where = "on poses kept out of the fit" if first is held else "in the fit"
+    return (f"rms {kind} error {with_unit(first.rms, unit)} {where}"
+            + (f" ({', '.join(more)})" if more else ""))
 
 
 def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
@@ -116,7 +129,7 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
     free = sum(p.status != "fixed" for p in r.parameters)
     if r.redundant:
         parts.append(f"{count(len(r.redundant), 'combination')} of {count(free, 'parameter')} "
-                     "cannot be told apart by these poses, which predictions do not need")
+                     "not determined by these poses; predictions are unaffected")
     weak = [p for p in r.parameters if p.disagree]
     if weak:
         parts.append(f"sessions disagree on {count(len(weak), 'parameter')}")

@@ -473,7 +473,7 @@ def test_what_happens_in_mid_run_is_no_misreading(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_geometry_that_absorbs_another_machine_is_refused(tmp_path: Path) -> None:
     problem = campaign(tmp_path, "other-machine", "delta-linear")
-    with pytest.raises(Misread, match="the file of another machine"):
+    with pytest.raises(Misread, match="Is this the right mechanism file"):
         refuse_other_machine(identify(problem))
 
 
@@ -486,8 +486,8 @@ def test_commands_refuse_the_file_of_another_machine(tmp_path: Path) -> None:
     assert not (tmp_path / "o").exists()
     for entries in (checked, json.loads(done.out)["misreadings"]):
         assert [e["kind"] for e in entries if e["kind"] != "outside-limits"] == ["other-machine"]
-    assert "the file of another machine?" in " ".join(done.err.split())
-    with pytest.raises(Misread, match="the file of another machine"):
+    assert "Is this the right mechanism file?" in " ".join(done.err.split())
+    with pytest.raises(Misread, match="Is this the right mechanism file"):
         diagnose(problem, DiagnosisOptions())
     # who says that tolerances are none is believed
     flat = ppmcal("identify", *paths, "--out", tmp_path / "o", "--prior", "flat")

@@ -180,7 +180,7 @@ def test_export_says_where_the_firmware_keeps_its_own(printer: Path, tmp_path: P
                  printer / "printer.cfg", cwd=tmp_path, expect=0)
     words = " ".join(run.out.split())
     assert "Paste the lines of klipper.cfg into" in words and "there they win" in words
-    assert "if the model is exact" in words and "all of the geometry" in words
+    assert "Predicted error over" in words and "all of the geometry" in words
 
 
 def test_an_imported_printer_is_exported_as_it_was(printer: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 from dataclasses import replace
@@ -105,7 +106,21 @@ def test_the_digest_sees_code_and_no_words():
             'def f(a: float) -> float:  # adds\n    "Doc."\n    return a + LIMIT\n')
     assert pieces_of(plain) == pieces_of(told)
     assert pieces_of(plain) != pieces_of(plain.replace("3", "4"))
+    says = 'def f(a):\n    raise ValueError(f"there is no {a}", "n")\n'
+    assert pieces_of(says) == pieces_of(says.replace("there is no", "found neither it nor"))
+    assert pieces_of(says) != pieces_of(says.replace('"n"', '"m"'))
     assert pieces_of("class A:\n    n: int\n") != pieces_of("class A:\n    m: int\n")
+
+
+@pytest.mark.parametrize("package", sorted({p for s in STUDIES for p in s.engine}))
+def test_no_engine_compares_a_sentence(package):
+    """So that what a sentence says decides nothing."""
+    for path in (ROOT / "ppmcal" / package).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Compare):
+                said = [c.value for c in (node.left, *node.comparators)
+                        if isinstance(c, ast.Constant)]
+                assert not [t for t in said if isinstance(t, str) and len(t.split()) > 2], path
 
 
 def test_the_digest_sees_what_is_imported_under_which_name_and_not_from_where():

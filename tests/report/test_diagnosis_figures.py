@@ -324,7 +324,7 @@ def test_gap_picture(cases: Callable[[str], Case]) -> None:
     words = texts(root)
     names = [f"+ {s['kind']} on all 3 actuators" for s in case.plot_data["steps"][2:]]
     for text in ("machine as in its file, only frames fitted", "+ geometry identified", *names,
-                 f"Check on {record['gap']['poses']} poses left out of the fits", "1 (noise)",
+                 f"Check on {record['gap']['poses']} poses kept out of the fits", "1 (noise)",
                  "rms of the residuals over the noise", "geometry and what is named"):
         assert text in words, text
     for value in values:

@@ -280,7 +280,7 @@ def test_moved_zeros_unchecked_rows_and_flats(folders: Path, tmp_path: Path) -> 
     (tmp_path / "identification.json").write_text(json.dumps(found))
     _, text = page(tmp_path)
     for piece in ("the homing offset of a shifted in tuesday: by +0.25 ± 0.02 mm against",
-                  "Unchecked: in calipers row 3: nothing else tells what they tell",
+                  "calipers: row 3 has no backup: a wrong reading there would go unnoticed",
                   "heights: 0.021 mm rms of what is left is smooth over the flat",
                   "touches scatter 0.004 mm about it (p = 1·10⁻⁵)"):
         assert piece in text, piece

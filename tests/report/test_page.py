@@ -189,8 +189,8 @@ def test_page_says_it_all_with_units(everything: list[Path]) -> None:
     html = to_html(collect(everything))
     page = read(html)
     text = "".join(page.text)
-    for piece in (f"0.512{NBSP}mm → 0.00612{NBSP}mm", f"0.00655{NBSP}mm on poses",
-                  "12 rows, 1 of them left out", "agrees with the stated noise (ratio 1.02",
+    for piece in (f"0.00655{NBSP}mm on poses kept out of the fit", f"(0.512{NBSP}mm before",
+                  "12 rows, 1 of them left out", "consistent with the stated noise (ratio 1.02",
                   "1 of 12 rows left out", f"{FAR}: leg1.offset",
                   "outlier: 7.0 times the noise", "leg1 too long", "frame.x − 0.5 × leg2.offset",
                   "m.yaml: units: odd unit", "at rz 0", "10.4934 … 10.5090", "10.5012",
@@ -276,8 +276,8 @@ def test_diagnosis(tmp_path: Path) -> None:
     for piece in ("The missing effect is named: backlash on leg1.", "width 0.0212 ± 0.0020 mm",
                   "p\u00a0<\u00a010⁻⁸", "90 %", "windup",
                   "What is left follows time (p\u00a0=\u00a00.02)",
-                  "the residuals go from 3.10 to 1.02 times the noise",
-                  "93 % of what exceeds the noise is gone (95 % interval: 90 % to 95 %)",
+                  "residuals drop from 3.10 to 1.02 times the noise",
+                  "93 % of the excess error is explained (95 % interval: 90 % to 95 %)",
                   "Where the residuals are, group by group",
                   "Both directions. They are in next.csv"):
         assert piece in text, piece
@@ -414,8 +414,8 @@ def test_numbers_have_sensible_digits() -> None:
 def test_noise_verdicts() -> None:
     none = unsaid(Noise)
     assert noise_verdict(replace(none, sigma_ratio=3.0, chi2_p=1e-9))[1] is False
-    assert "smaller" in noise_verdict(replace(none, sigma_ratio=0.2, chi2_p=1.0))[0]
-    assert "agrees" in noise_verdict(replace(none, sigma_ratio=1.0, chi2_p=0.4))[0]
+    assert "below" in noise_verdict(replace(none, sigma_ratio=0.2, chi2_p=1.0))[0]
+    assert "consistent" in noise_verdict(replace(none, sigma_ratio=1.0, chi2_p=0.4))[0]
     assert noise_verdict(none) == ("", True)
     assert typeset("p = 1.2e-09, -0.5*a - b +- 2 chi-squared of leg-1") == (
         "p = 1.2·10⁻⁹, −0.5 × a − b ± 2 χ² of leg-1")

@@ -125,7 +125,7 @@ def _stroke(fit: Fit) -> Iterable[str]:
                         for x, _ in fit.problem.ends(i, fit.state, np.flatnonzero(fit.keep[i]))])
     part = np.ptp(q, axis=0) / (limits[:, 1] - limits[:, 0])
     if np.isfinite(limits).all() and part.max() < SHORT:
-        yield f"no joint uses more than {part.max():.0%} of its range"
+        yield f"your poses use only {part.max():.0%} of the joints' travel"
 
 
 def few_poses(fit: Fit) -> Iterable[str]:

@@ -13,8 +13,8 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.units import SI, Units
 
 MENDS = {
-    "other-machine": "Give the mechanism file of the machine that was measured. If it really is "
-                     "that far from nominal, give larger tolerances, or --prior flat",
+    "other-machine": "Is this the right mechanism file? If the machine really is that far from "
+                     "nominal, give larger tolerances, or --prior flat",
     "shuffled": "No entry of the sidecar mends that: put the measurements in the order of the "
                 "joint values again, where they were recorded, or leave those rows out",
     **{key.replace("_", "-"): f"Write into the sidecar: `{key}: unknown`"
@@ -102,10 +102,11 @@ def misreading_sentence(found: Misreading, units: Units) -> str:
         return what
     if found.quantity == NOISE:
         return f"{what}: residuals fall from {found.before:.3g} to {found.after:.3g} {NOISE}"
-    before = (f"the median miss falls from {found.before / factor:.3g} to"
-              if np.isfinite(found.before) else "hardly a row had a pose; the median miss now is")
-    return (f"{what}: {before} {found.after / factor:.3g} {unit}, and a short fit comes to "
-            f"{found.noise_after:.2g} times the noise")
+    before = (f"read so, the median error drops from {found.before / factor:.3g} to"
+              if np.isfinite(found.before) else
+              "hardly a row had a pose; read so, the median error is")
+    return (f"{what}: {before} {found.after / factor:.3g} {unit}, {found.noise_after:.2g} times "
+            "the noise after a short fit")
 
 
 def with_line(data: Dataset, key: str, lines: Mapping[str, object]) -> dict[str, object]:

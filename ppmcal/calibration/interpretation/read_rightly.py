@@ -279,8 +279,7 @@ def other_machine(problem: Problem, state: State) -> Misreading | None:
            for *_, part in end_parts(problem, np.inf)):
         return None
     words = ", ".join(f"{name} by {away[name]:.0f}" for name in far[:3])
-    text = (f"geometry {rms(away):.0f} tolerances from nominal (RMS; {words}): the file of another "
-            "machine?")
+    text = f"the geometry comes out {rms(away):.0f} tolerances from nominal (RMS; {words})"
     return Misreading(mechanism.source, (Mistake("other-machine", tuple(far), text),))
 
 

@@ -120,14 +120,14 @@ def choice_sentence(choice: FreedomChoice) -> str:
     """Return which freedoms were kept, and how left-out rows are predicted with each set."""
     out = []
     for n, one in enumerate(choice.sets):
-        adds = f"with {_shortened(one.adds)} too" if n else counted(len(one.adds), "parameter")
+        adds = f"+ {_shortened(one.adds)}" if n else counted(len(one.adds), "parameter")
         out.append(f"{adds} {one.missed:.3g}")
-    kept = "of the smallest set" if not choice.kept else (
-        f"up to {_shortened(choice.sets[choice.kept].adds)}")
-    why = "as the file has them" if choice.kept == choice.usual else (
-        "which predict better by more than a standard error")
-    return (f"Rows left out ({choice.blocks} blocks over space) are missed by so many times the "
-            f"noise: {', '.join(out)}. Freedoms {kept} are kept, {why}.")
+    kept = "the smallest set" if not choice.kept else (
+        f"+ {_shortened(choice.sets[choice.kept].adds)}")
+    why = "as the file has it" if choice.kept == choice.usual else (
+        "better by more than a standard error")
+    return (f"Cross-validation error (x noise, {choice.blocks} blocks of space): "
+            f"{', '.join(out)}. Using: {kept}, {why}.")
 
 
 def _shortened(names: Sequence[str]) -> str:

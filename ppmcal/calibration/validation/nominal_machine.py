@@ -20,8 +20,8 @@ from ppmcal.errors import PpmcalError
 from ppmcal.linalg import Bools
 from ppmcal.model.registration import Registration
 
-DEFINITION = ("the nominal machine without effects, with what the files leave unknown of frame and "
-              "target fitted to the rows in use; rms of the length of the error vector")
+DEFINITION = ("the uncalibrated machine (only unknown frame and target fitted); errors are RMS "
+              "distances")
 """What ``before`` means wherever a command says it."""
 
 

@@ -59,12 +59,12 @@ def _sentence(found: WeakCampaign, where: Mapping[str, PoseRange]) -> str:
     """Return what a campaign leaves unknown and which measurements are missing."""
     first, *more = found.shapes
     shape = "; ".join([first[:1].upper() + first[1:], *more])
-    text = (f"{shape}: {'; '.join(found.groups)} stay unknown (more than half the tolerance, which "
-            "other poses would tell)")
+    text = (f"{shape}, so these stay unknown to more than half their tolerance: "
+            f"{'; '.join(found.groups)}")
     what = "touch" if found.touches else "pose"
     count = len(found.missing.q)
     many = counted(count, what) if not found.touches or count == 1 else f"{count} touches"
     ranges = [f"{name} from {r.low:.4g} to {r.high:.4g} {r.unit}"
               for name, r in list(where.items())[:FEW]]
     beyond = f" ({', '.join(ranges)})" if ranges else ""
-    return f"{text}: {many} more{beyond} would do, see next.csv"
+    return f"{text}. {many} more{beyond} would fix that, see next.csv"

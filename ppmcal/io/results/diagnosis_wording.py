@@ -199,16 +199,21 @@ def probable(probability: float | None) -> str:
 
 
 def tried_sets(record: DiagnosisRecord) -> str:
-    """Return the probability of each set of effects over those tried; empty where one is."""
+    """Return the explanations that compete, likeliest first; empty where one is likely."""
     each = sorted(((p, s) for s in record.sets if (p := finite(s.probability)) is not None),
                   key=lambda pair: -pair[0])
     told = [(p, s) for p, s in each if p >= LIKELY][:FEW_SETS]
     if len(told) < 2:
         return ""
     total = actuators(record)
-    names = [" and ".join(shorter(e, total) for e in s.effects) or "none" for _, s in told]
-    return (f"Probability over the {len(each)} sets tried: " + "; ".join(
-        f"{n} {_percent(p)}" for n, (p, _) in zip(names, told, strict=True)) + ".")
+    common = [e for e in told[0][1].effects if all(e in s.effects for _, s in told)]
+    beside = f" beside {', '.join(shorter(e, total) for e in common)}" if common else ""
+    named = dict[str, float]()      # of the same joints, alike or each its own size
+    for p, s in told:
+        name = ", ".join(shorter(e, total) for e in s.effects if e not in common) or "nothing more"
+        named[name] = named.get(name, 0.0) + p
+    return (f"{counted(len(named), 'explanation')}{beside}: " + "; ".join(
+        f"({n}) {name}, {_percent(p)}" for n, (name, p) in enumerate(named.items(), 1)) + ".")
 
 
 def gap_closed(record: DiagnosisRecord) -> str:
@@ -217,15 +222,16 @@ def gap_closed(record: DiagnosisRecord) -> str:
     before, after = finite(gap.before), finite(gap.after)
     if before is None or after is None:
         return ""
-    which = f"On {left_out_poses(gap)}"
     if not record.effects and abs(before - after) < 1e-9:
-        return f"{which} the residuals are {_ratio(before)} times the noise."
-    text = (f"{which}, though not of the choice of names, the residuals go from {_ratio(before)} "
-            f"to {_ratio(after)} times the noise")
+        return f"On {left_out_poses(gap)}, residuals are {_ratio(before)} times the noise."
+    text = (f"On {left_out_poses(gap)} (though used to choose the names), residuals drop from "
+            f"{_ratio(before)} to {_ratio(after)} times the noise") if after <= before else (
+        f"On {left_out_poses(gap)} (though used to choose the names), residuals rise from "
+        f"{_ratio(before)} to {_ratio(after)} times the noise")
     closed = finite(gap.closed)
     if closed is None:
         return f"{text}; nothing exceeded the noise before."
-    return f"{text}: {_percent(closed)} of what exceeds the noise is gone{_interval(gap)}."
+    return f"{text}: {_percent(closed)} of the excess error is explained{_interval(gap)}."
 
 
 def predicted(record: DiagnosisRecord) -> str:
@@ -234,17 +240,17 @@ def predicted(record: DiagnosisRecord) -> str:
     if not told:
         return ""
     first, least = told[0], min(told, key=lambda b: b.gain)
-    text = (f"With {_portion(first.by)} left out at a time, all that may be there together misses "
-            f"by {_ratio(first.averaged.error)} times the noise, geometry alone by "
-            f"{_ratio(first.geometry.error)}; log score {_gain(first)}")
+    text = (f"Cross-validation error, {_portion(first.by)} left out at a time: "
+            f"{_ratio(first.averaged.error)} times the noise with all likely effects, "
+            f"{_ratio(first.geometry.error)} with geometry alone; log score {_gain(first)}")
     return text + (f", by {least.by} {_gain(least)}" if least is not first else "") + "."
 
 
 def another_day(record: DiagnosisRecord) -> list[str]:
     """Return how each session is predicted from the others, or that none shows what is named."""
     if record.effects and not record.validation:
-        return ["No other session shows whether this holds on another day: measure one, and "
-                "ppmcal validate compares."]
+        return ["All rows are of one session: measure a second one to see whether this holds on "
+                "another day (ppmcal validate)."]
     return [f"From the other sessions, {model_sentence(day)} {effects_sentence(day)}".strip()
             for day in record.validation]
 
@@ -258,11 +264,11 @@ def _gain(found: LeftOutBlocks) -> str:
 
 
 def left_out_poses(gap: HeldOutGap) -> str:
-    """Return ``16 poses left out of the fits``: those that sizes were not fitted to.
+    """Return ``16 poses kept out of the fits``: those that sizes were not fitted to.
 
     What is named, or learned, was chosen with their help, so they are not called unseen.
     """
-    return f"{gap.poses or ''} poses left out of the fits".strip()
+    return f"{gap.poses or ''} poses kept out of the fits".strip()
 
 
 def learned(record: DiagnosisRecord) -> list[str]:
@@ -300,9 +306,9 @@ def learned_gap(record: DiagnosisRecord) -> str:
     before, after, closed = (finite(v) for v in (gap.before, gap.after, gap.closed))
     if before is None or after is None:
         return ""
-    tail = "" if closed is None else f": {_percent(closed)} of what exceeds the noise is gone"
-    return (f"With what was learned, residuals on {left_out_poses(gap)}, though not of the choice "
-            f"of what is kept, go from {_ratio(before)} to {_ratio(after)} times the noise"
+    tail = "" if closed is None else f": {_percent(closed)} of the excess error is explained"
+    return (f"With what was learned, residuals on {left_out_poses(gap)} (though used to choose "
+            f"what is kept) go from {_ratio(before)} to {_ratio(after)} times the noise"
             f"{tail}{_interval(gap)}.")
 
 
@@ -335,8 +341,9 @@ def imitated(record: DiagnosisRecord) -> str:
     """Return how many parameters had moved to imitate what is missing, empty where none had."""
     moved = record.swallowed
     return "" if not moved else (
-        f"{counted(len(moved), 'parameter')} had moved by more than the tolerance to imitate what "
-        f"is missing, most {moved[0].name}.")
+        f"Without what is named, {counted(len(moved), 'parameter')} "
+        f"{'were' if len(moved) > 1 else 'was'} forced outside "
+        f"{'their tolerances' if len(moved) > 1 else 'its tolerance'}, most {moved[0].name}.")
 
 
 def next_step(record: DiagnosisRecord) -> str:

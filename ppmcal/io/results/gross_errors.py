@@ -73,7 +73,7 @@ class HomingShiftEntry(Part):
         if self.value is None or half is None or not (self.actuator and self.session):
             return ""
         return (f"the homing offset of {self.actuator} shifted in {self.session}: by "
-                f"{self.value:+.4g} +- {half:.2g} {self.unit or '(bare)'} against the "
+                f"{self.value:+.4g} +- {half:.2g} {self.unit or 'units'} against the "
                 "others; give that session a file of its own with `homing: per-file`")
 
 
@@ -88,8 +88,8 @@ class UncheckedRows(Part):
         if not (self.dataset and self.rows):
             return ""
         some = ", ".join(str(r) for r in self.rows[:ROWS]) + " ..." * (len(self.rows) > ROWS)
-        return (f"Unchecked: in {self.dataset} row{'s' if len(self.rows) > 1 else ''} {some}: "
-                "nothing else tells what they tell, so a wrong value there would not show. "
+        rows = (f"rows {some} have" if len(self.rows) > 1 else f"row {some} has")
+        return (f"{self.dataset}: {rows} no backup: a wrong reading there would go unnoticed. "
                 "Measure one more.")
 
 

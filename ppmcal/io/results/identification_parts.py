@@ -133,8 +133,8 @@ class ResidualStages(Part):
 
 
 def before_words(before_is: str) -> str:
-    """Return `` Before: the nominal machine ...``, empty where a file does not say it."""
-    return f" Before: {before_is}." if before_is else ""
+    """Return `` "Before" is the uncalibrated ...``, empty where a file does not say it."""
+    return f' "Before" is {before_is}.' if before_is else ""
 
 
 class CorrelatedPair(Part):

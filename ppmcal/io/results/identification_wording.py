@@ -20,12 +20,11 @@ def noise_verdict(noise: Noise) -> tuple[str, bool]:
         return "", True
     state, source = noise.state, noise.source
     if state == LARGER:
-        return (f"what remains is larger than the {source} noise explains ({tail}): something is "
-                "missing in the model, or sigma is too small"), False
+        return (f"residuals exceed the {source} noise ({tail}): something is missing in the "
+                "model, or sigma is too small"), False
     if state == SMALLER:
-        return (f"what remains is smaller than the {source} noise ({tail}): sigma looks too "
-                "large"), False
-    return f"what remains agrees with the {source} noise ({tail})", True
+        return f"residuals are below the {source} noise ({tail}): sigma looks too large", False
+    return f"residuals are consistent with the {source} noise ({tail})", True
 
 
 SHORT = {

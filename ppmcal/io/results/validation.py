@@ -273,9 +273,9 @@ def _missed(data: ValidatedDataset) -> list[str]:
     if times is None or times <= MISSED:
         return []
     one = _of_one_row(data)
-    return [f"{data.name}: {number(times, 2)} times the noise: " + (
+    return [f"{data.name} does not fit the model ({number(times, 2)} times the noise): " + (
         f"{one}, a value typed wrong perhaps: `identify` names the row" if one else
-        "measurements of another machine, or of one that has changed: calibrate it with them, and "
+        "another machine, or something has changed: calibrate with these rows, and "
         "`ppmcal compare` tells what changed")]
 
 
