@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 from ppmcal.errors import unknown
+from ppmcal.wording import number
+
+T = TypeVar("T")
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
@@ -45,6 +49,10 @@ class Units:
             return own.get(above, above)
         under = own.get(below, below)
         return f"{own.get(above, above) or 1}/{f'({under})' if ' ' in under else under}"
+
+    def words(self, value: float, quantity: str, digits: int = 4) -> str:
+        """Return a value, SI, in file units: ``0.0123 mm``."""
+        return f"{number(value / self.factor(quantity), digits)} {self.name(quantity)}"
 
     def _one(self, part: str) -> float:
         if part == "length":
@@ -92,10 +100,61 @@ class Quantity:
     of: str = ""
     digits: int = 0
 
-    def of_file(self, value: Any, factor: float) -> Any:
-        """Return a number, an array (N,) or None in units of which one is ``factor`` in SI."""
+    def of_file(self, value: Any, name: str, units: Units) -> Any:
+        """Return a value of a quantity ``name``, or such in lists and mappings, in file units."""
+        if name == COORDINATE and value is not None:
+            return {k: self._over(v, units.factor(coordinate_quantity(k)))
+                    for k, v in value.items()}
+        return self._over(value, units.factor(name))
+
+    def _over(self, value: Any, factor: float) -> Any:
         if value is None:
             return None
-        if not isinstance(value, int | float):
-            return tuple(self.of_file(float(v), factor) for v in value)
-        return float(f"{value / factor:.{self.digits}g}") if self.digits else value / factor
+        if isinstance(value, Mapping):
+            return {k: self._over(v, factor) for k, v in value.items()}
+        if hasattr(value, "__len__"):
+            return tuple(self._over(v, factor) for v in value)
+        own = float(value) / factor
+        return float(f"{own:.{self.digits}g}") if self.digits else own
+
+
+COORDINATE = "coordinate"
+"""The quantity of a mapping by pose coordinates: each its own."""
+
+
+def coordinate_quantity(name: str) -> str:
+    """Return ``length`` for x, y, z and ``angle`` for rx, ry, rz."""
+    return "angle" if name.startswith("r") else "length"
+
+
+Length = Annotated[T, Quantity("length")]
+Angle = Annotated[T, Quantity("angle")]
+ByCoordinate = Annotated[T, Quantity(COORDINATE)]
+OfUnit = Annotated[T, Quantity(of="unit")]
+"""A number of the quantity that the field ``unit`` says, which in a file is its unit."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """The key of a field in a file, where it cannot be its name."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class AtMost:
+    """The largest size of a number that is read; none for one that is only shown."""
+
+    largest: float
+
+
+@dataclass(frozen=True)
+class Unsaid:
+    """What a file does not say, or says is null, is nan or else None, whatever the default."""
+
+
+OrNull = Annotated[T, Unsaid()]
+
+LARGEST = 1e30
+Finite = Annotated[float, AtMost(LARGEST)]
+"""A number that is calculated with: of what is read, :data:`LARGEST` at most."""

@@ -29,6 +29,7 @@ from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import Angle, Length
 from ppmcal.wording.progress import stage
 
 DRAWS, BEYOND, MOST_DRAWS = 4000, 400, 40_000
@@ -46,13 +47,14 @@ MATTERS = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Demand:
-    """What is demanded: largest errors (m, rad, or None) and the share of machines that meet them.
+    """What is demanded: largest errors and the share of machines that meet them, a bare number.
 
-    A machine meets them if it does so at every task pose.
+    Errors are in m and rad, or in a file's units, or None. A machine meets them if it does so at
+    every task pose.
     """
 
-    position: float | None
-    rotation: float | None
+    position: Length[float | None]
+    rotation: Angle[float | None]
     share: float
 
 

@@ -15,7 +15,6 @@ from ppmcal.io.input_files import read_bytes
 from ppmcal.io.limits import JSON_BYTES, JSON_DEPTH, JSON_NODES
 
 AGAIN = "Run the command that writes it again"
-LARGEST = 1e30
 LONGEST = 300
 """Digits of a number; more do not fit into a float."""
 

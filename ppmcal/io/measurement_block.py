@@ -9,14 +9,14 @@ import numpy as np
 
 from ppmcal.errors import unknown
 from ppmcal.io.mechanism_schema import MeasurementFile, MechanismFile
-from ppmcal.io.pose_fields import COORDINATES, OF_FRAME, pose_from_map, pose_to_map, quantity
+from ppmcal.io.pose_fields import COORDINATES, OF_FRAME, pose_from_map, pose_to_map
 from ppmcal.io.yaml import to_file
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import WRENCH, ZERO_CELSIUS
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
-from ppmcal.units import Units
+from ppmcal.units import Units, coordinate_quantity
 
 CONDITIONS = {"temperature": ZERO_CELSIUS, "payload": 0.0, "time": 0.0,
               **dict.fromkeys(WRENCH, 0.0)}
@@ -98,7 +98,7 @@ def _shown(value: float, factor: float, zero: float) -> float:
 def _columns(units: Units, actuators: Sequence[str], joints: Array
              ) -> dict[str, tuple[float, float]]:
     """Return the columns that have ranges: name -> SI value of one unit, and of zero."""
-    return {**{c: (units.factor(quantity(c)), 0.0) for c in COORDINATES},
+    return {**{c: (units.factor(coordinate_quantity(c)), 0.0) for c in COORDINATES},
             **{f"q_{a}": (float(f), 0.0) for a, f in zip(actuators, joints, strict=True)},
             **{c: (1.0, zero) for c, zero in CONDITIONS.items()}}
 

@@ -18,7 +18,7 @@ from ppmcal.io.measurement_block import read_measured, read_registrations
 from ppmcal.io.mechanism_schema import MechanismFile, TolerancesFile, word
 from ppmcal.io.noise_limits import refuse_tolerances
 from ppmcal.io.parameter_reader import Draft
-from ppmcal.io.pose_fields import COORDINATES, OF_MOTION, pose_from_map, quantity
+from ppmcal.io.pose_fields import COORDINATES, OF_MOTION, pose_from_map
 from ppmcal.io.remarks import remark_machine
 from ppmcal.io.schema import check, dotted
 from ppmcal.io.stiffness import read_stiffness
@@ -27,7 +27,7 @@ from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism
 from ppmcal.model.parameters import NO_TOLERANCE, Parameter, free_indices, unmatched
-from ppmcal.units import Units
+from ppmcal.units import Units, coordinate_quantity
 
 
 def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanism:
@@ -259,7 +259,8 @@ def _digits(file: MechanismFile, drafts: Sequence[Draft], units: Units) -> dict[
     """Return half of the last printed digit of lengths and angles, SI; 0 where none stands."""
     printed = [n for d in drafts for n in d.numbers]
     pose = file.home.pose if isinstance(file.home.pose, dict) else {}
-    printed += [(quantity(c), float(pose[c])) for c in COORDINATES if pose.get(c) is not None]
+    printed += [(coordinate_quantity(c), float(pose[c])) for c in COORDINATES
+                if pose.get(c) is not None]
     first = {d.actuator: d for d in reversed(drafts)}
     printed += [(first[a].kind.actuator, v) for a, v in (file.home.q or {}).items()
                 if not first[a].has_ratio]

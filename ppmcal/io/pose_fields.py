@@ -14,7 +14,7 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io.schema import Number as _Number
 from ppmcal.io.schema import Strict, check
 from ppmcal.linalg import Array
-from ppmcal.units import Units
+from ppmcal.units import Units, coordinate_quantity
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
@@ -48,14 +48,9 @@ class PoseFile(Strict):
     """Quaternion: its scalar part."""
 
 
-def quantity(coordinate: str) -> str:
-    """Return ``length`` for x, y, z and ``angle`` for rx, ry, rz."""
-    return "angle" if coordinate.startswith("r") else "length"
-
-
 def factors(units: Units) -> Array:
     """Return the SI value of one file unit of each pose coordinate (6,)."""
-    return np.array([units.factor(quantity(c)) for c in COORDINATES])
+    return np.array([units.factor(coordinate_quantity(c)) for c in COORDINATES])
 
 
 def rotation_vectors(quaternions: Array) -> Array:
@@ -98,7 +93,7 @@ def pose_from_map(data: object, allowed: Sequence[str], units: Units, source: st
         _put_quaternion(out, given, place)
     for i, name in enumerate(COORDINATES):
         if name in given:
-            out[i] = given[name] * units.factor(quantity(name))
+            out[i] = given[name] * units.factor(coordinate_quantity(name))
         elif name not in allowed:
             out[i] = 0.0
     for name in allowed if needed is None else needed:
@@ -129,5 +124,5 @@ def pose_to_map(pose: Array, allowed: Sequence[str], units: Units) -> dict[str, 
     """Return the mapping that :func:`pose_from_map` reads back as ``pose`` (6,)."""
     from ppmcal.io.yaml import to_file
 
-    return {name: to_file(float(pose[i]), units.factor(quantity(name)))
+    return {name: to_file(float(pose[i]), units.factor(coordinate_quantity(name)))
             for i, name in enumerate(COORDINATES) if name in allowed}

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.io.results.record import UnitNames
 from ppmcal.linalg import Array
 from ppmcal.plotting.layers import Points, Undrawn
 from ppmcal.report.format import number, sig, with_unit
 from ppmcal.report.records import Columns, MeasuredRows
 from ppmcal.report.rows import row_key, row_numbers
+from ppmcal.units import Units
 
 OWN = ("row", "dataset", "used")
 """Columns of residuals.csv that say which row it is, not what held in it."""
@@ -39,7 +39,7 @@ class DataRows:
 
     fit: int | str
     table: Columns
-    units: UnitNames
+    units: Units
     positions: Array | None = None
     measured: MeasuredRows | None = None
 
@@ -86,7 +86,7 @@ class DataRows:
             if name in self.table.numbers:
                 value = number(float(self.table.numbers[name][i]))
                 quantity = _quantity(name)
-                unit = self.units.of_quantity(quantity) if quantity else ""
+                unit = self.units.name(quantity) if quantity else ""
                 if value is not None:
                     yield f"{name} {with_unit(value, unit, 5)}"
             elif self.table.words(name)[i]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FAR
 from ppmcal.io.results.identifiability import unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
     ExcludedRow,
-    NoiseCheck,
     ParameterEstimate,
     before_words,
 )
@@ -108,17 +110,17 @@ def _fit_facts(r: IdentificationRecord) -> str:
     return definitions(facts)
 
 
-def _noise_facts(noise: NoiseCheck) -> list[tuple[str, str]]:
+def _noise_facts(noise: Noise) -> list[tuple[str, str]]:
     """Return what the residuals say about the stated or estimated noise."""
     facts: list[tuple[str, str]] = []
-    if noise.sigma_ratio is not None:
+    if math.isfinite(noise.sigma_ratio):
         facts.append((f"Residual over {noise.source} noise", sig(noise.sigma_ratio)))
     if len(noise.by_dataset) > 1:
         facts.append(("The same by file",
                       ", ".join(f"{n} {sig(v)}" for n, v in noise.by_dataset.items())))
-    if noise.chi2 is not None:
+    if math.isfinite(noise.chi2):
         facts.append(("χ² of the noise", _chi2(noise.chi2, noise.degrees, noise.chi2_p)))
-    if noise.prior_chi2 is not None and noise.prior_degrees:
+    if math.isfinite(noise.prior_chi2) and noise.prior_degrees > 0.0:
         facts.append(("χ² of errors against tolerances",
                       _chi2(noise.prior_chi2, noise.prior_degrees, noise.prior_p)))
     if noise.repeat_ratio is not None:
@@ -136,7 +138,7 @@ def _region(r: IdentificationRecord) -> str:
     """Return the ranges of the measured coordinates in words."""
     parts = []
     for name, ends in r.measured_volume.items():
-        unit = r.units.of_quantity(quantity_of(name))
+        unit = r.units.name(quantity_of(name))
         parts.append(f"{name} {' … '.join(with_unit(e, unit, 4) for e in ends)}")
     return "; ".join(parts)
 

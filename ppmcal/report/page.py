@@ -164,7 +164,7 @@ def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
         return {"length": units.get("error_position_before", ""),
                 "angle": units.get("error_rotation_before", "")}
     found = [i.record.units for i in data.identified]
-    return found[0].entries(whole=True) if found and all(f == found[0] for f in found) else {}
+    return asdict(found[0]) if found and all(f == found[0] for f in found) else {}
 
 
 def records(data: ReportData) -> list[tuple[str, Mapping[str, Any]]]:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.io.results.record import UnitNames
 from ppmcal.linalg import Array, Bools
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import (
@@ -40,6 +39,7 @@ from ppmcal.report.residuals import (
     used,
     white,
 )
+from ppmcal.units import Units
 
 CROSSES = 100
 """At most so many of the rows left out are drawn."""
@@ -49,7 +49,7 @@ ROWS = "row, in the order of the file"
 BEFORE_AFTER = (("before", "before"), ("after", "after"))
 
 
-def residual_figures(table: Columns | None, units: UnitNames, fit: int | str = 0,
+def residual_figures(table: Columns | None, units: Units, fit: int | str = 0,
                      measured: MeasuredRows | None = None) -> list[Drawing]:
     """Return the pictures of all residuals together: over their noise, and as norms by row.
 
@@ -63,11 +63,11 @@ def residual_figures(table: Columns | None, units: UnitNames, fit: int | str = 0
         return []
     rows = DataRows(fit, table, units, None, measured)
     out = [histogram(white(table))]
-    out += [by_row(rows, g, units.of_quantity(g.quantity)) for g in groups(table)]
+    out += [by_row(rows, g, units.name(g.quantity)) for g in groups(table)]
     return [p for p in out if p is not None]
 
 
-def coordinate_figures(table: Columns | None, units: UnitNames, positions: Array | None = None,
+def coordinate_figures(table: Columns | None, units: Units, positions: Array | None = None,
                        fit: int | str = 0, measured: MeasuredRows | None = None
                        ) -> list[Drawing]:
     """Return the pictures of each measured coordinate, and those in the plane.
@@ -82,7 +82,7 @@ def coordinate_figures(table: Columns | None, units: UnitNames, positions: Array
     if table is None or not table.size:
         return []
     rows, have = DataRows(fit, table, units, positions, measured), coordinates(table)
-    out = [coordinate(rows, c, units.of_quantity(quantity_of(c))) for c in have]
+    out = [coordinate(rows, c, units.name(quantity_of(c))) for c in have]
     if "x" in have and "y" in have:
         out += plane(rows, units.length)
     return [p for p in out if p is not None]

@@ -60,7 +60,7 @@ def rows_section(one: Identified, index: int) -> Section | None:
     parts = groups(t)
     heads = ["row", "data set", "times its noise"]
     for g in parts:
-        unit = one.record.units.of_quantity(g.quantity)
+        unit = one.record.units.name(g.quantity)
         heads += [with_label(f"{g.name} before", unit), with_label(f"{g.name} after", unit)]
     names, reasons = t.words("dataset"), t.words("reason")
     number = t.number("row")

@@ -7,11 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from ppmcal.io.results.identification_parts import ParameterEstimate
-from ppmcal.io.results.record import UnitNames
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.report.format import number
 from ppmcal.report.records import ComparedMachines, Identified, Simulated, TruthRow
-from ppmcal.units import ANGLES, LENGTHS
+from ppmcal.units import ANGLES, LENGTHS, Units
 from ppmcal.wording import some
 
 PER_UNIT = "/unit"
@@ -123,11 +122,11 @@ def _true_error(p: ParameterEstimate, known: TrueParameter, factor: float) -> tu
     return known.error * factor + (away if differs else 0.0), differs
 
 
-def _same_quantity(unit: str, units: UnitNames) -> str:
+def _same_quantity(unit: str, units: Units) -> str:
     """Return the truth file's unit of the quantity that ``unit`` measures (``mm``, ``mm/unit``)."""
     bare = unit.removesuffix(PER_UNIT)
     quantity = "length" if bare in LENGTHS else "angle" if bare in ANGLES else ""
-    own = units.of_quantity(quantity) if quantity else ""
+    own = units.name(quantity) if quantity else ""
     return own + unit.removeprefix(bare) if own else ""
 
 

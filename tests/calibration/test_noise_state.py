@@ -20,13 +20,14 @@ from ppmcal.calibration.fit.noise_estimate import (
     LARGER,
     SMALLER,
     STATED,
+    Noise,
     noise_check,
     noise_source,
     noise_state,
 )
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.validation.summary import report
-from ppmcal.io.results.identification_parts import NoiseCheck
+from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.identification_wording import noise_verdict, short_intervals
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -64,7 +65,7 @@ def found(machine: Mechanism, data: Dataset):
 def test_one_place_decides_whether_the_check_failed(ratio: float, p: float | None, state: str
                                                     ) -> None:
     assert noise_state(ratio, p) == state
-    check = NoiseCheck(sigma_ratio=ratio, chi2_p=None if p is None or np.isnan(p) else p)
+    check = replace(unsaid(Noise), sigma_ratio=ratio, chi2_p=np.nan if p is None else p)
     assert check.state == state
     words, fine = noise_verdict(check)
     assert fine == (state == AGREES)
@@ -74,10 +75,10 @@ def test_one_place_decides_whether_the_check_failed(ratio: float, p: float | Non
 def test_noise_that_nobody_stated_is_not_called_stated(hexapod: Mechanism) -> None:
     data = campaign(hexapod, 1, 1.0)
     for source, own in ((STATED, data), (ESTIMATED, replace(data, estimated=True))):
-        check = NoiseCheck.of(found(hexapod, own)[1])
+        check = found(hexapod, own)[1]
         assert check.source == source
         for ratio, p in ((3.0, 1e-9), (0.1, 1.0), (1.0, 0.4)):
-            words, _ = noise_verdict(check.changed(sigma_ratio=ratio, chi2_p=p))
+            words, _ = noise_verdict(replace(check, sigma_ratio=ratio, chi2_p=p))
             assert f"the {source} noise" in words
     assert noise_source([data, replace(data, estimated=True)]) == "stated or estimated"
 

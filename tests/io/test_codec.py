@@ -12,11 +12,23 @@ from typing import Annotated, Any
 import numpy as np
 import pytest
 
+import ppmcal
 from ppmcal.errors import BadInput
 from ppmcal.io.output import json_text
-from ppmcal.io.results.codec import AtMost, Key, WrongKind, decoded, encoded, in_units, schema
+from ppmcal.io.results.codec import WrongKind, decoded, encoded, in_units, schema, unsaid
 from ppmcal.io.results.record import Part, Whole
-from ppmcal.units import Quantity, Units
+from ppmcal.io.results.units import COLUMN, JOINT, MachineUnits
+from ppmcal.units import (
+    AtMost,
+    ByCoordinate,
+    Finite,
+    Key,
+    Length,
+    OfUnit,
+    OrNull,
+    Quantity,
+    Units,
+)
 
 MM = Units("mm", "deg")
 Own = Annotated[float, Quantity(of="unit")]
@@ -120,6 +132,79 @@ def test_a_part_makes_plain_data_of_what_it_is_given() -> None:
     assert Given(many=(1,)).changed(size=2.0).entries() == {"size": 2.0, "many": [1]}
     with pytest.raises(WrongKind, match=r"many\[0\]: should be a whole number"):
         Given(many=("one",))
+
+
+@dataclass(frozen=True)
+class Turned:
+    """Where a table stands, SI."""
+
+    stretch: float
+    at: Mapping[str, float]
+    ends: np.ndarray
+    quantity: str = "length"
+
+
+class Table(Part):
+    """The same in a file."""
+
+    stretch: OfUnit[float | None] = None
+    at: ByCoordinate[Mapping[str, float | None]] = field(default_factory=dict)
+    ends: Length[tuple[tuple[float | None, ...], ...]] = ()
+    unit: str = ""
+    note: str = ""
+
+
+TURNED = Turned(0.002, {"x": 0.001, "rz": math.pi}, np.array([[0.001, np.nan]]))
+
+
+def test_a_part_is_filled_from_a_finding_by_quantities() -> None:
+    table = Table.filled(TURNED, MM, unit=TURNED.quantity)
+    assert table.entries() == {"stretch": 2.0, "at": {"x": 1.0, "rz": 180.0},
+                               "ends": [[1.0, None]], "unit": "mm"}
+    # what is given stands in place of the finding's; without units it stays SI
+    assert Table.filled(TURNED, stretch=0.5, note="half", unit="").entries() == {
+        "stretch": 0.5, "at": dict(TURNED.at), "ends": [[0.001, None]], "unit": "", "note": "half"}
+
+
+def test_a_quantity_need_not_be_among_the_fields() -> None:
+    class Now(Part):
+        now: OfUnit[float | None] = None
+
+    assert Now.filled(None, MM, now=math.pi, unit="angle").entries() == {"now": 180.0}
+
+
+def test_a_column_and_a_joint_are_quantities_of_the_machines_file() -> None:
+    units = MachineUnits.of(ppmcal.load(ppmcal.shipped("delta-rotary")))
+    degree = math.pi / 180.0
+    for quantity, factor, name in (
+            ("length", 1e-3, "mm"), ("N/length", 1.0 / 1e-3, "N/mm"), (JOINT + "a", degree, "deg"),
+            (COLUMN + "base_radius", 1e-3, "mm"), (COLUMN + "a.base.axis.rx", degree, "deg"),
+            (COLUMN + "homing.a of session", degree, "deg"), (COLUMN + "scale of day", 1e-6, "ppm"),
+            (COLUMN + "frame.rz of day", degree, "deg"), (COLUMN + "frame.x of day", 1e-3, "mm")):
+        assert (units.factor(quantity), units.name(quantity)) == (factor, name), quantity
+    assert units.words(0.0123456, "length", 3) == "12.3 mm" == MM.words(0.0123456, "length", 3)
+    assert MM.words(math.nan, "angle") == "- deg"
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a file may say or not."""
+
+    ratio: Finite
+    count: OrNull[int]
+    by_name: Mapping[str, OrNull[Finite]] = field(default_factory=dict)
+    chance: OrNull[Finite] = 1.0
+
+
+def test_what_a_file_need_not_say_is_nan_or_none_whatever_the_default() -> None:
+    for found in (unsaid(Check), read({}, Check), read({"count": None, "chance": None}, Check)):
+        assert math.isnan(found.ratio) and found.count is None and math.isnan(found.chance)
+    found = read({"by_name": {"a": None, "b": 2}}, Check)
+    assert math.isnan(found.by_name["a"]) and found.by_name["b"] == 2.0
+    assert encoded(found) == {"by_name": {"a": None, "b": 2.0}}
+    assert schema(Check)["properties"]["chance"]["default"] is None
+    with pytest.raises(BadInput, match=r"by_name.b: should be a number, 1e\+30 at most"):
+        read({"by_name": {"b": 1e31}}, Check)
 
 
 @dataclass(frozen=True)

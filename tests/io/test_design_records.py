@@ -30,7 +30,7 @@ from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.record import Record
 from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
-from ppmcal.io.results.stiffness_tables import Load, StiffnessStudy
+from ppmcal.io.results.stiffness_tables import AppliedLoad, StiffnessStudy
 from ppmcal.io.results.tolerances import TolerancesRecord
 from ppmcal.io.results.workspace import WorkspaceRecord
 from ppmcal.io.results.workspace_tables import ModeRow
@@ -72,7 +72,7 @@ def stiffness(folder: Path, load: bool = True) -> StiffnessRecord:
     path.write_text(yaml.safe_dump(whole | {"stiffness": {"bar": 5e4}}))
     m = read_mechanism(path)
     tool, grid = np.zeros(3), read_grid(GRID, m)
-    force = Load(np.array([10.0, 0.0, 0.0, 0.0, 0.0, 0.0]), "fx = 10 N") if load else None
+    force = AppliedLoad.of(np.array([10.0, *[0.0] * 5]), "fx = 10 N") if load else None
     found = stiffness_table(m, grid.poses(m), tool, force.wrench if force else None)
     return StiffnessRecord.of(StiffnessStudy(m, grid.poses(m), grid, tool, force,
                                              stiffness_at_home(m, tool), found), source(m, None))

@@ -16,7 +16,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.plan import PlanRecord
-from ppmcal.io.results.record import AnyRecord, Provenance, UnitNames
+from ppmcal.io.results.record import AnyRecord, Provenance
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html, to_json
@@ -36,6 +36,7 @@ from ppmcal.report.records import (
     TruthRow,
 )
 from ppmcal.report.truth import compare, compared
+from ppmcal.units import Units
 
 CALM = "Nothing needs a closer look"
 
@@ -159,8 +160,7 @@ def one_of(**parameter: Any) -> Identified:
 
 def simulated(**keys: Any) -> Simulated:
     known: dict[str, Any] = {"errors": {"leg1.base.point.radius": 0.4},
-             "parameters": {"leg1.base.point.radius": 260.4}, "units": UnitNames(length="mm",
-                                                                                 angle="deg")}
+             "parameters": {"leg1.base.point.radius": 260.4}, "units": Units("mm", "deg")}
     return Simulated("sim", TruthRecord(**{**known, **keys}), None, "x")
 
 

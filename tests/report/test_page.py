@@ -6,18 +6,22 @@ import hashlib
 import json
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.report_files import cells, identification, own, read, specs, write_csv, write_fit
 
+from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge.parameter_estimates import FAR
+from ppmcal.calibration.validation import Dependence
 from ppmcal.errors import BadInput
+from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.identification_parts import Combination, NoiseCheck, ParameterEstimate
+from ppmcal.io.results.identification_parts import ParameterEstimate
 from ppmcal.io.results.identification_wording import combination, noise_verdict
-from ppmcal.io.results.record import Provenance, UnitNames
+from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.plotting.plot import Axis, span
 from ppmcal.report import collect, to_html, to_json
@@ -26,6 +30,7 @@ from ppmcal.report.format import NBSP, probability, sig, to_sigma, typeset
 from ppmcal.report.records import Identified, Simulated
 from ppmcal.report.residuals import envelope, evenly_spread
 from ppmcal.report.truth import compare
+from ppmcal.units import Units
 
 
 def write_simulation(folder: Path, rows: int = 12) -> Path:
@@ -132,12 +137,13 @@ def test_truth_of_measurements_simulated_again_is_compared(tmp_path: Path) -> No
 
 def test_truth_of_a_ratio_is_compared_in_the_units_of_the_fit() -> None:
     ratio = ParameterEstimate(name="leg1.ratio", error=2e-5, sigma=1e-5, unit="m/unit")
-    truth = TruthRecord(errors={"leg1.ratio": 0.02}, units=UnitNames(length="mm", angle="deg"))
+    truth = TruthRecord(errors={"leg1.ratio": 0.02}, units=Units("mm", "deg"))
     own = Provenance(inputs={"1": "x", "2": "y"})
     one = Identified("fit", IdentificationRecord(parameters=(ratio,), provenance=own))
     (c,) = compare([one], [Simulated("sim", truth, None, "x")])
     assert c.rows[0].true == pytest.approx(2e-5)
-    odd = TruthRecord(errors={"leg1.ratio": 0.02, "a": 1.0}, units=UnitNames(length="ell"))
+    odd = TruthRecord.checked({"errors": {"leg1.ratio": 0.02, "a": 1.0},
+                               "units": {"length": "ell"}})
     both = (ratio, ParameterEstimate(name="a", error=1.0))
     found = compare([Identified("fit", IdentificationRecord(parameters=both, provenance=own))],
                     [Simulated("sim", odd, None, "x"), Simulated("again", odd, None, "y")])
@@ -406,13 +412,14 @@ def test_numbers_have_sensible_digits() -> None:
 
 
 def test_noise_verdicts() -> None:
-    assert noise_verdict(NoiseCheck(sigma_ratio=3.0, chi2_p=1e-9))[1] is False
-    assert "below" in noise_verdict(NoiseCheck(sigma_ratio=0.2, chi2_p=1.0))[0]
-    assert "consistent" in noise_verdict(NoiseCheck(sigma_ratio=1.0, chi2_p=0.4))[0]
-    assert noise_verdict(NoiseCheck()) == ("", True)
+    none = unsaid(Noise)
+    assert noise_verdict(replace(none, sigma_ratio=3.0, chi2_p=1e-9))[1] is False
+    assert "below" in noise_verdict(replace(none, sigma_ratio=0.2, chi2_p=1.0))[0]
+    assert "consistent" in noise_verdict(replace(none, sigma_ratio=1.0, chi2_p=0.4))[0]
+    assert noise_verdict(none) == ("", True)
     assert typeset("p = 1.2e-09, -0.5*a - b +- 2 chi-squared of leg-1") == (
         "p = 1.2·10⁻⁹, −0.5 × a − b ± 2 χ² of leg-1")
-    assert combination(Combination(name="a")) == "nothing: no effect on these measurements"
+    assert combination(Dependence("a", {})) == "nothing: no effect on these measurements"
 
 
 def test_a_row_is_told_with_what_its_own_file_says(tmp_path: Path) -> None:

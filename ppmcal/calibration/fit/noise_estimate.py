@@ -26,6 +26,7 @@ from ppmcal.linalg import Array, Bools, svd
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import SCALARS
 from ppmcal.model.repeats import repeats
+from ppmcal.units import Finite, OrNull
 
 log = logging.getLogger(__package__)
 
@@ -207,20 +208,20 @@ class Noise:
     machine can explain; ``chi2_p``: chance of a larger one; ``prior_chi2``, ``prior_degrees``,
     ``prior_p``: the same of the errors that were found against tolerances and noise;
     ``repeat_ratio``: scatter of repeats over stated noise, None without repeats; ``by_dataset``:
-    ``sigma_ratio`` of each data set that has redundancy enough; ``source``: as
+    ``sigma_ratio`` of each data set that has redundancy enough; all bare. ``source``: as
     :func:`noise_source`.
     """
 
-    sigma_ratio: float
-    chi2: float
-    degrees: float
-    chi2_p: float
-    repeat_ratio: float | None
-    repeat_degrees: int
-    by_dataset: Mapping[str, float] = field(default_factory=dict)
-    prior_chi2: float = 0.0
-    prior_degrees: float = 0.0
-    prior_p: float = float("nan")
+    sigma_ratio: Finite
+    chi2: Finite
+    degrees: Finite
+    chi2_p: Finite
+    repeat_ratio: Finite | None
+    repeat_degrees: OrNull[int]
+    by_dataset: Mapping[str, OrNull[Finite]] = field(default_factory=dict)
+    prior_chi2: OrNull[Finite] = 0.0
+    prior_degrees: OrNull[Finite] = 0.0
+    prior_p: Finite = float("nan")
     source: str = STATED
 
     @property

@@ -76,6 +76,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.units import Finite, OrNull
 from ppmcal.wording import chance, counted
 
 BEYOND = 1e3
@@ -88,10 +89,13 @@ DIAGNOSE = "`ppmcal diagnose` looks for what the model lacks"
 
 @dataclass(frozen=True)
 class Dependence:
-    """A redundant quantity: one unit of ``name`` acts like these amounts of the others, SI."""
+    """A redundant quantity: one unit of ``name`` acts like these amounts of the others.
+
+    SI; in a file one unit of the file.
+    """
 
     name: str
-    depends_on: Mapping[str, float]
+    depends_on: Mapping[str, OrNull[Finite]]
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ from ppmcal.io.results.diagnosis_files import files
 from ppmcal.io.results.diagnosis_parts import HeldOutGap, NextMeasurements, ResidualAfter
 from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.io.results.misreading import misreading_entries
-from ppmcal.io.results.record import Provenance, UnitNames
+from ppmcal.io.results.record import Provenance
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.sessions import one_session, session_masks
@@ -200,5 +200,5 @@ def misread_record(refused: Misread, machine: Mechanism, inputs: Sequence[Path_]
         next_measurements=NextMeasurements(reason="Correct how the file is read, then diagnose "
                                            "again.", file=None),
         findings=tuple(f"{m.source}: {misreading_sentence(m, machine.units)}."
-                       for m in refused.found), units=UnitNames.of(machine.units),
+                       for m in refused.found), units=machine.units,
         provenance=Provenance(**source_of("diagnose", inputs, seed)))

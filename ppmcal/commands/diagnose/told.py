@@ -49,11 +49,14 @@ def told(result: Diagnosis, record: DiagnosisRecord) -> Iterator[str]:
 
 
 def _lacking(untestable: Sequence[Untestable]) -> list[str]:
-    """Return ``compliance, windup (need payload)``: the kinds by what they lack, and where."""
-    kinds: dict[tuple[tuple[str, ...], str], list[str]] = {}
+    """Return ``compliance, windup (need payload)``: the kinds by what they lack, and where.
+
+    Of a kind that lacks the same about the base, or in its products with travel, that once.
+    """
+    kinds: dict[tuple[tuple[str, ...], str], dict[str, None]] = {}
     for u in untestable:
         where = f", {u.reason}" if u.reason.startswith("not recorded in ") else ""
-        kinds.setdefault((u.missing, where), []).append(u.kind)
+        kinds.setdefault((u.missing, where), {})[u.kind.partition(" ")[0]] = None
     return [f"{', '.join(some)} (need{'s' if len(some) == 1 else ''} "
             f"{', '.join(missing[:2])}{' ...' if len(missing) > 2 else ''}{where})"
             for (missing, where), some in kinds.items()]

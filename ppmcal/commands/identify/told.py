@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.validation import Identification
 from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.gross_errors import row_sentences
 from ppmcal.io.results.identifiability import flat_sentences, unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.identification_parts import NoiseCheck, before_words
+from ppmcal.io.results.identification_parts import before_words
 from ppmcal.io.results.identification_wording import noise_verdict, short_intervals
 from ppmcal.wording import counted, number, some
 from ppmcal.wording.told import Findings, ShortTable, Told
@@ -53,7 +54,7 @@ def _errors(record: IdentificationRecord) -> Iterator[Told]:
     yield f"Held out: {record.holdout_note}.{before_words(stages.before_is)}"
 
 
-def _noise(n: NoiseCheck) -> Iterator[Told]:
+def _noise(n: Noise) -> Iterator[Told]:
     repeats = (f" Repeats scatter {n.repeat_ratio:.3g} times the {n.source} noise."
                if n.repeat_ratio else "")
     yield f"Noise: {noise_verdict(n)[0]}.{repeats}"
@@ -98,6 +99,6 @@ def _prior_dominated(record: IdentificationRecord) -> Iterator[Told]:
 def _redundant(record: IdentificationRecord, prior: bool) -> Iterator[Told]:
     if record.unidentifiable:
         count = sum(s.combinations for s in record.unidentifiable)
-        how = "constrained by the prior alone" if prior else "left where nothing else moves them"
-        yield (f"{count} redundant: combinations that these data cannot identify ({how}): "
-               f"{unidentifiable_words(record.unidentifiable)}.")
+        how = "held by the prior" if prior else "left at nominal"
+        yield (f"{counted(count, 'combination')} of parameters not determined by these data "
+               f"({how}): {unidentifiable_words(record.unidentifiable)}.")

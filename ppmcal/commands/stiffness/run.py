@@ -18,7 +18,7 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io import read_poses
 from ppmcal.io.grid import read_grid, read_point
 from ppmcal.io.results.stiffness import StiffnessRecord
-from ppmcal.io.results.stiffness_tables import Load, StiffnessStudy, share_table
+from ppmcal.io.results.stiffness_tables import AppliedLoad, StiffnessStudy, share_table
 from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import STANDARD_GRAVITY
@@ -110,7 +110,7 @@ def _poses(grid_text: str | None, poses: Any, mechanism: Mechanism
     return grid, grid.poses(mechanism), []
 
 
-def _load(text: str | None, mechanism: Mechanism) -> Load | None:
+def _load(text: str | None, mechanism: Mechanism) -> AppliedLoad | None:
     """Return the load of ``fx=0,fz=-100``; refuse what does not move the platform."""
     if text is None:
         return None
@@ -135,10 +135,10 @@ def _load(text: str | None, mechanism: Mechanism) -> Load | None:
         raise BadInput("the load is zero", "--load", mend)
     words = ", ".join(f"{n} = {v:g} {'N' if n[0] == 'f' else 'N m'}"
                       for n, v in given.items() if v)
-    return Load(wrench, words)
+    return AppliedLoad.of(wrench, words)
 
 
-def _payload(mass: float, mechanism: Mechanism) -> Load:
+def _payload(mass: float, mechanism: Mechanism) -> AppliedLoad:
     """Return the weight of a mass; refuse one that acts across the machine's plane."""
     if not 0.0 < mass < LARGEST:
         raise BadInput(f"{mass:g} is not a mass", "--payload", "Write kilograms, such as 5")
@@ -149,7 +149,7 @@ def _payload(mass: float, mechanism: Mechanism) -> Load:
         raise BadInput(f"the weight acts along {across[0][1]}, across the plane of motion, where "
                        "the model does not give way", "--payload",
                        f"Change `gravity` in {mechanism.source}, or give --load")
-    return Load(wrench, f"the weight of {mass:g} kg")
+    return AppliedLoad.of(wrench, f"the weight of {mass:g} kg")
 
 
 def _number(text: str, place: str, mend: str) -> float:

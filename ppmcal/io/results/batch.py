@@ -115,9 +115,7 @@ def fit_quantities(found: Identification) -> Iterator[CampaignQuantity]:
                            value=found.noise.sigma_ratio)
     for estimate in found.estimates:
         e = ParameterEstimate.of(estimate, units)
-        yield CampaignQuantity(what="parameter", name=e.name, value=e.value, sigma=e.sigma,
-                               half=e.half, nominal=e.nominal, tolerance=e.tolerance, unit=e.unit,
-                               status=e.status)
+        yield CampaignQuantity.filled(e, what="parameter")
 
 
 def effect_quantities(record: DiagnosisRecord) -> Iterator[CampaignQuantity]:
@@ -130,18 +128,17 @@ def effect_quantities(record: DiagnosisRecord) -> Iterator[CampaignQuantity]:
         if not effect.parameters:
             yield own
         for name, v in effect.parameters.items():
-            yield own.changed(parameter=name, value=v.value, sigma=v.sigma,
-                                         half=v.half, unit=v.unit)
+            yield own.changed(parameter=name, value=v.value, sigma=v.sigma, half=v.half,
+                              unit=v.unit)
 
 
 def change_quantities(record: ComparisonRecord) -> Iterator[CampaignQuantity]:
     """Yield the changes that a comparison names."""
     for change in record.changes:
         for n in change.numbers:
-            yield CampaignQuantity(
-                what="change", name=change.name, parameter=n.name, value=n.value, sigma=n.sigma,
-                half=n.wide, unit=n.unit, probability=change.probability,
-                status=", ".join(change.instead))
+            yield CampaignQuantity.filled(
+                n, what="change", name=change.name, parameter=n.name, half=n.wide,
+                probability=change.probability, status=", ".join(change.instead))
 
 
 def campaigns_table(records: Sequence[CampaignRecord]) -> bytes:

@@ -7,7 +7,7 @@ from dataclasses import field
 
 from ppmcal.calibration.fit import WeakCampaign
 from ppmcal.io.results.record import Finite, Part, Text, Whole
-from ppmcal.units import Units
+from ppmcal.units import OfUnit, Units, coordinate_quantity
 from ppmcal.wording import counted
 
 FEW = 3
@@ -16,8 +16,8 @@ FEW = 3
 class PoseRange(Part):
     """From where to where the missing poses go along a coordinate, in ``unit``."""
 
-    low: Finite | None = None
-    high: Finite | None = None
+    low: OfUnit[Finite | None] = None
+    high: OfUnit[Finite | None] = None
     unit: Text = ""
 
 
@@ -42,13 +42,12 @@ class CampaignSummary(Part):
         """Return the entry of a campaign, None where it is not weak."""
         if found is None:
             return None
-        where = {name: PoseRange(low=low / units.factor(q), high=high / units.factor(q),
-                                 unit=units.name(q))
-                 for name, low, high in found.missing.where
-                 for q in ["angle" if name.startswith("r") else "length"]}
+        where = {name: PoseRange.filled(None, units, low=low, high=high,
+                                        unit=coordinate_quantity(name))
+                 for name, low, high in found.missing.where}
         return cls(shapes=found.shapes, unknown=found.groups, parameters=found.unknown,
                    poses=len(found.missing.q), where=where, file="next.csv",
-                   text=sentence(found, units))
+                   text=_sentence(found, where))
 
 
 def campaign_sentences(found: CampaignSummary | None) -> list[str]:
@@ -56,7 +55,7 @@ def campaign_sentences(found: CampaignSummary | None) -> list[str]:
     return [f"{found.text}."] if found is not None and found.text else []
 
 
-def sentence(found: WeakCampaign, units: Units) -> str:
+def _sentence(found: WeakCampaign, where: Mapping[str, PoseRange]) -> str:
     """Return what a campaign leaves unknown and which measurements are missing."""
     first, *more = found.shapes
     shape = "; ".join([first[:1].upper() + first[1:], *more])
@@ -65,8 +64,7 @@ def sentence(found: WeakCampaign, units: Units) -> str:
     what = "touch" if found.touches else "pose"
     count = len(found.missing.q)
     many = counted(count, what) if not found.touches or count == 1 else f"{count} touches"
-    ranges = [f"{name} from {low / units.factor(q):.4g} to {high / units.factor(q):.4g} "
-              f"{units.name(q)}" for name, low, high in found.missing.where[:FEW]
-              for q in ["angle" if name.startswith("r") else "length"]]
+    ranges = [f"{name} from {r.low:.4g} to {r.high:.4g} {r.unit}"
+              for name, r in list(where.items())[:FEW]]
     beyond = f" ({', '.join(ranges)})" if ranges else ""
     return f"{text}. {many} more{beyond} would fix that, see next.csv"

@@ -25,7 +25,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_typ
 from ppmcal.errors import BadInput
 from ppmcal.io.json import AGAIN
 from ppmcal.io.output import plain
-from ppmcal.units import Quantity, Units
+from ppmcal.units import AtMost, Key, Quantity, Units, Unsaid
 
 T = TypeVar("T")
 Json = dict[str, Any]
@@ -48,20 +48,6 @@ class WrongKind(TypeError):
     def __str__(self) -> str:
         """Return where it is and what should be there."""
         return f"{self.place}: should be {self.wanted}"
-
-
-@dataclass(frozen=True)
-class Key:
-    """The key of a field in the file, where it cannot be its name."""
-
-    name: str
-
-
-@dataclass(frozen=True)
-class AtMost:
-    """The largest size of a number that is read; none for one that is only shown."""
-
-    largest: float
 
 
 @dataclass(frozen=True)
@@ -100,7 +86,8 @@ def _shape(kind: Any) -> tuple[Field, ...]:
     for f in dataclasses.fields(kind):
         reader, marks = reader_of(hints[f.name]), _marks(hints[f.name])
         default = f.default_factory if f.default_factory is not dataclasses.MISSING else (
-            _always(reader.blank if f.default is dataclasses.MISSING else f.default))
+            _always(reader.blank if f.default is dataclasses.MISSING or Unsaid() in marks
+                    else f.default))
         key = next((m.name for m in marks if isinstance(m, Key)), f.name)
         quantity = next((m for m in marks if isinstance(m, Quantity)), None)
         out.append(Field(f.name, key, reader, default, quantity))
@@ -121,13 +108,11 @@ def reader_of(hint: Any) -> Reader:
     Raises:
         TypeError: JSON cannot hold it.
     """
-    for mark in _marks(hint):
-        if isinstance(mark, Reader):
-            return mark
-        if isinstance(mark, AtMost):
-            return _number(mark.largest)
     if get_origin(hint) is Annotated:
-        hint = get_args(hint)[0]
+        bare, marks = get_args(hint)[0], _marks(hint)
+        one = next((m for m in marks if isinstance(m, Reader)), None) or next(
+            (_number(m.largest) for m in marks if isinstance(m, AtMost)), None) or reader_of(bare)
+        return _or_none(one, math.nan if bare is float else None) if Unsaid() in marks else one
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         (one,) = (a for a in inner if a is not type(None))
@@ -182,9 +167,9 @@ def _read_at(key: str | int, reader: Reader, value: Any, bounded: bool) -> Any:
         raise error.at(key) from None
 
 
-def _or_none(one: Reader) -> Reader:
-    return Reader(lambda value, bounded: None if value is None else one.read(value, bounded),
-                  lambda known: {"anyOf": [one.schema(known), {"type": "null"}]})
+def _or_none(one: Reader, none: float | None = None) -> Reader:
+    return Reader(lambda value, bounded: none if value is None else one.read(value, bounded),
+                  lambda known: {"anyOf": [one.schema(known), {"type": "null"}]}, none)
 
 
 def _list(item: Reader) -> Reader:
@@ -258,7 +243,7 @@ def _described(kind: type, known: Json) -> Json:
     properties = {}
     for f in shape(kind):
         own, default = f.reader.schema(known), f.default()
-        if default != default:    # nan is null in the file
+        if default != default and "anyOf" not in own:    # nan is null in the file
             own = {"anyOf": [own, {"type": "null"}]}
         named = "$ref" in own or "$ref" in own.get("anyOf", [{}])[0]
         title = {} if named else {"title": f.key.replace("_", " ").title()}
@@ -288,6 +273,12 @@ def decoded(kind: type[T], data: Any, path: Path, mend: str = AGAIN) -> T:
     return found
 
 
+def unsaid(kind: type[T]) -> T:
+    """Return a finding of which a file says nothing."""
+    found: T = reader_of_class(kind).read({}, False)
+    return found
+
+
 def encoded(value: Any, whole: bool = False) -> Any:
     """Return what JSON can hold; where keys were given or read those alone, or the ``whole``."""
     if dataclasses.is_dataclass(value):
@@ -311,20 +302,29 @@ def in_units(value: T, units: Units) -> T:
         return tuple(in_units(v, units) for v in value)  # type: ignore[return-value]
     if not dataclasses.is_dataclass(value) or hasattr(value, "given"):
         return value
-    changed: dict[str, Any] = {}
-    for f in shape(type(value)):
-        own = getattr(value, f.name)
-        if f.quantity is None:
-            changed.setdefault(f.name, in_units(own, units))
-            continue
-        name = getattr(value, f.quantity.of) if f.quantity.of else f.quantity.name
-        changed[f.name] = f.quantity.of_file(own, units.factor(name))
-        if f.quantity.of:
-            changed[f.quantity.of] = units.name(name)
     there: Any = value
+    changed = fields_in_units(type(value), vars(value), units)
     found: T = reader_of_class(type(value)).read(
         encoded(dataclasses.replace(there, **changed)), False)
     return found
+
+
+def fields_in_units(kind: Any, there: Mapping[str, Any], units: Units) -> Json:
+    """Return those fields of a class that are ``there``, SI, in the units of a file."""
+    changed: Json = {}
+    fields = {f.name: f for f in shape(kind)}
+    for f in fields.values():
+        if f.name not in there:
+            continue
+        own, quantity = there[f.name], f.quantity
+        if quantity is None:
+            changed.setdefault(f.name, in_units(own, units))
+            continue
+        name = there[quantity.of] if quantity.of else quantity.name
+        changed[f.name] = quantity.of_file(own, name, units)
+        if quantity.of in fields:
+            changed[quantity.of] = units.name(name)
+    return changed
 
 
 _PLAIN: dict[Any, Reader] = {

@@ -21,6 +21,7 @@ from ppmcal.io.results.record import (
 )
 from ppmcal.io.results.tables import column_units, filled_columns, joint_columns, pose_columns
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import OfUnit
 from ppmcal.wording import counted, number
 
 
@@ -33,9 +34,9 @@ class TargetError(Part):
     ``sigma``: the model's own standard deviation.
     """
 
-    before: Finite | None = None
-    after: Finite | None = None
-    sigma: Finite | None = None
+    before: OfUnit[Finite | None] = None
+    after: OfUnit[Finite | None] = None
+    sigma: OfUnit[Finite | None] = None
     unit: Text = ""
 
     def words(self) -> str:
@@ -93,10 +94,9 @@ def _predicted(mechanism: Mechanism, result: Compensation) -> dict[str, TargetEr
         sizes = result.rms(kind)
         if sizes[0] is None or (kind == "rotation" and mechanism.motion == "translational"):
             continue
-        factor = mechanism.units.factor(quantity)
-        before, after, sigma = (None if v is None else v / factor for v in sizes)
-        out[kind] = TargetError(before=before, after=after, sigma=sigma,
-                                unit=mechanism.units.name(quantity))
+        before, after, sigma = sizes
+        out[kind] = TargetError.filled(None, mechanism.units, before=before, after=after,
+                                       sigma=sigma, unit=quantity)
     return out
 
 

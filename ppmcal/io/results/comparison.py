@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, ClassVar
@@ -12,7 +11,6 @@ import numpy as np
 from ppmcal.calibration.fit import half_or
 from ppmcal.calibration.sessions import (
     Change,
-    ChangePart,
     Comparison,
     DifferenceNoise,
     PoseDifference,
@@ -20,9 +18,9 @@ from ppmcal.calibration.sessions import (
 from ppmcal.inference.priors import SURE
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Text, Whole
-from ppmcal.io.results.units import column_factor, column_unit, parameter_unit
+from ppmcal.io.results.units import COLUMN, MachineUnits
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.units import Units
+from ppmcal.units import OfUnit, Units
 from ppmcal.wording import counted
 
 SHOWN = 4
@@ -42,15 +40,15 @@ class ParameterDifference(Part):
     """
 
     name: Text = ""
-    old: Finite | None = None
-    new: Finite | None = None
-    difference: Finite | None = None
-    sigma: Finite | None = None
+    old: OfUnit[Finite | None] = None
+    new: OfUnit[Finite | None] = None
+    difference: OfUnit[Finite | None] = None
+    sigma: OfUnit[Finite | None] = None
     unit: Text = ""
     p_alone: Finite | None = None
     status: Text = ""
-    explained: Finite | None = None
-    half: Finite | None = None
+    explained: OfUnit[Finite | None] = None
+    half: OfUnit[Finite | None] = None
 
     @property
     def wide(self) -> float | None:
@@ -62,17 +60,10 @@ class PartOfChange(Part):
     """One number of a change, in ``unit``; ``half``: of its 95 % interval."""
 
     name: Text = ""
-    value: Finite | None = None
-    sigma: Finite | None = None
+    value: OfUnit[Finite | None] = None
+    sigma: OfUnit[Finite | None] = None
     unit: Text = ""
-    half: Finite | None = None
-
-    @classmethod
-    def of(cls, p: ChangePart, mechanism: Mechanism, times: float) -> PartOfChange:
-        """Return the number in file units; ``times``: sigmas to an end of the 95 % interval."""
-        f = column_factor(mechanism, p.column)
-        return cls(name=p.name, value=p.value / f, sigma=p.sigma / f,
-                   unit=column_unit(mechanism, p.column), half=times * p.sigma / f)
+    half: OfUnit[Finite | None] = None
 
     @property
     def wide(self) -> float | None:
@@ -99,13 +90,11 @@ class NamedChange(Part):
     @classmethod
     def of(cls, c: Change, mechanism: Mechanism, times: float) -> NamedChange:
         """Return a change in file units; ``times``: sigmas to an end of the 95 % interval."""
-        parts = [PartOfChange.of(p, mechanism, times) for p in c.parts]
+        parts = [PartOfChange.filled(p, MachineUnits.of(mechanism), unit=COLUMN + p.column,
+                                     half=times * p.sigma) for p in c.parts]
         if len(parts) == 1:
-            return cls(name=c.name, value=parts[0].value, sigma=parts[0].sigma,
-                       unit=parts[0].unit, probability=c.probability,
-                       instead=c.instead, half=parts[0].half)
-        return cls(name=c.name, probability=c.probability, instead=c.instead,
-                   parts=tuple(parts))
+            return cls.filled(parts[0], name=c.name, probability=c.probability, instead=c.instead)
+        return cls.filled(c, parts=parts)
 
     @property
     def numbers(self) -> tuple[PartOfChange, ...]:
@@ -128,15 +117,15 @@ class NoiseOfDifference(Part):
     @classmethod
     def of(cls, n: DifferenceNoise) -> NoiseOfDifference:
         """Return the entry."""
-        return cls(old=n.old, new=n.new, alike=1.0 - n.share**2, same_poses=n.same)
+        return cls.filled(n, alike=1.0 - n.share**2, same_poses=n.same)
 
 
 class Extent(Part):
     """Root mean square and largest size of something over poses."""
 
-    rms: Finite | None = None
-    max: Finite | None = None
-    by_chance: Finite | None = None
+    rms: OfUnit[Finite | None] = None
+    max: OfUnit[Finite | None] = None
+    by_chance: OfUnit[Finite | None] = None
     unit: Text = ""
 
 
@@ -150,17 +139,11 @@ class PlatformDifference(Part):
     @classmethod
     def of(cls, m: PoseDifference, units: Units) -> PlatformDifference:
         """Return a difference of poses in file units."""
-        length, angle = units.factor("length"), units.factor("angle")
-        return cls(position=Extent(rms=m.position_rms / length, max=m.position_max / length,
-                                   by_chance=_known(m.position_chance / length),
-                                   unit=units.length),
-                   rotation=Extent(rms=m.rotation_rms / angle, max=m.rotation_max / angle,
-                                   by_chance=_known(m.rotation_chance / angle),
-                                   unit=units.angle), poses=m.poses)
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+        return cls(position=Extent.filled(None, units, rms=m.position_rms, max=m.position_max,
+                                          by_chance=m.position_chance, unit="length"),
+                   rotation=Extent.filled(None, units, rms=m.rotation_rms, max=m.rotation_max,
+                                          by_chance=m.rotation_chance, unit="angle"),
+                   poses=m.poses)
 
 
 class ComparisonRecord(Record):
@@ -324,17 +307,11 @@ def platform_sentence(r: ComparisonRecord) -> str:
 
 
 def _parameters(found: Comparison, mechanism: Mechanism) -> list[ParameterDifference]:
-    changed = {n for n, e in zip(found.names, found.explained, strict=True) if e}
-    instead = {n for c in found.changes for n in c.instead}
-    out = []
-    for i, name in enumerate(found.names):
-        f = column_factor(mechanism, name)
-        out.append(ParameterDifference(
-            name=name, old=float(found.old[i]) / f, new=float(found.new[i]) / f,
-            difference=float(found.new[i] - found.old[i]) / f, sigma=float(found.sigma[i]) / f,
-            unit=parameter_unit(mechanism, name), p_alone=float(found.alone[i]),
-            explained=float(found.explained[i]) / f,
-            half=found.coverage * float(found.sigma[i]) / f,
-            status="changed" if name in changed else
-            "possible" if name in instead else "unchanged"))
-    return out
+    instead, units = {n for c in found.changes for n in c.instead}, MachineUnits.of(mechanism)
+    return [ParameterDifference.filled(
+        None, units, name=name, old=old, new=new, difference=new - old, sigma=sigma,
+        unit=COLUMN + name, p_alone=alone, explained=explained, half=found.coverage * sigma,
+        status="changed" if explained else "possible" if name in instead else "unchanged")
+        for name, old, new, sigma, alone, explained in zip(
+            found.names, *(v.tolist() for v in (found.old, found.new, found.sigma, found.alone,
+                                                found.explained)), strict=True)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ppmcal.io.results.record import Part, PlainCell, Shown, Text
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import OfUnit
 
 
 class ShownTable(Part):
@@ -18,7 +19,7 @@ class ShownTable(Part):
 class NumberWithUnit(Part):
     """A number with its unit."""
 
-    value: Shown | None = None
+    value: OfUnit[Shown | None] = None
     unit: Text = ""
 
 

@@ -13,7 +13,7 @@ from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import PlotData, plot_data
 from ppmcal.diagnosis.result import Diagnosis, LeftOutBlocks, Swallowed, UnknownFound
 from ppmcal.io.results.campaign import CampaignSummary
-from ppmcal.io.results.codec import in_units
+from ppmcal.io.results.codec import in_units, unsaid
 from ppmcal.io.results.diagnosed_errors import DiagnosedErrors
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
@@ -28,8 +28,9 @@ from ppmcal.io.results.diagnosis_parts import (
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.misreading import MisreadingEntry, misreading_entries
 from ppmcal.io.results.other_models import OtherModel, OtherModels, TriedSet, other_files
-from ppmcal.io.results.record import Flag, Provenance, Record, Shown, Text, UnitNames
+from ppmcal.io.results.record import Flag, Provenance, Record, Shown, Text
 from ppmcal.io.results.validation import ValidatedDataset
+from ppmcal.units import Units
 
 CHOSEN = ("effects", "learned terms")
 """What rows left out of the fits choose all the same: which names stand, and which shapes."""
@@ -74,7 +75,7 @@ class DiagnosisRecord(Record):
     validation: tuple[ValidatedDataset, ...] = ()
     plot_data: PlotData = PlotData()
     coverage: Shown | None = None
-    units: UnitNames = UnitNames()
+    units: Units = unsaid(Units)
     provenance: Provenance = Provenance()
 
     @classmethod
@@ -107,14 +108,14 @@ class DiagnosisRecord(Record):
             next_measurements=NextMeasurements(
                 reason=wanted.reason, file="next.csv" if wanted.rows else None, rows=wanted.rows,
                 odds_before=wanted.odds_before, odds_after=wanted.odds_after),
-            excluded=_left_out(result),
+            excluded=UnfittedRow.each(fit),
             findings=(*result.identification.mechanism.findings, *result.findings),
             campaign=CampaignSummary.of(result.identification.campaign, units),
             other_models=tuple(OtherModel.of(name, other) for name, other in other_files(result)),
             sets=TriedSet.each(result),
             validation=tuple(ValidatedDataset.of(d, units) for d in result.days),
             plot_data=in_units(plot_data(result), units),
-            coverage=coverage(fit), units=UnitNames.of(units),
+            coverage=coverage(fit), units=units,
             provenance=Provenance(**provenance))
 
 
@@ -122,10 +123,3 @@ def _confirmed(result: Diagnosis) -> bool | None:
     """Return whether sessions left out in turn, or else held-out poses, bear the effects out."""
     by_days = other_days.confirmed(result.days)
     return by_days if by_days is not None or result.gap is None else result.gap.confirmed
-
-
-def _left_out(result: Diagnosis) -> tuple[UnfittedRow, ...]:
-    fit = result.identification.fit
-    return tuple(UnfittedRow(dataset=d.name, row=int(d.rows[n]), reason=reason)
-                 for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)
-                 for n, reason in sorted(reasons.items()))

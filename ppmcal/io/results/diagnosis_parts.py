@@ -19,6 +19,7 @@ from ppmcal.diagnosis.result import (
     Onset,
     SessionEffect,
 )
+from ppmcal.io.results.identification_parts import ExcludedRow
 from ppmcal.io.results.record import Part, Shown, Text, UnitText, Whole
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.units import Units
@@ -144,17 +145,14 @@ class DiagnosedEffect(CalledKind):
     @classmethod
     def of(cls, result: Diagnosis, effect: NamedEffect) -> DiagnosedEffect:
         """Return one effect in file units."""
-        return cls(kind=effect.kind, label=effect.hypothesis.called, on=effect.on,
-                   parameters=_parameters(result, effect),
-                   p_value=None,
-                   survival=effect.survival, probability=effect.probability,
-                   probabilities=effect.probabilities,
-                   alternatives=tuple(kind_of(a) for a in effect.alternatives),
-                   alternatives_on=effect.alternatives, odds=effect.odds,
-                   sessions=EffectInSession.each(result, effect.sessions),
-                   same_in_sessions_p=None if effect.sessions is None else effect.sessions.same,
-                   side=effect.side(result.identification.mechanism),
-                   **_event(result, effect), **_derived(result, effect))
+        return cls.filled(
+            effect, label=effect.hypothesis.called, parameters=_parameters(result, effect),
+            p_value=None, alternatives=tuple(kind_of(a) for a in effect.alternatives),
+            alternatives_on=effect.alternatives,
+            sessions=EffectInSession.each(result, effect.sessions),
+            same_in_sessions_p=None if effect.sessions is None else effect.sessions.same,
+            side=effect.side(result.identification.mechanism),
+            **_event(result, effect), **_derived(result, effect))
 
 
 class SuspectedEffect(CalledKind):
@@ -168,8 +166,7 @@ class SuspectedEffect(CalledKind):
     @classmethod
     def of(cls, c: Candidate) -> SuspectedEffect:
         """Return a candidate that is not named."""
-        return cls(kind=c.hypothesis.kind, label=c.hypothesis.called, on=c.hypothesis.on,
-                   survival=c.survival, status=c.status, probability=c.probability)
+        return cls.filled(c, kind=c.hypothesis.kind, label=c.hypothesis.called, on=c.hypothesis.on)
 
 
 class ResidualAfter(Part):
@@ -206,7 +203,11 @@ class HeldOutGap(Part):
     @classmethod
     def of(cls, gap: Gap | None, chose: Sequence[str]) -> HeldOutGap:
         """Return the gap on held-out poses; ``chose``: what was chosen by them."""
-        return cls(**_gap(gap), chose=tuple(chose) if gap is not None else ())
+        if gap is None:
+            return cls(noise=1.0, before=None, after=None, closed=None, rms_closed=None,
+                       interval=None, poses=0, chose=())
+        return cls.filled(gap, noise=1.0, chose=tuple(chose), rms_closed=(
+            1.0 - gap.after / gap.before if gap.before else None))
 
 
 class FitRatios(Part):
@@ -236,22 +237,10 @@ class NextMeasurements(Part):
     odds_after: Shown | None = None
 
 
-class UnfittedRow(Part):
+class UnfittedRow(ExcludedRow):
     """An input row that the fit has left out."""
 
-    dataset: Text = ""
     row: Whole = 0
-    reason: Text = ""
-
-
-def _gap(gap: Gap | None) -> dict[str, Any]:
-    """Return the fields of a gap; those of one that could not be measured are null."""
-    if gap is None:
-        return {"noise": 1.0, "before": None, "after": None, "closed": None, "rms_closed": None,
-                "interval": None, "poses": 0}
-    return {"noise": 1.0, "before": gap.before, "after": gap.after, "closed": gap.closed,
-            "rms_closed": 1.0 - gap.after / gap.before if gap.before else None,
-            "interval": gap.interval, "poses": gap.poses}
 
 
 def _event(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:

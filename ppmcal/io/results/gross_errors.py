@@ -10,8 +10,9 @@ from dataclasses import field
 
 from ppmcal.calibration.fit import GrossError, GrossErrors, HomingShift, half_or
 from ppmcal.io.results.record import Finite, Part, Text, Whole
-from ppmcal.io.results.units import column_factor, parameter_unit
+from ppmcal.io.results.units import COLUMN, JOINT, MachineUnits, parameter_unit
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.units import OfUnit
 
 SHOWN = 3
 CHANGED = 3
@@ -27,27 +28,24 @@ class LeftOutRow(Part):
     dataset: Text = ""
     row: Whole | None = None
     coordinate: Text = ""
-    value: Finite | None = None
-    predicted: Finite | None = None
+    value: OfUnit[Finite | None] = None
+    predicted: OfUnit[Finite | None] = None
     unit: Text = ""
     times: Finite | None = None
 
     @classmethod
     def of(cls, error: GrossError, mechanism: Mechanism) -> LeftOutRow:
         """Return the entry of a row in file units."""
-        quantity = "length" if error.coordinate < 3 else "angle"
-        f = mechanism.units.factor(quantity)
-        return cls(dataset=error.dataset, row=error.row,
-                   coordinate=error.number or POSE_COORDINATES[error.coordinate],
-                   value=error.value / f, predicted=error.predicted / f,
-                   unit=mechanism.units.name(quantity), times=error.times)
+        return cls.filled(error, mechanism.units,
+                          coordinate=error.number or POSE_COORDINATES[error.coordinate],
+                          unit="length" if error.coordinate < 3 else "angle")
 
 
 class ChangedEstimate(Part):
     """A parameter now, and with the rows that were left out; unit of the parameter."""
 
-    now: Finite | None = None
-    with_them: Finite | None = None
+    now: OfUnit[Finite | None] = None
+    with_them: OfUnit[Finite | None] = None
 
 
 class HomingShiftEntry(Part):
@@ -58,19 +56,16 @@ class HomingShiftEntry(Part):
 
     session: Text = ""
     actuator: Text = ""
-    value: Finite | None = None
-    sigma: Finite | None = None
+    value: OfUnit[Finite | None] = None
+    sigma: OfUnit[Finite | None] = None
     unit: Text = ""
     probability: Finite | None = None
-    half: Finite | None = None
+    half: OfUnit[Finite | None] = None
 
     @classmethod
     def of(cls, shift: HomingShift, mechanism: Mechanism) -> HomingShiftEntry:
         """Return the entry of a shift in file units."""
-        factor, unit = mechanism.joint_units[mechanism.actuators.index(shift.actuator)]
-        return cls(session=shift.session, actuator=shift.actuator, value=shift.value / factor,
-                   sigma=shift.sigma / factor, unit=unit, probability=shift.probability,
-                   half=shift.half / factor)
+        return cls.filled(shift, MachineUnits.of(mechanism), unit=JOINT + shift.actuator)
 
     def sentence(self) -> str:
         """Return which joint's homing offset shifted in which session, by how much."""
@@ -109,9 +104,9 @@ class GrossErrorSummary(Part):
     @classmethod
     def of(cls, found: GrossErrors, mechanism: Mechanism) -> GrossErrorSummary:
         """Return the entry in file units."""
-        changed = {name: ChangedEstimate(now=now / f, with_them=then / f)
-                   for name, (now, then) in found.would.items()
-                   for f in [column_factor(mechanism, name)]}
+        changed = {name: ChangedEstimate.filled(None, MachineUnits.of(mechanism), now=now,
+                                                with_them=then, unit=COLUMN + name)
+                   for name, (now, then) in found.would.items()}
         return cls(rows=tuple(LeftOutRow.of(r, mechanism) for r in found.rows), would_be=changed,
                    homing_shifts=tuple(HomingShiftEntry.of(s, mechanism)
                                        for s in found.homing_shifts),

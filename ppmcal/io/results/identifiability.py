@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from ppmcal.calibration.fit import Z95, Flat, Unidentifiable
+from ppmcal.calibration.fit import Z95, Unidentifiable
 from ppmcal.calibration.knowledge import CALIPER, CollinearParameters, Identifiability, Scale
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.units import Units
+from ppmcal.units import OfUnit, Units
 from ppmcal.wording import MOST, some
 
 SMOOTH = 0.01
@@ -31,7 +31,7 @@ class CollinearPair(Part):
     @classmethod
     def of(cls, pair: CollinearParameters) -> CollinearPair:
         """Return the entry of a pair."""
-        return cls(a=pair.one, b=pair.other, correlation=pair.correlation, limb_by_limb=pair.each)
+        return cls.filled(pair, a=pair.one, b=pair.other, limb_by_limb=pair.each)
 
     def sentence(self) -> str:
         """Return which two kinds of parameter act as one."""
@@ -52,24 +52,21 @@ class ScaleUncertainty(Part):
     sigma, bare.
     """
 
-    distance: Finite | None = None
-    sigma: Finite | None = None
-    sigma_data: Finite | None = None
+    distance: OfUnit[Finite | None] = None
+    sigma: OfUnit[Finite | None] = None
+    sigma_data: OfUnit[Finite | None] = None
     open: Flag = False
     prior_dominated: Flag = False
-    measure_at_least: Finite | None = None
-    measure_to: Finite | None = None
+    measure_at_least: OfUnit[Finite | None] = None
+    measure_to: OfUnit[Finite | None] = None
     unit: Text = ""
     times: Finite = Z95
 
     @classmethod
     def of(cls, scale: Scale, units: Units) -> ScaleUncertainty:
         """Return the entry of a scale in file units."""
-        f = units.factor("length")
-        return cls(distance=scale.length / f, sigma=scale.sigma / f,
-                   sigma_data=scale.sigma_data / f, open=scale.open,
-                   prior_dominated=scale.prior_dominated, measure_at_least=scale.needed / f,
-                   measure_to=CALIPER / f, unit=units.length, times=scale.times)
+        return cls.filled(scale, units, distance=scale.length, measure_at_least=scale.needed,
+                          measure_to=CALIPER, unit="length")
 
     def sentence(self) -> str:
         """Return how well a distance is known, and what to measure to know it better."""
@@ -116,9 +113,7 @@ class UnidentifiableSet(Part):
         """Return the entry of a set."""
         own = {s.partition(".")[0] for s in found.slots}
         limbs = tuple(limb.name for limb in mechanism.limbs if limb.name in own)
-        return cls(combinations=found.combinations, slots=found.slots,
-                   parameters=found.parameters, limbs=limbs, of_limbs=len(mechanism.limbs),
-                   unseen=found.unseen)
+        return cls.filled(found, limbs=limbs, of_limbs=len(mechanism.limbs))
 
     @property
     def paths(self) -> dict[str, tuple[str, ...]]:
@@ -205,18 +200,11 @@ class FlatShape(Part):
     """
 
     dataset: Text = ""
-    smooth: Finite | None = None
-    scatter: Finite | None = None
+    smooth: OfUnit[Finite | None] = None
+    scatter: OfUnit[Finite | None] = None
     degree: Whole = 0
     p_value: Finite | None = None
     unit: Text = ""
-
-    @classmethod
-    def of(cls, flat: Flat, units: Units) -> FlatShape:
-        """Return the entry of a flat in file units."""
-        f = units.factor("length")
-        return cls(dataset=flat.dataset, smooth=flat.smooth / f, scatter=flat.scatter / f,
-                   degree=flat.degree, p_value=flat.p_value, unit=units.length)
 
     def sentence(self) -> str:
         """Return which part of the residuals is smooth over the flat, empty where chance is."""

@@ -8,11 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FreedomChoice
-from ppmcal.calibration.validation import DEFINITION, Identification
+from ppmcal.calibration.validation import DEFINITION, Dependence, Identification
 from ppmcal.io import write_mechanism
 from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.campaign import CampaignSummary
+from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.gross_errors import GrossErrorSummary
 from ppmcal.io.results.identifiability import (
     FlatShape,
@@ -20,18 +22,17 @@ from ppmcal.io.results.identifiability import (
     UnidentifiableSet,
 )
 from ppmcal.io.results.identification_parts import (
-    Combination,
     CorrelatedPair,
     CovarianceEntry,
     DoubtfulPart,
     ExcludedRow,
     FittedDataset,
     FreedomChoiceEntry,
-    NoiseCheck,
     ParameterEstimate,
     RegistrationEntry,
     ResidualStages,
     Summaries,
+    combination_in_units,
     summaries,
 )
 from ppmcal.io.results.identification_tables import (
@@ -41,9 +42,9 @@ from ppmcal.io.results.identification_tables import (
     table_units,
 )
 from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
-from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, UnitNames, Whole
+from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, Whole
 from ppmcal.io.results.units import Numbers
-from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.units import ByCoordinate, Units
 
 CORRELATED = 0.95
 STRONGEST = 50
@@ -72,7 +73,7 @@ class IdentificationRecord(Record):
     parameters: tuple[ParameterEstimate, ...] = ()
     rank: Whole | None = None
     columns: Whole | None = None
-    redundant: tuple[Combination, ...] = ()
+    redundant: tuple[Dependence, ...] = ()
     unidentifiable: tuple[UnidentifiableSet, ...] = ()
     iterations: Whole | None = None
     by_normal_equations: Whole | None = None
@@ -81,7 +82,7 @@ class IdentificationRecord(Record):
     residual: ResidualStages = ResidualStages()
     unexplained: Summaries = field(default_factory=dict)
     holdout_note: Text = ""
-    noise: NoiseCheck = NoiseCheck()
+    noise: Noise = unsaid(Noise)
     observability: Mapping[Text, Finite | None] = field(default_factory=dict)
     correlations: tuple[CorrelatedPair, ...] = ()
     flats: tuple[FlatShape, ...] = ()
@@ -90,12 +91,12 @@ class IdentificationRecord(Record):
     excluded: tuple[ExcludedRow, ...] = ()
     findings: tuple[Text, ...] = ()
     datasets: tuple[FittedDataset, ...] = ()
-    units: UnitNames = UnitNames()
+    units: Units = unsaid(Units)
     column_units: Mapping[Text, Mapping[Text, Text]] = field(default_factory=dict)
     doubtful: tuple[DoubtfulPart, ...] = ()
     campaign: CampaignSummary | None = None
     freedoms: FreedomChoiceEntry | None = None
-    measured_volume: Mapping[Text, Numbers] = field(default_factory=dict)
+    measured_volume: ByCoordinate[Mapping[Text, Numbers]] = field(default_factory=dict)
     provenance: Provenance = Provenance()
     earlier: Mapping[Text, Text] = field(default_factory=dict)
     known_rows: tuple[RowsOfTable, ...] = ()
@@ -111,29 +112,32 @@ class IdentificationRecord(Record):
                                 before=summaries(result.before.figures(fit.keep), units),
                                 after=summaries(result.after.figures(fit.keep), units),
                                 holdout=summaries(result.holdout, units))
-        return cls(
-            format=cls.FORMAT, name=mechanism.name, method=method,
+        return cls.filled(
+            None, units, format=cls.FORMAT, name=mechanism.name, method=method,
             parameters=tuple(ParameterEstimate.of(e, units) for e in result.estimates),
             rank=result.rank, columns=len(result.columns),
-            redundant=tuple(Combination.of(d, mechanism) for d in result.redundant),
+            redundant=tuple(combination_in_units(d, mechanism) for d in result.redundant),
             unidentifiable=tuple(UnidentifiableSet.of(s, mechanism)
                                  for s in result.unidentifiable),
             iterations=fit.iterations, by_normal_equations=fit.summed, converged=fit.converged,
             prior_scale=fit.prior_scale,
             residual=stages, unexplained=summaries(
                 {k: {"rms": v} for k, v in result.unexplained.items()}, units),
-            holdout_note=result.holdout_note, noise=NoiseCheck.of(result.noise),
+            holdout_note=result.holdout_note, noise=result.noise,
             observability=result.observability, correlations=_correlations(result),
-            flats=tuple(FlatShape.of(f, units) for f in result.flats),
+            flats=tuple(FlatShape.filled(f, units, unit="length") for f in result.flats),
             gross_errors=GrossErrorSummary.of(result.gross_errors, mechanism),
             identifiability=IdentifiabilitySummary.of(result.identifiability, mechanism),
-            excluded=_excluded(result), findings=(*mechanism.findings, *result.findings),
+            excluded=(*ExcludedRow.each(fit), *(
+                ExcludedRow(dataset=d.name, row=int(row), reason=reason)
+                for d in fit.problem.datasets for row, reason in d.dropped)),
+            findings=(*mechanism.findings, *result.findings),
             datasets=_datasets(result),
             doubtful=tuple(DoubtfulPart.of(d, mechanism) for d in result.doubtful),
             campaign=CampaignSummary.of(result.campaign, units),
             freedoms=None if freedoms is None else FreedomChoiceEntry.of(freedoms),
-            units=UnitNames.of(units), column_units=table_units(fit.problem),
-            measured_volume=_volume(result),
+            units=units, column_units=table_units(fit.problem),
+            measured_volume=result.measured_volume,
             provenance=Provenance(**provenance), **carried,
             known_rows=tuple(RowsOfTable.of_rows(k, mechanism) for k in rows_behind(result)),
             covariance=CovarianceEntry.of(result))
@@ -169,17 +173,6 @@ def _correlations(result: Identification) -> tuple[CorrelatedPair, ...]:
                  for i, j in pairs)
 
 
-def _excluded(result: Identification) -> tuple[ExcludedRow, ...]:
-    """Return the rows left out by the fit, then those that held nothing usable."""
-    fit = result.fit
-    return tuple(
-        [ExcludedRow(dataset=d.name, row=int(d.rows[n]), reason=reason)
-         for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)
-         for n, reason in sorted(reasons.items())]
-        + [ExcludedRow(dataset=d.name, row=int(row), reason=reason)
-           for d in fit.problem.datasets for row, reason in d.dropped])
-
-
 def _datasets(result: Identification) -> tuple[FittedDataset, ...]:
     units, fit = result.mechanism.units, result.fit
     return tuple(FittedDataset(
@@ -187,10 +180,3 @@ def _datasets(result: Identification) -> tuple[FittedDataset, ...]:
         registration=RegistrationEntry.of(result.mechanism.registrations[d.name], units),
         registration_before=RegistrationEntry.of(result.before_registrations[d.name], units))
         for d, k in zip(fit.problem.datasets, fit.keep, strict=True))
-
-
-def _volume(result: Identification) -> dict[str, tuple[float, float]]:
-    """Range of the platform poses that were measured, base frame, file units."""
-    units = result.mechanism.units
-    return {name: (low / f, high / f) for name, (low, high) in result.measured_volume.items()
-            for f in [units.factor("length" if name in POSE_COORDINATES[:3] else "angle")]}

@@ -4,29 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
+from typing import Self
 
 import numpy as np
 
-from ppmcal.calibration.fit import (
-    FAILED_NOISE,
-    STATED,
-    Noise,
-    data_rows,
-    half_interval,
-    half_or,
-    noise_state,
-    of_data,
-)
+from ppmcal.calibration.fit import Fit, data_rows, half_interval, half_or, of_data
 from ppmcal.calibration.knowledge import Considered, Estimate, FreedomChoice
 from ppmcal.calibration.sessions import session_knowledge
 from ppmcal.calibration.validation import Dependence, DoubtfulStretch, Identification
+from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.io.results.session_parts import SessionInformation
-from ppmcal.io.results.units import Numbers, column_factor, numbers
+from ppmcal.io.results.units import (
+    JOINT,
+    MachineUnits,
+    Numbers,
+    column_factor,
+    numbers,
+)
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
-from ppmcal.units import Units
+from ppmcal.units import Angle, Length, OfUnit, Units
 
 
 class SessionValue(Part):
@@ -36,9 +35,9 @@ class SessionValue(Part):
     """
 
     session: Text = ""
-    value: Finite | None = None
-    sigma: Finite | None = None
-    half: Finite | None = None
+    value: OfUnit[Finite | None] = None
+    sigma: OfUnit[Finite | None] = None
+    half: OfUnit[Finite | None] = None
 
 
 class ParameterEstimate(Part):
@@ -53,44 +52,38 @@ class ParameterEstimate(Part):
     """
 
     name: Text = ""
-    nominal: Finite | None = None
-    value: Finite | None = None
-    error: Finite | None = None
-    sigma: Finite | None = None
-    sigma_data: Finite | None = None
-    low: Finite | None = None
-    high: Finite | None = None
-    tolerance: Finite | None = None
+    nominal: OfUnit[Finite | None] = None
+    value: OfUnit[Finite | None] = None
+    error: OfUnit[Finite | None] = None
+    sigma: OfUnit[Finite | None] = None
+    sigma_data: OfUnit[Finite | None] = None
+    low: OfUnit[Finite | None] = None
+    high: OfUnit[Finite | None] = None
+    tolerance: OfUnit[Finite | None] = None
     unit: Text = ""
     status: Text = ""
     of_tolerance: Finite | None = None
-    sigma_sessions: Finite | None = None
+    sigma_sessions: OfUnit[Finite | None] = None
     sessions: tuple[SessionValue, ...] = ()
     disagree_p: Finite | None = None
     disagree: Flag | None = None
-    half_noise: Finite | None = None
+    half_noise: OfUnit[Finite | None] = None
     far: Flag | None = None
 
     @classmethod
     def of(cls, e: Estimate, units: Units) -> ParameterEstimate:
         """Return the entry of an estimate in file units."""
-        f = units.factor(e.quantity)
         low, high = e.interval or (None, None)
         share = None if e.sigma is None or not e.tolerance or not np.isfinite(e.tolerance) else (
             e.sigma / e.tolerance)
-        return cls(name=e.name, nominal=_over(e.nominal, f), value=e.value / f,
-                   error=_over(e.error, f),
-                   sigma=_over(e.sigma, f), sigma_data=_over(e.sigma_data, f), low=_over(low, f),
-                   high=_over(high, f), tolerance=_over(e.tolerance, f),
-                   unit=units.name(e.quantity) + "/unit" * e.per_unit, status=e.status,
-                   of_tolerance=share,
-                   sigma_sessions=None if e.half is None else _over(e.carried, f),
-                   sessions=tuple(SessionValue(session=label, value=value / f, sigma=sigma / f,
-                                               half=half / f)
-                                  for label, value, sigma, half in e.by_session),
-                   disagree_p=e.p_value, disagree=e.disagree if e.by_session else None,
-                   half_noise=_over(e.half_by_noise, f),
-                   far=None if e.expected is None else e.far)
+        return cls.filled(
+            e, units, low=low, high=high, unit=e.quantity + "/unit" * e.per_unit,
+            of_tolerance=share, sigma_sessions=None if e.half is None else e.carried,
+            sessions=tuple(SessionValue.filled(None, units, session=label, value=value,
+                                               sigma=sigma, half=half, unit=e.quantity)
+                           for label, value, sigma, half in e.by_session),
+            disagree_p=e.p_value, disagree=e.disagree if e.by_session else None,
+            half_noise=e.half_by_noise, far=None if e.expected is None else e.far)
 
     @property
     def half(self) -> float | None:
@@ -109,27 +102,20 @@ class ParameterEstimate(Part):
             self.error is not None and self.tolerance) else None
 
 
-class Combination(Part):
-    """A redundant quantity: one file unit of it acts like these amounts of the others."""
-
-    name: Text = ""
-    depends_on: Mapping[Text, Finite | None] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, d: Dependence, mechanism: Mechanism) -> Combination:
-        """Return the entry in file units."""
-        own = column_factor(mechanism, d.name)
-        return cls(name=d.name, depends_on={n: v * own / column_factor(mechanism, n)
-                                            for n, v in d.depends_on.items()})
+def combination_in_units(d: Dependence, mechanism: Mechanism) -> Dependence:
+    """Return a redundant quantity of which one file unit acts like these amounts of the others."""
+    own = column_factor(mechanism, d.name)
+    return Dependence(d.name, {n: v * own / column_factor(mechanism, n)
+                               for n, v in d.depends_on.items()})
 
 
 class ResidualSummary(Part):
     """Statistics of one kind of error, in ``unit``."""
 
-    mean: Finite | None = None
-    rms: Finite | None = None
-    p95: Finite | None = None
-    max: Finite | None = None
+    mean: OfUnit[Finite | None] = None
+    rms: OfUnit[Finite | None] = None
+    p95: OfUnit[Finite | None] = None
+    max: OfUnit[Finite | None] = None
     unit: Text = ""
 
 
@@ -151,43 +137,6 @@ def before_words(before_is: str) -> str:
     return f' "Before" is {before_is}.' if before_is else ""
 
 
-class NoiseCheck(Part):
-    """Residuals against the noise, errors against tolerances; all bare.
-
-    ``source``: whether that noise is ``stated`` or ``estimated``.
-    """
-
-    sigma_ratio: Finite | None = None
-    chi2: Finite | None = None
-    degrees: Finite | None = None
-    chi2_p: Finite | None = None
-    repeat_ratio: Finite | None = None
-    repeat_degrees: Whole | None = None
-    by_dataset: Mapping[Text, Finite | None] = field(default_factory=dict)
-    prior_chi2: Finite | None = None
-    prior_degrees: Finite | None = None
-    prior_p: Finite | None = None
-    source: Text = STATED
-
-    @property
-    def state(self) -> str:
-        """Whether the residuals are larger or smaller than the stated noise, or agree with it."""
-        return noise_state(self.sigma_ratio, self.chi2_p)
-
-    @property
-    def tight(self) -> bool:
-        """Whether the errors are larger than tolerances and noise can explain."""
-        return self.prior_p is not None and self.prior_p < FAILED_NOISE
-
-    @classmethod
-    def of(cls, n: Noise) -> NoiseCheck:
-        """Return the entry."""
-        return cls(sigma_ratio=n.sigma_ratio, chi2=n.chi2, degrees=n.degrees, chi2_p=n.chi2_p,
-                   prior_chi2=n.prior_chi2, prior_degrees=n.prior_degrees, prior_p=n.prior_p,
-                   repeat_ratio=n.repeat_ratio, repeat_degrees=n.repeat_degrees,
-                   by_dataset=n.by_dataset, source=n.source)
-
-
 class CorrelatedPair(Part):
     """Two parameters whose errors are strongly correlated; ``value`` is bare."""
 
@@ -203,6 +152,13 @@ class ExcludedRow(Part):
     row: Whole | None = None
     reason: Text = ""
 
+    @classmethod
+    def each(cls, fit: Fit) -> tuple[Self, ...]:
+        """Return the rows that a fit left out."""
+        return tuple(cls(dataset=d.name, row=int(d.rows[n]), reason=reason)
+                     for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)
+                     for n, reason in sorted(reasons.items()))
+
 
 class RegistrationEntry(Part):
     """Frame (6: length, then angle), target (3, length), rotation (3, angle), in file units.
@@ -211,18 +167,14 @@ class RegistrationEntry(Part):
     """
 
     frame: Numbers = ()
-    target: Numbers = ()
-    target_rotation: Numbers = ()
+    target: Length[Numbers] = ()
+    target_rotation: Angle[Numbers] = ()
     scale: Finite = 1.0
 
     @classmethod
     def of(cls, r: Registration, units: Units) -> RegistrationEntry:
         """Return the entry in file units."""
-        length, angle = units.factor("length"), units.factor("angle")
-        return cls(frame=numbers(r.frame_pose[:3] / length)
-                   + numbers(r.frame_pose[3:] / angle),
-                   target=numbers(r.target / length),
-                   target_rotation=numbers(r.target_rotation / angle), scale=r.scale)
+        return cls.filled(r, units, frame=numbers(r.frame_pose / factors(units)))
 
 
 class FittedDataset(Part):
@@ -262,8 +214,8 @@ class HeldParameters(Part):
     def of(cls, kept: Considered, mechanism: Mechanism, columns: Array) -> HeldParameters:
         """Return the entry; ``columns``: SI value of one file unit of each column (C,)."""
         own = np.array([column_factor(mechanism, n) for n in kept.names])
-        return cls(names=kept.names, sigma=numbers(kept.sigma / own),
-                   moved=tuple(map(numbers, kept.gain * own / columns[:, None])))
+        return cls(names=kept.names, sigma=kept.sigma / own,
+                   moved=kept.gain * own / columns[:, None])
 
 
 class CovarianceEntry(Part):
@@ -279,7 +231,7 @@ class CovarianceEntry(Part):
     data: DataInformation | None = None
     session: SessionInformation | None = None
     matrix: tuple[Numbers, ...] = ()
-    frames_turn_about: Mapping[Text, Numbers] = field(default_factory=dict)
+    frames_turn_about: Length[Mapping[Text, Numbers]] = field(default_factory=dict)
     held: HeldParameters | None = None
 
     @classmethod
@@ -290,37 +242,26 @@ class CovarianceEntry(Part):
         count = len(fit.problem.free)
         matrix, right = of_data(*data_rows(fit), count, fit.scale[:count])
         data = DataInformation(
-            matrix=tuple(map(numbers, matrix * f[:count] * fit.noise)),
-            right=numbers(right * fit.noise),
-            unit_of_parameters=numbers(fit.scale[:count] / f[:count]))
+            matrix=matrix * f[:count] * fit.noise, right=numbers(right * fit.noise),
+            unit_of_parameters=fit.scale[:count] / f[:count])
         prior = tuple(1.0 / w / u if w > 0.0 else None
                       for w, u in zip(fit.prior.tolist(), f.tolist(), strict=True))
-        about = {d.name: numbers(o.about / units.factor("length"))
+        about = {d.name: o.about
                  for d, o in zip(fit.problem.datasets, fit.problem.opens, strict=True)}
         session = SessionInformation.of(session_knowledge(fit), result.mechanism,
                                         result.columns[:count])
-        return cls(names=result.columns, prior=prior, inflation=fit.noise, data=data,
-                   session=session,
-                   matrix=tuple(map(numbers, result.covariance / np.outer(f, f))),
-                   frames_turn_about=about,
-                   held=HeldParameters.of(kept, result.mechanism, f) if kept and kept.names
-                   else None)
+        return cls.filled(
+            None, units, names=result.columns, prior=prior, inflation=fit.noise, data=data,
+            session=session, matrix=result.covariance / np.outer(f, f), frames_turn_about=about,
+            held=HeldParameters.of(kept, result.mechanism, f) if kept and kept.names else None)
 
 
 def summaries(values: Mapping[str, Mapping[str, float]], units: Units
               ) -> dict[str, ResidualSummary]:
     """Return error statistics, SI, by kind in file units."""
-    out = {}
-    for name, parts in values.items():
-        quantity = "angle" if name == "rotation" else "length"
-        f = units.factor(quantity)
-        out[name] = ResidualSummary(**{k: v / f for k, v in parts.items()},
-                                    unit=units.name(quantity))
-    return out
-
-
-def _over(value: float | None, factor: float) -> float | None:
-    return None if value is None or not np.isfinite(value) else value / factor
+    return {name: ResidualSummary.filled(
+        None, units, **parts, unit="angle" if name == "rotation" else "length")
+        for name, parts in values.items()}
 
 
 class FreedomSetEntry(Part):
@@ -347,25 +288,20 @@ class FreedomChoiceEntry(Part):
     def of(cls, found: FreedomChoice) -> FreedomChoiceEntry:
         """Return the entry; all figures are bare."""
         return cls(blocks=found.blocks, sets=tuple(
-            FreedomSetEntry(adds=s.adds, missed=s.missed, behind=s.behind, error=s.error,
-                            kept=n <= found.kept) for n, s in enumerate(found.sets)))
+            FreedomSetEntry.filled(s, kept=n <= found.kept) for n, s in enumerate(found.sets)))
 
 
 class DoubtfulPart(Part):
     """A stretch of a joint's travel, ``unit``, and what the model misses there, ``units``."""
 
     actuator: Text = ""
-    low: Finite | None = None
-    high: Finite | None = None
+    low: OfUnit[Finite | None] = None
+    high: OfUnit[Finite | None] = None
     unit: Text = ""
-    position: Finite | None = None
-    rotation: Finite | None = None
+    position: Length[Finite | None] = None
+    rotation: Angle[Finite | None] = None
 
     @classmethod
     def of(cls, found: DoubtfulStretch, mechanism: Mechanism) -> DoubtfulPart:
         """Return the part in file units."""
-        factor, unit = mechanism.joint_units[mechanism.actuators.index(found.actuator)]
-        units = mechanism.units
-        return cls(actuator=found.actuator, low=found.low / factor, high=found.high / factor,
-                   unit=unit, position=found.position / units.factor("length"),
-                   rotation=found.rotation / units.factor("angle"))
+        return cls.filled(found, MachineUnits.of(mechanism), unit=JOINT + found.actuator)

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from ppmcal.calibration.fit import LARGER, SMALLER
-from ppmcal.io.results.identification_parts import Combination, NoiseCheck
+import math
+
+from ppmcal.calibration.fit import LARGER, SMALLER, Noise
+from ppmcal.calibration.validation import Dependence
 from ppmcal.wording import chance, counted
 
 TERMS = 6
 
 
-def noise_verdict(noise: NoiseCheck) -> tuple[str, bool]:
+def noise_verdict(noise: Noise) -> tuple[str, bool]:
     """Return what the residuals say about the noise, and whether that is fine."""
     ratio, p = noise.sigma_ratio, noise.chi2_p
-    if ratio is None and p is None:
+    tail = ", ".join([f"ratio {ratio:.3g}"] * math.isfinite(ratio)
+                     + [chance(p)] * math.isfinite(p))
+    if not tail:
         return "", True
-    tail = ", ".join(([] if ratio is None else [f"ratio {ratio:.3g}"])
-                     + ([] if p is None else [chance(p)]))
     state, source = noise.state, noise.source
     if state == LARGER:
         return (f"residuals exceed the {source} noise ({tail}): something is missing in the "
@@ -38,9 +40,10 @@ def short_intervals(method: str) -> list[str]:
     return [SHORT[method]] if method in SHORT else []
 
 
-def combination(entry: Combination) -> str:
+def combination(entry: Dependence) -> str:
     """Return what acts like one unit of a redundant quantity: ``0.5*leg2.offset - frame.x``."""
-    terms = sorted(((k, v) for k, v in entry.depends_on.items() if v), key=lambda t: -abs(t[1]))
+    terms = sorted(((k, v) for k, v in entry.depends_on.items() if abs(v) > 0.0),
+                   key=lambda t: -abs(t[1]))
     if not terms:
         return "nothing: no effect on these measurements"
     shown = "".join((" - " if v < 0 else " + " if i else "")

@@ -17,6 +17,7 @@ from ppmcal.kinematics.rotations import euler_like, to_quaternion
 from ppmcal.kinematics.tables import SINGULAR, KinematicsTable, home_singular_value
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import OfUnit
 from ppmcal.wording import counted
 
 LOCKED = "gimbal lock: only euler_1 and euler_3 together are known, euler_3 is set to 0"
@@ -99,7 +100,7 @@ class AssemblyModes(Part):
 class PosePoint(Part):
     """The point whose poses are written, platform axes, in ``unit``."""
 
-    point: tuple[Finite, ...] = ()
+    point: OfUnit[tuple[Finite, ...]] = ()
     unit: Text = ""
 
 
@@ -142,13 +143,11 @@ class KinematicsRecord(Record):
         home = home_singular_value(mechanism)[0]
         chosen: dict[str, Any] = {"rotation": form.rotation}
         if form.tool is not None:
-            point = form.tool / mechanism.units.factor("length")
-            chosen["tool"] = PosePoint(point=tuple(point.tolist()), unit=mechanism.units.length)
+            chosen["tool"] = PosePoint.filled(None, mechanism.units, point=form.tool, unit="length")
         if form.method:
             chosen["method"] = form.method
         if modes is not None:
-            chosen["modes"] = AssemblyModes(method=modes.method, complete=modes.complete,
-                                            counts=modes.counts)
+            chosen["modes"] = AssemblyModes.filled(modes)
         return cls(format=cls.FORMAT, which=which, rows=len(table.status),
                    status={s: table.status.count(s) for s in sorted(set(table.status))},
                    units=column_units(mechanism, names), **chosen, limits=_limits(mechanism),

@@ -15,6 +15,7 @@ from ppmcal.calibration.knowledge import Considered
 from ppmcal.calibration.sessions import SESSION
 from ppmcal.calibration.validation import DoubtfulStretch
 from ppmcal.errors import BadInput
+from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
     CovarianceEntry,
@@ -31,7 +32,7 @@ from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.model.same_rows import KnownRows
-from ppmcal.units import Units
+from ppmcal.units import Units, coordinate_quantity
 
 AGAIN = "Run identify again"
 WITHOUT = "Run identify again, or remove it to go on without uncertainties"
@@ -97,11 +98,9 @@ def read_basis(path: Path) -> MeasurementBasis:
         BadInput: not readable, or not such a file.
     """
     record = read_identification(path)
-    ratio, p = (np.nan if v is None else v
-                for v in (record.noise.sigma_ratio, record.noise.chi2_p))
     # the damped scheme may have ended at the noise, which is not said
-    return MeasurementBasis(ratio, p, converged=None if record.method == "damped" else
-                            record.converged)
+    return MeasurementBasis(record.noise.sigma_ratio, record.noise.chi2_p,
+                            converged=None if record.method == "damped" else record.converged)
 
 
 def _doubtful(part: DoubtfulPart, mechanism: Mechanism, units: Units, path: Path
@@ -267,7 +266,7 @@ def _range(ends: Numbers, mechanism: Mechanism, coordinate: str) -> tuple[float,
     low, high = _finite(ends, 2).tolist()
     if coordinate not in POSE_COORDINATES or not -LONGEST < low <= high < LONGEST:
         raise _Incomplete
-    f = mechanism.units.factor("angle" if coordinate.startswith("r") else "length")
+    f = mechanism.units.factor(coordinate_quantity(coordinate))
     return low * f, high * f
 
 
@@ -276,7 +275,7 @@ def _registration(data: FittedDataset, units: Units) -> Registration:
     length, angle = units.factor("length"), units.factor("angle")
     entry = _part(data, "name").registration_before
     entry = _part(entry, "frame", "target", "target_rotation")
-    return Registration.of_pose(_finite(entry.frame, 6) * np.array([length] * 3 + [angle] * 3),
+    return Registration.of_pose(_finite(entry.frame, 6) * factors(units),
                                 _finite(entry.target, 3) * length,
                                 _finite(entry.target_rotation, 3) * angle, entry.scale)
 

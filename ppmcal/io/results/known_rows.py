@@ -8,11 +8,11 @@ import numpy as np
 
 from ppmcal.calibration.validation import Identification
 from ppmcal.io.copies import known_rows
-from ppmcal.io.json import LARGEST
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.same_rows import CARRIED, KnownRows
+from ppmcal.units import LARGEST
 
 ANGLES = ("rx", "ry", "rz")
 
@@ -35,9 +35,9 @@ class RowsOfTable(Part):
     def of_rows(cls, known: KnownRows, mechanism: Mechanism) -> RowsOfTable:
         """Return the rows in file units."""
         table = known.table / _factors(known.columns, mechanism)
-        return cls(source=known.source, kind=known.kind, of=known.count, chance=known.chance,
-                   columns=known.columns,
-                   rows=tuple(",".join(f"{v:.13g}" for v in row) for row in table.tolist()))
+        return cls.filled(
+            known, of=known.count,
+            rows=tuple(",".join(f"{v:.13g}" for v in row) for row in table.tolist()))
 
     def known(self, mechanism: Mechanism) -> KnownRows:
         """Return the rows in SI.

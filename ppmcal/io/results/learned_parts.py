@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -14,9 +14,10 @@ from ppmcal.io.results.record import Part, Shown, Text
 from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import INPUTS, JOINT
 from ppmcal.model.effects.learned_curve import si_factor
-from ppmcal.units import Units
+from ppmcal.units import OfUnit, Quantity, Units
 
 DRAWN = 600
+Curve = Annotated[tuple[Shown | None, ...], Quantity(of="unit", digits=6)]
 
 
 class NearKind(Part):
@@ -48,7 +49,7 @@ class LearnedEntry(Part):
     by_low: Shown | None = None
     by_high: Shown | None = None
     by_ends: tuple[Shown, ...] = ()
-    rms: Shown | None = None
+    rms: OfUnit[Shown | None] = None
     unit: Text = ""
     low: Shown | None = None
     high: Shown | None = None
@@ -57,11 +58,11 @@ class LearnedEntry(Part):
     period: Shown | None = None
     near: tuple[NearKind, ...] = ()
     x: tuple[Shown | None, ...] = ()
-    value: tuple[Shown | None, ...] = ()
-    sigma: tuple[Shown | None, ...] = ()
+    value: Curve = ()
+    sigma: Curve = ()
     at: tuple[Shown | None, ...] = ()
-    partial: tuple[Shown | None, ...] = ()
-    other: tuple[Shown | None, ...] = ()
+    partial: Curve = ()
+    other: Curve = ()
     equation: LearnedEquation | None = None
 
     @classmethod
@@ -76,21 +77,20 @@ class LearnedEntry(Part):
     @classmethod
     def of(cls, s: LearnedShape, gap: HeldOutGap, units: Units) -> LearnedEntry:
         """Return one term in file units."""
-        curve, own = s.curve, units.factor(s.curve.quantity)
+        curve = s.curve
         per, zero = si_factor(units, curve.input_quantity), INPUTS[curve.input].zero
         where = ", ".join(s.on) if curve.acts == JOINT else f"platform {curve.acts}"
         some = np.linspace(0, s.at.size - 1, min(s.at.size, DRAWN)).astype(np.int64)
-        return cls(
-            input=curve.input, on=s.on, acts=curve.acts,
+        return cls.filled(
+            s, units, input=curve.input, acts=curve.acts,
             by=curve.by or ("direction" if curve.signed else ""), **_second(s, units),
             input_unit=_unit(units, curve.input_quantity),
-            rms=s.rms / own, unit=units.name(curve.quantity),
+            unit=curve.quantity,
             low=curve.nodes[0] / per + zero, high=curve.nodes[-1] / per + zero, gap=gap,
-            looks=s.looks, period=None if s.period is None else s.period / per,
+            period=None if s.period is None else s.period / per,
             near=tuple(NearKind(effect=label, cosine=c) for label, c in s.near),
-            x=_rounded(s.x / per + zero), value=_rounded(s.value / own),
-            sigma=_rounded(s.sigma / own), at=_rounded(s.at[some] / per + zero),
-            partial=_rounded(s.partial[some] / own), other=_rounded(s.other / own),
+            x=_rounded(s.x / per + zero), at=_rounded(s.at[some] / per + zero),
+            partial=s.partial[some],
             equation=LearnedEquation.of(s.equation, where, units) if s.equation else None)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.calibration.interpretation import Misreading
 from ppmcal.io.results.record import Part, Shown, Text, Whole
-from ppmcal.units import Units
+from ppmcal.units import OfUnit, Units
 
 FORMAT = "ppmcal/misread/1"
 
@@ -17,8 +17,8 @@ FORMAT = "ppmcal/misread/1"
 class MedianMiss(Part):
     """Half of the rows miss by more, nominal machine, best registration, in ``unit``."""
 
-    before: Shown | None = None
-    after: Shown | None = None
+    before: OfUnit[Shown | None] = None
+    after: OfUnit[Shown | None] = None
     unit: Text = ""
 
 
@@ -44,12 +44,10 @@ def misreading_entries(found: Sequence[Misreading], units: Units) -> tuple[Misre
     """Return one entry for each mistake, file units."""
     out = []
     for one in found:
-        factor = units.factor(one.quantity)
-        miss = MedianMiss(before=one.before / factor, after=one.after / factor,
-                          unit=units.name(one.quantity))
+        miss = MedianMiss.filled(one, units, unit=one.quantity)
         known = np.isfinite(one.after)
-        out += [MisreadingEntry(
-            file=one.source, kind=m.kind, columns=m.columns, rows=m.rows or None, read=one.block,
+        out += [MisreadingEntry.filled(
+            m, file=one.source, rows=m.rows or None, read=one.block,
             residual=miss if known else None, text=m.text + one.otherwise * (m is one.mistakes[-1]),
             sigma=dict(one.sigma) or None) for m in one.mistakes]
     return tuple(out)

@@ -28,7 +28,7 @@ class OtherModel(Part):
     @classmethod
     def of(cls, file: str, reading: Reading) -> OtherModel:
         """Return the entry of a reading that is written to ``file``."""
-        return cls(file=file, effect=reading.effect, instead_of=reading.instead, odds=reading.odds)
+        return cls.filled(reading, file=file, instead_of=reading.instead)
 
 
 class TriedSet(Part):

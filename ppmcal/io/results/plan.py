@@ -20,6 +20,7 @@ from ppmcal.io.results.plan_tables import (
 )
 from ppmcal.io.results.plan_wording import findings, sentences
 from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole, table_text
+from ppmcal.units import Angle, Length
 
 PICTURE = "accuracy.png"
 CAPTION = ("Standard deviation of the calibrated machine's position at the tasks against the "
@@ -29,8 +30,8 @@ CAPTION = ("Standard deviation of the calibrated machine's position at the tasks
 class AccuracyLimit(Part):
     """What ever more measurements leave, in the machine's units."""
 
-    position: Shown | None = None
-    rotation: Shown | None = None
+    position: Length[Shown | None] = None
+    rotation: Angle[Shown | None] = None
 
 
 class CandidatePoses(Part):
@@ -81,7 +82,6 @@ class PlanRecord(Record):
     def of(cls, plan: Plan, wanted: float | None, notes: Sequence[str],
            provenance: Mapping[str, Any]) -> Self:
         """Return the record of a plan for an accuracy ``wanted`` at the tasks, m, or None."""
-        units = plan.mechanism.units
         return cls(
             format=cls.FORMAT, name=plan.mechanism.name,
             said=tuple(sentences(plan, wanted, notes)), units=column_units(plan),
@@ -90,12 +90,12 @@ class PlanRecord(Record):
             poses=int(max(pose_table(plan)["pose"])), least=plan.least,
             hardly_pays_from=plan.pays or None, reaches_accuracy=plan.reached,
             extrapolated=plan.about,
-            limit=AccuracyLimit(position=plan.limit[0] / units.factor("length"),
-                                rotation=plan.limit[1] / units.factor("angle")),
+            limit=AccuracyLimit.filled(None, plan.mechanism.units, position=plan.limit[0],
+                                       rotation=plan.limit[1]),
             observability=plan.observability, efficiency=plan.efficiency,
             candidates=CandidatePoses(count=len(plan.pool), left_out=dict(plan.pool.left_out)),
             not_told=plan.offer.dropped,
-            route=RouteLength(before=plan.route.before, after=plan.route.after),
+            route=RouteLength.filled(plan.route),
             provenance=Provenance(**provenance))
 
     def files(self, plan: Plan, wanted: float | None) -> dict[str, str | bytes]:

@@ -29,11 +29,10 @@ def findings(plan: Plan, wanted: float | None) -> list[str]:
     """Return what the user must look at."""
     out = list(plan.notes)
     if wanted is not None and plan.reached is None:
-        length, unit = _length(plan)
-        left = plan.limit[0]
-        why = (f"ever more poses leave {left / length:.3g} {unit}, in what this instrument does "
-               "not see" if left >= wanted else "a million poses would not do")
-        out.append(f"An accuracy of {wanted / length:.4g} {unit} cannot be reached: {why}.")
+        units, left = plan.mechanism.units, plan.limit[0]
+        why = (f"ever more poses leave {units.words(left, 'length', 3)}, in what this instrument "
+               "does not see" if left >= wanted else "a million poses would not do")
+        out.append(f"An accuracy of {units.words(wanted, 'length')} cannot be reached: {why}.")
     if plan.pool.rows.size and plan.pool.left_out:
         total = sum(plan.pool.left_out.values())
         out.append(f"{total} of the {total + int(plan.pool.rows.size)} candidates given cannot be "
@@ -156,15 +155,14 @@ def route(plan: Plan) -> str:
 
 def instrument(plan: Plan) -> str:
     """Return the instrument in words."""
-    i, (length, unit) = plan.instrument, _length(plan)
-    angle, turn = plan.mechanism.units.factor("angle"), plan.mechanism.units.angle
+    i, units = plan.instrument, plan.mechanism.units
     noise = []
     if i.kind in NUMBERS:
-        noise.append(f"{NUMBERS[i.kind]} {i.sigma_value / length:.4g} {unit}")
+        noise.append(f"{NUMBERS[i.kind]} {units.words(i.sigma_value, 'length')}")
     else:
-        noise.append(f"position {i.sigma_position / length:.4g} {unit}")
+        noise.append(f"position {units.words(i.sigma_position, 'length')}")
     if i.kind == "pose" and np.isfinite(i.sigma_rotation):
-        noise.append(f"rotation {i.sigma_rotation / angle:.4g} {turn}")
+        noise.append(f"rotation {units.words(i.sigma_rotation, 'angle')}")
     largest: dict[str, float] = {}
     for s, (f, name) in zip(i.sigma_actuator, plan.mechanism.joint_units, strict=True):
         largest[name] = max(largest.get(name, 0.0), float(s) / f)
@@ -193,12 +191,12 @@ def candidates(plan: Plan) -> str:
 def _reached(plan: Plan, wanted: float | None) -> list[str]:
     if wanted is None or plan.reached is None:
         return []
-    length, unit = _length(plan)
+    size = plan.mechanism.units.words(wanted, "length")
     about = "about " if plan.about else ""
     if not plan.about and plan.reached < FEWEST:
         return [f"{FEWEST} measurements, the fewest that make a plan, reach "
-                f"{wanted / length:.4g} {unit} (--count {FEWEST})."]
-    return [f"{about.capitalize()}{plan.reached} measurements reach {wanted / length:.4g} {unit}"
+                f"{size} (--count {FEWEST})."]
+    return [f"{about.capitalize()}{plan.reached} measurements reach {size}"
             + (" (more of the same; extrapolated)." if plan.about else
                f" (--count {plan.reached}).")]
 
@@ -221,9 +219,9 @@ def _open_ended(plan: Plan) -> list[str]:
 
 def _accuracy_words(plan: Plan, position: float, rotation: float) -> str:
     units = plan.mechanism.units
-    text = f"{position / units.factor('length'):.3g} {units.length}"
+    text = units.words(position, "length", 3)
     if any(c >= 3 for c in plan.mechanism.dof):
-        text += f" and {rotation / units.factor('angle'):.3g} {units.angle}"
+        text += f" and {units.words(rotation, 'angle', 3)}"
     return text
 
 
@@ -233,10 +231,6 @@ def _open(value: Unknown) -> str:
 
 def _counts(why: Mapping[str, int]) -> str:
     return ", ".join(f"{n} {w}" for w, n in why.items())
-
-
-def _length(plan: Plan) -> tuple[float, str]:
-    return plan.mechanism.units.factor("length"), plan.mechanism.units.length
 
 
 def _listed(rows: Sequence[int]) -> str:

@@ -14,11 +14,12 @@ from typing import Annotated, Any, ClassVar, Self, dataclass_transform
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import LongText, csv_lines
-from ppmcal.io.json import AGAIN, LARGEST, read_object
+from ppmcal.io.json import AGAIN, read_object
 from ppmcal.io.output import json_text, plain
 from ppmcal.io.results import codec
-from ppmcal.io.results.codec import AtMost, Reader, WrongKind, reader_of
-from ppmcal.units import Units, as_now
+from ppmcal.io.results.codec import Reader, WrongKind, reader_of
+from ppmcal.units import SI, Units, as_now
+from ppmcal.units import Finite as Finite
 
 
 def _cell(value: Any, bounded: bool) -> Any:
@@ -29,8 +30,6 @@ def _cell(value: Any, bounded: bool) -> Any:
 
 Shown = float
 """A number that is only shown: of any size."""
-Finite = Annotated[float, AtMost(LARGEST)]
-"""A number that is calculated with: of what is read, :data:`LARGEST` at most."""
 Text = str
 """A text; of a file's name it may hold what UTF-8 cannot, as ``\\udcff``."""
 UnitText = Annotated[str, Reader(lambda value, bounded: as_now(reader_of(str).read(value, bounded)),
@@ -89,6 +88,17 @@ class Part:
         """
         return codec.decoded(cls, data, path, mend)
 
+    @classmethod
+    def filled(cls, found: object = None, units: Units = SI, /, **own: Any) -> Self:
+        """Return the object with the fields of a finding, SI, in the units of a file.
+
+        ``own``: values, SI too, in place of the finding's of the same name, or beside them; of a
+        quantity that the object does not say itself as well.
+        """
+        there = {f.name: getattr(found, f.name) for f in codec.shape(cls)
+                 if hasattr(found, f.name)}
+        return cls(**codec.fields_in_units(cls, there | own, units))
+
     def changed(self, **values: Any) -> Self:
         """Return the object with other values."""
         own = type(self)(**{n: getattr(self, n) for n in self.given} | values)
@@ -124,22 +134,6 @@ class Provenance(Part):
     environment: Mapping[Text, Any] = field(default_factory=dict)
     numpy: Text = ""
     python: Text = ""
-
-
-class UnitNames(Part):
-    """The units of a file."""
-
-    length: Text = ""
-    angle: Text = ""
-
-    @classmethod
-    def of(cls, units: Units) -> UnitNames:
-        """Return the names of units."""
-        return cls(length=units.length, angle=units.angle)
-
-    def of_quantity(self, quantity: str) -> str:
-        """Return the unit of ``length`` or ``angle``, empty where the file does not say."""
-        return self.angle if quantity == "angle" else self.length
 
 
 class Record(Part):

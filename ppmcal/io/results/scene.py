@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.io.results.record import Finite, Flag, Part, Text, UnitNames
-from ppmcal.io.results.scene_machine import MachineStand, machine_frames, unit_of
+from ppmcal.io.results.record import Finite, Flag, Part, Text
+from ppmcal.io.results.scene_machine import MachineStand, machine_frames
 from ppmcal.io.results.scene_parts import (
     MeasuredPose,
     PlacedLimb,
@@ -29,7 +29,7 @@ from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.pose_sweep import PoseSweep, pose_sweep
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.wording import number
+from ppmcal.units import Units, coordinate_quantity
 
 __all__ = ["MeasuredPose", "PlacedLimb", "Point", "Scene", "SceneEffect", "SceneFrame",
            "SceneJoint", "SceneLimb", "SceneLink", "SceneMachine", "SceneMark", "ScenePoses"]
@@ -72,7 +72,7 @@ class Scene(Part):
     name: Text
     motion: Text
     flat: Flag
-    units: UnitNames
+    units: Units
     reach: Finite
     coordinates: tuple[Text, ...]
     coordinate_units: tuple[Text, ...]
@@ -126,8 +126,9 @@ class Scene(Part):
         rows = tuple(_with_frame(m, kept, about) for m in measured)
         return cls(
             name=mechanism.name, motion=mechanism.motion, flat=mechanism.motion == "planar",
-            units=UnitNames.of(units), reach=reach, coordinates=mechanism.coordinates,
-            coordinate_units=tuple(unit_of(mechanism, c)[1] for c in mechanism.dof),
+            units=units, reach=reach, coordinates=mechanism.coordinates,
+            coordinate_units=tuple(units.name(coordinate_quantity(c))
+                                   for c in mechanism.coordinates),
             actuators=mechanism.actuators, joint_units=tuple(u for _, u in mechanism.joint_units),
             still=() if sweep.lost else tuple(POSE_COORDINATES[c] for c in sweep.still),
             machines=tuple(drawn), about_home=about, magnification=_of_machines(reach, drawn),
@@ -195,10 +196,9 @@ def _other_stand(plain: Mechanism, stand: MachineStand) -> MachineStand:
 
 def _label(mechanism: Mechanism, sweep: PoseSweep, n: int) -> str:
     """Return what a pose about home is called: by how much which coordinate is moved."""
-    c = sweep.coordinate[n]
-    factor, unit = unit_of(mechanism, c)
-    by = sweep.step[n] / factor
-    return f"{POSE_COORDINATES[c]} {'+' if by > 0 else '−'} {number(abs(by), 3)} {unit}"
+    name, by = POSE_COORDINATES[sweep.coordinate[n]], sweep.step[n]
+    size = mechanism.units.words(abs(by), coordinate_quantity(name), 3)
+    return f"{name} {'+' if by > 0 else '−'} {size}"
 
 
 def _of_machines(reach: float, drawn: Sequence[SceneMachine]) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
+from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.scene_marks import pose_marks
 from ppmcal.io.results.scene_parts import (
     PlacedLimb,
@@ -125,52 +126,38 @@ def _limb(mechanism: Mechanism, index: int, placed: LimbSkeleton) -> SceneLimb:
     return SceneLimb(
         name=limb.name, kind=limb.kind.name, actuator=mechanism.actuators[limb.actuator],
         unit=mechanism.joint_units[limb.actuator][1],
-        joints=tuple(SceneJoint(number=j.number, kind=j.kind, driven=j.driven)
-                     for j in placed.joints),
+        joints=tuple(SceneJoint.filled(j) for j in placed.joints),
         links=tuple(SceneLink(name=k.name, role=role.get(k.name, "bar")) for k in placed.links),
         slides=drive is not None and drive.prismatic, travel=travel)
 
 
 def _frame(mechanism: Mechanism, limbs: Sequence[LimbSkeleton], stand: MachineStand, q: Array,
            n: int, marks: tuple[SceneMark, ...]) -> SceneFrame:
-    f = mechanism.units.factor("length")
-    factors = [unit_of(mechanism, c)[0] for c in mechanism.dof]
-    vector = pose_vector(stand.pose[n:n + 1])[0]
-    turn = cga.rotation_matrix(stand.pose[n])
-    return SceneFrame(
-        label=stand.labels[n], key=stand.keys[n], marks=marks,
-        pose=tuple(vector[c] / u for c, u in zip(mechanism.dof, factors, strict=True)),
-        q=tuple((q[n] / mechanism.joint_factors()).tolist()), origin=_point(vector / f),
-        axes=(_point(turn[:, 0]), _point(turn[:, 1]), _point(turn[:, 2])),
+    vector, dof = pose_vector(stand.pose[n:n + 1])[0], list(mechanism.dof)
+    return SceneFrame.filled(
+        None, mechanism.units, label=stand.labels[n], key=stand.keys[n], marks=marks,
+        pose=(vector / factors(mechanism.units))[dof],
+        q=q[n] / mechanism.joint_factors(), origin=vector[:3],
+        axes=cga.rotation_matrix(stand.pose[n]).T,
         limbs=tuple(_placed(mechanism, limb, n) for limb in limbs))
 
 
 def _placed(mechanism: Mechanism, limb: LimbSkeleton, n: int) -> PlacedLimb:
-    drive, units = limb.drive, mechanism.units
-    f = units.factor("length")
-    own = units.factor("length" if drive is not None and drive.prismatic else "angle")
-    open_ = bool(limb.gap[n] > GAP * mechanism.reach)
-    return PlacedLimb(
-        base=_point(limb.base_point[n] / f), platform=_point(limb.platform_point[n] / f),
-        joints=tuple(_point(j.centre[n] / f) for j in limb.joints),
-        links=tuple((_point(k.start[n] / f), _point(k.end[n] / f)) for k in limb.links),
-        drive=None if drive is None else _point(drive.centre[n] / f),
-        drive_axis=None if drive is None else _point(drive.axis[n]),
-        zero=None if drive is None else _point(drive.zero[n] / f),
-        u=None if drive is None else float(drive.u[n]) / own,
-        gap=float(limb.gap[n] / f), gap_ends=None if not open_ else (
-            _point(limb.ends[0][n] / f), _point(limb.ends[1][n] / f)))
+    drive = limb.drive
+    return PlacedLimb.filled(
+        None, mechanism.units, base=limb.base_point[n], platform=limb.platform_point[n],
+        joints=[j.centre[n] for j in limb.joints],
+        links=[(k.start[n], k.end[n]) for k in limb.links],
+        drive=None if drive is None else drive.centre[n],
+        drive_axis=None if drive is None else drive.axis[n],
+        zero=None if drive is None else drive.zero[n], u=None if drive is None else drive.u[n],
+        unit="length" if drive is not None and drive.prismatic else "angle", gap=limb.gap[n],
+        gap_ends=[e[n] for e in limb.ends] if limb.gap[n] > GAP * mechanism.reach else None)
 
 
 def _point(vector: Array) -> Point:
     x, y, z = vector[:3].tolist()
     return x, y, z
-
-
-def unit_of(mechanism: Mechanism, coordinate: int) -> tuple[float, str]:
-    """Return the SI value and the name of a pose coordinate's unit in the file."""
-    quantity = "length" if coordinate < 3 else "angle"
-    return mechanism.units.factor(quantity), mechanism.units.name(quantity)
 
 
 def around(points: Array) -> tuple[int, ...]:

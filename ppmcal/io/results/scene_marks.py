@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.io.results.scene_parts import Point, SceneMark
+from ppmcal.io.results.scene_parts import SceneMark
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import smallest_singular_value
 from ppmcal.kinematics.skeleton import LimbSkeleton
@@ -34,13 +34,14 @@ def pose_marks(model: Model, pose: Array, q: Array, limbs: Sequence[LimbSkeleton
         gap: a limb with more than this between its ends does not close, m.
     """
     out: list[list[SceneMark]] = [[] for _ in range(len(q))]
-    f, unit = model.mechanism.units.factor("length"), model.mechanism.units.length
+    units = model.mechanism.units
     for i, limb in enumerate(limbs):
         for n in np.flatnonzero(limb.gap > gap):
-            out[n].append(SceneMark(
-                kind="gap", limbs=(i,),
-                points=(_point((limb.ends[0][n] + limb.ends[1][n]) / 2 / f),),
-                text=f"{limb.name} does not close: {number(limb.gap[n] / f)} {unit} are missing"))
+            out[n].append(SceneMark.filled(
+                None, units, kind="gap", limbs=(i,),
+                points=[(limb.ends[0][n] + limb.ends[1][n]) / 2],
+                text=f"{limb.name} does not close: {units.words(limb.gap[n], 'length')} are "
+                     "missing"))
     _singular(model, pose, q, out)
     _beyond_travel(model, q, limbs, out)
     _too_near(model, limbs, out)
@@ -84,7 +85,6 @@ def _beyond_travel(model: Model, q: Array, limbs: Sequence[LimbSkeleton],
 def _too_near(model: Model, limbs: Sequence[LimbSkeleton], out: list[list[SceneMark]]) -> None:
     """Add joints and links of two limbs that are nearer than a link is drawn thick."""
     mechanism = model.mechanism
-    f, unit = mechanism.units.factor("length"), mechanism.units.length
     for found in interferences(limbs, THICKNESS * mechanism.reach,
                                [limb.actuator for limb in mechanism.limbs]):
         names = " and ".join(limbs[i].name for i in found.limbs)
@@ -93,15 +93,10 @@ def _too_near(model: Model, limbs: Sequence[LimbSkeleton], out: list[list[SceneM
                 continue
             kind, text = ("joints" if found.joints else "links"), (
                 f"{'joints' if found.joints else 'links'} of {names} are "
-                f"{number(found.distance[n] / f, 2)} {unit} apart")
+                f"{mechanism.units.words(found.distance[n], 'length', 2)} apart")
             if found.fixed and found.joints and found.distance[n] < 1e-9 * mechanism.reach:
                 kind, text = "shared", names
             elif not found.joints and mechanism.motion == "planar":
                 text = f"links of {names} cross, unless they lie in layers"
-            out[n].append(SceneMark(kind=kind, limbs=found.limbs, text=text,
-                                    points=(_point(found.place[n] / f),)))
-
-
-def _point(vector: Array) -> Point:
-    x, y, z = vector[:3].tolist()
-    return x, y, z
+            out[n].append(SceneMark.filled(None, mechanism.units, kind=kind, limbs=found.limbs,
+                                           text=text, points=[found.place[n]]))

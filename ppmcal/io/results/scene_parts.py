@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
+from ppmcal.units import Length, OfUnit
 
 Point = tuple[Finite, Finite, Finite]
 
@@ -44,16 +45,16 @@ class PlacedLimb(Part):
     much the limb does not close, between ``gap_ends``, null where it does.
     """
 
-    base: Point
-    platform: Point
-    joints: tuple[Point, ...]
-    links: tuple[tuple[Point, Point], ...]
-    drive: Point | None = None
+    base: Length[Point]
+    platform: Length[Point]
+    joints: Length[tuple[Point, ...]]
+    links: Length[tuple[tuple[Point, Point], ...]]
+    drive: Length[Point | None] = None
     drive_axis: Point | None = None
-    zero: Point | None = None
-    u: Finite | None = None
-    gap: Finite = 0.0
-    gap_ends: tuple[Point, Point] | None = None
+    zero: Length[Point | None] = None
+    u: OfUnit[Finite | None] = None
+    gap: Length[Finite] = 0.0
+    gap_ends: Length[tuple[Point, Point] | None] = None
 
 
 class SceneMark(Part):
@@ -66,7 +67,7 @@ class SceneMark(Part):
     kind: Text
     limbs: tuple[Whole, ...] = ()
     text: Text
-    points: tuple[Point, ...] = ()
+    points: Length[tuple[Point, ...]] = ()
 
 
 class SceneFrame(Part):
@@ -79,7 +80,7 @@ class SceneFrame(Part):
     label: Text
     pose: tuple[Finite, ...]
     q: tuple[Finite, ...]
-    origin: Point
+    origin: Length[Point]
     axes: tuple[Point, Point, Point]
     limbs: tuple[PlacedLimb, ...]
     key: Text = ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from ppmcal.io.results.sensitivity_wording import LINEAR_WITHIN, findings, linea
 from ppmcal.io.results.tables import map_table, unit_map
 from ppmcal.kinematics.region import Grid
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.units import Angle, Length, OfUnit, Quantity
 
 MOST_ENTRIES = 500_000
 """jacobian.csv is left out where it would have more rows."""
@@ -46,7 +47,7 @@ MOST_ENTRIES = 500_000
 class ToolPoint(Part):
     """The tool point in platform axes."""
 
-    value: tuple[Shown, ...] = ()
+    value: OfUnit[tuple[Shown, ...]] = ()
     unit: Text = ""
 
 
@@ -54,24 +55,22 @@ class HomeErrors(Part):
     """Figures at home; units of length and angle as in ``units``."""
 
     amplification_position: Shown | None = None
-    amplification_rotation: Shown | None = None
-    rss_position: Shown | None = None
-    rss_rotation: Shown | None = None
-    worst_position: Shown | None = None
-    worst_rotation: Shown | None = None
+    amplification_rotation: Annotated[Shown | None, Quantity("angle/length")] = None
+    rss_position: Length[Shown | None] = None
+    rss_rotation: Angle[Shown | None] = None
+    worst_position: Length[Shown | None] = None
+    worst_rotation: Angle[Shown | None] = None
 
     @classmethod
     def of(cls, found: Sensitivity) -> Self:
         """Return the figures at home in file units."""
-        units, home = found.mechanism.units, found.home
-        length, angle = units.factor("length"), units.factor("angle")
-        return cls(amplification_position=float(found.home_index[0]),
-                   amplification_rotation=(float(found.home_index[1])
-                                           / units.factor("angle/length")),
-                   rss_position=float(home.position[0]) / length,
-                   rss_rotation=float(home.rotation[0]) / angle,
-                   worst_position=float(home.worst_position[0]) / length,
-                   worst_rotation=float(home.worst_rotation[0]) / angle)
+        position, rotation = found.home_index.tolist()
+        return cls.filled(
+            None, found.mechanism.units, amplification_position=position,
+            amplification_rotation=rotation, rss_position=float(found.home.position[0]),
+            rss_rotation=float(found.home.rotation[0]),
+            worst_position=float(found.home.worst_position[0]),
+            worst_rotation=float(found.home.worst_rotation[0]))
 
 
 class GroupShare(Part):
@@ -91,12 +90,12 @@ class ErrorsTogether(Part):
     errors: Whole = 0
     size: Shown | None = None
     size_unit: Text = ""
-    linear: Shown | None = None
-    exact: Shown | None = None
+    linear: Length[Shown | None] = None
+    exact: Length[Shown | None] = None
     relative: Shown | None = None
     unit: Text = ""
-    linear_rotation: Shown | None = None
-    exact_rotation: Shown | None = None
+    linear_rotation: Angle[Shown | None] = None
+    exact_rotation: Angle[Shown | None] = None
     rotation_unit: Text = ""
     reached: Flag = False
 
@@ -106,16 +105,13 @@ class ErrorsTogether(Part):
         one, units = found.at_size, found.mechanism.units
         if one is None:
             return None
-        length, angle = units.factor("length"), units.factor("angle")
-        linear = float(one.linear[0, 0])
-        return cls(errors=len(found.moved),
-                   size=float(one.scale[0]) / units.factor(size_quantity(found)),
-                   size_unit=size_unit(found), linear=linear / length,
-                   exact=float(one.exact[0, 0]) / length,
-                   relative=float(one.apart[0, 0]) / linear if linear > 0.0 else None,
-                   unit=units.length, linear_rotation=float(one.linear[0, 1]) / angle,
-                   exact_rotation=float(one.exact[0, 1]) / angle, rotation_unit=units.angle,
-                   reached=bool(np.isfinite(one.exact).all()))
+        (linear, turned), (exact, exact_turn) = one.linear[0].tolist(), one.exact[0].tolist()
+        return cls.filled(
+            None, units, errors=len(found.moved), reached=np.isfinite(one.exact).all(),
+            size=float(one.scale[0]) / units.factor(size_quantity(found)),
+            size_unit=size_unit(found), linear=linear, exact=exact, unit=units.length,
+            relative=float(one.apart[0, 0]) / linear if linear > 0.0 else None,
+            linear_rotation=turned, exact_rotation=exact_turn, rotation_unit=units.angle)
 
 
 class LinearLimit(Part):
@@ -153,14 +149,13 @@ class SensitivityRecord(Record):
            provenance: Mapping[str, Any]) -> Self:
         """Return the record of an analysis of ``mechanism`` over a grid, or over poses."""
         units, status = found.mechanism.units, found.table.status
-        length = units.factor("length")
         return cls(
             format=cls.FORMAT, name=found.mechanism.name,
             said=(*sentences(found, grid), *geometry_note(mechanism)),
             units=_units(found, grid), findings=tuple(findings(found, mechanism, grid)),
             errors=len(found.sources), poses={s: status.count(s) for s in sorted(set(status))},
-            metric=NumberWithUnit(value=found.asked.metric / length, unit=units.length),
-            tool=ToolPoint(value=tuple((found.asked.tool / length).tolist()), unit=units.length),
+            metric=NumberWithUnit.filled(None, units, value=found.asked.metric, unit="length"),
+            tool=ToolPoint.filled(None, units, value=found.asked.tool, unit="length"),
             home=HomeErrors.of(found),
             groups={by: tuple(GroupShare(group=g, share_position=p, share_rotation=r)
                               for g, p, r in shares(found, by))

@@ -41,12 +41,10 @@ def linear_limit(found: Sensitivity) -> float | None:
 def _home(found: Sensitivity) -> list[str]:
     """Return the errors at home, and the amplification index there."""
     units, home = found.mechanism.units, found.home
-    per = units.factor("angle/length")
-    turned = (f" and {number(found.home_index[1] / per)} {units.name('angle/length')}"
-              if rotates(found) else "")
+    turned = (f" and {units.words(found.home_index[1], 'angle/length')}" if rotates(found) else "")
     times = (f"{found.asked.sigmas:g} tolerances" if found.asked.sigmas != 1.0
              else "its tolerance")
-    rho = f"{number(found.asked.metric / units.factor('length'))} {units.length}"
+    rho = units.words(found.asked.metric, "length")
     return [f"{found.mechanism.name}: {len(found.sources)} errors. At home the tool is off by "
             f"{_pair(found, home.position[0], home.rotation[0])} (root sum square, each error one "
             f"tolerance), at worst by "
@@ -59,10 +57,8 @@ def _home(found: Sensitivity) -> list[str]:
 def _pair(found: Sensitivity, position: float, rotation: float) -> str:
     """Return an error of position and, where the platform rotates, of rotation."""
     units = found.mechanism.units
-    text = f"{number(position / units.factor('length'))} {units.length}"
-    if not rotates(found):
-        return text
-    return f"{text} and {number(rotation / units.factor('angle'))} {units.angle}"
+    text = units.words(position, "length")
+    return f"{text} and {units.words(rotation, 'angle')}" if rotates(found) else text
 
 
 def _over_poses(found: Sensitivity, grid: Grid | None) -> list[str]:
@@ -95,14 +91,13 @@ def _together(found: Sensitivity) -> list[str]:
     head = f"{len(found.moved)} errors of {size:g} {size_unit(found)} together"
     if not np.isfinite(one.exact).all():
         return [f"{head} are too large: the machine has no pose at home's joint values then."]
-    linear, exact = (v[0] / [units.factor("length"), units.factor("angle")]
-                     for v in (one.linear, one.exact))
+    linear, exact = ([units.words(v, q, 7) for v, q in zip(both[0], ("length", "angle"),
+                                                           strict=True)]
+                     for both in (one.linear, one.exact))
     relative = one.apart[0, 0] / one.linear[0, 0] if one.linear[0, 0] > 0.0 else None
     turned = "" if not rotates(found) else (
-        f" and turn it by {number(linear[1], 7)} {units.angle} (linear), "
-        f"{number(exact[1], 7)} {units.angle} (nonlinear)")
-    return [f"{head} move the tool by {number(linear[0], 7)} {units.length} (linear), "
-            f"{number(exact[0], 7)} {units.length} (nonlinear), apart by "
+        f" and turn it by {linear[1]} (linear), {exact[1]} (nonlinear)")
+    return [f"{head} move the tool by {linear[0]} (linear), {exact[0]} (nonlinear), apart by "
             f"{number(relative, 3)} of it{turned}."]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ppmcal.calibration.fit import SessionKnowledge, Sight
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
-from ppmcal.io.results.units import Numbers, column_factor, numbers
+from ppmcal.io.results.units import Numbers, column_factor
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
@@ -30,10 +30,8 @@ class SessionRows(Part):
     def of(cls, s: Sight, mechanism: Mechanism) -> SessionRows:
         """Return the rows in file units."""
         joint = np.array([f for f, _ in mechanism.joint_units])
-        return cls(name=s.name, kind=s.kind, rotations=s.rotations,
-                   joints=tuple(map(numbers, s.q / joint)),
-                   rest=tuple(map(numbers, s.rest / rest_factors(s.rest.shape[1], s.rotations,
-                                                                 mechanism.units))))
+        rest = s.rest / rest_factors(s.rest.shape[1], s.rotations, mechanism.units)
+        return cls.filled(s, joints=s.q / joint, rest=rest)
 
 
 def rest_factors(count: int, rotations: int, units: Units) -> Array:
@@ -65,7 +63,5 @@ class SessionInformation(Part):
            ) -> SessionInformation:
         """Return the entry in file units."""
         f = np.array([column_factor(mechanism, n) for n in (*parameters, *s.names)])
-        return cls(names=s.names, matrix=tuple(map(numbers, s.matrix * f)), right=numbers(s.right),
-                   unit_of_columns=numbers(s.scale / f[len(parameters):]), noise=s.noise,
-                   spread=s.spread, degrees=s.degrees, single=s.single,
-                   rows=tuple(SessionRows.of(d, mechanism) for d in s.sights))
+        return cls.filled(s, matrix=s.matrix * f, unit_of_columns=s.scale / f[len(parameters):],
+                          rows=tuple(SessionRows.of(d, mechanism) for d in s.sights))

@@ -12,7 +12,8 @@ import yaml
 from ppmcal.calibration.fit import coordinates_of
 from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.effects import effects_tree
-from ppmcal.io.results.record import Provenance, Record, Shown, Text, UnitNames, Whole
+from ppmcal.io.results.codec import unsaid
+from ppmcal.io.results.record import Provenance, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.io.yaml import printable
 from ppmcal.model.dataset import ZERO_CELSIUS
@@ -20,6 +21,7 @@ from ppmcal.model.instruments import NUMBERS, SCALARS
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.simulation.scenario import Scenario
 from ppmcal.simulation.simulate import Campaign
+from ppmcal.units import Angle, ByCoordinate, Length, Units
 
 
 class TruthRecord(Record):
@@ -35,13 +37,13 @@ class TruthRecord(Record):
 
     errors: Mapping[Text, Shown] = field(default_factory=dict)
     parameters: Mapping[Text, Shown] = field(default_factory=dict)
-    frame: Mapping[Text, Shown] = field(default_factory=dict)
-    target: tuple[Shown, ...] = ()
-    target_rotation: tuple[Shown, ...] = ()
+    frame: ByCoordinate[Mapping[Text, Shown]] = field(default_factory=dict)
+    target: Length[tuple[Shown, ...]] = ()
+    target_rotation: Angle[tuple[Shown, ...]] = ()
     outliers: tuple[Whole, ...] = ()
     effects: tuple[Mapping[str, Any], ...] = ()
     left_out: tuple[Text, ...] = ()
-    units: UnitNames = UnitNames()
+    units: Units = unsaid(Units)
     provenance: Provenance = Provenance()
 
     @classmethod
@@ -57,15 +59,12 @@ class TruthRecord(Record):
             values[p.name] = true / f
             if true != nominal:
                 errors[p.name] = (true - nominal) / f
-        length, angle = units.factor("length"), units.factor("angle")
-        frame = scenario.frame / np.array([length] * 3 + [angle] * 3)
-        return cls(format=cls.FORMAT, errors=errors, parameters=values,
-                   frame=dict(zip(POSE_COORDINATES, frame.tolist(), strict=True)),
-                   target=tuple((scenario.target / length).tolist()),
-                   target_rotation=tuple((scenario.target_rotation / angle).tolist()),
-                   outliers=tuple((np.flatnonzero(campaign.outlier) + 1).tolist()),
-                   effects=tuple(effects_tree(campaign.with_effects)), left_out=campaign.left_out,
-                   units=UnitNames.of(units), provenance=Provenance(**provenance))
+        return cls.filled(None, units, format=cls.FORMAT, errors=errors, parameters=values,
+                          frame=dict(zip(POSE_COORDINATES, scenario.frame, strict=True)),
+                          target=scenario.target, target_rotation=scenario.target_rotation,
+                          outliers=np.flatnonzero(campaign.outlier) + 1,
+                          effects=effects_tree(campaign.with_effects), left_out=campaign.left_out,
+                          units=units, provenance=Provenance(**provenance))
 
 
 def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: str,

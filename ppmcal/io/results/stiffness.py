@@ -11,10 +11,12 @@ import numpy as np
 
 from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.stiffness import Principal
+from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
 from ppmcal.io.results.stiffness_tables import (
-    Load,
+    WRENCH,
+    AppliedLoad,
     StiffnessStudy,
     maps,
     principal_table,
@@ -24,8 +26,8 @@ from ppmcal.io.results.stiffness_wording import findings, sentences
 from ppmcal.io.results.tables import map_table, unit_map
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.plotting.map_data import Map
+from ppmcal.units import ByCoordinate, Length, OfUnit
 
-WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 Row = tuple[Shown | None, ...]
 
 
@@ -36,7 +38,7 @@ class PrincipalStiffness(Part):
     """
 
     unit: Text = ""
-    values: Row = ()
+    values: OfUnit[Row] = ()
     rigid: tuple[Flag, ...] = ()
     axes: tuple[Text, ...] = ()
     directions: tuple[Row, ...] = ()
@@ -45,10 +47,10 @@ class PrincipalStiffness(Part):
     def of(cls, mechanism: Mechanism, found: Principal, quantity: str) -> Self:
         """Return the principal stiffnesses of ``N/length`` or ``N.m/angle``."""
         axes = [c for c in mechanism.dof if (c < 3) == (quantity == "N/length")]
-        values = found.values[0] / mechanism.units.factor(quantity)
-        return cls(unit=mechanism.units.name(quantity), values=values.tolist(),
-                   rigid=np.isinf(values).tolist(), axes=tuple(POSE_COORDINATES[c] for c in axes),
-                   directions=found.directions[0].T.tolist())
+        return cls.filled(None, mechanism.units, unit=quantity, values=found.values[0],
+                          rigid=np.isinf(found.values[0]),
+                          axes=tuple(POSE_COORDINATES[c] for c in axes),
+                          directions=found.directions[0].T)
 
 
 class HomeMatrix(Part):
@@ -60,54 +62,35 @@ class HomeMatrix(Part):
     units: Text = ""
 
 
-class AppliedLoad(Part):
-    """The load at the tool point in base axes, N and N m, and in words."""
-
-    words: Text = ""
-    fx: Shown | None = None
-    fy: Shown | None = None
-    fz: Shown | None = None
-    mx: Shown | None = None
-    my: Shown | None = None
-    mz: Shown | None = None
-
-    @classmethod
-    def of(cls, load: Load) -> Self:
-        """Return a load."""
-        fx, fy, fz, mx, my, mz = load.wrench.tolist()
-        return cls(words=load.words, fx=fx, fy=fy, fz=fz, mx=mx, my=my, mz=mz)
-
-
 class HomeStiffness(Part):
     """All numbers at home; lengths and angles in the machine's units."""
 
-    pose: Mapping[str, Shown | None] = field(default_factory=dict)
+    pose: ByCoordinate[Mapping[str, Shown | None]] = field(default_factory=dict)
     status: Text = ""
-    tool: tuple[Shown, ...] = ()
+    tool: Length[tuple[Shown, ...]] = ()
     translational: PrincipalStiffness = PrincipalStiffness()
     rotational: PrincipalStiffness = PrincipalStiffness()
     compliance: HomeMatrix = HomeMatrix()
     stiffness: HomeMatrix = HomeMatrix()
     load: AppliedLoad | None = None
-    deflection: Mapping[str, Shown | None] | None = None
+    deflection: ByCoordinate[Mapping[str, Shown | None] | None] = None
 
     @classmethod
     def of(cls, study: StiffnessStudy) -> Self:
         """Return what was found at home in file units."""
         mechanism, found = study.mechanism, study.home.compliance
         units, dof = mechanism.units, list(mechanism.dof)
-        factor = np.array([units.factor("length" if c < 3 else "angle") for c in dof])
+        factor = factors(units)[dof]
         names = tuple(POSE_COORDINATES[c] for c in dof)
         loads = tuple(WRENCH[c] for c in dof)
         compliance, stiffness = found.matrix[0] / factor[:, None], found.stiffness[0] * factor
         loaded: dict[str, Any] = {}
         if study.load is not None:
-            moved = found.deflection(study.load.wrench)[0, dof] / factor
-            loaded = {"load": AppliedLoad.of(study.load),
-                      "deflection": dict(zip(names, moved.tolist(), strict=True))}
-        return cls(
-            pose=dict(zip(names, (study.home.pose[dof] / factor).tolist(), strict=True)),
-            status=study.home.status, tool=(study.tool / units.factor("length")).tolist(),
+            moved = found.deflection(study.load.wrench)[0, dof]
+            loaded = {"load": study.load, "deflection": dict(zip(names, moved, strict=True))}
+        return cls.filled(
+            None, units, pose=dict(zip(names, study.home.pose[dof], strict=True)),
+            status=study.home.status, tool=study.tool,
             translational=PrincipalStiffness.of(mechanism, found.translational(), "N/length"),
             rotational=PrincipalStiffness.of(mechanism, found.rotational(), "N.m/angle"),
             compliance=HomeMatrix(rows=names, columns=loads, matrix=compliance.tolist(),

@@ -3,26 +3,43 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from ppmcal.design.stiffness import Home, Stiffnesses
 from ppmcal.io.results.design import ShownTable
+from ppmcal.io.results.record import Part, Shown, Text
 from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.plotting.map_data import Map
 
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WIDE = 30.0
 """Colours go with the logarithm where values differ by more than this factor."""
 
 
-@dataclass(frozen=True, eq=False)
-class Load:
-    """A load at the tool point: ``wrench`` (6,) in base axes, N and N m, and in words."""
+class AppliedLoad(Part):
+    """The load at the tool point in base axes, N and N m, and in words."""
 
-    wrench: Array
-    words: str
+    words: Text = ""
+    fx: Shown | None = None
+    fy: Shown | None = None
+    fz: Shown | None = None
+    mx: Shown | None = None
+    my: Shown | None = None
+    mz: Shown | None = None
+
+    @classmethod
+    def of(cls, wrench: Array, words: str) -> Self:
+        """Return the load of a wrench (6,)."""
+        return cls(words=words, **dict(zip(WRENCH, wrench.tolist(), strict=True)))
+
+    @property
+    def wrench(self) -> Array:
+        """Force and moment (6,)."""
+        return np.array([getattr(self, c) for c in WRENCH], dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +59,7 @@ class StiffnessStudy:
     wanted: Array
     grid: Grid | None
     tool: Array
-    load: Load | None
+    load: AppliedLoad | None
     home: Home
     found: Stiffnesses
     notes: tuple[str, ...] = ()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ppmcal.design.stiffness import Home, Principal, Stiffnesses
-from ppmcal.io.results.stiffness_tables import Load, StiffnessStudy
+from ppmcal.io.results.stiffness_tables import AppliedLoad, StiffnessStudy
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
@@ -36,7 +36,7 @@ def _amount(mechanism: Mechanism, value: float, quantity: str) -> str:
     """Return an SI value in file units, with the machine builder's unit where that differs."""
     if np.isinf(value):
         return "infinite"
-    text = f"{value / mechanism.units.factor(quantity):.4g} {mechanism.units.name(quantity)}"
+    text = mechanism.units.words(value, quantity)
     if quantity == "N/length" and mechanism.units.length in ("m", "in"):
         text += f" ({value / 1e6:.4g} N/um)"
     elif quantity == "length" and mechanism.units.length != "um":
@@ -44,12 +44,11 @@ def _amount(mechanism: Mechanism, value: float, quantity: str) -> str:
     return text
 
 
-def _at_home(mechanism: Mechanism, home: Home, tool: Array, load: Load | None) -> list[str]:
+def _at_home(mechanism: Mechanism, home: Home, tool: Array, load: AppliedLoad | None) -> list[str]:
     """Return what there is to say of home."""
-    length = mechanism.units.factor("length")
     point = "the platform origin"
     if tool.any():
-        place = tool[[c for c in mechanism.dof if c < 3]] / length
+        place = tool[[c for c in mechanism.dof if c < 3]] / mechanism.units.factor("length")
         point = f"the tool point {_tuple(place)} {mechanism.units.length} in platform axes"
     found = home.compliance
     out = [f"At home, at {point}: translational stiffness "
@@ -80,7 +79,7 @@ def _span(mechanism: Mechanism, found: Principal, quantity: str, what: str) -> s
     return " to ".join(out)
 
 
-def _deflection(mechanism: Mechanism, home: Home, load: Load) -> str:
+def _deflection(mechanism: Mechanism, home: Home, load: AppliedLoad) -> str:
     """Return by how far the tool gives way at home."""
     if not np.isfinite(home.compliance.shares(load.wrench)).any():
         return f"Under {load.words} nothing gives way there."
@@ -89,15 +88,15 @@ def _deflection(mechanism: Mechanism, home: Home, load: Load) -> str:
                 np.linalg.norm(moved[3:]) * mechanism.length_scale)
     scale = np.repeat([1.0, mechanism.length_scale], 3)
     moved = np.where(np.abs(moved) * scale > ROUND_OFF * whole, moved, 0.0)
-    length, angle = mechanism.units.factor("length"), mechanism.units.factor("angle")
+    units, length = mechanism.units, mechanism.units.factor("length")
     axes = [c for c in mechanism.dof if c < 3]
     size = _amount(mechanism, float(np.linalg.norm(moved[:3])), "length")
     out = (f"Under {load.words} the tool there moves {size}: "
            + ", ".join(f"{POSE_COORDINATES[c]} {moved[c] / length:+.3g}" for c in axes)
-           + f" {mechanism.units.length}")
+           + f" {units.length}")
     if any(c >= 3 for c in mechanism.dof):
-        out += (f"; the platform turns {np.linalg.norm(moved[3:]) / angle:.3g} "
-                f"{mechanism.units.angle}")
+        turn = float(np.linalg.norm(moved[3:]))
+        out += f"; the platform turns {units.words(turn, 'angle', 3)}"
     return out + "."
 
 
@@ -131,11 +130,10 @@ def _place(mechanism: Mechanism, found: Stiffnesses, row: int) -> str:
     for c in mechanism.dof:
         if c < 3 or turned:
             quantity = "length" if c < 3 else "angle"
-            value = pose[c] / mechanism.units.factor(quantity)
             # round-off of a coordinate that is solved for is no place
             small = ROUND_OFF * (mechanism.reach if c < 3 else 1.0)
-            parts.append(f"{POSE_COORDINATES[c]} {value if abs(pose[c]) > small else 0.0:.4g} "
-                         f"{mechanism.units.name(quantity)}")
+            value = pose[c] if abs(pose[c]) > small else 0.0
+            parts.append(f"{POSE_COORDINATES[c]} {mechanism.units.words(value, quantity)}")
     return ", ".join(parts)
 
 
@@ -161,7 +159,7 @@ def _assumptions(mechanism: Mechanism) -> list[str]:
     return out
 
 
-def _home_findings(mechanism: Mechanism, home: Home, load: Load | None) -> list[str]:
+def _home_findings(mechanism: Mechanism, home: Home, load: AppliedLoad | None) -> list[str]:
     """Return what is wrong with home."""
     out = []
     if load is not None:
@@ -178,7 +176,7 @@ def _home_findings(mechanism: Mechanism, home: Home, load: Load | None) -> list[
     return out
 
 
-def _map_findings(mechanism: Mechanism, found: Stiffnesses, load: Load | None) -> list[str]:
+def _map_findings(mechanism: Mechanism, found: Stiffnesses, load: AppliedLoad | None) -> list[str]:
     """Return what is wrong with the poses."""
     if not found.ok.any():
         return ["no pose has a stiffness: " + _reasons(found)]

@@ -18,6 +18,7 @@ from ppmcal.io.results.tables import pose_columns
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import Angle, Length
 
 METHODS = ("file", "mean", "equal", "cost")
 STAGES = (("built", "as built"), ("registered", "registered only"), ("calibrated", "calibrated"))
@@ -66,18 +67,19 @@ class StageYield(Part):
     share: Shown | None = None
     interval: tuple[Shown, ...] = ()
     going: Whole = 0
-    position_rms: Shown | None = None
-    rotation_rms: Shown | None = None
+    position_rms: Length[Shown | None] = None
+    rotation_rms: Angle[Shown | None] = None
 
     @classmethod
     def of(cls, r: ToleranceResult, stage: str, words: str, errors: MachineErrors) -> Self:
         """Return how many machines are in specification at a stage."""
-        share, units = count(errors, r.demand), r.machine.units
-        return cls(stage=stage, words=words, in_specification=share.hits, machines=share.total,
-                   share=share.hits / share.total, interval=share.interval,
-                   going=int(np.isfinite(errors.position).all(axis=1).sum()),
-                   position_rms=float(rms(errors.position)) / units.factor("length"),
-                   rotation_rms=float(rms(errors.rotation)) / units.factor("angle"))
+        share = count(errors, r.demand)
+        return cls.filled(share, r.machine.units, stage=stage, words=words,
+                          in_specification=share.hits, machines=share.total,
+                          share=share.hits / share.total,
+                          going=int(np.isfinite(errors.position).all(axis=1).sum()),
+                          position_rms=float(rms(errors.position)),
+                          rotation_rms=float(rms(errors.rotation)))
 
 
 def tolerance_table(r: ToleranceResult) -> list[Column]:

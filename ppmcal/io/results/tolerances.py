@@ -7,7 +7,8 @@ from dataclasses import field
 from typing import Annotated, Any, ClassVar, Self
 
 from ppmcal.calibration.fit import pictures_beside
-from ppmcal.io.results.codec import Key
+from ppmcal.design.tolerance_allocation import Demand
+from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.design import ShownTable, geometry_note
 from ppmcal.io.results.record import Part, Provenance, Record, Shown, Text, Whole, table_text
 from ppmcal.io.results.tables import unit_map
@@ -22,14 +23,7 @@ from ppmcal.io.results.tolerance_tables import (
 )
 from ppmcal.io.results.tolerances_wording import findings, sentences
 from ppmcal.model.mechanism import Mechanism
-
-
-class DemandedAccuracy(Part):
-    """The accuracy demanded, units as in ``units``, of a ``share`` of the machines."""
-
-    position: Shown | None = None
-    rotation: Shown | None = None
-    share: Shown | None = None
+from ppmcal.units import Key, Length
 
 
 class LinearCheck(Part):
@@ -40,7 +34,7 @@ class LinearCheck(Part):
 
     poses: Whole = 0
     agree: Whole = 0
-    calibrated_predicted: Shown | None = None
+    calibrated_predicted: Length[Shown | None] = None
 
 
 class TolerancesRecord(Record):
@@ -57,12 +51,12 @@ class TolerancesRecord(Record):
     said: tuple[Text, ...] = ()
     units: Mapping[str, Text] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
-    demand: DemandedAccuracy = DemandedAccuracy()
+    demand: Demand = unsaid(Demand)
     method: Text = ""
     stages: Annotated[tuple[StageYield, ...], Key("yield")] = ()
     costs: Mapping[str, Shown | None] = field(default_factory=dict)
     errors: Whole = 0
-    mean_deviation: Shown | None = None
+    mean_deviation: Length[Shown | None] = None
     linear: LinearCheck = LinearCheck()
     tables: tuple[ShownTable, ...] = ()
     pictures: Mapping[str, Text] | None = None
@@ -71,27 +65,23 @@ class TolerancesRecord(Record):
     @classmethod
     def of(cls, r: ToleranceResult, mechanism: Mechanism, provenance: Mapping[str, Any]) -> Self:
         """Return the record of tolerances found for ``mechanism``."""
-        units, d = r.machine.units, r.demand
-        length, angle = units.factor("length"), units.factor("angle")
+        units = r.machine.units
         stated = {c.name: units.name(c.quantity)
                   for c in (*tolerance_table(r), *errors_table(r)) if c.quantity}
         stages = tuple(StageYield.of(r, *stage) for stage in r.stages())
-        return cls(
-            format=cls.FORMAT, name=r.machine.name,
+        return cls.filled(
+            None, units, format=cls.FORMAT, name=r.machine.name,
             said=(*sentences(r, stages), *geometry_note(mechanism)),
             units={**unit_map(r.machine, r.machine.coordinates), **stated,
                    "position": units.length, "rotation": units.angle,
                    "position_rms": units.length, "rotation_rms": units.angle},
             findings=tuple(findings(r, mechanism)),
-            demand=DemandedAccuracy(
-                position=None if d.position is None else d.position / length,
-                rotation=None if d.rotation is None else d.rotation / angle, share=d.share),
-            method=r.chosen, stages=stages,
+            demand=r.demand, method=r.chosen, stages=stages,
             costs={m: a.cost for m, a in r.allocations.items()}, errors=len(r.sources),
-            mean_deviation=None if r.sigma_one is None else r.sigma_one / length,
-            linear=LinearCheck(
-                poses=len(r.check.agrees), agree=int(r.check.agrees.sum()),
-                calibrated_predicted=None if r.predicted is None else r.predicted / length),
+            mean_deviation=r.sigma_one,
+            linear=LinearCheck.filled(
+                None, units, poses=len(r.check.agrees), agree=int(r.check.agrees.sum()),
+                calibrated_predicted=r.predicted),
             tables=(_yield_table(stages, units.length), slot_table(r), ShownTable(
                 title="Cost", columns=("method", "cost"), note="",
                 rows=tuple((m, a.cost) for m, a in r.allocations.items()))),

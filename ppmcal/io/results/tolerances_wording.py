@@ -26,8 +26,7 @@ def sentences(r: ToleranceResult, stages: Sequence[StageYield]) -> list[str]:
 def _demanded(r: ToleranceResult) -> str:
     units, d = r.machine.units, r.demand
     parts = ((d.position, "length"), (d.rotation, "angle"))
-    asked = [f"{number(value / units.factor(quantity))} {units.name(quantity)}"
-             for value, quantity in parts if value is not None]
+    asked = [units.words(value, quantity) for value, quantity in parts if value is not None]
     return (f"{r.machine.name}: {len(r.sources)} errors, tolerances {METHOD_WORDS[r.chosen]}, for "
             f"{' and '.join(asked)} at each of {len(r.fleet.tasks.q)} task poses.")
 
@@ -35,9 +34,8 @@ def _demanded(r: ToleranceResult) -> str:
 def _mean_deviation(r: ToleranceResult) -> list[str]:
     if r.sigma_one is None:
         return []
-    units = r.machine.units
     return ["One standard deviation for all errors that gives an rms error of the accuracy "
-            f"at home: {number(r.sigma_one / units.factor('length'))} {units.length} (accuracy "
+            f"at home: {r.machine.units.words(r.sigma_one, 'length')} (accuracy "
             "over the amplification index)."]
 
 
@@ -54,11 +52,10 @@ def _calibrated(r: ToleranceResult) -> list[str]:
     setup, units = r.fleet.setup, r.machine.units
     if setup is None or not np.isfinite(setup.instrument.sigma_position):
         return []
-    length = units.factor("length")
     predicted = "" if r.predicted is None else (
-        f"; the linear model expects {number(r.predicted / length)} {units.length} rms")
+        f"; the linear model expects {units.words(r.predicted, 'length')} rms")
     return [f"Calibrated with {len(setup.q)} poses, instrument {setup.instrument.kind} of "
-            f"{number(setup.instrument.sigma_position / length)} {units.length}{predicted}."]
+            f"{units.words(setup.instrument.sigma_position, 'length')}{predicted}."]
 
 
 def _linear_check(r: ToleranceResult) -> str:

@@ -2,11 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from ppmcal.io.results.record import Finite
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import Units, coordinate_quantity
 
 Numbers = tuple[Finite | None, ...]
+COLUMN = "column "
+JOINT = "column homing."
+"""Before the name of a column, or of a joint: its own quantity."""
+
+
+@dataclass(frozen=True)
+class MachineUnits(Units):
+    """Units of a machine's file, in which a column of a fit or a joint is a quantity too."""
+
+    mechanism: Mechanism
+
+    @classmethod
+    def of(cls, mechanism: Mechanism) -> MachineUnits:
+        """Return the units of a machine's file."""
+        return cls(mechanism.units.length, mechanism.units.angle, mechanism)
+
+    def factor(self, quantity: str) -> float:
+        """Return the SI value of one file unit of a quantity, or of :data:`COLUMN` and a name."""
+        column = quantity.removeprefix(COLUMN)
+        return super().factor(quantity) if column == quantity else column_factor(self.mechanism,
+                                                                                 column)
+
+    def name(self, quantity: str) -> str:
+        """Return the name of the unit, empty for a bare number."""
+        column = quantity.removeprefix(COLUMN)
+        return super().name(quantity) if column == quantity else column_unit(self.mechanism, column)
 
 
 def numbers(values: Array) -> Numbers:
@@ -24,7 +53,7 @@ def column_factor(mechanism: Mechanism, name: str) -> float:
         return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][0]
     if head == "scale":
         return 1e-6
-    return mechanism.units.factor("angle" if head.split(".")[-1].startswith("r") else "length")
+    return mechanism.units.factor(coordinate_quantity(head.split(".")[-1]))
 
 
 def column_unit(mechanism: Mechanism, name: str) -> str:
@@ -36,7 +65,7 @@ def column_unit(mechanism: Mechanism, name: str) -> str:
         return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][1]
     if head == "scale":
         return "ppm"
-    return mechanism.units.name("angle" if head.split(".")[-1].startswith("r") else "length")
+    return mechanism.units.name(coordinate_quantity(head.split(".")[-1]))
 
 
 def parameter_unit(mechanism: Mechanism, name: str) -> str:

@@ -9,9 +9,10 @@ from typing import Any, ClassVar
 from ppmcal.calibration.sessions import REPEATS, STATED, DayNoise, UnlikeRow
 from ppmcal.calibration.validation import ModelError, Validated
 from ppmcal.io import csv_text
-from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, UnitNames, Whole
+from ppmcal.io.results.codec import unsaid
+from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, Whole
 from ppmcal.model.measured import MISSED
-from ppmcal.units import Units
+from ppmcal.units import OfUnit, Units
 from ppmcal.wording import number
 
 OPENED = {"frame": "the frame", "target": "the target", "rotation": "the body's rotation",
@@ -34,21 +35,21 @@ class ErrorSize(Part):
     an open end.
     """
 
-    rms: Finite | None = None
-    rms_low: Finite | None = None
-    rms_high: Finite | None = None
-    p95: Finite | None = None
-    p95_low: Finite | None = None
-    p95_high: Finite | None = None
-    max: Finite | None = None
+    rms: OfUnit[Finite | None] = None
+    rms_low: OfUnit[Finite | None] = None
+    rms_high: OfUnit[Finite | None] = None
+    p95: OfUnit[Finite | None] = None
+    p95_low: OfUnit[Finite | None] = None
+    p95_high: OfUnit[Finite | None] = None
+    max: OfUnit[Finite | None] = None
     unit: Text = ""
 
     @classmethod
-    def of(cls, found: Mapping[str, float], factor: float, unit: str) -> ErrorSize | None:
+    def of(cls, found: Mapping[str, float], units: Units, quantity: str) -> ErrorSize | None:
         """Return a size in file units, None where nothing of the kind was measured."""
         if not found:
             return None
-        return cls(**{k: found[k] / factor for k in SIZES}, unit=unit)
+        return cls.filled(None, units, **{k: found[k] for k in SIZES}, unit=quantity)
 
 
 class PredictedError(Part):
@@ -61,22 +62,22 @@ class PredictedError(Part):
     position: ErrorSize | None = None
     rotation: ErrorSize | None = None
     noise: Finite | None = None
-    closer: Finite | None = None
-    low: Finite | None = None
-    high: Finite | None = None
+    closer: OfUnit[Finite | None] = None
+    low: OfUnit[Finite | None] = None
+    high: OfUnit[Finite | None] = None
     unit: Text = ""
     verdict: Text = ""
 
     @classmethod
     def of(cls, found: ModelError, units: Units, first: bool) -> PredictedError:
         """Return an error in file units; ``first``: others are held against this one."""
-        length, angle = units.factor("length"), units.factor("angle")
-        factor, unit = (length, units.length) if found.position else (angle, units.angle)
+        low, high = found.interval
         verdict = "" if first else {1: "better", 0: "same", -1: "worse"}[found.sure]
-        return cls(model=found.label, position=ErrorSize.of(found.position, length, units.length),
-                   rotation=ErrorSize.of(found.rotation, angle, units.angle), noise=found.noise,
-                   closer=found.closer / factor, low=found.interval[0] / factor,
-                   high=found.interval[1] / factor, unit=unit, verdict=verdict)
+        return cls.filled(
+            found, units, model=found.label, verdict=verdict, low=low, high=high,
+            position=ErrorSize.of(found.position, units, "length"),
+            rotation=ErrorSize.of(found.rotation, units, "angle"),
+            unit="length" if found.position else "angle")
 
 
 class NoiseUsed(Part):
@@ -141,7 +142,7 @@ class ValidationRecord(Record):
     FORMAT: ClassVar[str] = "ppmcal/validation/1"
 
     name: Text = ""
-    units: UnitNames = UnitNames()
+    units: Units = unsaid(Units)
     column_units: Mapping[Text, Text] = field(default_factory=dict)
     datasets: tuple[ValidatedDataset, ...] = ()
     findings: tuple[Text, ...] = ()
@@ -155,7 +156,7 @@ class ValidationRecord(Record):
         datasets = tuple(ValidatedDataset.of(v, units, n)
                          for v, n in zip(found, noise, strict=True))
         return cls(
-            format=cls.FORMAT, name=name, units=UnitNames.of(units), datasets=datasets,
+            format=cls.FORMAT, name=name, units=units, datasets=datasets,
             column_units=_column_units(units, datasets),
             findings=(*findings, *misled(datasets)),
             provenance=Provenance(**provenance))

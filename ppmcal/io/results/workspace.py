@@ -12,11 +12,10 @@ import numpy as np
 from ppmcal.design.workspace import Workspace
 from ppmcal.io.results.design import NumberWithUnit, ShownTable
 from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
-from ppmcal.io.results.tables import pose_columns, unit_map
+from ppmcal.io.results.tables import unit_map
 from ppmcal.io.results.workspace_tables import (
     ModeRow,
     csv_files,
-    distance_unit,
     left_out,
     left_table,
     modes_table,
@@ -26,6 +25,7 @@ from ppmcal.io.results.workspace_tables import (
 )
 from ppmcal.io.results.workspace_wording import assembly_modes, findings, reach, singularities
 from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.units import ByCoordinate, OfUnit
 
 MEANING = {
     "condition": "smallest singular value of A, rotation columns divided by length_scale",
@@ -45,8 +45,8 @@ MEANING = {
 class GridAxis(Part):
     """One coordinate of the grid."""
 
-    low: Shown | None = None
-    high: Shown | None = None
+    low: OfUnit[Shown | None] = None
+    high: OfUnit[Shown | None] = None
     levels: Whole = 0
     unit: Text = ""
 
@@ -82,21 +82,20 @@ class HomeConditioning(Part):
 class SingularPose(Part):
     """The singular pose nearest to home; ``grid_ends_at``: distance to the end of the grid."""
 
-    distance: Shown | None = None
+    distance: OfUnit[Shown | None] = None
     unit: Text = ""
-    pose: Mapping[str, Shown | None] = field(default_factory=dict)
-    grid_ends_at: Shown | None = None
+    pose: ByCoordinate[Mapping[str, Shown | None]] = field(default_factory=dict)
+    grid_ends_at: OfUnit[Shown | None] = None
 
     @classmethod
     def of(cls, found: Workspace) -> Self | None:
         """Return the singular pose in the machine's units, None where the grid has none."""
         if found.nearest is None:
             return None
-        factor, unit = distance_unit(found)
-        pose = pose_columns(found.mechanism, found.nearest.pose[None])
-        return cls(distance=found.nearest.distance / factor, unit=unit,
-                   pose={name: float(v[0]) for name, v in pose.items()},
-                   grid_ends_at=found.nearest.edge / factor)
+        machine, near = found.mechanism, found.nearest
+        return cls.filled(near, machine.units, unit=found.distance_quantity, grid_ends_at=near.edge,
+                          pose=dict(zip(machine.coordinates, near.pose[list(machine.dof)],
+                                        strict=True)))
 
 
 class SingularSet(Part):
@@ -177,9 +176,10 @@ class WorkspaceRecord(Record):
             pictures={f"map_{m.name}.png": m.title for m in plotted(found)},
             tables=tuple(t for t in (left_table(found), modes_table(found, rows)) if t),
             columns=MEANING,
-            units=unit_map(machine, header) | {"singularity_distance": distance_unit(found)[1]},
-            length_scale=NumberWithUnit(value=machine.length_scale / machine.units.factor("length"),
-                                  unit=machine.units.length),
+            units=unit_map(machine, header) | {
+                "singularity_distance": machine.units.name(found.distance_quantity)},
+            length_scale=NumberWithUnit.filled(None, machine.units, value=machine.length_scale,
+                                               unit="length"),
             provenance=Provenance(**provenance))
 
     def files(self, found: Workspace, rows: Sequence[ModeRow]) -> dict[str, str]:
@@ -188,13 +188,10 @@ class WorkspaceRecord(Record):
 
 
 def _axes(found: Workspace) -> dict[str, GridAxis]:
-    units, out = found.mechanism.units, {}
-    for c, level in zip(found.grid.coordinates, found.grid.levels, strict=True):
-        quantity = "length" if c < 3 else "angle"
-        f = units.factor(quantity)
-        out[POSE_COORDINATES[c]] = GridAxis(low=float(level[0]) / f, high=float(level[-1]) / f,
-                                            levels=len(level), unit=units.name(quantity))
-    return out
+    return {POSE_COORDINATES[c]: GridAxis.filled(
+        None, found.mechanism.units, low=float(level[0]), high=float(level[-1]),
+        levels=len(level), unit="length" if c < 3 else "angle")
+        for c, level in zip(found.grid.coordinates, found.grid.levels, strict=True)}
 
 
 def _home(found: Workspace) -> HomeConditioning:

@@ -177,12 +177,6 @@ def places(mechanism: Mechanism, pose: Array) -> dict[str, list[str]]:
     return out
 
 
-def distance_unit(found: Workspace) -> tuple[float, str]:
-    """Return SI value and name of the unit of distances to singularities."""
-    units = found.mechanism.units
-    return units.factor(found.distance_quantity), units.name(found.distance_quantity)
-
-
 def size_unit(found: Workspace) -> tuple[float, str]:
     """Return SI value and name of the unit of the reachable part: ``mm^2``, ``mm^2 deg``."""
     units = found.mechanism.units

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from ppmcal.design.workspace import Workspace
 from ppmcal.io.results.workspace_tables import (
     ModeRow,
-    distance_unit,
     places,
     size_unit,
     size_word,
@@ -49,14 +48,15 @@ def singularities(found: Workspace) -> list[str]:
         joined = bool((found.table.singular_value >= 0.0).any())
         return ["No singularity on this grid: det A keeps its sign wherever the limbs reach."
                 if joined else "No pose of this grid has joint values."]
-    factor, unit = distance_unit(found)
-    scale = found.mechanism.length_scale / found.mechanism.units.factor("length")
+    units, quantity = found.mechanism.units, found.distance_quantity
+    scale = units.words(found.mechanism.length_scale, "length")
     mixed = len({c >= 3 for c in found.grid.coordinates}) > 1
     count = len(found.singular)
     where = ", ".join(f"{name} {v[0]}" for name, v in
                       places(found.mechanism, near.pose[None]).items())
-    out = [f"Nearest singularity to home on this grid: {near.distance / factor:.4g} {unit}"
-           + (f" (rotations times {scale:.4g} {found.mechanism.units.length})" if mixed else "")
+    out = ["Nearest singularity to home on this grid: "
+           + units.words(near.distance, quantity)
+           + (f" (rotations times {scale})" if mixed else "")
            + f", at {where}; {count} singular pose{'' if count == 1 else 's'} in singular.csv."]
     unsure = int((found.reached & ~found.sure).sum())
     if unsure:
@@ -64,7 +64,7 @@ def singularities(found: Workspace) -> list[str]:
                    "than the singularity found: a nearer one may lie beyond (grid_end in map.csv; "
                    "left out of the picture).")
     if near.distance > near.edge:
-        out.append(f"The grid ends {near.edge / factor:.4g} {unit} from home; beyond its end "
+        out.append(f"The grid ends {units.words(near.edge, quantity)} from home; beyond its end "
                    "there may be nearer ones.")
     return out
 
