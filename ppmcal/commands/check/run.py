@@ -26,7 +26,7 @@ from ppmcal.io.results.misreading import misreading_entries
 from ppmcal.io.results.scene import Scene
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording import number
+from ppmcal.wording import counted, number
 from ppmcal.wording.told import Findings, ShortTable, Told
 
 
@@ -100,8 +100,8 @@ class CheckResult(Check):
             seen = "the measurements" if self.measured else "full-pose measurements about home"
             yield f"Rank with {seen}: {self.rank} of {self.columns}."
         if sets := self._sets:
-            yield (f"{sum(s.combinations for s in sets)} redundant: combinations that cannot be "
-                   f"identified: {unidentifiable_words(sets)}.")
+            yield (f"{counted(sum(s.combinations for s in sets), 'combination')} of parameters not "
+                   f"determined by {seen}: {unidentifiable_words(sets)}.")
         known = self._identifiability
         open_ = known.sentences() if known else []
         yield from open_
