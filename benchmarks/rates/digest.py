@@ -54,6 +54,12 @@ def _is_text(statement: ast.AST) -> bool:
             and isinstance(statement.value.value, str))
 
 
+def _is_sentence(tree: ast.AST) -> bool:
+    parts = tree.values if isinstance(tree, ast.JoinedStr) else [tree]
+    said = [p.value for p in parts if isinstance(p, ast.Constant) and isinstance(p.value, str)]
+    return len(" ".join(said).split()) > 2
+
+
 def unparsed(tree: ast.AST) -> str:
     """Return what `ast.dump` says, the same from Python 3.11 on (3.13 leaves empty lists out).
 
@@ -63,8 +69,7 @@ def unparsed(tree: ast.AST) -> str:
         if isinstance(tree, list):
             return "[" + ",".join(unparsed(t) for t in tree) + "]"
         return repr(tree)
-    if isinstance(tree, ast.Constant) and isinstance(tree.value, str) and (
-            len(tree.value.split()) > 2):
+    if _is_sentence(tree):
         return "Sentence"
     fields = (f"{name}={unparsed(value)}" for name, value in ast.iter_fields(tree)
               if value not in (None, []) and name not in UNTOLD)

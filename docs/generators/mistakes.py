@@ -135,7 +135,7 @@ MISTAKES = (
             "header stands again.*take the line out"),
     Mistake("Too few poses", "Six poses, for a quick try.",
             _rows(lambda rows: rows[:6]), IDENTIFY, 1, "36 numbers for 51 unknowns",
-            r"poses more .* would do, see next\.csv", lines=-11),
+            r"poses more .* would fix that, see next\.csv", lines=-11),
     Mistake("A typo in a key", "`platfrom` in leg 4.",
             _text("mine.yaml", "platform: {point: [-120.7, -2",
                   "platfrom: {point: [-120.7, -2"),

@@ -110,7 +110,7 @@ def test_the_users_choice_and_other_methods_are_not_overruled(printer):
 
 def test_it_is_told_written_and_read_back(printer, tmp_path):
     found = ppmcal.identify(printer, measured(printer, True, 3), holdout=0.0)
-    assert any("left out (8 blocks" in n for n in found.notes)
+    assert any("8 blocks of space" in n for n in found.notes)
     assert [s.kept for s in found.record.freedoms.sets] == [True, True, True]
     found.save(tmp_path)
     again = ppmcal.load(tmp_path / "identified.yaml")

@@ -69,7 +69,7 @@ def test_one_place_decides_whether_the_check_failed(ratio: float, p: float | Non
     assert check.state == state
     words, fine = noise_verdict(check)
     assert fine == (state == AGREES)
-    assert ("larger" in words, "smaller" in words) == (state == LARGER, state == SMALLER)
+    assert ("exceed" in words, "below" in words) == (state == LARGER, state == SMALLER)
 
 
 def test_noise_that_nobody_stated_is_not_called_stated(hexapod: Mechanism) -> None:

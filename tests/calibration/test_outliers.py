@@ -107,7 +107,7 @@ def test_a_distance_that_stands_alone_is_unchecked(tmp_path: Path) -> None:
     bed, one = touches(mechanism, g, rng, 40), calipers(mechanism, g, rng, 1)
     fit = fitted(mechanism, bed, one)
     assert find_gross_errors(fit).unchecked == (("calipers", (int(one.rows[0]),)),)
-    assert "would not show" in GrossErrorSummary.of(
+    assert "would go unnoticed" in GrossErrorSummary.of(
         find_gross_errors(fit), mechanism).unchecked_sentences()[-1]
     several = calipers(mechanism, g, rng, 5)
     assert not find_gross_errors(fitted(mechanism, bed, several)).unchecked

@@ -62,7 +62,7 @@ def test_rows_left_out_are_predicted_by_geometry_alone_and_by_all_that_may_be_th
     assert pose["gain"] == pytest.approx(pose["averaged"]["score"] - pose["geometry"]["score"])
     assert 0.8 < pose["averaged"]["error"] < 1.2 < pose["geometry"]["error"]
     assert pose["geometry"]["error"] == pytest.approx(found["gap"]["before"], rel=0.2)
-    assert "With one pose left out at a time" in " ".join(found["said"].split())
+    assert "Cross-validation error, one pose left out at a time" in " ".join(found["said"].split())
     ppmcal("report", "diagnosed", "--out", "told", cwd=folder)
     assert "log score" in next((folder / "told").glob("*.html")).read_text()
 
