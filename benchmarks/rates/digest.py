@@ -9,7 +9,7 @@ from typing import TypeGuard
 
 import ppmcal
 
-ROOT = Path(ppmcal.__file__).parent
+PACKAGE = Path(ppmcal.__file__).parent
 UNTOLD = ("type_params", "annotation", "returns", "type_comment")
 """Fields of a syntax tree that decide nothing."""
 
@@ -20,8 +20,8 @@ def engine_digest(packages: tuple[str, ...], but: tuple[str, ...] = ()) -> str:
     In which module a definition stands does not count, nor what annotations and sentences say.
     ``but``: paths of modules that do not count.
     """
-    found = [piece for package in packages for path in (ROOT / package).rglob("*.py")
-             if path.relative_to(ROOT).as_posix() not in but
+    found = [piece for package in packages for path in (PACKAGE / package).rglob("*.py")
+             if path.relative_to(PACKAGE).as_posix() not in but
              for piece in pieces_of(path.read_text(encoding="utf-8"))]
     return hashlib.sha256("\n".join(sorted(found)).encode()).hexdigest()[:12]
 

@@ -27,6 +27,7 @@ from ppmcal.io.measurement_columns import LABELS
 from ppmcal.io.sidecar import sidecar_of
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import too_long
 
 CLOSE = 0.002
 """A fit agrees with the saved numbers if all do to this, mm, angles at the radius. Of 28 saved
@@ -62,12 +63,11 @@ def size_sentence(printer: Printer) -> str:
     rods = sum(_geometry(by_parts).arms) / len(TOWERS)
     meant = printer.nominal.geometry.arms
     own = f"{meant[0]:.6g}" if len(set(meant)) == 1 else "as long as the file says"
-    away = 100.0 * (by_rods.state.registrations[1].scale - 1.0)
+    shown = too_long(by_rods.state.registrations[1].scale)
     return (f"Size: longer rods and longer distances look alike. If the distances are true, the "
             f"rods are {rods:.2f} mm; if the rods are {own}"
-            f"{' mm' if len(set(meant)) == 1 else ''}, the distances read {abs(away):.2g} % too "
-            f"{'long' if away > 0.0 else 'short'} (a printed part shrinks, to {SHRUNK[0]:g} to "
-            f"{SHRUNK[1]:g} of its length)")
+            f"{' mm' if len(set(meant)) == 1 else ''}, the distances read {shown} (a "
+            f"printed part shrinks, to {SHRUNK[0]:g} to {SHRUNK[1]:g} of its length)")
 
 
 def _fitted(printer: Printer, rods: str, scale: str = "known") -> Fit | None:

@@ -37,6 +37,26 @@ def main_kind(one: Identified) -> str:
     return next((k for k in kinds if figure(one, "after", k).rms is not None), "")
 
 
+def accuracy(one: Identified) -> str:
+    """Return the error on poses that no fit has seen, where there are some, else in the fit.
+
+    Empty where neither is known.
+    """
+    kind = main_kind(one)
+    before, after, held = (figure(one, s, kind).rms for s in ("before", "after", "holdout"))
+    if after is None:
+        return ""
+    unit = figure(one, "after", kind).unit
+    more = [f"{with_unit(before, unit)} before"] if before is not None else []
+    if held is None:
+        where, first = "in the fit", after
+    else:
+        where, first = "on poses kept out of the fit", held
+        more.append(f"{with_unit(after, unit)} in the fit")
+    return (f"rms {kind} error {with_unit(first, unit)} {where}"
+            + (f" ({', '.join(more)})" if more else ""))
+
+
 def headline(one: Identified) -> list[str]:
     """Return one or two sentences about an identification; none where a diagnosis says them."""
     if one.diagnosed:
@@ -47,21 +67,7 @@ def headline(one: Identified) -> list[str]:
     source = f" from {whole(used)} of {whole(rows)} measurements" if rows else ""
     source += f" ({names})" if source and names else ""
     first = f"{one.name} was calibrated{source}"
-    kind = main_kind(one)
-    if kind:
-        after = figure(one, "after", kind)
-        a, b, h = (figure(one, s, kind).rms for s in ("before", "after", "holdout"))
-        unit = after.unit
-        if h is not None:
-            first += (f": the rms {kind} error is {with_unit(h, unit)} on poses kept out of the fit"
-                      + (f" ({with_unit(a, unit)} before)" if a is not None else ""))
-        elif a is not None and b is not None:
-            verb = "fell" if b <= a else "rose"
-            first += (f": the rms {kind} error {verb} from {with_unit(a, unit)} to "
-                      f"{with_unit(b, unit)} in the fit")
-        elif b is not None:
-            first += f": the rms {kind} error is {with_unit(b, unit)} in the fit"
-    out = [first + "."]
+    out = [": ".join(filter(None, (first, accuracy(one)))) + "."]
     verdict, _ = noise_verdict(one.record.noise)
     if verdict:
         out.append(typeset(verdict[0].upper() + verdict[1:] + "."))

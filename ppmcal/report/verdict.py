@@ -11,10 +11,9 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import gap_closed, next_step
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.identification_parts import ResidualSummary
 from ppmcal.io.results.identification_wording import noise_verdict
-from ppmcal.report.format import count, typeset, with_unit
-from ppmcal.report.headlines import figure, main_kind
+from ppmcal.report.format import count, typeset
+from ppmcal.report.headlines import accuracy, figure, main_kind
 from ppmcal.report.records import Diagnosed, Identified, ReportData
 
 State = Literal["ok", "warn", "bad"]
@@ -84,37 +83,22 @@ def _lines(one: Identified, d: DiagnosisRecord | None) -> tuple[Line, ...]:
 def _calibrated(one: Identified, d: DiagnosisRecord | None) -> Line:
     """Return whether the machine is calibrated, and by how much."""
     r, kind = one.record, main_kind(one)
-    before, after, held = (figure(one, s, kind) for s in ("before", "after", "holdout"))
-    fine = r.noise.state != LARGER and (d is None or d.verdict in SETTLED)
+    before, after = (figure(one, s, kind) for s in ("before", "after"))
     if after.rms is None:
         return Line("Calibrated?", "Not known", "The folder does not say what is left.", "warn")
-    text = _accuracy(kind, before, after, held)
+    text, noisy = accuracy(one), r.noise.state == LARGER
     if before.rms is not None and after.rms > before.rms:
         return Line("Calibrated?", "No", f"{text}: it rose.", "bad")
     if r.converged is False:
         return Line("Calibrated?", "No", f"{text}; the fit had not converged.", "bad")
     if r.campaign is not None:
         return Line("Calibrated?", "In part", f"{text}; these poses cannot tell all of it.", "warn")
-    if d is not None and d.verdict == "named-set" and r.noise.state != LARGER:
-        return Line("Calibrated?", "Yes, cause open", f"{text}; a few effects explain alike what "
-                    "geometry does not.", "warn")
-    if not fine:
-        return Line("Calibrated?", "Not fully", f"{text}; unmodelled residuals remain.",
-                    "warn")
+    if d is not None and d.verdict == "named-set" and not noisy:
+        return Line("Calibrated?", "Yes, cause open", f"{text}; several effects explain "
+                    "equally well what geometry does not.", "warn")
+    if noisy or (d is not None and d.verdict not in SETTLED):
+        return Line("Calibrated?", "Not fully", f"{text}; unmodelled residuals remain.", "warn")
     return Line("Calibrated?", "Yes", f"{text}.", "ok")
-
-
-def _accuracy(kind: str, before: ResidualSummary, after: ResidualSummary,
-              held: ResidualSummary) -> str:
-    """Return the error on poses that no fit has seen, where there are some, else in the fit."""
-    unit, first = after.unit, held if held.rms is not None else after
-    assert first.rms is not None
-    more = [f"{with_unit(before.rms, unit)} before"] if before.rms is not None else []
-    if first is held and after.rms is not None:
-        more.append(f"{with_unit(after.rms, unit)} in the fit")
-    where = "on poses kept out of the fit" if first is held else "in the fit"
-    return (f"rms {kind} error {with_unit(first.rms, unit)} {where}"
-            + (f" ({', '.join(more)})" if more else ""))
 
 
 def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:

@@ -84,6 +84,11 @@ def number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None or math.isnan(value) else f"{value:.{digits}g}"
 
 
+def too_long(ratio: float) -> str:
+    """Return ``0.4 % too short``, where ``ratio`` is of what is shown over what is true."""
+    return f"{100.0 * abs(ratio - 1.0):.2g} % too {'long' if ratio > 1.0 else 'short'}"
+
+
 def chance(p: float) -> str:
     """Return ``p = 0.03``, and ``p < 1e-99`` of what arithmetic may have made 0."""
     return "p < 1e-99" if p < 1e-99 else f"p = {p:.2g}"

@@ -66,7 +66,7 @@ def test_console_and_files_say_it(bench: Path, tmp_path: Path) -> None:
         run = ppmcal(command, bench / "m.yaml", bench / "s" / "measurements.csv", "--out",
                      tmp_path / command)
         said = " ".join(run.out.split())
-        assert f"Before: {DEFINITION}." in said
+        assert f'"Before" is {DEFINITION}.' in said
         record = json.loads((tmp_path / command / "identification.json").read_text())
         told.append(f"{record['residual']['before']['position']['rms']:.4g}")
         assert told[-1] in said

@@ -183,9 +183,9 @@ def test_a_rod_on_a_drawing_does_not_outweigh_a_caliper(tmp_path: Path) -> None:
     found = import_config("klipper", written(tmp_path, config(real, real, pairs=0.995,
                                                               noise=0.01)))
     assert found.scale == "printed" and found.printer.nominal.geometry.arms == (300.0,) * 3
-    rods, shown = re.search(r"the rods are ([\d.]+) mm; if the rods are 300 mm, the distances show "
-                            r"([\d.]+) of", found.headline()).groups()
-    assert float(rods) == pytest.approx(302.5, abs=1.5) and float(shown) > 1.0
+    rods, away = re.search(r"the rods are ([\d.]+) mm; if the rods are 300 mm, the distances read "
+                           r"([\d.]+) % too long", found.headline()).groups()
+    assert float(rods) == pytest.approx(302.5, abs=1.5) and float(away) > 0.0
     found.save(tmp_path / "imported")
     names = [f"imported/{n}" for n in ("machine.yaml", "heights.csv", "distances.csv")]
     ppmcal("identify", *names, cwd=tmp_path)
@@ -285,7 +285,9 @@ def test_calipers_that_are_all_off_take_no_touch_with_them(tmp_path: Path) -> No
     ppmcal("import", "klipper", "printer.cfg", "--rods", "300", "--rods", "fixed", cwd=tmp_path)
     args = ["imported/machine.yaml", "imported/heights.csv", "imported/distances.csv"]
     run = ppmcal("identify", *args, "--holdout", "0", cwd=tmp_path)
-    assert "distances: shows 0.997" in " ".join((run.out + run.err).split())
+    said = " ".join((run.out + run.err).split())
+    away = re.search(r"distances: readings come out ([\d.]+) % too short", said)
+    assert away and 0.2 < float(away[1]) < 0.3, said
     used = {r["dataset"]: r["used"] for r in rows(tmp_path / "identified" / "residuals.csv")}
     assert set(used) == {"heights", "distances"}
     tree = yaml.safe_load((tmp_path / "identified" / "identified.yaml").read_text())

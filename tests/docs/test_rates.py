@@ -140,6 +140,6 @@ def test_a_definition_that_moves_to_another_module_is_the_same(tmp_path, monkeyp
         for module, text in zip(("a", "b"), texts, strict=True):
             (tmp_path / name / "engine").mkdir(parents=True, exist_ok=True)
             (tmp_path / name / "engine" / f"{module}.py").write_text(text)
-        monkeypatch.setattr("rates.digest.ROOT", tmp_path / name)
+        monkeypatch.setattr("rates.digest.PACKAGE", tmp_path / name)
         digests.append(engine_digest(("engine",)))
     assert digests[0] == digests[1] != digests[2]

@@ -55,6 +55,7 @@ from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.io.results.misreading import FORMAT, misreading_entries
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import too_long
 from ppmcal.wording.progress import begin
 
 APART, FREEDOMS, MISSING, PATTERN, TOLERATED = (
@@ -159,9 +160,8 @@ def scale_sentences(found: Identification) -> Iterator[str]:
             stated = "" if data.scale.sigma is None else (
                 f"; its file says {float(data.scale.value[0]):g} with a standard deviation of "
                 f"{data.scale.sigma:g}")
-            away = 100.0 * (registration.scale - 1.0)
-            yield (f"{data.name}: readings come out {abs(away):.2g} % too "
-                   f"{'long' if away > 0.0 else 'short'} (+- {100.0 * half:.2g} %, 95 %){stated}.")
+            yield (f"{data.name}: readings come out {too_long(registration.scale)} "
+                   f"(+- {100.0 * half:.2g} %, 95 %){stated}.")
 
 
 def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:

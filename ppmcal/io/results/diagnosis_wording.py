@@ -203,7 +203,7 @@ def tried_sets(record: DiagnosisRecord) -> str:
     each = sorted(((p, s) for s in record.sets if (p := finite(s.probability)) is not None),
                   key=lambda pair: -pair[0])
     told = [(p, s) for p, s in each if p >= LIKELY][:FEW_SETS]
-    if len(told) < 2:
+    if not told:
         return ""
     total = actuators(record)
     common = [e for e in told[0][1].effects if all(e in s.effects for _, s in told)]
@@ -212,7 +212,9 @@ def tried_sets(record: DiagnosisRecord) -> str:
     for p, s in told:
         name = ", ".join(shorter(e, total) for e in s.effects if e not in common) or "nothing more"
         named[name] = named.get(name, 0.0) + p
-    return (f"{counted(len(named), 'explanation')}{beside}: " + "; ".join(
+    if len(named) < 2:
+        return ""
+    return (f"{len(named)} explanations{beside}: " + "; ".join(
         f"({n}) {name}, {_percent(p)}" for n, (name, p) in enumerate(named.items(), 1)) + ".")
 
 
@@ -224,10 +226,9 @@ def gap_closed(record: DiagnosisRecord) -> str:
         return ""
     if not record.effects and abs(before - after) < 1e-9:
         return f"On {left_out_poses(gap)}, residuals are {_ratio(before)} times the noise."
-    text = (f"On {left_out_poses(gap)} (though used to choose the names), residuals drop from "
-            f"{_ratio(before)} to {_ratio(after)} times the noise") if after <= before else (
-        f"On {left_out_poses(gap)} (though used to choose the names), residuals rise from "
-        f"{_ratio(before)} to {_ratio(after)} times the noise")
+    text = (f"On {left_out_poses(gap)} (though used to choose the names), residuals "
+            f"{'drop' if after <= before else 'rise'} from {_ratio(before)} to {_ratio(after)} "
+            "times the noise")
     closed = finite(gap.closed)
     if closed is None:
         return f"{text}; nothing exceeded the noise before."
@@ -249,8 +250,8 @@ def predicted(record: DiagnosisRecord) -> str:
 def another_day(record: DiagnosisRecord) -> list[str]:
     """Return how each session is predicted from the others, or that none shows what is named."""
     if record.effects and not record.validation:
-        return ["All rows are of one session: measure a second one to see whether this holds on "
-                "another day (ppmcal validate)."]
+        return ["No second session here shows whether this holds on another day: measure one "
+                "(ppmcal validate)."]
     return [f"From the other sessions, {model_sentence(day)} {effects_sentence(day)}".strip()
             for day in record.validation]
 
