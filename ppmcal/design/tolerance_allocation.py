@@ -45,7 +45,7 @@ MATTERS = 0.02
 """... and by more than this part."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Demand:
     """What is demanded: largest errors and the share of machines that meet them, a bare number.
 

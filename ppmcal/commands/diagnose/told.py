@@ -56,7 +56,10 @@ def _lacking(untestable: Sequence[Untestable]) -> list[str]:
     kinds: dict[tuple[tuple[str, ...], str], dict[str, None]] = {}
     for u in untestable:
         where = f", {u.reason}" if u.reason.startswith("not recorded in ") else ""
-        kinds.setdefault((u.missing, where), {})[u.kind.partition(" ")[0]] = None
+        kinds.setdefault((u.missing, where), {})[u.kind] = None
+    for some in kinds.values():
+        for kind in [k for k in some if k.partition(" ")[0] in some and " " in k]:
+            del some[kind]
     return [f"{', '.join(some)} (need{'s' if len(some) == 1 else ''} "
             f"{', '.join(missing[:2])}{' ...' if len(missing) > 2 else ''}{where})"
             for (missing, where), some in kinds.items()]
