@@ -9,6 +9,7 @@ from html import escape
 from typing import Any
 
 from ppmcal.io.results.design import ShownTable
+from ppmcal.notes import FINDING, level_of
 from ppmcal.plotting.palette import with_palette
 from ppmcal.report.format import count, exact, number, sig
 from ppmcal.report.headlines import attention
@@ -132,7 +133,7 @@ def look_at(data: ReportData) -> list[tuple[str, str]]:
         out += [(one.folder, text) for text in one.record.findings]
         out += [(one.folder, f"the picture {p.file} is missing" if p.problem == "missing" else
                  f"the picture {p.file} cannot be shown: {p.problem}") for p in one.pictures
-                if p.problem and not p.problem.startswith("left out")]
+                if p.problem and level_of(p.problem) == FINDING]
     if not out:    # a doubt that is no finding is none the less a doubt
         out = [(v.of, f"{line.question} {line.word}. {line.text}") for v in verdicts(data)
                for line in v.lines if line.state != "ok"]

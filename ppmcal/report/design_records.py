@@ -18,6 +18,7 @@ from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
 from ppmcal.io.results.tolerances import TolerancesRecord
 from ppmcal.io.results.workspace import WorkspaceRecord
+from ppmcal.notes import NOTE, Note
 from ppmcal.report.records import Designed, DesignRecord, Picture
 from ppmcal.report.sources import read_columns
 
@@ -87,8 +88,12 @@ def _pictures(folder: Path, record: DesignRecord) -> tuple[Picture, ...]:
     return (*out, *_left_over(list(listed)[MOST:]))
 
 
+def _left_out(why: str) -> Note:
+    return Note(f"left out: {why}", NOTE)
+
+
 def _left_over(names: Sequence[str]) -> list[Picture]:
-    return [Picture(n, "", problem=f"left out: the page takes {MOST} pictures") for n in names]
+    return [Picture(n, "", problem=_left_out(f"the page takes {MOST} pictures")) for n in names]
 
 
 def _picture(folder: Path, name: str, caption: str) -> Picture:
@@ -97,13 +102,13 @@ def _picture(folder: Path, name: str, caption: str) -> Picture:
         return Picture(name, caption, problem=problem)
 
     if not name or name in (".", "..") or "/" in name or "\\" in name or "\0" in name:
-        return without("left out: it is not in this folder")
+        return without(_left_out("it is not in this folder"))
     path = folder / name
     try:
         if not path.is_file():
             return without("missing")
         if path.stat().st_size > LARGEST_FILE:
-            return without(f"left out: larger than {LARGEST_FILE // 1_000_000} MB")
+            return without(_left_out(f"larger than {LARGEST_FILE // 1_000_000} MB"))
         note_read(path)
         content = path.read_bytes()
     except OSError as error:
@@ -119,7 +124,7 @@ def png_size(content: bytes) -> tuple[tuple[int, int], str]:
     damaged does not leave a hole in the page.
     """
     if not content.startswith(_SIGNATURE):
-        return (0, 0), "left out: it is no PNG"
+        return (0, 0), _left_out("it is no PNG")
     at, first, size = len(_SIGNATURE), True, (0, 0)
     while at + 12 <= len(content):
         length = int.from_bytes(content[at:at + 4], "big")
@@ -131,8 +136,8 @@ def png_size(content: bytes) -> tuple[tuple[int, int], str]:
                 break
             size = (int.from_bytes(body[4:8], "big"), int.from_bytes(body[8:12], "big"))
             if not 0 < size[0] * size[1] <= LARGEST_AREA:
-                return (0, 0), f"left out: it has {size[0]} by {size[1]} dots"
+                return (0, 0), _left_out(f"it has {size[0]} by {size[1]} dots")
         if body[:4] == b"IEND":
             return size, ""
         at, first = end, False
-    return (0, 0), "left out: it is cut off or damaged"
+    return (0, 0), _left_out("it is cut off or damaged")

@@ -9,6 +9,7 @@ from ppmcal.calibration.knowledge import FAR
 from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.diagnosis_wording import unconfirmed
 from ppmcal.io.results.diagnosis_wording import verdict as diagnosis_verdict
+from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ResidualSummary, Summaries
 from ppmcal.io.results.identification_wording import noise_verdict
 from ppmcal.io.results.validation import misled
@@ -124,18 +125,24 @@ def _of_identified(one: Identified) -> list[str]:
     record = one.record
     out = [*record.findings, *record.gross_errors.shift_sentences(),
            *record.gross_errors.unchecked_sentences(), *campaign_sentences(record.campaign)]
-    if record.excluded and not any("left out" in t for t in out):
-        out.append(f"{count(len(record.excluded), 'row')} left out of the fit")
-    verdict, fine = noise_verdict(record.noise)
-    if not fine and not any(f"{record.noise.source} noise" in t for t in out):
-        out.append(verdict)
-    if record.converged is False and not any("converged" in t or "stopped" in t for t in out):
-        out.append("the fit had not converged")
     scale = record.identifiability.scale
     if scale is not None and scale.sentence():
         out.append(scale.sentence())
+    return out if "findings" in record.given else [*out, *_of_fields(record)]
+
+
+def _of_fields(record: IdentificationRecord) -> list[str]:
+    """Return what the fields of a file say that lists no findings."""
+    out = []
+    if record.excluded:
+        out.append(f"{count(len(record.excluded), 'row')} left out of the fit")
+    verdict, fine = noise_verdict(record.noise)
+    if not fine:
+        out.append(verdict)
+    if record.converged is False:
+        out.append("the fit had not converged")
     far = [p.name for p in record.parameters if p.far]
-    if far and not any(FAR in t for t in out):
+    if far:
         out.append(f"{FAR}: {some(far, 'parameters.csv')}")
     return out
 

@@ -42,9 +42,10 @@ CALM = "Nothing needs a closer look"
 
 
 def fit(**changes: Any) -> Identified:
-    """Return an identification without any fault, and with what is given."""
+    """Return an identification without any fault, and with what is given; it lists no findings."""
     clean = identification()
-    clean |= {"findings": [], "excluded": [], "parameters": clean["parameters"][:1]}
+    del clean["findings"]
+    clean |= {"excluded": [], "parameters": clean["parameters"][:1]}
     return Identified("fit", IdentificationRecord.checked(clean | changes))
 
 
@@ -125,6 +126,17 @@ def test_without_a_warning_it_is_calm() -> None:
     data = ReportData(("x",), (fit(),), (diagnosis(effects=[EFFECT], confirmed=True),))
     assert to_json(data)["attention"] == []
     assert CALM in to_html(data)
+
+
+@pytest.mark.parametrize("name", ["excluded", "noise", "unconverged", "far"])
+def test_a_fit_that_lists_its_findings_has_said_them_all(name: str) -> None:
+    """Whatever words they are in: nothing is said twice, nor left out for a word in another."""
+    (bare,) = WARNINGS[name]()["identified"]
+    (own,) = to_json(ReportData(("x",), (bare,)))["attention"]
+    for finding in ("another word", own["what"], "rows left out, converged, stated noise"):
+        told = replace(bare, record=bare.record.changed(findings=(finding,)))
+        (seen,) = to_json(ReportData(("x",), (told,)))["attention"]
+        assert seen["what"] == finding
 
 
 def test_nine_warnings_of_a_kind_are_one_line_and_all_in_the_json() -> None:
