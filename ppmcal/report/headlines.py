@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from ppmcal.calibration.knowledge import FAR
 from ppmcal.io.results.campaign import campaign_sentences
+from ppmcal.io.results.commands import CommandsRecord, TargetError
 from ppmcal.io.results.diagnosis_wording import unconfirmed
 from ppmcal.io.results.diagnosis_wording import verdict as diagnosis_verdict
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ResidualSummary, Summaries
 from ppmcal.io.results.identification_wording import noise_verdict
+from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.validation import misled
 from ppmcal.report import comparison as compare_section
 from ppmcal.report.format import count, typeset, whole, with_unit
@@ -24,6 +27,8 @@ from ppmcal.report.records import (
     Simulated,
 )
 from ppmcal.wording import some
+
+IN_THE_FIT = "in the fit"
 
 
 def figure(one: Identified, stage: str, kind: str) -> ResidualSummary:
@@ -38,27 +43,52 @@ def main_kind(one: Identified) -> str:
     return next((k for k in kinds if figure(one, "after", k).rms is not None), "")
 
 
-def accuracy(one: Identified) -> str:
-    """Return the error on poses that no fit has seen, where there are some, else in the fit.
+def accuracy(one: Identified, data: ReportData) -> str:
+    """Return the error to expect of poses that no fit has seen, where it is known, else in the fit.
 
     Empty where neither is known.
     """
     kind = main_kind(one)
-    before, after, held = (figure(one, s, kind).rms for s in ("before", "after", "holdout"))
+    before, after = (figure(one, s, kind).rms for s in ("before", "after"))
     if after is None:
         return ""
     unit = figure(one, "after", kind).unit
     more = [f"{with_unit(before, unit)} before"] if before is not None else []
-    if held is None:
-        where, first = "in the fit", after
-    else:
-        where, first = "on poses kept out of the fit", held
-        more.append(f"{with_unit(after, unit)} in the fit")
-    return (f"rms {kind} error {with_unit(first, unit)} {where}"
-            + (f" ({', '.join(more)})" if more else ""))
+    first, where = unseen(one, kind, data) or (with_unit(after, unit), IN_THE_FIT)
+    if where != IN_THE_FIT:
+        more.append(f"{with_unit(after, unit)} {IN_THE_FIT}")
+    return f"rms {kind} error {first} {where}" + (f" ({', '.join(more)})" if more else "")
 
 
-def headline(one: Identified) -> list[str]:
+def unseen(one: Identified, kind: str, data: ReportData) -> tuple[str, str] | None:
+    """Return the error with its unit, and of what it is: of poses kept out, else of other data.
+
+    Else what is promised of commands; None where nothing of these is there.
+    """
+    held = figure(one, "holdout", kind)
+    if held.rms is not None:
+        return with_unit(held.rms, held.unit), "on poses kept out of the fit"
+    for v in data.validated:
+        for day in v.record.datasets if _is_of(one, v.record.provenance) else ():
+            size = getattr(day.errors[0], kind, None) if day.errors else None
+            if size is not None and size.rms is not None:
+                return with_unit(size.rms, size.unit), f"on {day.name}, which no fit has seen"
+    for c in data.compensated:
+        if isinstance(c.record, CommandsRecord) and _is_of(one, c.record.provenance):
+            promised = c.record.predicted.get(kind, TargetError())
+            if promised.after is not None:
+                return (with_unit(promised.after, promised.unit),
+                        f"promised for {count(c.record.rows, 'target')}")
+    return None
+
+
+def _is_of(one: Identified, provenance: Provenance) -> bool:
+    """Whether a result was made with the machine in the folder of an identification."""
+    return any(Path(name).absolute().parent == Path(one.folder).absolute()
+               for name in provenance.inputs)
+
+
+def headline(one: Identified, data: ReportData) -> list[str]:
     """Return one or two sentences about an identification; none where a diagnosis says them."""
     if one.diagnosed:
         return []
@@ -68,7 +98,7 @@ def headline(one: Identified) -> list[str]:
     source = f" from {whole(used)} of {whole(rows)} measurements" if rows else ""
     source += f" ({names})" if source and names else ""
     first = f"{one.name} was calibrated{source}"
-    out = [": ".join(filter(None, (first, accuracy(one)))) + "."]
+    out = [": ".join(filter(None, (first, accuracy(one, data)))) + "."]
     verdict, _ = noise_verdict(one.record.noise)
     if verdict:
         out.append(typeset(verdict[0].upper() + verdict[1:] + "."))

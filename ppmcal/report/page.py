@@ -18,7 +18,7 @@ from ppmcal.report.controllers import export_section
 from ppmcal.report.design import design_headline, design_section, look_at
 from ppmcal.report.diagnosis import diagnosis_section
 from ppmcal.report.format import exact, listed, with_unit
-from ppmcal.report.headlines import figure, headline
+from ppmcal.report.headlines import IN_THE_FIT, figure, headline, unseen
 from ppmcal.report.html import amount, definitions, part, table, words
 from ppmcal.report.identification import excluded_rows, identified_section
 from ppmcal.report.machine_section import machine_section
@@ -92,7 +92,7 @@ def _calibration(one: Identified, n: int, data: ReportData) -> Section:
     several = len(data.identified) > 1
     name = ": ".join(filter(None, [f"Calibration of {one.name}", days])) if several else (
         "Calibration")
-    found = identified_section(one, n, name, part("tiles", _tiles(one)))
+    found = identified_section(one, n, name, part("tiles", _tiles(one, data)))
     drawn = chapter("The machine", lambda: Section(
         "The machine", machine_section(one, n, data.diagnosed, len(data.identified))))
     return replace(found, parts=tuple(
@@ -111,7 +111,7 @@ def title(data: ReportData) -> str:
 
 def summary(data: ReportData) -> list[str]:
     """Return the headline's sentences."""
-    out = [s for one in data.identified for s in headline(one)] + _verdicts(data)
+    out = [s for one in data.identified for s in headline(one, data)] + _verdicts(data)
     if not out:
         parts = [(len(data.simulated), "simulation"), (len(data.diagnosed), "diagnosis"),
                  (len(data.compensated), "compensation"), (len(data.kinematics), "kinematics"),
@@ -132,17 +132,19 @@ def _verdicts(data: ReportData) -> list[str]:
     return [t for t in out if t]
 
 
-def _tiles(one: Identified) -> list[dict[str, Any]]:
-    """Return the key figures: rms before, after and held out of each kind of error."""
+def _tiles(one: Identified, data: ReportData) -> list[dict[str, Any]]:
+    """Return the key figures: rms of each kind of error before, and of poses no fit has seen."""
     out = []
     for kind, after in one.record.residual.after.items():
-        stages, unit = (figure(one, "before", kind).rms, after.rms), after.unit
-        flow = [with_unit(rms, unit) for rms in stages if rms is not None]
-        more = [f"{name} {with_unit(value, unit)}" for name, value in
-                (("held out", figure(one, "holdout", kind).rms), ("largest after", after.max))
-                if value is not None]
+        before, found = figure(one, "before", kind).rms, unseen(one, kind, data)
+        fitted = [] if after.rms is None else [with_unit(after.rms, after.unit)]
+        flow = [] if before is None else [with_unit(before, after.unit)]
+        flow += [found[0]] if found else fitted
+        more = [f"{IN_THE_FIT} {v}" for v in fitted if found] + (
+            [] if after.max is None else [f"largest {IN_THE_FIT} {with_unit(after.max, after.unit)}"])
         if flow:
-            out.append({"what": f"{kind.capitalize()}, rms before → after", "flow": flow,
+            out.append({"what": f"{kind.capitalize()}, rms before → "
+                        f"{found[1] if found else IN_THE_FIT}", "flow": flow,
                         "more": " · ".join(more)})
     return out
 

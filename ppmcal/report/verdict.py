@@ -56,7 +56,7 @@ def verdicts(data: ReportData) -> list[Verdict]:
                 continue
         found[one.name] = one, _diagnosis(one, by_folder, data.diagnosed)
     several = len(found) > 1
-    return [Verdict(name * several, _lines(one, d))
+    return [Verdict(name * several, _lines(one, d, accuracy(one, data)))
             for name, (one, d) in list(found.items())[:MOST]]
 
 
@@ -75,18 +75,18 @@ def _inputs(record: IdentificationRecord | DiagnosisRecord) -> set[str]:
     return set(record.provenance.inputs.values()) - {""}
 
 
-def _lines(one: Identified, d: DiagnosisRecord | None) -> tuple[Line, ...]:
-    good = _calibrated(one, d)
+def _lines(one: Identified, d: DiagnosisRecord | None, text: str) -> tuple[Line, ...]:
+    good = _calibrated(one, d, text)
     return good, _certainty(one, d), _next(one, d, good.state)
 
 
-def _calibrated(one: Identified, d: DiagnosisRecord | None) -> Line:
-    """Return whether the machine is calibrated, and by how much."""
+def _calibrated(one: Identified, d: DiagnosisRecord | None, text: str) -> Line:
+    """Return whether the machine is calibrated; ``text``: by how much."""
     r, kind = one.record, main_kind(one)
     before, after = (figure(one, s, kind) for s in ("before", "after"))
     if after.rms is None:
         return Line("Calibrated?", "Not known", "The folder does not say what is left.", "warn")
-    text, noisy = accuracy(one), r.noise.state == LARGER
+    noisy = r.noise.state == LARGER
     if before.rms is not None and after.rms > before.rms:
         return Line("Calibrated?", "No", f"{text}: it rose.", "bad")
     if r.converged is False:

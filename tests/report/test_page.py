@@ -191,7 +191,7 @@ def test_page_says_it_all_with_units(everything: list[Path]) -> None:
     text = "".join(page.text)
     for piece in (f"0.00655{NBSP}mm on poses kept out of the fit", f"(0.512{NBSP}mm before",
                   "12 rows, 1 of them left out", "consistent with the stated noise (ratio 1.02",
-                  "1 of 12 rows left out", f"{FAR}: leg1.offset",
+                  "1 of 12 rows left out", f", 1 {FAR}",
                   "outlier: 7.0 times the noise", "leg1 too long", "frame.x − 0.5 × leg2.offset",
                   "m.yaml: units: odd unit", "at rz 0", "10.4934 … 10.5090", "10.5012",
                   "Error vectors in the plane, after", "ppmcal identify m.yaml"):

@@ -12,7 +12,7 @@ from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.validation import effects_sentence, model_sentence
 from ppmcal.model.effects import GEOMETRY, effect_kinds
-from ppmcal.wording import counted, number, rate, shorter, where
+from ppmcal.wording import causes, counted, number, rate, shorter, where
 
 VERDICTS = {
     "misread": "The measurements were read wrongly; nothing was diagnosed.",
@@ -23,6 +23,8 @@ VERDICTS = {
     "partial": "Part of what is missing is named; something else is left.",
     "unnamed": "Something is missing that ppmcal does not know.",
 }
+SHORT = 100
+"""A list of rivals with more letters is shortened in a headline; the page has all."""
 Group = Sequence[DiagnosedEffect]
 
 
@@ -43,10 +45,19 @@ def headline(record: DiagnosisRecord) -> str:
     if record.verdict == "named":
         return f"{text.removesuffix('.')}: {'; '.join(names)}."
     if record.verdict == "named-set":
-        sets = [" or ".join([n, *rivals(record, g[0])])
-                for n, g in zip(names, groups, strict=True)]
-        return f"{text.removesuffix('.')}: {'; '.join(sets)}."
+        return f"{text.removesuffix('.')}: {_apart(record, groups, names)}."
     return f"{text} Named: {'; '.join(names)}."
+
+
+def _apart(record: DiagnosisRecord, groups: Sequence[Group], names: Sequence[str]) -> str:
+    """Return what cannot be told apart: of short names each, else the causes without the joints."""
+    rival = [[n, *rivals(record, g[0])] for n, g in zip(names, groups, strict=True)]
+    rival = [own for own in rival if len(own) > 1] or rival
+    whole = "; ".join(" or ".join(own) for own in rival)
+    if len(whole) <= SHORT:
+        return whole
+    return "; ".join(f"{counted(len(own), 'explanation')} "
+                     f"({' or '.join(dict.fromkeys(map(causes, own)))})" for own in rival)
 
 
 def lead(record: DiagnosisRecord) -> str:
