@@ -60,29 +60,31 @@ def to_html(data: ReportData) -> str:
 
 
 def chapters(data: ReportData) -> list[Section]:
-    """Return the chapters of the page, what is most asked for first."""
-    out = [chapter(f"Diagnosis in {d.folder}", partial(diagnosis_section, d))
-           for d in data.diagnosed]
-    out += [chapter(f"Calibration in {one.folder}", partial(_calibration, one, n, data))
+    """Return the chapters of the page in the order of the work; studies without data come last."""
+    compared = {c.truth for c in data.comparisons}
+    out = [chapter(f"Output in {o.folder}", partial(other_section, o)) for o in data.others]
+    out += [chapter(f"Simulation in {s.folder}", partial(
+        lambda s: simulation_section(s, stray_note(s, data.identified)), s))
+        for s in data.simulated if s.folder not in compared]
+    fits = [(chapter(f"Calibration in {one.folder}", partial(_calibration, one, n, data)), one)
             for n, one in enumerate(data.identified)]
-    out += [chapter(f"Validation in {v.folder}", partial(validation_section, v))
-            for v in data.validated]
+    out += [section for section, one in fits if not one.diagnosed]
+    out += [chapter(f"Diagnosis in {d.folder}", partial(diagnosis_section, d))
+           for d in data.diagnosed]
+    out += [section for section, one in fits if one.diagnosed]
+    out += [chapter(f"Truth in {c.truth}", partial(truth_section, c)) for c in data.comparisons]
     out += [chapter(f"Commands in {r.folder}", partial(
         lambda r: compensation_section(r, units_of(r, data)), r)) for r in data.compensated]
+    out += [chapter(f"Export in {e.folder}", partial(export_section, e)) for e in data.exported]
+    out += [chapter(f"Validation in {v.folder}", partial(validation_section, v))
+            for v in data.validated]
+    out += [chapter(f"Comparison in {c.folder}", partial(comparison_section, c))
+            for c in data.compared]
     out += [chapter(f"Kinematics in {r.folder}", partial(kinematics_section, r))
             for r in data.kinematics]
     several = len(data.designed) + len(data.identified) > 1
     out += [chapter(f"Error analysis in {d.folder}", partial(design_section, d, several))
             for d in data.designed]
-    out += [chapter(f"Output in {o.folder}", partial(other_section, o)) for o in data.others]
-    out += [chapter(f"Comparison in {c.folder}", partial(comparison_section, c))
-            for c in data.compared]
-    out += [chapter(f"Export in {e.folder}", partial(export_section, e)) for e in data.exported]
-    compared = {c.truth for c in data.comparisons}
-    out += [chapter(f"Truth in {c.truth}", partial(truth_section, c)) for c in data.comparisons]
-    out += [chapter(f"Simulation in {s.folder}", partial(
-        lambda s: simulation_section(s, stray_note(s, data.identified)), s))
-        for s in data.simulated if s.folder not in compared]
     return [*out, chapter("Where this comes from", lambda: _provenance(data))]
 
 

@@ -8,12 +8,12 @@ from typing import Literal
 
 from ppmcal.calibration.fit import LARGER
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_wording import gap_closed, next_step
+from ppmcal.io.results.diagnosis_wording import gap_closed, left_out_error, next_step
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_wording import noise_verdict
 from ppmcal.report.format import count, typeset
-from ppmcal.report.headlines import accuracy, figure, main_kind
+from ppmcal.report.headlines import accuracy, figure, main_kind, unseen
 from ppmcal.report.records import Diagnosed, Identified, ReportData
 
 State = Literal["ok", "warn", "bad"]
@@ -56,8 +56,15 @@ def verdicts(data: ReportData) -> list[Verdict]:
                 continue
         found[one.name] = one, _diagnosis(one, by_folder, data.diagnosed)
     several = len(found) > 1
-    return [Verdict(name * several, _lines(one, d, accuracy(one, data)))
+    return [Verdict(name * several, _lines(one, d, _accuracy(one, d, data)))
             for name, (one, d) in list(found.items())[:MOST]]
+
+
+def _accuracy(one: Identified, d: DiagnosisRecord | None, data: ReportData) -> str:
+    """Return how accurate the machine is, what no fit has seen first."""
+    text = accuracy(one, data)
+    told = d is not None and not unseen(one, main_kind(one), data) and left_out_error(d)
+    return f"{told}; {text}" if told else text
 
 
 def _diagnosis(one: Identified, by_folder: dict[str, Diagnosed], every: Sequence[Diagnosed]

@@ -258,6 +258,22 @@ def predicted(record: DiagnosisRecord) -> str:
     return text + (f", by {least.by} {_gain(least)}" if least is not first else "") + "."
 
 
+def left_out_error(record: DiagnosisRecord) -> str:
+    """Return how well rows are predicted that were left out, empty where that is not known."""
+    if record.predictive:
+        found = record.predictive[0]
+        after, before = found.averaged.error, found.geometry.error
+        where = f"cross-validation error ({_portion(found.by)} left out at a time)"
+    else:
+        after, before = record.gap.after, record.gap.before
+        where = f"error on {left_out_poses(record.gap)}"
+    now, then = finite(after), finite(before)
+    if now is None:
+        return ""
+    alone = "" if then is None or then == now else f", {_ratio(then)} with geometry alone"
+    return f"{where} {_ratio(now)} times the noise{alone}"
+
+
 def another_day(record: DiagnosisRecord) -> list[str]:
     """Return how each session is predicted from the others, or that none shows what is named."""
     if record.effects and not record.validation:
