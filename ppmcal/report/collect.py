@@ -79,7 +79,7 @@ def collect(dirs: Sequence[Path]) -> ReportData:
             found[key].append(part)
     found["simulated"] = [_with_copies(s, found["identified"]) for s in found["simulated"]]
     identified = tuple(with_measured(i, found["simulated"]) for i in found["identified"])
-    parts = {k: tuple(v) for k, v in found.items() if k != "identified"}
+    parts: dict[str, Any] = {k: tuple(v) for k, v in found.items() if k != "identified"}
     return ReportData(tuple(str(d) for d in unique), identified, **parts,
                       comparisons=compare(identified, found["simulated"]))
 

@@ -78,7 +78,7 @@ def unseen(one: Identified, kind: str, data: ReportData) -> tuple[str, str] | No
             promised = c.record.predicted.get(kind, TargetError())
             if promised.after is not None:
                 return (with_unit(promised.after, promised.unit),
-                        f"promised for {count(c.record.rows, 'target')}")
+                        f"promised for {count(c.record.rows or 0, 'target')}")
     return None
 
 

@@ -142,8 +142,9 @@ def _tiles(one: Identified, data: ReportData) -> list[dict[str, Any]]:
         fitted = [] if after.rms is None else [with_unit(after.rms, after.unit)]
         flow = [] if before is None else [with_unit(before, after.unit)]
         flow += [found[0]] if found else fitted
-        more = [f"{IN_THE_FIT} {v}" for v in fitted if found] + (
-            [] if after.max is None else [f"largest {IN_THE_FIT} {with_unit(after.max, after.unit)}"])
+        more = [f"{IN_THE_FIT} {v}" for v in fitted if found]
+        if after.max is not None:
+            more.append(f"largest {IN_THE_FIT} {with_unit(after.max, after.unit)}")
         if flow:
             out.append({"what": f"{kind.capitalize()}, rms before → "
                         f"{found[1] if found else IN_THE_FIT}", "flow": flow,

@@ -262,7 +262,7 @@ class ComparedMachines:
 
 @dataclass(frozen=True)
 class ReportData:
-    """Everything that the folders held."""
+    """Everything that the folders held; ``uses``: by folder, what may be done with its model."""
 
     folders: tuple[str, ...]
     identified: tuple[Identified, ...] = ()
@@ -276,3 +276,4 @@ class ReportData:
     compared: tuple[ComparedCalibrations, ...] = ()
     exported: tuple[ControllerExport, ...] = ()
     comparisons: tuple[ComparedMachines, ...] = field(default=())
+    uses: Mapping[str, str] = field(default_factory=dict)

@@ -56,7 +56,7 @@ def verdicts(data: ReportData) -> list[Verdict]:
                 continue
         found[one.name] = one, _diagnosis(one, by_folder, data.diagnosed)
     several = len(found) > 1
-    return [Verdict(name * several, _lines(one, d, _accuracy(one, d, data)))
+    return [Verdict(name * several, _lines(one, d, data))
             for name, (one, d) in list(found.items())[:MOST]]
 
 
@@ -82,9 +82,9 @@ def _inputs(record: IdentificationRecord | DiagnosisRecord) -> set[str]:
     return set(record.provenance.inputs.values()) - {""}
 
 
-def _lines(one: Identified, d: DiagnosisRecord | None, text: str) -> tuple[Line, ...]:
-    good = _calibrated(one, d, text)
-    return good, _certainty(one, d), _next(one, d, good.state)
+def _lines(one: Identified, d: DiagnosisRecord | None, data: ReportData) -> tuple[Line, ...]:
+    good = _calibrated(one, d, _accuracy(one, d, data))
+    return good, _certainty(one, d), _next(one, d, good.state, data.uses.get(one.folder, ""))
 
 
 def _calibrated(one: Identified, d: DiagnosisRecord | None, text: str) -> Line:
@@ -148,8 +148,8 @@ def _size(one: Identified) -> str:
     return ""
 
 
-def _next(one: Identified, d: DiagnosisRecord | None, state: State) -> Line:
-    """Return what to do now."""
+def _next(one: Identified, d: DiagnosisRecord | None, state: State, use: str) -> Line:
+    """Return what to do now; ``use``: with the model, where it is good."""
     if d is not None and d.next_measurements.file:
         return Line("Next?", "Measure", next_step(d), "warn")
     if one.record.campaign is not None:
@@ -157,8 +157,9 @@ def _next(one: Identified, d: DiagnosisRecord | None, state: State) -> Line:
         return Line("Next?", "Measure", f"{poses}, listed in next.csv, would tell the rest.",
                     "warn")
     if state == "ok":
-        return Line("Next?", "Use it", f"ppmcal compensate {one.folder} TARGETS.csv corrects "
-                    "commands; ppmcal validate tells on another day whether it still holds.", "ok")
+        use = use or f"ppmcal compensate {one.folder} TARGETS.csv corrects commands"
+        return Line("Next?", "Use it", f"{use}; ppmcal validate tells on another day whether it "
+                    "still holds.", "ok")
     if d is None:
         return Line("Next?", "Diagnose", "ppmcal diagnose MODEL DATA finds which effect is "
                     "missing.", "warn")

@@ -1,10 +1,18 @@
 """The first three lines of the page, and the gap step by step."""
 
+import json
+import re
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from helpers.commands import ppmcal
+from helpers.paths import ROOT
 from helpers.report_files import cells, identification
 
+from ppmcal.commands.report.options import ReportArguments
+from ppmcal.commands.report.run import run
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import headline
@@ -150,8 +158,9 @@ def test_the_headline_is_of_what_no_fit_has_seen_where_that_is_known():
     fit = one(residual={stage: {"position": {"rms": rms, "unit": "mm"}} for stage, rms in (
         ("before", 0.5), ("after", 0.01))})
     model = {"provenance": {"inputs": {"fit/identified.yaml": "x"}}}
+    errors = [{"model": "model", "position": {"rms": 0.03, "unit": "mm"}}]
     day = OtherDays("v", ValidationRecord.checked(model | {"datasets": [
-        {"name": "run2", "errors": [{"model": "model", "position": {"rms": 0.03, "unit": "mm"}}]}]}))
+        {"name": "run2", "errors": errors}]}))
     sent = ResidualRows("c", "commands", CommandsRecord.checked(model | {
         "rows": 4, "predicted": {"position": {"after": 0.02, "unit": "mm"}}}), None)
     other = replace(sent, record=sent.record.changed(provenance=Provenance(inputs={"m.yaml": "x"})))
@@ -176,3 +185,30 @@ def test_a_set_of_long_names_is_told_by_its_causes():
     record["effects"][0]["alternatives_on"] = ["gain on leg2"]
     assert headline(DiagnosisRecord.checked(record)).endswith(
         "apart: backlash on leg2 or gain on leg2.")
+
+
+@pytest.mark.parametrize(("shipped", "told"), [
+    ("6-UPS", ["compensate", "export linuxcnc", "export joints", "validate"]),
+    ("3-RPR", ["compensate", "export joints", "validate"])])
+def test_what_to_do_next_suits_the_machine(tmp_path, monkeypatch, shipped, told):
+    """Which controllers drive it is asked of them: no list of theirs is in the report."""
+    monkeypatch.chdir(tmp_path)
+    Path("fit").mkdir()
+    shutil.copy(ROOT / "configs" / f"{shipped}.yaml", "fit/identified.yaml")
+    Path("fit/identification.json").write_text(json.dumps(identification("bench")))
+    (verdict,) = verdicts(run(ReportArguments(folders=("fit",))).data)
+    assert re.findall(r"ppmcal ((?:export )?\w+)", verdict.lines[2].text) == told
+
+
+def test_a_printer_gets_the_numbers_of_its_firmware(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "sample_data" / "printer" / "printer.cfg", "printer.cfg")
+    ppmcal("import", "klipper", "printer.cfg", "--rods", "300", cwd=tmp_path, expect=0)
+    Path("fit").mkdir()
+    shutil.copy("imported/machine.yaml", "fit/identified.yaml")
+    record = identification("bench") | {"provenance": {"inputs": {"imported/machine.yaml": "x"}}}
+    Path("fit/identification.json").write_text(json.dumps(record))
+    (verdict,) = verdicts(run(ReportArguments(folders=("fit",))).data)
+    assert re.findall(r"ppmcal ((?:export )?\w+)", verdict.lines[2].text) == [
+        "export klipper", "validate"]
+    assert "--old printer.cfg --write" in verdict.lines[2].text

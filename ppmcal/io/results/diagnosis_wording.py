@@ -260,14 +260,12 @@ def predicted(record: DiagnosisRecord) -> str:
 
 def left_out_error(record: DiagnosisRecord) -> str:
     """Return how well rows are predicted that were left out, empty where that is not known."""
+    now, then = finite(record.gap.after), finite(record.gap.before)
+    where = f"error on {left_out_poses(record.gap)}"
     if record.predictive:
         found = record.predictive[0]
-        after, before = found.averaged.error, found.geometry.error
+        now, then = finite(found.averaged.error), finite(found.geometry.error)
         where = f"cross-validation error ({_portion(found.by)} left out at a time)"
-    else:
-        after, before = record.gap.after, record.gap.before
-        where = f"error on {left_out_poses(record.gap)}"
-    now, then = finite(after), finite(before)
     if now is None:
         return ""
     alone = "" if then is None or then == now else f", {_ratio(then)} with geometry alone"
