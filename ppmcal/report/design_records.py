@@ -46,6 +46,12 @@ MOST = 40
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
+def designs_in(folder: Path) -> list[str]:
+    """Return the commands of which a folder holds the record, or the table of the same name."""
+    return [kind for kind, tables in DESIGNS.items() if (folder / f"{kind}.json").is_file() or (
+        f"{kind}.csv" in tables and (folder / f"{kind}.csv").is_file())]
+
+
 def designed(folder: Path) -> list[Designed]:
     """Return what such commands left in a folder, each with its record.
 
@@ -53,11 +59,8 @@ def designed(folder: Path) -> list[Designed]:
         BadInput: a record or a table is broken.
     """
     out: list[Designed] = []
-    for kind, tables in DESIGNS.items():
-        file = folder / f"{kind}.json"
-        if not file.is_file() and not (f"{kind}.csv" in tables
-                                       and (folder / f"{kind}.csv").is_file()):
-            continue
+    for kind in designs_in(folder):
+        file, tables = folder / f"{kind}.json", DESIGNS[kind]
         record = RECORDS[kind].read(file) if file.is_file() else RECORDS[kind]()
         _refuse_uneven(record, str(file))
         rows = {name: read_columns(folder / name, wanted=lambda _: False).size

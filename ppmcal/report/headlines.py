@@ -6,25 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ppmcal.calibration.knowledge import FAR
-from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.commands import CommandsRecord, TargetError
-from ppmcal.io.results.diagnosis_wording import unconfirmed
-from ppmcal.io.results.diagnosis_wording import verdict as diagnosis_verdict
-from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ResidualSummary, Summaries
 from ppmcal.io.results.identification_wording import noise_verdict
 from ppmcal.io.results.record import Provenance
-from ppmcal.io.results.validation import misled
-from ppmcal.report import comparison as compare_section
 from ppmcal.report.format import count, typeset, whole, with_unit
 from ppmcal.report.records import (
     ComparedMachines,
-    Diagnosed,
     Identified,
     ReportData,
-    ResidualRows,
-    Simulated,
 )
 from ppmcal.wording import some
 
@@ -114,100 +104,6 @@ def finding_text(entry: Any) -> str:
         parts = [f"{place}: {what}" if place else str(what), str(entry.get("mend") or "")]
         return " ".join(p for p in parts if p)
     return str(entry)
-
-
-def attention(data: ReportData) -> list[tuple[str, str]]:
-    """Return what the user must look at, as (where, sentence); designs add theirs in `look_at`.
-
-    Whatever the page warns of stands here: that nothing needs a closer look is said where this
-    list is empty, and nowhere else.
-    """
-    out: list[tuple[str, str]] = []
-    for one in data.identified:
-        out += [(place(one, data), t) for t in _of_identified(one)]
-    said = {(one.folder, t) for one in data.identified for t in _of_identified(one)}
-    for d in data.diagnosed:
-        out += [(d.folder, t) for t in _of_diagnosed(d) if (d.folder, t) not in said]
-    for rows in (*data.compensated, *data.kinematics):
-        out += [(rows.folder, t) for t in _of_rows(rows)]
-    for other in data.others:
-        out += [(other.folder, finding_text(f)) for f in other.record.findings or ()]
-    for v in data.validated:
-        out += [(v.folder, t) for t in (*v.record.findings, *misled(v.record.datasets))]
-    for c in data.compared:
-        out += [(c.folder, t) for t in (*compare_section.attention(c.record), *c.record.findings)]
-    for exported in data.exported:
-        out += [(exported.folder, t) for t in exported.record.attention()]
-    for s in data.simulated:
-        out += [(s.folder, t) for t in _of_simulated(s)]
-    for t in data.comparisons:
-        out += [(t.identified, text) for text in _of_truth(t)]
-    return list(dict.fromkeys((where, typeset(text)) for where, text in out))
-
-
-def place(one: Identified, data: ReportData) -> str:
-    """Return what an identification is called: by its folder where several have its name."""
-    same = [other for other in data.identified if other.name == one.name]
-    return one.name if len(same) == 1 else one.folder
-
-
-def _of_identified(one: Identified) -> list[str]:
-    record = one.record
-    out = [*record.findings, *record.gross_errors.shift_sentences(),
-           *record.gross_errors.unchecked_sentences(), *campaign_sentences(record.campaign)]
-    scale = record.identifiability.scale
-    if scale is not None and scale.sentence():
-        out.append(scale.sentence())
-    return out if "findings" in record.given else [*out, *_of_fields(record)]
-
-
-def _of_fields(record: IdentificationRecord) -> list[str]:
-    """Return what the fields of a file say that lists no findings."""
-    out = []
-    if record.excluded:
-        out.append(f"{count(len(record.excluded), 'row')} left out of the fit")
-    verdict, fine = noise_verdict(record.noise)
-    if not fine:
-        out.append(verdict)
-    if record.converged is False:
-        out.append("the fit had not converged")
-    far = [p.name for p in record.parameters if p.far]
-    if far:
-        out.append(f"{FAR}: {some(far, 'parameters.csv')}")
-    return out
-
-
-def _of_diagnosed(d: Diagnosed) -> list[str]:
-    r = d.record
-    out = list(r.findings)
-    if r.verdict not in ("", "none", "named"):
-        out.append(f"Diagnosis: {diagnosis_verdict(r)}")
-    if r.confirmed is False and r.effects and not out:
-        out.append(unconfirmed(r))
-    return [*out, *misled(r.validation)]
-
-
-def _of_simulated(s: Simulated) -> list[str]:
-    gone = () if s.truth is None else s.truth.left_out
-    return [f"{count(len(gone), 'pose')} could not be simulated: "
-            + some(gone, "truth.json, left_out")] if gone else []
-
-
-def _of_rows(rows: ResidualRows) -> list[str]:
-    flagged, notes = len(rows.flagged), list(getattr(rows.record, "notes", ()))
-    if not flagged or rows.table is None:
-        return notes
-    return [*notes, f"{whole(flagged)} of {count(rows.table.size, 'row')} of {rows.kind}.csv "
-            "refused or with a remark"]
-
-
-def _of_truth(c: ComparedMachines) -> list[str]:
-    if c.other:
-        return [other_machine(c)]
-    far = [r.name for r in sorted(c.rows, key=lambda r: -abs(r.z or 0.0))
-           if r.z is not None and abs(r.z) > 4.0]
-    return [f"{count(len(far), 'identified error')} more than 4 sigma from the simulated truth: "
-            + some(far, "the table of errors true and found")] if far else []
 
 
 def other_machine(c: ComparedMachines) -> str:

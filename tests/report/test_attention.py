@@ -22,14 +22,12 @@ from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html, to_json
 from ppmcal.report.batch import batch_page
 from ppmcal.report.records import (
-    ComparedCalibrations,
     ComparedMachines,
-    ControllerExport,
     Designed,
     Diagnosed,
+    Held,
     Identified,
     Other,
-    OtherDays,
     ReportData,
     ResidualRows,
     Simulated,
@@ -97,15 +95,15 @@ WARNINGS: dict[str, Callable[[], dict[str, Any]]] = {
     "commands": lambda: {"compensated": (ResidualRows(
         "c", "commands", CommandsRecord(notes=("uncertainties are unknown",)), None),)},
     "check": lambda: {"others": (Other("c", "check", AnyRecord(findings=("odd",))),)},
-    "validation": lambda: {"validated": (OtherDays("v", ValidationRecord.checked(
+    "validation": lambda: {"validated": (Held("v", ValidationRecord.checked(
         {"datasets": [{"name": "s", "errors": ERRORS}]})),)},
-    "changed": lambda: {"compared": (ComparedCalibrations("c", ComparisonRecord(
+    "changed": lambda: {"compared": (Held("c", ComparisonRecord(
         verdict="changed")),)},
-    "compared": lambda: {"compared": (ComparedCalibrations("c", ComparisonRecord(
+    "compared": lambda: {"compared": (Held("c", ComparisonRecord(
         findings=("odd",))),)},
-    "export": lambda: {"exported": (ControllerExport("e", ExportRecord.checked(
+    "export": lambda: {"exported": (Held("e", ExportRecord.checked(
         {"not_expressed": [{"what": "a leaning tower"}]})),)},
-    "worse": lambda: {"exported": (ControllerExport("e", ExportRecord.checked(
+    "worse": lambda: {"exported": (Held("e", ExportRecord.checked(
         {"gain": {"before": {"rms": 0.1}, "after": {"rms": 0.2}}})),)},
     "simulation": lambda: {"simulated": (Simulated("s", TruthRecord(left_out=("row 1",)), None),)},
     "truth": lambda: {"comparisons": (ComparedMachines("s", "f", (FAR,)),)},

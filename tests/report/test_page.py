@@ -25,8 +25,8 @@ from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.plotting.plot import Axis, span
 from ppmcal.report import collect, to_html, to_json
-from ppmcal.report.collect import KNOWN
 from ppmcal.report.format import NBSP, probability, sig, to_sigma, typeset
+from ppmcal.report.kinds import KNOWN
 from ppmcal.report.records import Identified, Simulated
 from ppmcal.report.residuals import envelope, evenly_spread
 from ppmcal.report.truth import compare

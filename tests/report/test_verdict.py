@@ -22,7 +22,7 @@ from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html
 from ppmcal.report.diagnosis_tables import ladder
 from ppmcal.report.page import summary
-from ppmcal.report.records import Diagnosed, Identified, OtherDays, ReportData, ResidualRows
+from ppmcal.report.records import Diagnosed, Held, Identified, ReportData, ResidualRows
 from ppmcal.report.section import Section, placed
 from ppmcal.report.verdict import MOST, verdicts
 
@@ -159,7 +159,7 @@ def test_the_headline_is_of_what_no_fit_has_seen_where_that_is_known():
         ("before", 0.5), ("after", 0.01))})
     model = {"provenance": {"inputs": {"fit/identified.yaml": "x"}}}
     errors = [{"model": "model", "position": {"rms": 0.03, "unit": "mm"}}]
-    day = OtherDays("v", ValidationRecord.checked(model | {"datasets": [
+    day = Held("v", ValidationRecord.checked(model | {"datasets": [
         {"name": "run2", "errors": errors}]}))
     sent = ResidualRows("c", "commands", CommandsRecord.checked(model | {
         "rows": 4, "predicted": {"position": {"after": 0.02, "unit": "mm"}}}), None)
