@@ -20,6 +20,7 @@ from ppmcal.report.html import MAX_ROWS, amount, bullets, dotted, figures, parag
 from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.records import Held
 from ppmcal.report.section import Section, filled
+from ppmcal.wording import sentence
 
 STAGES = (("before", "old"), ("after", "new"))
 ERRORS = (("rms", "rms"), ("max", "at most"))
@@ -33,11 +34,6 @@ def export_section(one: Held[ExportRecord]) -> Section:
     return Section(f"Export: {r.called}", paragraph(_said(r), "big") + _numbers(r), one.folder,
                    parts=filled([_gain(r), _not_expressed(r),
                                  Section("Notes", bullets(notes)) if notes else None]))
-
-
-def sentence(text: str) -> str:
-    """Return text as a sentence."""
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}." if text else ""
 
 
 def _said(r: ExportRecord) -> str:
