@@ -22,7 +22,7 @@ from ppmcal.calibration.fit.flatness import flats
 from ppmcal.calibration.fit.linearisation import normal_step
 from ppmcal.calibration.fit.noise_estimate import with_estimated_noise
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.fit.secondary_analyses import NOTE
+from ppmcal.calibration.fit.secondary_analyses import LEFT_OUT
 from ppmcal.calibration.knowledge.identifiability_report import predict_identifiability
 from ppmcal.calibration.validation.residual_vectors import residuals
 from ppmcal.calibration.validation.summary import report
@@ -252,7 +252,7 @@ def test_exact_data_with_a_sigma_of_a_nanometre_are_identified() -> None:
     options = FitOptions()
     found = report(identify(Problem(mechanism, data, mechanism.free), options), options, 0.2, 0)
     assert found.fit.converged
-    assert [f for f in found.findings if f.startswith(NOTE + "how far sessions")]
+    assert [f for f in found.findings if f.startswith(f"{LEFT_OUT}: how far sessions")]
 
 
 @pytest.mark.slow

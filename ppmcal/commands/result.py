@@ -23,6 +23,7 @@ from ppmcal.io.folder import current, note_read, running
 from ppmcal.io.input_files import path_errors
 from ppmcal.io.results.batch import CampaignQuantity
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import needs_a_look
 from ppmcal.wording.progress import stage
 from ppmcal.wording.told import Told
 
@@ -37,8 +38,8 @@ class Result:
 
     Attributes:
         provenance: version, SHA-256 of each input file, command and seed.
-        findings: sentences that need a look; the command leaves with exit code 1 where there
-            are any.
+        findings: sentences that the user must look at, and notes that are good to know; their
+            level says which.
     """
 
     COMMAND: ClassVar[str]
@@ -64,13 +65,14 @@ class Result:
         """What needs a look, and what the machine's file leaves to the program."""
         return list(dict.fromkeys([*self._of_machine, *self.findings]))
 
+    def remarks(self) -> Sequence[str]:
+        """Return every sentence besides the result itself; their levels give the exit code."""
+        return [*self.findings, *self.row_failures]
+
     @property
     def needs_a_look(self) -> bool:
-        """Whether the command leaves with exit code 1.
-
-        A default that a machine's file leaves to the program is told, and is no fault.
-        """
-        return bool(self.row_failures) or any(f not in self._of_machine for f in self.findings)
+        """Whether a remark is a finding."""
+        return needs_a_look(self.remarks())
 
     @property
     def exit_code(self) -> int:

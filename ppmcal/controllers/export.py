@@ -104,7 +104,12 @@ class Exported:
 
 
 class Exporter(Protocol):
-    """A module, or an object, that writes one format."""
+    """A module, or an object, that writes one format.
+
+    It may have ``use(mechanism, model, old)`` too: in words, what somebody does with the model, a
+    path, who has this controller; empty where it does not drive the machine. ``old`` is the
+    controller's own file that the machine was imported from, empty where it was not.
+    """
 
     def export(self, mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
         """Return the machine in this format.
@@ -149,6 +154,21 @@ def exporter(name: str) -> Exporter:
     if name.lower() not in known:
         raise unknown("format", name, known)
     return cast("Exporter", known[name.lower()].load())
+
+
+def uses(mechanism: Mechanism, model: str, form: str = "", old: str = "") -> list[str]:
+    """Return what may be done with a calibrated machine on the controllers that drive it, in words.
+
+    Args:
+        mechanism: the machine.
+        model: path of its file, or of the folder.
+        form: the format that it was imported from, which is then its controller.
+        old: the controller's file that it was imported from.
+    """
+    known = formats()
+    own = [known[form]] if form in known else known.values()
+    told = (getattr(entry.load(), "use", None) for entry in own)
+    return [words for use in told if use is not None and (words := use(mechanism, model, old))]
 
 
 def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> ExportRecord:

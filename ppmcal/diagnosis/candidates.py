@@ -12,6 +12,7 @@ from ppmcal import linalg
 from ppmcal.diagnosis.by_session import by_session
 from ppmcal.diagnosis.grids import NEAR, Grids, lowest, sign, start_values, usual_range
 from ppmcal.diagnosis.hypotheses import (
+    SOME_FILES,
     Collector,
     Hypothesis,
     Library,
@@ -35,6 +36,7 @@ from ppmcal.model.effects import (
     effect_kinds,
 )
 from ppmcal.model.mechanism import limbs_with_free
+from ppmcal.notes import NOTE, Note
 
 UNBORNE = "it shows only through what gives way to the load, of which the model has nothing"
 STARTS = (np.arange(16) + 0.5) / 8.0 - 1.0
@@ -69,8 +71,8 @@ class _Kinds(Collector):
         on, missing, lack = self._recorded(kind, usable)
         if missing:
             self.untestable.append(Untestable(
-                kind.label, missing, f"not recorded in {' and '.join(lack)}" if lack
-                else "not recorded, or the same in every row"))
+                kind.label, missing, Note(f"not recorded in {' and '.join(lack)}", NOTE, SOME_FILES)
+                if lack else "not recorded, or the same in every row"))
         if not on.any():
             return
         if kind.carried is not None and not self.bears and self.bearing is None:

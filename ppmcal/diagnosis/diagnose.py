@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-from ppmcal.calibration.fit import NOTE, Fit, Problem, bounded, identify, secondary
+from ppmcal.calibration.fit import LEFT_OUT, Fit, Problem, bounded, identify, secondary
 from ppmcal.calibration.interpretation import refuse_after_fit, refuse_other_machine
 from ppmcal.calibration.knowledge import far_from_nominal
 from ppmcal.calibration.validation import LeftOut, left_out, report
@@ -33,6 +33,7 @@ from ppmcal.diagnosis.result import LEARNED_AFTER, SILENT, Diagnosis, LearnedTer
 from ppmcal.diagnosis.session_effects import with_sessions
 from ppmcal.diagnosis.told_places import candidates, effects, left, possible, unknown
 from ppmcal.diagnosis.wrong_files import without, wrong_files
+from ppmcal.notes import about
 from ppmcal.wording import counted
 from ppmcal.wording.progress import begin
 
@@ -107,7 +108,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         next_step, what, found.last, held.verdict, gap, options.seed), nothing(
             "these measurements do not tell what to measure next",
             len(problem.mechanism.actuators)), notes)
-    notes += [f for f in reported.findings if f.startswith(NOTE)]
+    notes += about(reported.findings, (LEFT_OUT,))
     listed = candidates(what, found, named)
     return Diagnosis(
         held.verdict, own, possible(listed, held.verdict), rest, start, gap, places, listed,

@@ -127,6 +127,10 @@ class Hypothesis:
         return f"{what}{UNLIKE}" if self.sessions else what
 
 
+SOME_FILES = "not recorded in some files"
+"""The topic of a reason that names the files."""
+
+
 @dataclass(frozen=True)
 class Untestable:
     """A kind that the data cannot test, and what they lack."""

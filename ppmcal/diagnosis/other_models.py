@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.compensation import Reading
-from ppmcal.calibration.fit import NOTE, Fit, bounded
+from ppmcal.calibration.fit import Fit, bounded, left_out_note
 from ppmcal.calibration.knowledge import registered
 from ppmcal.diagnosis.explanation import (
     CausePlace,
@@ -50,11 +50,11 @@ def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
                 machine, _ = extended(whole.problem.mechanism, sized)
                 fit = with_mechanism(whole, machine, options.fit) if sized else whole
             except PpmcalError as error:
-                notes.append(f"{NOTE}the machine with {label} ({error.what})")
+                notes.append(left_out_note(f"the machine with {label} ({error.what})"))
                 continue
             if (sized and not fit.converged) or outside(fit.problem, fit.state):
-                notes.append(f"{NOTE}the machine with {label} (" + (
-                    "sizes that no machine has)" if fit.converged else "its fit has no end)"))
+                notes.append(left_out_note(f"the machine with {label} (" + (
+                    "sizes that no machine has)" if fit.converged else "its fit has no end)")))
                 continue
             named = place.hypothesis.label if place.hypothesis is not None else ""
             kept = [h.label for h in what.hypotheses(member)]

@@ -15,6 +15,10 @@ from ppmcal.io.yaml import number_text
 from ppmcal.linalg import Array
 
 PARTIAL = "or leave out what matches nothing with --partial"
+
+
+class NoMatch(BadInput):
+    """Rows of one file that match none of the other."""
 NOTHING: Mapping[str, float] = {}
 CARRIED = ("dir_", "pose", "session")
 """Columns that begin so are those of the nearest row, not interpolated."""
@@ -293,14 +297,14 @@ def _left(table: Table, rows: np.ndarray, called: list[str], other: Table, parti
     shown = ", ".join(called[:5]) + (" ..." if len(called) > 5 else "")
     what = f"{row_list(rows)} ({shown}): nothing in {other.source} matches{within}"
     if not partial:
-        raise BadInput(what, table.source, f"Correct names or times, {PARTIAL}")
+        raise NoMatch(what, table.source, f"Correct names or times, {PARTIAL}")
     return [f"{table.source}: {what}; left out."]
 
 
 def _some(rows: np.ndarray, taken: np.ndarray, log: Table, points: Table, findings: list[str]
           ) -> tuple[np.ndarray, np.ndarray, list[str]]:
     if not rows.size:
-        raise BadInput(f"no point matches a row of {log.source}", points.source,
+        raise NoMatch(f"no point matches a row of {log.source}", points.source,
                        "Check that both are of one run, or join otherwise: --join")
     return rows, taken, findings
 

@@ -27,6 +27,7 @@ from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism
 from ppmcal.model.parameters import NO_TOLERANCE, Parameter, free_indices, unmatched
+from ppmcal.notes import NOTE, Note
 from ppmcal.units import Units, coordinate_quantity
 
 
@@ -183,7 +184,7 @@ def _parameters(file: MechanismFile, drafts: Sequence[Draft], units: Units, home
     if not waiting:
         return made, given, []
     made = assemble.with_defaults(made, waiting, _reach(drafts, made, home_pose))
-    findings, said = [], set()
+    findings, said = list[str](), set()
     for p in made:
         if p.name not in waiting:
             continue
@@ -192,9 +193,10 @@ def _parameters(file: MechanismFile, drafts: Sequence[Draft], units: Units, home
         if not p.fixed and (p.tolerance_class, p.quantity) not in said:
             said.add((p.tolerance_class, p.quantity))
             why = "1/1000 of the reach" if p.quantity == "length" else "1e-3 rad"
-            findings.append(
-                f"{source}: tolerances: {NO_TOLERANCE} '{p.tolerance_class}'; "
-                f"{number:.6g} {units.name(p.quantity)} ({why}) is used. Add it to `tolerances`.")
+            findings.append(Note(
+                f"{source}: tolerances: no tolerance is given for '{p.tolerance_class}'; "
+                f"{number:.6g} {units.name(p.quantity)} ({why}) is used. Add it to `tolerances`.",
+                NOTE, NO_TOLERANCE))
     return made, {c: given[c] for c in TolerancesFile.model_fields if c in given}, findings
 
 

@@ -33,6 +33,7 @@ from ppmcal.io.folder import (
 )
 from ppmcal.io.folder_record import RECORD
 from ppmcal.io.stage import Staging, not_written, staged
+from ppmcal.notes import Note
 from ppmcal.wording.progress import note
 
 
@@ -154,7 +155,7 @@ def json_text(obj: object) -> str:
 def plain(obj: object) -> Any:
     """Return ``obj`` as what JSON can hold."""
     if isinstance(obj, str):
-        return str(obj)
+        return obj if isinstance(obj, Note) else str(obj)
     if obj is None or isinstance(obj, bool | int):
         return obj
     if isinstance(obj, np.bool_):

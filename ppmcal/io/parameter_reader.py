@@ -12,6 +12,7 @@ from ppmcal.io.schema import hint
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind
 from ppmcal.model.parameters import Parameter, SlotMap, unmatched
+from ppmcal.notes import NOTE, Note
 
 
 @dataclass(frozen=True)
@@ -188,6 +189,6 @@ def check_patterns(made: Sequence[Parameter], drafts: Sequence[Draft], patterns:
                                f"Add `axis: [1, 0, 0]` under `{axis.partition('.')[0]}` of {limb}")
         raise BadInput(f"the pattern '{missed[0]}' names no parameter", f"{source}: free",
                        f"Parameters are called {', '.join(names[:8])}, ...{hint(missed[0], names)}")
-    return [f"{source}: free: the pattern '{pattern}' names only fixed parameters; give one a "
-            "tolerance to free it." for pattern in patterns
+    return [Note(f"{source}: free: the pattern '{pattern}' names only fixed parameters; give one a "
+                 "tolerance to free it.", NOTE) for pattern in patterns
             if all(p.fixed for p in made if p.matches(pattern))]

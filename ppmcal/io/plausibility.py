@@ -18,6 +18,7 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, ways
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note, of_column
 
 LENGTH_FACTORS = {1000.0: "mm against m", 25.4: "in against mm", 1e6: "um against m"}
 TURN = 2.0 * np.pi
@@ -48,7 +49,9 @@ def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> lis
         out += _positions(mechanism, data)
         out += _rotations(data)
         for i, name in enumerate(mechanism.actuators):
-            out += _joint(mechanism, data, i, name, i not in outside)
+            place = of_column(data.source, f"q_{name}")
+            out += [Note(text, topic=place)
+                    for text in _joint(mechanism, data, i, place, i not in outside)]
         out += _swapped(mechanism, data)
         out += _directions(mechanism, data)
     return out
@@ -178,19 +181,18 @@ def _rotations(data: Dataset) -> list[str]:
     return []
 
 
-def _joint(mechanism: Mechanism, data: Dataset, index: int, name: str, limited: bool
+def _joint(mechanism: Mechanism, data: Dataset, index: int, place: str, limited: bool
            ) -> list[str]:
     """Compare one joint's values with its limits (if they hold at home), home and the reach."""
     q = data.q[:, index]
     finite = q[np.isfinite(q)]
     if not finite.size:
         return []
-    place = f"{data.source}: column q_{name}"
     outside = np.flatnonzero(_beyond(q, mechanism.limits[index]))
     if outside.size and limited:
         rows = row_list(data.rows[outside] - 1)
-        return [f"{place}: {rows}: outside the limits of {name}; check the limits in "
-                f"{mechanism.source}, and the column's unit and order."]
+        return [f"{place}: {rows}: outside the limits of {mechanism.actuators[index]}; check "
+                f"the limits in {mechanism.source}, and the column's unit and order."]
     if mechanism.actuator_has_ratio[index]:
         return []
     span = float(finite.max() - finite.min())

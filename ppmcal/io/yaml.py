@@ -38,6 +38,10 @@ _Loader.yaml_constructors = {
     if tag is None or tag in {_TAG + name for name in ("null", "bool", "str", "seq")}}
 
 
+class _Twice(yaml.constructor.ConstructorError):
+    """A key that stands twice in one mapping."""
+
+
 def _mapping(loader: yaml.CSafeLoader, node: yaml.Node) -> dict[Any, Any]:
     if not isinstance(node, yaml.MappingNode):
         raise yaml.constructor.ConstructorError(
@@ -49,7 +53,7 @@ def _mapping(loader: yaml.CSafeLoader, node: yaml.Node) -> dict[Any, Any]:
             raise yaml.constructor.ConstructorError(
                 None, None, "a key must be a plain word", key_node.start_mark)
         if key in seen:
-            raise yaml.constructor.ConstructorError(
+            raise _Twice(
                 None, None, f"the key '{key}' stands twice in one mapping", key_node.start_mark)
         seen[key] = loader.construct_object(value_node, deep=True)
     return seen
@@ -116,7 +120,7 @@ def _syntax(path: Path, error: yaml.MarkedYAMLError, data: bytes) -> BadInput:
     if "recursive" in what:
         return BadInput("an alias refers to itself: an endless structure", where,
                         "Remove the alias (`*name`)")
-    if "stands twice" in what:
+    if isinstance(error, _Twice):
         return BadInput(what, where, "Remove one of the two")
     if mark and _TAB.match(b"".join(data.splitlines()[mark.line:mark.line + 1])):
         return BadInput("a tab stands in the indentation", where, "Indent with spaces")

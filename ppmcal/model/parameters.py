@@ -17,7 +17,8 @@ from ppmcal.linalg import Array
 
 RATIO = "ratio"
 """Name and class of the slot that holds a drive ratio."""
-NO_TOLERANCE = "no tolerance is given for"
+NO_TOLERANCE = "no tolerance"
+"""The topic of what is said of a tolerance that a file does not give."""
 """What a finding says of parameters whose tolerance is a default."""
 
 RIGID = 1e-6

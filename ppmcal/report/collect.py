@@ -2,61 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.folder_record import digest_of
-from ppmcal.io.results.commands import CommandsRecord
-from ppmcal.io.results.comparison import ComparisonRecord
-from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.export import ExportRecord
-from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.kinematics import KinematicsRecord
-from ppmcal.io.results.record import AnyRecord
-from ppmcal.io.results.record import Record as JsonRecord
-from ppmcal.io.results.simulation import TruthRecord
-from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.io.stage import settle
-from ppmcal.report.design_records import DESIGN_FILES, designed
-from ppmcal.report.measured_rows import is_condition, is_place, with_measured
-from ppmcal.report.records import (
-    Columns,
-    ComparedCalibrations,
-    ControllerExport,
-    Diagnosed,
-    Identified,
-    Other,
-    OtherDays,
-    ReportData,
-    ResidualRows,
-    Simulated,
-)
-from ppmcal.report.sources import (
-    is_command_number,
-    is_kinematics_number,
-    is_number_column,
-    is_shown_of_kinematics,
-    read_columns,
-)
+from ppmcal.report.kind import Folder
+from ppmcal.report.kinds import KINDS, KNOWN
+from ppmcal.report.measured_rows import with_measured
+from ppmcal.report.records import Identified, ReportData, Simulated
+from ppmcal.report.sources import read_columns
 from ppmcal.report.truth import compare
 from ppmcal.wording.progress import stage
 
-COMPARE_WORDS = frozenset({"name", "unit", "status"})
-"""Columns of compare.csv that are words; the others are numbers."""
-
 ROUND_OFF = 1e-11
 """Measurements are the same where they differ by less than this part of a column's largest."""
-KNOWN = ("measurements.csv", "truth.json", "identification.json", "parameters.csv",
-         "residuals.csv", "identified.yaml", "diagnosis.json", "effects.csv", "commands.csv",
-         "commands.json", "kinematics.csv", "kinematics.json", "check.json", "poses.csv",
-         "poses.json", "map.csv", "compare.csv", "comparison.json", "export.json",
-         "validation.json", *DESIGN_FILES)
-"""Files by which a folder is recognised as a command's output."""
 
 
 @stage("reading the results")
@@ -68,20 +33,19 @@ def collect(dirs: Sequence[Path]) -> ReportData:
     """
     if not dirs:
         raise BadInput("no folder was given", "", "Name the output folders of earlier commands")
-    found: dict[str, list[Any]] = {k: [] for k in ("identified", "diagnosed", "compensated",
-                                                   "kinematics", "simulated", "others",
-                                                   "designed", "compared", "exported", "validated")}
     unique = list({Path(d).absolute(): Path(d) for d in dirs}.values())
-    for folder in unique:
-        settle(folder)
-        _refuse_strange(folder)
-        for key, part in _parts(folder):
-            found[key].append(part)
-    found["simulated"] = [_with_copies(s, found["identified"]) for s in found["simulated"]]
-    identified = tuple(with_measured(i, found["simulated"]) for i in found["identified"])
-    parts = {k: tuple(v) for k, v in found.items() if k != "identified"}
-    return ReportData(tuple(str(d) for d in unique), identified, **parts,
-                      comparisons=compare(identified, found["simulated"]))
+    parts: dict[str, Any] = {kind.place: () for kind in KINDS}
+    for path in unique:
+        settle(path)
+        _refuse_strange(path)
+        folder = Folder(path)
+        for kind in KINDS:
+            parts[kind.place] += tuple(kind.read(folder))
+    found = ReportData(tuple(map(str, unique)), **parts)
+    simulated = tuple(_with_copies(s, found.identified) for s in found.simulated)
+    identified = tuple(with_measured(i, simulated) for i in found.identified)
+    return replace(found, simulated=simulated, identified=identified,
+                   comparisons=compare(identified, simulated))
 
 
 def _refuse_strange(folder: Path) -> None:
@@ -101,95 +65,6 @@ def _refuse_strange(folder: Path) -> None:
         if inner:
             mend += f" Did you mean its folders {', '.join(inner[:8])}?"
         raise BadInput("holds no output of a ppmcal command", str(folder), mend)
-
-
-def _parts(folder: Path) -> list[tuple[str, Any]]:
-    """Return the pieces of one folder, each with its place in the report."""
-    name = str(folder)
-
-    def has(*files: str) -> bool:
-        return any((folder / f).is_file() for f in files)
-
-    def table(file: str, only: Collection[str] | None = None,
-              numeric: Callable[[str], bool] = is_number_column) -> Columns | None:
-        wanted = None if only is None else only.__contains__
-        return read_columns(folder / file, wanted=wanted, numeric=numeric) if has(file) else None
-
-    out: list[tuple[str, Any]] = []
-    if has("truth.json", "measurements.csv"):
-        out.append(("simulated", _simulated(folder)))
-    diagnosed = has("diagnosis.json", "effects.csv")
-    fitted = has("identification.json", "parameters.csv", "identified.yaml") or (
-        has("residuals.csv") and not diagnosed)
-    wanted = table("next.csv") if fitted or diagnosed else None
-    if fitted:
-        found = _with_parameters(_record(IdentificationRecord, folder),
-                                 lambda: table("parameters.csv"))
-        out.append(("identified", Identified(name, found, table("residuals.csv"),
-                                             diagnosed=diagnosed, next=wanted)))
-    if diagnosed:
-        rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
-        out.append(("diagnosed", Diagnosed(name, _record(DiagnosisRecord, folder),
-                                           table("effects.csv"), rest, wanted)))
-    if has("commands.csv", "commands.json"):
-        out.append(("compensated", ResidualRows(
-            name, "commands", _record(CommandsRecord, folder),
-            table("commands.csv", numeric=is_command_number))))
-    if has("kinematics.csv", "kinematics.json"):
-        out.append(("kinematics", ResidualRows(
-            name, "kinematics", _record(KinematicsRecord, folder),
-            read_columns(folder / "kinematics.csv", wanted=is_shown_of_kinematics,
-                         numeric=is_kinematics_number) if has("kinematics.csv") else None)))
-    designs = designed(folder)
-    out += [("designed", d) for d in designs]
-    held = {file for d in designs for file in d.rows}
-    for kind, stem in (("check", "check"), ("plan", "poses"), ("map", "map")):
-        if f"{stem}.csv" not in held and has(f"{stem}.csv", f"{stem}.json"):
-            found_json = folder / f"{stem}.json"
-            any_record = AnyRecord.read(found_json) if found_json.is_file() else AnyRecord()
-            out.append(("others", Other(name, kind, any_record, table(f"{stem}.csv", only=()))))
-    if has("comparison.json", "compare.csv"):
-        compared = _with_parameters(
-            _record(ComparisonRecord, folder),
-            lambda: table("compare.csv", numeric=lambda c: c not in COMPARE_WORDS))
-        out.append(("compared", ComparedCalibrations(name, compared)))
-    if has("validation.json"):
-        out.append(("validated", OtherDays(name, _record(ValidationRecord, folder))))
-    if has("export.json"):
-        out.append(("exported", ControllerExport(name, ExportRecord.read(folder / "export.json"))))
-    return out
-
-
-R = TypeVar("R", bound=JsonRecord)
-P = TypeVar("P", IdentificationRecord, ComparisonRecord)
-
-
-def _record(kind: type[R], folder: Path) -> R:
-    """Return a folder's JSON of one kind, an empty one if it is not there."""
-    path = folder / kind.FILE
-    return kind.read(path) if path.is_file() else kind()
-
-
-def _with_parameters(record: P, table_of: Callable[[], Columns | None]) -> P:
-    """Return a record that has no parameters with those of a CSV."""
-    rows = None if record.parameters else table_of()
-    if rows is None:
-        return record
-    table = [{**{k: v[i] for k, v in rows.text.items()},
-              **{k: float(v[i]) if np.isfinite(v[i]) else None for k, v in rows.numbers.items()}}
-             for i in range(rows.size)]
-    return record.changed(parameters=type(record).checked(
-        {"parameters": table}, Path(rows.source)).parameters)
-
-
-def _simulated(folder: Path) -> Simulated:
-    file = folder / "measurements.csv"
-    here = file.is_file()
-    return Simulated(str(folder), _record(TruthRecord, folder)
-                     if (folder / TruthRecord.FILE).is_file() else None,
-                     read_columns(file, whole=False, wanted=is_condition, numeric=is_place)
-                     if here else None,
-                     digest_of(file) if here else "")
 
 
 def _with_copies(one: Simulated, identified: Sequence[Identified]) -> Simulated:

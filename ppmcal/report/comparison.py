@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -22,15 +24,19 @@ from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes, Zero
 from ppmcal.plotting.plot import row_y, rows_plot, span
 from ppmcal.report.format import count, listed, number, probability, sig, to_sigma, typeset
 from ppmcal.report.html import Cell, amount, dotted, figures, paragraph, table, words
-from ppmcal.report.records import ComparedCalibrations
+from ppmcal.report.kind import Folder, Kind
+from ppmcal.report.records import Held, ReportData
 from ppmcal.report.section import Section
+from ppmcal.report.sources import with_parameters
 
 SHOWN, PLOTTED = 12, 40
+WORDS = frozenset({"name", "unit", "status"})
+"""Columns of compare.csv that are words; the others are numbers."""
 STYLES = {"changed": "out", "possible": "before"}
 KEYS = {"changed": "changed", "possible": "possible instead"}
 
 
-def comparison_section(one: ComparedCalibrations) -> Section:
+def comparison_section(one: Held[ComparisonRecord]) -> Section:
     """Return everything about one comparison."""
     r = one.record
     return Section("Comparison of two calibrations", "".join([
@@ -160,3 +166,25 @@ def _ratio(p: ParameterDifference) -> float | None:
     if p.difference is None or p.sigma is None or not p.sigma > 0.0:
         return None
     return number(p.difference / p.sigma)
+
+
+def _read(folder: Folder) -> Iterator[Held[ComparisonRecord]]:
+    if folder.has("comparison.json", "compare.csv"):
+        yield Held(folder.name, with_parameters(
+            folder.record(ComparisonRecord), lambda: folder.table(
+                "compare.csv", numeric=lambda c: c not in WORDS)))
+
+
+def _shown(one: Held[ComparisonRecord], _: ReportData) -> dict[str, Any]:
+    record = one.record.entries()
+    return {"folder": one.folder, "comparison": record, "parameters": record.get("parameters", ())}
+
+
+COMPARE: Kind[Held[ComparisonRecord]] = Kind(
+    "compared", "comparisons", "comparison", 70, ("comparison.json", "compare.csv"), _read,
+    lambda data: [(f"Comparison in {one.folder}", partial(comparison_section, one))
+                  for one in data.compared],
+    _shown,
+    lambda one: [("compare", one.record)], lambda one, _: [
+        (one.folder, text) for text in (*attention(one.record), *one.record.findings)],
+    lambda one, _: [verdict(one.record)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 from ppmcal.io.results.export import (
@@ -15,26 +17,23 @@ from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.style import SMALLEST
 from ppmcal.report.format import count, number, sig
 from ppmcal.report.html import MAX_ROWS, amount, bullets, dotted, figures, paragraph, table, words
-from ppmcal.report.records import ControllerExport
+from ppmcal.report.kind import Folder, Kind
+from ppmcal.report.records import Held
 from ppmcal.report.section import Section, filled
+from ppmcal.wording import sentence
 
 STAGES = (("before", "old"), ("after", "new"))
 ERRORS = (("rms", "rms"), ("max", "at most"))
 """Keys, and their names in a sentence."""
 
 
-def export_section(one: ControllerExport) -> Section:
+def export_section(one: Held[ExportRecord]) -> Section:
     """Return everything about one export."""
     r = one.record
     notes = [sentence(n) for n in (*r.notes, *r.advice)]
     return Section(f"Export: {r.called}", paragraph(_said(r), "big") + _numbers(r), one.folder,
                    parts=filled([_gain(r), _not_expressed(r),
                                  Section("Notes", bullets(notes)) if notes else None]))
-
-
-def sentence(text: str) -> str:
-    """Return text as a sentence."""
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}." if text else ""
 
 
 def _said(r: ExportRecord) -> str:
@@ -132,3 +131,17 @@ def fixed(value: Any, decimals: int = 4, plus: bool = False) -> str:
         return sig(x, 8)
     x = round(x, decimals) + 0.0
     return f"{x:{'+' if plus else ''}.{decimals}f}".replace("-", "−")
+
+
+def _read(folder: Folder) -> Iterator[Held[ExportRecord]]:
+    if folder.has("export.json"):
+        yield Held(folder.name, folder.record(ExportRecord))
+
+
+EXPORT: Kind[Held[ExportRecord]] = Kind(
+    "exported", "exports", "export", 50, ("export.json",), _read,
+    lambda data: [(f"Export in {one.folder}", partial(export_section, one))
+                  for one in data.exported],
+    lambda one, _: {"folder": one.folder, "export": one.record.entries()},
+    lambda one: [("export", one.record)],
+    lambda one, _: [(one.folder, text) for text in one.record.attention()])

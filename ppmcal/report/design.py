@@ -5,18 +5,20 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Mapping
+from functools import partial
 from html import escape
 from typing import Any
 
 from ppmcal.io.results.design import ShownTable
+from ppmcal.notes import FINDING, level_of
 from ppmcal.plotting.palette import with_palette
+from ppmcal.report.design_records import DESIGN_FILES, designed
 from ppmcal.report.format import count, exact, number, sig
-from ppmcal.report.headlines import attention
 from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
+from ppmcal.report.kind import Chapter, Kind
 from ppmcal.report.other import scalars
 from ppmcal.report.records import Designed, Picture, ReportData
 from ppmcal.report.section import Section, filled
-from ppmcal.report.verdict import verdicts
 from ppmcal.wording import sentence
 
 TITLES = {"sensitivity": "Sensitivity", "tolerances": "Tolerances", "stiffness": "Stiffness",
@@ -125,15 +127,27 @@ def _figure(p: Picture, section: str) -> str:
             "</figure>")
 
 
-def look_at(data: ReportData) -> list[tuple[str, str]]:
-    """Return all that the user must look at, designs included, as (where, sentence)."""
-    out = attention(data)
-    for one in data.designed:
-        out += [(one.folder, text) for text in one.record.findings]
-        out += [(one.folder, f"the picture {p.file} is missing" if p.problem == "missing" else
-                 f"the picture {p.file} cannot be shown: {p.problem}") for p in one.pictures
-                if p.problem and not p.problem.startswith("left out")]
-    if not out:    # a doubt that is no finding is none the less a doubt
-        out = [(v.of, f"{line.question} {line.word}. {line.text}") for v in verdicts(data)
-               for line in v.lines if line.state != "ok"]
-    return list(dict.fromkeys(out))
+def _look(one: Designed, _: ReportData) -> list[tuple[str, str]]:
+    out = [(one.folder, text) for text in one.record.findings]
+    return out + [(one.folder, f"the picture {p.file} is missing" if p.problem == "missing" else
+                   f"the picture {p.file} cannot be shown: {p.problem}") for p in one.pictures
+                  if p.problem and level_of(p.problem) == FINDING]
+
+
+def _chapters(data: ReportData) -> list[Chapter]:
+    several = len(data.designed) + len(data.identified) > 1
+    return [(f"Error analysis in {d.folder}", partial(design_section, d, several))
+            for d in data.designed]
+
+
+def _shown(one: Designed, _: ReportData) -> dict[str, Any]:
+    return {"folder": one.folder, "kind": one.kind, "record": one.record.entries(),
+            "rows": one.rows, "pictures": [
+                {"file": p.file, "caption": p.caption, "size": p.size, "problem": p.problem}
+                for p in one.pictures]}
+
+
+DESIGN: Kind[Designed] = Kind(
+    "designed", "designs", "error analysis", 90, DESIGN_FILES, lambda folder: designed(folder.path),
+    _chapters, _shown, lambda one: [(one.kind, one.record)], _look,
+    lambda one, _: [design_headline(one)])

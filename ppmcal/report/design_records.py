@@ -18,6 +18,7 @@ from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
 from ppmcal.io.results.tolerances import TolerancesRecord
 from ppmcal.io.results.workspace import WorkspaceRecord
+from ppmcal.notes import NOTE, Note
 from ppmcal.report.records import Designed, DesignRecord, Picture
 from ppmcal.report.sources import read_columns
 
@@ -45,6 +46,12 @@ MOST = 40
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
+def designs_in(folder: Path) -> list[str]:
+    """Return the commands of which a folder holds the record, or the table of the same name."""
+    return [kind for kind, tables in DESIGNS.items() if (folder / f"{kind}.json").is_file() or (
+        f"{kind}.csv" in tables and (folder / f"{kind}.csv").is_file())]
+
+
 def designed(folder: Path) -> list[Designed]:
     """Return what such commands left in a folder, each with its record.
 
@@ -52,11 +59,8 @@ def designed(folder: Path) -> list[Designed]:
         BadInput: a record or a table is broken.
     """
     out: list[Designed] = []
-    for kind, tables in DESIGNS.items():
-        file = folder / f"{kind}.json"
-        if not file.is_file() and not (f"{kind}.csv" in tables
-                                       and (folder / f"{kind}.csv").is_file()):
-            continue
+    for kind in designs_in(folder):
+        file, tables = folder / f"{kind}.json", DESIGNS[kind]
         record = RECORDS[kind].read(file) if file.is_file() else RECORDS[kind]()
         _refuse_uneven(record, str(file))
         rows = {name: read_columns(folder / name, wanted=lambda _: False).size
@@ -87,8 +91,12 @@ def _pictures(folder: Path, record: DesignRecord) -> tuple[Picture, ...]:
     return (*out, *_left_over(list(listed)[MOST:]))
 
 
+def _left_out(why: str) -> Note:
+    return Note(f"left out: {why}", NOTE)
+
+
 def _left_over(names: Sequence[str]) -> list[Picture]:
-    return [Picture(n, "", problem=f"left out: the page takes {MOST} pictures") for n in names]
+    return [Picture(n, "", problem=_left_out(f"the page takes {MOST} pictures")) for n in names]
 
 
 def _picture(folder: Path, name: str, caption: str) -> Picture:
@@ -97,13 +105,13 @@ def _picture(folder: Path, name: str, caption: str) -> Picture:
         return Picture(name, caption, problem=problem)
 
     if not name or name in (".", "..") or "/" in name or "\\" in name or "\0" in name:
-        return without("left out: it is not in this folder")
+        return without(_left_out("it is not in this folder"))
     path = folder / name
     try:
         if not path.is_file():
             return without("missing")
         if path.stat().st_size > LARGEST_FILE:
-            return without(f"left out: larger than {LARGEST_FILE // 1_000_000} MB")
+            return without(_left_out(f"larger than {LARGEST_FILE // 1_000_000} MB"))
         note_read(path)
         content = path.read_bytes()
     except OSError as error:
@@ -119,7 +127,7 @@ def png_size(content: bytes) -> tuple[tuple[int, int], str]:
     damaged does not leave a hole in the page.
     """
     if not content.startswith(_SIGNATURE):
-        return (0, 0), "left out: it is no PNG"
+        return (0, 0), _left_out("it is no PNG")
     at, first, size = len(_SIGNATURE), True, (0, 0)
     while at + 12 <= len(content):
         length = int.from_bytes(content[at:at + 4], "big")
@@ -131,8 +139,8 @@ def png_size(content: bytes) -> tuple[tuple[int, int], str]:
                 break
             size = (int.from_bytes(body[4:8], "big"), int.from_bytes(body[8:12], "big"))
             if not 0 < size[0] * size[1] <= LARGEST_AREA:
-                return (0, 0), f"left out: it has {size[0]} by {size[1]} dots"
+                return (0, 0), _left_out(f"it has {size[0]} by {size[1]} dots")
         if body[:4] == b"IEND":
             return size, ""
         at, first = end, False
-    return (0, 0), "left out: it is cut off or damaged"
+    return (0, 0), _left_out("it is cut off or damaged")

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any
+
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import (
@@ -11,6 +15,7 @@ from ppmcal.io.results.diagnosis_wording import (
     gap_closed,
     headline,
     imitated,
+    lead,
     learned,
     learned_gap,
     name_of,
@@ -25,13 +30,17 @@ from ppmcal.io.results.diagnosis_wording import (
     tried_sets,
     unconfirmed,
     unknown_causes,
+    verdict,
 )
+from ppmcal.io.results.validation import misled
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_format import amounts, in_unit, odds_to
 from ppmcal.report.diagnosis_tables import ladder, next_poses, tried
 from ppmcal.report.format import count, number, probability, sig
 from ppmcal.report.html import Cell, amount, bullets, dotted, figures, paragraph, table, words
-from ppmcal.report.records import Diagnosed
+from ppmcal.report.identified import calibrations, is_fit
+from ppmcal.report.kind import Chapter, Folder, Kind
+from ppmcal.report.records import Columns, Diagnosed, ReportData
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
 from ppmcal.report.section import Section, filled
 from ppmcal.report.validation import days
@@ -185,3 +194,45 @@ def _next(d: Diagnosed) -> Section | None:
     if not text:
         return None
     return Section("Measure next", paragraph(text[:1].upper() + text[1:]) + next_poses(d.next))
+
+
+def _read(folder: Folder) -> Iterator[Diagnosed]:
+    if folder.has("diagnosis.json", "effects.csv"):
+        yield Diagnosed(folder.name, folder.record(DiagnosisRecord), folder.table("effects.csv"),
+                        None if is_fit(folder) else folder.table("residuals.csv"),
+                        folder.table("next.csv"))
+
+
+def _chapters(data: ReportData) -> Iterator[Chapter]:
+    """Yield each diagnosis, with the fit behind it."""
+    for d in data.diagnosed:
+        yield f"Diagnosis in {d.folder}", partial(diagnosis_section, d)
+        yield from calibrations(data, lambda one, d=d: one.diagnosed and one.folder == d.folder)
+
+
+def _look(d: Diagnosed, _: ReportData) -> list[tuple[str, str]]:
+    r = d.record
+    out = list(r.findings)
+    if r.verdict not in ("", "none", "named"):
+        out.append(f"Diagnosis: {verdict(r)}")
+    if r.confirmed is False and r.effects and not out:
+        out.append(unconfirmed(r))
+    return [(d.folder, text) for text in (*out, *misled(r.validation))]
+
+
+def _shown(d: Diagnosed, _: ReportData) -> dict[str, Any]:
+    return {"folder": d.folder, "diagnosis": d.record.entries(), "candidates": _rows(d.effects)}
+
+
+def _rows(table: Columns | None) -> list[dict[str, Any]]:
+    """Return a small CSV row by row."""
+    if table is None:
+        return []
+    columns: dict[str, Sequence[Any]] = {**table.text,
+                                         **{k: v.tolist() for k, v in table.numbers.items()}}
+    return [{h: columns[h][i] for h in table.header} for i in range(table.size)]
+
+
+DIAGNOSE: Kind[Diagnosed] = Kind(
+    "diagnosed", "diagnoses", "diagnosis", 30, ("diagnosis.json", "effects.csv"), _read, _chapters,
+    _shown, lambda d: [("diagnose", d.record)], _look, lambda d, _: [lead(d.record)])

@@ -2,33 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ppmcal.io.results.commands import accepted_sentence
+from ppmcal.io.results.commands import CommandsRecord, accepted_sentence
 from ppmcal.io.results.kinematics import KinematicsRecord, modes_sentence, solved_sentence
-from ppmcal.report.format import count, sig, to_sigma, whole
-from ppmcal.report.headlines import finding_text, other_machine
+from ppmcal.io.results.record import AnyRecord
+from ppmcal.report.design_records import DESIGNS, designs_in
+from ppmcal.report.format import count, sig, whole
+from ppmcal.report.headlines import finding_text
 from ppmcal.report.html import (
     MAX_ROWS,
-    Cell,
     amount,
     bullets,
-    dotted,
     figures,
     given,
     paragraph,
     table,
     words,
 )
+from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.kinematics_figures import kinematics_figures
-from ppmcal.report.records import Columns, ComparedMachines, Other, ResidualRows, Simulated
-from ppmcal.report.residual_figures import command_figure, truth_figures
+from ppmcal.report.records import Columns, Other, ReportData, ResidualRows
+from ppmcal.report.residual_figures import command_figure
 from ppmcal.report.residuals import predicted
 from ppmcal.report.section import Section, filled
-from ppmcal.wording import sentence
+from ppmcal.report.sources import (
+    is_command_number,
+    is_kinematics_number,
+    is_shown_of_kinematics,
+)
 
 SHOWN = 30
 """Rows of commands.csv that are shown; the file holds them all."""
@@ -153,38 +160,92 @@ def scalars(record: Mapping[str, Any]) -> str:
     return table("", ["what", "value"], pairs)
 
 
-def simulation_section(s: Simulated, note: str = "") -> Section:
-    """Return what was simulated; ``note`` is what to say of its truth."""
-    rows = count(s.measurements.size, "measurement") if s.measurements is not None else "no CSV"
-    seed = None if s.truth is None else s.truth.provenance.seed
-    text = f"{rows} simulated in {s.folder}" + (f", seed {seed}." if seed is not None else ".")
-    return Section("Simulation", paragraph(text) + paragraph(note))
-
-
-def truth_section(c: ComparedMachines) -> Section:
-    """Return the errors put in against those found."""
-    body: list[list[Cell]] = []
-    for r in c.rows:
-        body.append([dotted(r.name), amount(r.true, to_sigma(r.true, r.sigma)),
-                     amount(r.found, to_sigma(r.found, r.sigma)),
-                     amount(r.found - r.true, to_sigma(r.found - r.true, r.sigma)),
-                     amount(r.sigma, sig(r.sigma, 2)), words(r.unit),
-                     amount(r.z, sig(r.z, 2), bad=abs(r.z or 0.0) > 4.0), words(r.status)])
-    z = np.array([r.z for r in c.rows if r.z is not None])
-    text = ""
-    if z.size:
-        far = int(np.sum(np.abs(z) > 2.0))
-        text = (f"{far} of {count(int(z.size), 'error')} found "
-                f"{'is' if far == 1 else 'are'} more than 2 sigma from the truth "
-                f"(about {sig(0.0455 * z.size, 2)} expected); rms of z {sig(_rms(z))}.")
-    heads = ["parameter", "error true", "error found", "found − true", "sigma", "unit", "z",
-             "status"]
-    told = " ".join(t for t in (sentence(other_machine(c)), c.note) if t)
-    return Section("Simulated truth against identified", paragraph(text)
-                   + paragraph(told, "bad") + figures(truth_figures(c))
-                   + table("z = (found − true) / sigma", heads, body, sort=True),
-                   f"{c.truth} and {c.identified}")
-
-
 def _rms(values: np.ndarray[Any, Any]) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
+    """Return the units of errors: its JSON's, else those on which all identifications agree."""
+    units = rows.record.units
+    if units:
+        return {"length": units.get("error_position_before", ""),
+                "angle": units.get("error_rotation_before", "")}
+    found = [i.record.units for i in data.identified]
+    return asdict(found[0]) if found and all(f == found[0] for f in found) else {}
+
+
+def _look(rows: ResidualRows, _: ReportData) -> list[tuple[str, str]]:
+    flagged, notes = len(rows.flagged), list(getattr(rows.record, "notes", ()))
+    if not flagged or rows.table is None:
+        return [(rows.folder, text) for text in notes]
+    notes.append(f"{whole(flagged)} of {count(rows.table.size, 'row')} of {rows.kind}.csv "
+                 "refused or with a remark")
+    return [(rows.folder, text) for text in notes]
+
+
+def _shown(rows: ResidualRows, _: ReportData) -> dict[str, Any]:
+    """Return the summary of commands.csv or kinematics.csv."""
+    t = rows.table
+    out: dict[str, Any] = {"folder": rows.folder, "record": rows.record.entries()}
+    if t is None:
+        return out
+    good = np.ones(t.size, dtype=bool)
+    good[list(rows.flagged)] = False
+    out["rows"], out["accepted"] = t.size, int(good.sum())
+    for name in (h for h in t.header if h.startswith(("error_", "sigma_"))):
+        values = t.number(name)[good]
+        values = values[np.isfinite(values)]
+        if values.size:
+            out[name] = {"mean": float(values.mean()),
+                         "rms": float(np.sqrt(np.mean(values**2))), "max": float(values.max())}
+    status, reason = t.words("status"), t.words("reason")
+    out["flagged"] = [{"row": i + 1, "status": status[i], "reason": reason[i]}
+                      for i in rows.flagged]
+    return out
+
+
+def _commands_of(folder: Folder) -> Iterator[ResidualRows]:
+    if folder.has("commands.csv", "commands.json"):
+        yield ResidualRows(folder.name, "commands", folder.record(CommandsRecord),
+                           folder.table("commands.csv", numeric=is_command_number))
+
+
+COMPENSATE: Kind[ResidualRows] = Kind(
+    "compensated", "compensations", "compensation", 40, ("commands.csv", "commands.json"),
+    _commands_of, lambda data: [
+        (f"Commands in {r.folder}", partial(
+            lambda r: compensation_section(r, units_of(r, data)), r)) for r in data.compensated],
+    _shown, lambda r: [("compensate", r.record)], _look)
+
+
+def _kinematics_of(folder: Folder) -> Iterator[ResidualRows]:
+    if folder.has("kinematics.csv", "kinematics.json"):
+        yield ResidualRows(folder.name, "kinematics", folder.record(KinematicsRecord), folder.table(
+            "kinematics.csv", wanted=is_shown_of_kinematics, numeric=is_kinematics_number))
+
+
+KINEMATICS: Kind[ResidualRows] = Kind(
+    "kinematics", "kinematics", "kinematics", 80, ("kinematics.csv", "kinematics.json"),
+    _kinematics_of, lambda data: [(f"Kinematics in {r.folder}", partial(kinematics_section, r))
+                                  for r in data.kinematics],
+    _shown, lambda r: [("kinematics", r.record)], _look)
+
+
+def _others_of(folder: Folder) -> Iterator[Other]:
+    """Yield output that no other kind takes: of check, or a table without its record."""
+    held = {file for kind in designs_in(folder.path) for file in DESIGNS[kind]}
+    for kind, stem in (("check", "check"), ("plan", "poses"), ("map", "map")):
+        if f"{stem}.csv" not in held and folder.has(f"{stem}.csv", f"{stem}.json"):
+            path = folder.path / f"{stem}.json"
+            record = AnyRecord.read(path) if path.is_file() else AnyRecord()
+            yield Other(folder.name, kind, record, folder.table(f"{stem}.csv", only=()))
+
+
+OTHER: Kind[Other] = Kind(
+    "others", "others", "further output", 10,
+    ("check.json", "poses.csv", "poses.json", "map.csv"), _others_of,
+    lambda data: [(f"Output in {o.folder}", partial(other_section, o)) for o in data.others],
+    lambda o, _: {"folder": o.folder, "kind": o.kind, "record": o.record.entries(),
+                  "rows": o.table.size if o.table is not None else None},
+    lambda o: [(o.kind, o.record)],
+    lambda o, _: [(o.folder, finding_text(f)) for f in o.record.findings or ()])

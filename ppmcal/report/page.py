@@ -2,102 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
-from functools import partial
+from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from ppmcal import __version__
 from ppmcal.io.output import plain
-from ppmcal.io.results.diagnosis_wording import lead as diagnosis_headline
-from ppmcal.report.comparison import comparison_section
-from ppmcal.report.comparison import verdict as comparison_verdict
-from ppmcal.report.controllers import export_section
-from ppmcal.report.design import design_headline, design_section, look_at
-from ppmcal.report.diagnosis import diagnosis_section
-from ppmcal.report.format import exact, listed, with_unit
-from ppmcal.report.headlines import figure, headline
-from ppmcal.report.html import amount, definitions, part, table, words
-from ppmcal.report.identification import excluded_rows, identified_section
-from ppmcal.report.machine_section import machine_section
-from ppmcal.report.other import (
-    compensation_section,
-    kinematics_section,
-    other_section,
-    simulation_section,
-    truth_section,
-)
-from ppmcal.report.records import (
-    Columns,
-    ComparedCalibrations,
-    ComparedMachines,
-    Identified,
-    ReportData,
-    ResidualRows,
-)
-from ppmcal.report.residuals import used, white
-from ppmcal.report.section import Section, chapter, filled, page
-from ppmcal.report.truth import stray_note
-from ppmcal.report.validation import lead as validation_lead
-from ppmcal.report.validation import validation_section
+from ppmcal.report.format import exact, typeset
+from ppmcal.report.html import amount, definitions, table, words
+from ppmcal.report.kinds import IN_ORDER, KINDS
+from ppmcal.report.records import ReportData
+from ppmcal.report.section import Section, chapter, page
 from ppmcal.report.verdict import verdicts
 from ppmcal.wording import gathered
 from ppmcal.wording.progress import stage
 
 MOST_LOOKED_AT = 60
-FEW = 3
-"""So many parts of a calibration are open where there are several calibrations."""
 
 
 @stage("drawing the page")
 def to_html(data: ReportData) -> str:
     """Return the report as one self-contained page."""
     verdict = verdicts(data)
+    chapters = [chapter(name, make) for kind in IN_ORDER for name, make in kind.chapters(data)]
+    chapters.append(chapter("Where this comes from", lambda: _provenance(data)))
     return page(title=title(data), lead=[] if verdict else summary(data), verdicts=verdict,
-                look=_look(data), chapters=chapters(data), folders=", ".join(data.folders))
-
-
-def chapters(data: ReportData) -> list[Section]:
-    """Return the chapters of the page, what is most asked for first."""
-    out = [chapter(f"Diagnosis in {d.folder}", partial(diagnosis_section, d))
-           for d in data.diagnosed]
-    out += [chapter(f"Calibration in {one.folder}", partial(_calibration, one, n, data))
-            for n, one in enumerate(data.identified)]
-    out += [chapter(f"Validation in {v.folder}", partial(validation_section, v))
-            for v in data.validated]
-    out += [chapter(f"Commands in {r.folder}", partial(
-        lambda r: compensation_section(r, units_of(r, data)), r)) for r in data.compensated]
-    out += [chapter(f"Kinematics in {r.folder}", partial(kinematics_section, r))
-            for r in data.kinematics]
-    several = len(data.designed) + len(data.identified) > 1
-    out += [chapter(f"Error analysis in {d.folder}", partial(design_section, d, several))
-            for d in data.designed]
-    out += [chapter(f"Output in {o.folder}", partial(other_section, o)) for o in data.others]
-    out += [chapter(f"Comparison in {c.folder}", partial(comparison_section, c))
-            for c in data.compared]
-    out += [chapter(f"Export in {e.folder}", partial(export_section, e)) for e in data.exported]
-    compared = {c.truth for c in data.comparisons}
-    out += [chapter(f"Truth in {c.truth}", partial(truth_section, c)) for c in data.comparisons]
-    out += [chapter(f"Simulation in {s.folder}", partial(
-        lambda s: simulation_section(s, stray_note(s, data.identified)), s))
-        for s in data.simulated if s.folder not in compared]
-    return [*out, chapter("Where this comes from", lambda: _provenance(data))]
-
-
-def _calibration(one: Identified, n: int, data: ReportData) -> Section:
-    """Return the chapter about a calibration, the machine drawn in it."""
-    days = listed([d.name for d in one.record.datasets], 2)
-    several = len(data.identified) > 1
-    name = ": ".join(filter(None, [f"Calibration of {one.name}", days])) if several else (
-        "Calibration")
-    found = identified_section(one, n, name, part("tiles", _tiles(one)))
-    drawn = chapter("The machine", lambda: Section(
-        "The machine", machine_section(one, n, data.diagnosed, len(data.identified))))
-    return replace(found, parts=tuple(
-        replace(p, folded=p.folded or (several and i >= FEW))
-        for i, p in enumerate(filled([drawn, *found.parts]))))
+                look=_look(data), chapters=chapters, folders=", ".join(data.folders))
 
 
 def title(data: ReportData) -> str:
@@ -111,40 +40,26 @@ def title(data: ReportData) -> str:
 
 def summary(data: ReportData) -> list[str]:
     """Return the headline's sentences."""
-    out = [s for one in data.identified for s in headline(one)] + _verdicts(data)
-    if not out:
-        parts = [(len(data.simulated), "simulation"), (len(data.diagnosed), "diagnosis"),
-                 (len(data.compensated), "compensation"), (len(data.kinematics), "kinematics"),
-                 (len(data.validated), "validation"), (len(data.compared), "comparison"),
-                 (len(data.exported), "export"), (len(data.designed), "error analysis"),
-                 (len(data.others), "further output")]
-        held = ", ".join(f"{n} × {name}" if n > 1 else name for n, name in parts if n)
-        out.append(f"Results found: {held}. No identification is among them.")
-    return out
+    if out := [text for kind in IN_ORDER for one in kind.of(data)
+               for text in kind.lead(one, data) if text]:
+        return out
+    parts = [(len(kind.of(data)), kind.noun) for kind in IN_ORDER]
+    held = ", ".join(f"{n} × {noun}" if n > 1 else noun for n, noun in parts if n and noun)
+    return [f"Results found: {held}. No identification is among them."]
 
 
-def _verdicts(data: ReportData) -> list[str]:
-    """Return what diagnoses, comparisons and error analyses come to."""
-    out = [*(validation_lead(v.record) for v in data.validated),
-           *(diagnosis_headline(d.record) for d in data.diagnosed),
-           *(comparison_verdict(o.record) for o in data.compared),
-           *(design_headline(d) for d in data.designed)]
-    return [t for t in out if t]
+def look_at(data: ReportData) -> list[tuple[str, str]]:
+    """Return all that the user must look at, as (where, sentence).
 
-
-def _tiles(one: Identified) -> list[dict[str, Any]]:
-    """Return the key figures: rms before, after and held out of each kind of error."""
-    out = []
-    for kind, after in one.record.residual.after.items():
-        stages, unit = (figure(one, "before", kind).rms, after.rms), after.unit
-        flow = [with_unit(rms, unit) for rms in stages if rms is not None]
-        more = [f"{name} {with_unit(value, unit)}" for name, value in
-                (("held out", figure(one, "holdout", kind).rms), ("largest after", after.max))
-                if value is not None]
-        if flow:
-            out.append({"what": f"{kind.capitalize()}, rms before → after", "flow": flow,
-                        "more": " · ".join(more)})
-    return out
+    Whatever the page warns of stands here: that nothing needs a closer look is said where this
+    list is empty, and nowhere else.
+    """
+    out = [(where, typeset(text)) for kind in IN_ORDER for one in kind.of(data)
+           for where, text in kind.look(one, data)]
+    if not out:    # a doubt that is no finding is none the less a doubt
+        out = [(v.of, f"{line.question} {line.word}. {line.text}") for v in verdicts(data)
+               for line in v.lines if line.state != "ok"]
+    return list(dict.fromkeys(out))
 
 
 def _look(data: ReportData) -> list[str]:
@@ -155,32 +70,6 @@ def _look(data: ReportData) -> list[str]:
              for text in gathered([t for w, t in items if w == where], "all in the JSON file")]
     more = len(lines) - MOST_LOOKED_AT
     return lines[:MOST_LOOKED_AT] + ([f"and {more} more, in the JSON files"] if more > 0 else [])
-
-
-def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
-    """Return the units of errors: its JSON's, else those on which all identifications agree."""
-    units = rows.record.units
-    if units:
-        return {"length": units.get("error_position_before", ""),
-                "angle": units.get("error_rotation_before", "")}
-    found = [i.record.units for i in data.identified]
-    return asdict(found[0]) if found and all(f == found[0] for f in found) else {}
-
-
-def records(data: ReportData) -> list[tuple[str, Mapping[str, Any]]]:
-    """Return every JSON that was read, as (folder: kind, record)."""
-    out: list[tuple[str, Mapping[str, Any]]]
-    out = [(f"{i.folder}: identify", i.record.entries()) for i in data.identified]
-    out += [(f"{d.folder}: diagnose", d.record.entries()) for d in data.diagnosed]
-    out += [(f"{r.folder}: {'compensate' if r.kind == 'commands' else r.kind}", r.record.entries())
-            for r in (*data.compensated, *data.kinematics)]
-    out += [(f"{d.folder}: {d.kind}", d.record.entries()) for d in data.designed]
-    out += [(f"{o.folder}: {o.kind}", o.record.entries()) for o in data.others]
-    out += [(f"{c.folder}: compare", c.record.entries()) for c in data.compared]
-    out += [(f"{v.folder}: validate", v.record.entries()) for v in data.validated]
-    out += [(f"{e.folder}: export", e.record.entries()) for e in data.exported]
-    out += [(f"{s.folder}: simulate", s.truth.entries()) for s in data.simulated if s.truth]
-    return out
 
 
 def _datasets(record: Mapping[str, Any]) -> str:
@@ -195,7 +84,9 @@ def _datasets(record: Mapping[str, Any]) -> str:
 def _provenance(data: ReportData) -> Section:
     """Return versions, commands, seeds and the check sums of all inputs."""
     out = []
-    for name, record in records(data):
+    every = [(f"{getattr(one, 'folder', '')}: {command}", found.entries()) for kind in IN_ORDER
+             for one in kind.of(data) for command, found in kind.records(one)]
+    for name, record in every:
         p = record.get("provenance") or {}
         facts = [("Command", str(p.get("command") or ""))]
         facts += [(k.capitalize(), str(p[k])) for k in
@@ -219,80 +110,5 @@ def to_json(data: ReportData) -> dict[str, Any]:
         "format": "ppmcal/report/1", "version": __version__, "title": title(data),
         "folders": list(data.folders), "headline": summary(data),
         "attention": [{"where": w, "what": t} for w, t in look_at(data)],
-        "identifications": [_identified(i) for i in data.identified],
-        "diagnoses": [{"folder": d.folder, "diagnosis": d.record.entries(),
-                       "candidates": _rows(d.effects)} for d in data.diagnosed],
-        "compensations": [_table(r) for r in data.compensated],
-        "kinematics": [_table(r) for r in data.kinematics],
-        "simulations": [{"folder": s.folder, "truth": s.truth and s.truth.entries(),
-                         "rows": s.measurements.size if s.measurements is not None else None,
-                         "sha256": s.digest, "note": stray_note(s, data.identified)}
-                        for s in data.simulated],
-        "others": [{"folder": o.folder, "kind": o.kind, "record": o.record.entries(),
-                    "rows": o.table.size if o.table is not None else None} for o in data.others],
-        "designs": [{"folder": d.folder, "kind": d.kind, "record": d.record.entries(),
-                     "rows": d.rows,
-                     "pictures": [{"file": p.file, "caption": p.caption, "size": p.size,
-                                   "problem": p.problem} for p in d.pictures]}
-                    for d in data.designed],
-        "validations": [{"folder": v.folder, "validation": v.record.entries()}
-                        for v in data.validated],
-        "comparisons": [_compared(c) for c in data.compared],
-        "exports": [{"folder": o.folder, "export": o.record.entries()} for o in data.exported],
-        "truth_against_identified": [_comparison(c) for c in data.comparisons],
-    }
+        **{kind.key: [kind.shown(one, data) for one in kind.of(data)] for kind in KINDS}}
     return {k: plain(v) for k, v in out.items()}
-
-
-def _identified(one: Identified) -> dict[str, Any]:
-    record = one.record.entries()
-    out: dict[str, Any] = {"folder": one.folder, "identification": record,
-                           "parameters": record.get("parameters", ())}
-    if one.residuals is not None:
-        values = white(one.residuals)
-        out["residuals"] = {
-            "rows": one.residuals.size, "used": int(used(one.residuals).sum()),
-            "white_rms": float(np.sqrt(np.mean(values**2))) if values.size else None,
-            "excluded": [e.entries(whole=True) for e in excluded_rows(one)]}
-    return out
-
-
-def _table(rows: ResidualRows) -> dict[str, Any]:
-    """Return the summary of commands.csv or kinematics.csv."""
-    t = rows.table
-    out: dict[str, Any] = {"folder": rows.folder, "record": rows.record.entries()}
-    if t is None:
-        return out
-    good = np.ones(t.size, dtype=bool)
-    good[list(rows.flagged)] = False
-    out["rows"], out["accepted"] = t.size, int(good.sum())
-    for name in (h for h in t.header if h.startswith(("error_", "sigma_"))):
-        values = t.number(name)[good]
-        values = values[np.isfinite(values)]
-        if values.size:
-            out[name] = {"mean": float(values.mean()),
-                         "rms": float(np.sqrt(np.mean(values**2))), "max": float(values.max())}
-    status, reason = t.words("status"), t.words("reason")
-    out["flagged"] = [{"row": i + 1, "status": status[i], "reason": reason[i]}
-                      for i in rows.flagged]
-    return out
-
-
-def _compared(c: ComparedCalibrations) -> dict[str, Any]:
-    record = c.record.entries()
-    return {"folder": c.folder, "comparison": record, "parameters": record.get("parameters", ())}
-
-
-def _rows(table: Columns | None) -> list[dict[str, Any]]:
-    """Return a small CSV row by row."""
-    if table is None:
-        return []
-    columns: dict[str, Sequence[Any]] = {**table.text,
-                                         **{k: v.tolist() for k, v in table.numbers.items()}}
-    return [{h: columns[h][i] for h in table.header} for i in range(table.size)]
-
-
-def _comparison(c: ComparedMachines) -> dict[str, Any]:
-    return {"truth": c.truth, "identified": c.identified, "note": c.note,
-            "other_nominal_values": list(c.other),
-            "parameters": [{**asdict(r), "z": r.z} for r in c.rows]}

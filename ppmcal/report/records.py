@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.results.plan import PlanRecord
-from ppmcal.io.results.record import AnyRecord
+from ppmcal.io.results.record import AnyRecord, Record
 from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
@@ -24,7 +24,7 @@ from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.io.results.workspace import WorkspaceRecord
 from ppmcal.linalg import Array, Ints
 
-Record = Mapping[str, Any]
+R = TypeVar("R", bound=Record)
 DesignRecord: TypeAlias = (SensitivityRecord | TolerancesRecord | StiffnessRecord | WorkspaceRecord
                 | PlanRecord)
 
@@ -159,11 +159,11 @@ class Diagnosed:
 
 
 @dataclass(frozen=True)
-class OtherDays:
-    """Output of ``validate``."""
+class Held(Generic[R]):
+    """Output that its record says all of: that of ``validate``, ``compare`` and ``export``."""
 
     folder: str
-    record: ValidationRecord
+    record: R
 
 
 @dataclass(frozen=True)
@@ -174,22 +174,6 @@ class Other:
     kind: str
     record: AnyRecord
     table: Columns | None = None
-
-
-@dataclass(frozen=True)
-class ControllerExport:
-    """Output of ``export``."""
-
-    folder: str
-    record: ExportRecord
-
-
-@dataclass(frozen=True)
-class ComparedCalibrations:
-    """Output of ``compare``; ``record`` has the parameters of compare.csv where it has none."""
-
-    folder: str
-    record: ComparisonRecord
 
 
 @dataclass(frozen=True)
@@ -262,7 +246,7 @@ class ComparedMachines:
 
 @dataclass(frozen=True)
 class ReportData:
-    """Everything that the folders held."""
+    """Everything that the folders held; ``uses``: by folder, what may be done with its model."""
 
     folders: tuple[str, ...]
     identified: tuple[Identified, ...] = ()
@@ -272,7 +256,8 @@ class ReportData:
     simulated: tuple[Simulated, ...] = ()
     others: tuple[Other, ...] = ()
     designed: tuple[Designed, ...] = ()
-    validated: tuple[OtherDays, ...] = ()
-    compared: tuple[ComparedCalibrations, ...] = ()
-    exported: tuple[ControllerExport, ...] = ()
+    validated: tuple[Held[ValidationRecord], ...] = ()
+    compared: tuple[Held[ComparisonRecord], ...] = ()
+    exported: tuple[Held[ExportRecord], ...] = ()
     comparisons: tuple[ComparedMachines, ...] = field(default=())
+    uses: Mapping[str, str] = field(default_factory=dict)

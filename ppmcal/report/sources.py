@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,11 +21,14 @@ from ppmcal.io.folder import note_read
 from ppmcal.io.input_files import refuse_no_file
 from ppmcal.io.json import AGAIN
 from ppmcal.io.limits import TABLE_BYTES, TABLE_COLUMNS, refuse_shape
+from ppmcal.io.results.comparison import ComparisonRecord
+from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.linalg import Array
 from ppmcal.report.format import LARGEST
 from ppmcal.report.records import Columns
 
 CHUNK = 50_000
+P = TypeVar("P", IdentificationRecord, ComparisonRecord)
 
 _NUMBERS = frozenset({"row", "used", "x", "y", "nominal", "value", "error", "sigma", "sigma_data",
                       "tolerance", "low", "high", "p_value", "survival", "sigma_position",
@@ -165,3 +169,15 @@ def _floats(cells: tuple[str, ...], where: str, start: int, name: str) -> Array:
             raise BadInput(f"'{cell[:40]}' is not a number",
                            f"{where} {start + i + 1}, column {name}", AGAIN) from None
     return out
+
+
+def with_parameters(record: P, table_of: Callable[[], Columns | None]) -> P:
+    """Return a record that has no parameters with those of a CSV."""
+    rows = None if record.parameters else table_of()
+    if rows is None:
+        return record
+    table = [{**{k: v[i] for k, v in rows.text.items()},
+              **{k: float(v[i]) if np.isfinite(v[i]) else None for k, v in rows.numbers.items()}}
+             for i in range(rows.size)]
+    return record.changed(parameters=type(record).checked(
+        {"parameters": table}, Path(rows.source)).parameters)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ppmcal.io.results.validation import (
     ValidatedDataset,
     ValidationRecord,
     effects_sentence,
+    misled,
     model_sentence,
     noise_sentence,
     registered_sentence,
@@ -21,7 +23,8 @@ from ppmcal.plotting.layers import Layer, Marks, Points, Strokes
 from ppmcal.plotting.plot import Axis, row_y, rows_plot, span
 from ppmcal.report.format import sig, typeset
 from ppmcal.report.html import Cell, amount, figures, paragraph, table, words
-from ppmcal.report.records import OtherDays
+from ppmcal.report.kind import Folder, Kind
+from ppmcal.report.records import Held
 from ppmcal.report.section import Section
 
 ROW, NAMES = 17.0, 170.0
@@ -29,7 +32,7 @@ ROW, NAMES = 17.0, 170.0
 STYLES = {"better": "after", "worse": "out"}
 
 
-def validation_section(one: OtherDays) -> Section:
+def validation_section(one: Held[ValidationRecord]) -> Section:
     """Return everything about one validation."""
     return Section("On other measurements", days(one.record.datasets), one.folder)
 
@@ -112,3 +115,18 @@ def _layers(shown: Sequence[PredictedError], rms: Sequence[float], unit: str
             said += f"\n95 %: {sig(low)} … {sig(high)} {unit}"
         layers.append(Marks(np.array([value]), np.array([y]), kind, "o", points=Points([said])))
     return layers, ends
+
+
+def _read(folder: Folder) -> Iterator[Held[ValidationRecord]]:
+    if folder.has("validation.json"):
+        yield Held(folder.name, folder.record(ValidationRecord))
+
+
+VALIDATE: Kind[Held[ValidationRecord]] = Kind(
+    "validated", "validations", "validation", 60, ("validation.json",), _read,
+    lambda data: [(f"Validation in {one.folder}", partial(validation_section, one))
+                  for one in data.validated],
+    lambda one, _: {"folder": one.folder, "validation": one.record.entries()},
+    lambda one: [("validate", one.record)], lambda one, _: [
+        (one.folder, text) for text in (*one.record.findings, *misled(one.record.datasets))],
+    lambda one, _: [lead(one.record)])

@@ -8,12 +8,12 @@ from typing import Literal
 
 from ppmcal.calibration.fit import LARGER
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_wording import gap_closed, next_step
+from ppmcal.io.results.diagnosis_wording import gap_closed, left_out_error, next_step
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_wording import noise_verdict
 from ppmcal.report.format import count, typeset
-from ppmcal.report.headlines import accuracy, figure, main_kind
+from ppmcal.report.headlines import accuracy, figure, main_kind, unseen
 from ppmcal.report.records import Diagnosed, Identified, ReportData
 
 State = Literal["ok", "warn", "bad"]
@@ -56,8 +56,15 @@ def verdicts(data: ReportData) -> list[Verdict]:
                 continue
         found[one.name] = one, _diagnosis(one, by_folder, data.diagnosed)
     several = len(found) > 1
-    return [Verdict(name * several, _lines(one, d))
+    return [Verdict(name * several, _lines(one, d, data))
             for name, (one, d) in list(found.items())[:MOST]]
+
+
+def _accuracy(one: Identified, d: DiagnosisRecord | None, data: ReportData) -> str:
+    """Return how accurate the machine is, what no fit has seen first."""
+    text = accuracy(one, data)
+    told = d is not None and not unseen(one, main_kind(one), data) and left_out_error(d)
+    return f"{told}; {text}" if told else text
 
 
 def _diagnosis(one: Identified, by_folder: dict[str, Diagnosed], every: Sequence[Diagnosed]
@@ -75,18 +82,18 @@ def _inputs(record: IdentificationRecord | DiagnosisRecord) -> set[str]:
     return set(record.provenance.inputs.values()) - {""}
 
 
-def _lines(one: Identified, d: DiagnosisRecord | None) -> tuple[Line, ...]:
-    good = _calibrated(one, d)
-    return good, _certainty(one, d), _next(one, d, good.state)
+def _lines(one: Identified, d: DiagnosisRecord | None, data: ReportData) -> tuple[Line, ...]:
+    good = _calibrated(one, d, _accuracy(one, d, data))
+    return good, _certainty(one, d), _next(one, d, good.state, data.uses.get(one.folder, ""))
 
 
-def _calibrated(one: Identified, d: DiagnosisRecord | None) -> Line:
-    """Return whether the machine is calibrated, and by how much."""
+def _calibrated(one: Identified, d: DiagnosisRecord | None, text: str) -> Line:
+    """Return whether the machine is calibrated; ``text``: by how much."""
     r, kind = one.record, main_kind(one)
     before, after = (figure(one, s, kind) for s in ("before", "after"))
     if after.rms is None:
         return Line("Calibrated?", "Not known", "The folder does not say what is left.", "warn")
-    text, noisy = accuracy(one), r.noise.state == LARGER
+    noisy = r.noise.state == LARGER
     if before.rms is not None and after.rms > before.rms:
         return Line("Calibrated?", "No", f"{text}: it rose.", "bad")
     if r.converged is False:
@@ -141,8 +148,8 @@ def _size(one: Identified) -> str:
     return ""
 
 
-def _next(one: Identified, d: DiagnosisRecord | None, state: State) -> Line:
-    """Return what to do now."""
+def _next(one: Identified, d: DiagnosisRecord | None, state: State, use: str) -> Line:
+    """Return what to do now; ``use``: with the model, where it is good."""
     if d is not None and d.next_measurements.file:
         return Line("Next?", "Measure", next_step(d), "warn")
     if one.record.campaign is not None:
@@ -150,8 +157,9 @@ def _next(one: Identified, d: DiagnosisRecord | None, state: State) -> Line:
         return Line("Next?", "Measure", f"{poses}, listed in next.csv, would tell the rest.",
                     "warn")
     if state == "ok":
-        return Line("Next?", "Use it", f"ppmcal compensate {one.folder} TARGETS.csv corrects "
-                    "commands; ppmcal validate tells on another day whether it still holds.", "ok")
+        use = use or f"ppmcal compensate {one.folder} TARGETS.csv corrects commands"
+        return Line("Next?", "Use it", f"{use}; ppmcal validate tells on another day whether it "
+                    "still holds.", "ok")
     if d is None:
         return Line("Next?", "Diagnose", "ppmcal diagnose MODEL DATA finds which effect is "
                     "missing.", "warn")

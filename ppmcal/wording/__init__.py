@@ -68,6 +68,12 @@ def shorter(label: str, total: int) -> str:
     return f"{kind} on {where(names, total)}" if names else kind
 
 
+def causes(label: str) -> str:
+    """Return ``backlash and gain`` of ``backlash on leg1, leg2 and gain on leg3``."""
+    return " and ".join(dict.fromkeys(
+        part.partition(" on ")[0] for part in label.split(" and ")))
+
+
 SLOW = 1e-2
 """A rate below this is easier to read by the hour."""
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ppmcal
-from ppmcal.calibration.fit.secondary_analyses import NOTE
+from ppmcal.calibration.fit.secondary_analyses import LEFT_OUT
 from ppmcal.calibration.sessions import change_detection, day_noise
 from ppmcal.calibration.validation import frozen_models
 from ppmcal.commands.compensate import run as compensate_command
@@ -57,7 +57,7 @@ def break_(monkeypatch):
 
 
 def left_out(lines):
-    return [line for line in lines if line.startswith(NOTE) and WHY in line]
+    return [line for line in lines if line.startswith(f"{LEFT_OUT}: ") and WHY in line]
 
 
 def test_compare_tells_what_changed_without_names_or_platform(folders, break_):
@@ -198,7 +198,7 @@ def test_a_diagnosis_keeps_the_pictures_that_can_be_drawn(break_, caplog):
 def test_a_page_has_its_other_chapters(folders, break_):
     break_((page, "identified_section"), (page, "_provenance"))
     found = ppmcal.make_report(folders[0]).files()
-    assert WHY in found["report.html"] and NOTE in found["report.html"]
+    assert WHY in found["report.html"] and LEFT_OUT in found["report.html"]
     assert json.loads(found["report.json"])["identifications"]
 
 

@@ -15,7 +15,7 @@ import ppmcal
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.fit.secondary_analyses import NOTE, secondary
+from ppmcal.calibration.fit.secondary_analyses import LEFT_OUT, secondary
 from ppmcal.calibration.sessions import change_detection, day_noise
 from ppmcal.calibration.validation import frozen_models, summary
 from ppmcal.commands.compare import run as compare_command
@@ -26,6 +26,7 @@ from ppmcal.diagnosis import diagnose as diagnosis
 from ppmcal.diagnosis import naming
 from ppmcal.errors import BadInput, LinearAlgebraError
 from ppmcal.io import read_mechanism, read_scenario
+from ppmcal.notes import topic_of
 
 OF_A_FIT = ("find_gross_errors", "flats", "honest", "held_out", "left_out", "identifiability",
             "unidentifiable", "doubtful_stretches", "against_tolerances", "considered", "before",
@@ -56,7 +57,7 @@ def test_what_fails_is_left_out_and_noted(error: Exception) -> None:
 
     notes = list[str]()
     assert secondary("the colour", make, 7, notes) == 7
-    assert notes == [f"{NOTE}the colour (no)"]
+    assert notes == [f"{LEFT_OUT}: the colour (no)"]
     assert secondary("the colour", lambda: 5, 7, notes) == 5
     assert len(notes) == 1
 
@@ -79,7 +80,7 @@ def test_two_machines_of_exact_values_disagree_and_have_a_result() -> None:
     assert found.noise.sigma_ratio > 1e6
     assert found.sessions is not None and found.sessions.differ
     assert any(f.startswith("sessions disagree") for f in found.findings)
-    assert not any(f.startswith(NOTE) for f in found.findings)
+    assert not any(topic_of(f) == LEFT_OUT for f in found.findings)
 
 
 @pytest.mark.slow_cases("too small-1 nm", "too small-1 pm")
@@ -93,7 +94,7 @@ def test_a_delta_measured_once_has_a_result_at_any_sigma(stated: float, true: fl
     found = ppmcal.identify(printer, [replace(
         data, sigma_position=np.full_like(data.sigma_position, stated))])
     assert found.converged and np.isfinite(found.mechanism.values).all()
-    for note in (f for f in found.findings if f.startswith(NOTE)):
+    for note in (f for f in found.findings if topic_of(f) == LEFT_OUT):
         assert "how far sessions, or stretches of rows, differ" in note
 
 
@@ -108,7 +109,7 @@ def test_identify_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch,
     bare = ppmcal.identify(made.mechanism, [made.data])
     assert bare.converged
     np.testing.assert_array_equal(bare.mechanism.values, whole.mechanism.values)
-    notes = [f for f in bare.findings if f.startswith(NOTE)]
+    notes = [f for f in bare.findings if topic_of(f) == LEFT_OUT]
     assert len(notes) == len(OF_A_FIT) + len(OF_IDENTIFY)
     assert all("an extra that had no answer" in f for f in notes)
     bare.save(tmp_path / "out")
@@ -124,7 +125,7 @@ def test_diagnose_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch,
         for name in names:
             monkeypatch.setattr(module, name, fails)
     found = ppmcal.diagnose(made.mechanism, [made.data])
-    notes = [f for f in found.findings if f.startswith(NOTE)]
+    notes = [f for f in found.findings if topic_of(f) == LEFT_OUT]
     assert len(notes) >= len(OF_DIAGNOSE) + 3
     for what in ("the gap on held-out poses", "what left-out rows have in common",
                  "the prediction of each session", "where residuals are",
@@ -146,7 +147,7 @@ def test_validate_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch, tmp
     bare = ppmcal.validate(model, [other.data])
     assert bare.record.datasets[0].errors[0].position.rms == pytest.approx(
         whole.record.datasets[0].errors[0].position.rms)
-    notes = [f for f in bare.findings if f.startswith(NOTE)]
+    notes = [f for f in bare.findings if topic_of(f) == LEFT_OUT]
     for what in ("how much closer", "another assembly mode", "errors of position", "the noise that",
                  "fitted to these measurements", "typed wrong", "the registration has to fit"):
         assert any(what in n for n in notes), what
@@ -168,7 +169,7 @@ def test_compare_without_any_of_its_extras(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setattr(compare_command, "with_equal_freedoms", fails)
     bare = ppmcal.compare(tmp_path / "old", tmp_path / "new")
     assert bare.comparison.changed and bare.comparison.p_value == whole.comparison.p_value
-    notes = [f for f in bare.findings if f.startswith(NOTE)]
+    notes = [f for f in bare.findings if topic_of(f) == LEFT_OUT]
     for what in ("what has changed", "how far the platform has moved", "one fit to the rows"):
         assert any(what in n for n in notes), what
     bare.save(tmp_path / "out")

@@ -24,7 +24,7 @@ from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.report.controllers import export_section
-from ppmcal.report.records import ControllerExport
+from ppmcal.report.records import Held
 
 CONFIGS = ROOT / "configs"
 
@@ -77,7 +77,7 @@ def test_the_models_own_uncertainty_is_in_the_prediction(model: Path, tmp_path: 
     assert told["after"]["rms"] > 1e-3
     assert f"{told['model']['rms']:.2g} mm" in said
     assert f"in the frame of {name}" in said
-    page = html_of(export_section(ControllerExport("o", ExportRecord.checked(found))))
+    page = html_of(export_section(Held("o", ExportRecord.checked(found))))
     assert f"in the frame of {name}" in page
     assert str(model.with_name("identification.json")) in found["provenance"]["inputs"]
 
@@ -90,7 +90,7 @@ def test_what_is_not_known_is_not_promised(model: Path, tmp_path: Path) -> None:
     assert found["predicted"]["after"]["rms"] is None
     assert found["predicted"]["model"]["rms"] is None
     assert "identification.json is not beside the model" in found["predicted"]["model"]["reason"]
-    section = export_section(ControllerExport("o", ExportRecord.checked(found)))
+    section = export_section(Held("o", ExportRecord.checked(found)))
     for text in (said, html_of(section)):
         assert "unknown, as identification.json is not beside the model" in text
         assert "Predicted error with the new" not in text

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from wild_diagnosis import write
 
-from ppmcal.calibration.fit import NOTE, Fit, Problem
+from ppmcal.calibration.fit import LEFT_OUT, Fit, Problem
 from ppmcal.diagnosis import naming, other_models
 from ppmcal.diagnosis.diagnose import diagnose
 from ppmcal.diagnosis.explanation import CausePlace, Round
@@ -21,6 +21,7 @@ from ppmcal.errors import NoResult
 from ppmcal.inference.blocks import Block
 from ppmcal.inference.sets import Member
 from ppmcal.io import read_campaign, read_mechanism
+from ppmcal.notes import topic_of
 
 KINDS = DiagnosisOptions(kinds=("gain", "backlash"))
 
@@ -43,7 +44,7 @@ def test_too_few_rows_to_hold_some_out_are_a_note(geared: Problem,
     monkeypatch.setattr(naming, "training_part", none)
     found = diagnose(geared, KINDS)
     assert [e.kind for e in found.effects] == ["gain"] and found.gap is None
-    assert any(f.startswith(NOTE) and "these rows fit nothing" in f for f in found.findings)
+    assert any(topic_of(f) == LEFT_OUT and "these rows fit nothing" in f for f in found.findings)
 
 
 @pytest.mark.slow

@@ -10,7 +10,8 @@ import pytest
 from helpers.paths import ROOT
 
 import ppmcal
-from ppmcal.calibration.fit.secondary_analyses import NOTE
+from ppmcal.calibration.fit.secondary_analyses import LEFT_OUT
+from ppmcal.notes import topic_of
 
 FLAT = Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data")) / "hard/flat-reprap"
 
@@ -47,7 +48,7 @@ def test_heights_and_distances_of_another_printer_move_no_command_far(tmp_path: 
     for name in ("heights", "distances"):
         assert any(f.startswith(f"{name}: ") and ("rows left out" in f or "tell nothing" in f)
                    for f in found.findings)
-    assert not any(f.startswith(NOTE) for f in found.findings)
+    assert not any(topic_of(f) == LEFT_OUT for f in found.findings)
     sent = ppmcal.compensate(found, np.array([[0, 0, 0], [60, 0, 0], [0, 60, 0]]),
                              frame="base").compensation
     ok = np.array([s == "ok" for s in sent.status])

@@ -172,7 +172,7 @@ def test_errors_in_words() -> None:
 def test_console_and_report_say_the_same_of_an_export(tmp_path: Path) -> None:
     """One sentence on what is left, one on each thing that cannot be expressed."""
     from ppmcal.report.controllers import export_section
-    from ppmcal.report.records import ControllerExport
+    from ppmcal.report.records import Held
     from ppmcal.report.section import placed
 
     m = machine("delta-linear")
@@ -184,7 +184,7 @@ def test_console_and_report_say_the_same_of_an_export(tmp_path: Path) -> None:
     sentence = record.predicted.sentence()
     assert sentence.startswith("What the format cannot express: 1 mm rms")
     assert sentence.replace("'", "&#39;") in placed([export_section(
-        ControllerExport("o", record))])[0].html
+        Held("o", record))])[0].html
 
 
 @pytest.mark.parametrize(("text", "words"), [

@@ -22,14 +22,12 @@ from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html, to_json
 from ppmcal.report.batch import batch_page
 from ppmcal.report.records import (
-    ComparedCalibrations,
     ComparedMachines,
-    ControllerExport,
     Designed,
     Diagnosed,
+    Held,
     Identified,
     Other,
-    OtherDays,
     ReportData,
     ResidualRows,
     Simulated,
@@ -42,9 +40,10 @@ CALM = "Nothing needs a closer look"
 
 
 def fit(**changes: Any) -> Identified:
-    """Return an identification without any fault, and with what is given."""
+    """Return an identification without any fault, and with what is given; it lists no findings."""
     clean = identification()
-    clean |= {"findings": [], "excluded": [], "parameters": clean["parameters"][:1]}
+    del clean["findings"]
+    clean |= {"excluded": [], "parameters": clean["parameters"][:1]}
     return Identified("fit", IdentificationRecord.checked(clean | changes))
 
 
@@ -96,15 +95,15 @@ WARNINGS: dict[str, Callable[[], dict[str, Any]]] = {
     "commands": lambda: {"compensated": (ResidualRows(
         "c", "commands", CommandsRecord(notes=("uncertainties are unknown",)), None),)},
     "check": lambda: {"others": (Other("c", "check", AnyRecord(findings=("odd",))),)},
-    "validation": lambda: {"validated": (OtherDays("v", ValidationRecord.checked(
+    "validation": lambda: {"validated": (Held("v", ValidationRecord.checked(
         {"datasets": [{"name": "s", "errors": ERRORS}]})),)},
-    "changed": lambda: {"compared": (ComparedCalibrations("c", ComparisonRecord(
+    "changed": lambda: {"compared": (Held("c", ComparisonRecord(
         verdict="changed")),)},
-    "compared": lambda: {"compared": (ComparedCalibrations("c", ComparisonRecord(
+    "compared": lambda: {"compared": (Held("c", ComparisonRecord(
         findings=("odd",))),)},
-    "export": lambda: {"exported": (ControllerExport("e", ExportRecord.checked(
+    "export": lambda: {"exported": (Held("e", ExportRecord.checked(
         {"not_expressed": [{"what": "a leaning tower"}]})),)},
-    "worse": lambda: {"exported": (ControllerExport("e", ExportRecord.checked(
+    "worse": lambda: {"exported": (Held("e", ExportRecord.checked(
         {"gain": {"before": {"rms": 0.1}, "after": {"rms": 0.2}}})),)},
     "simulation": lambda: {"simulated": (Simulated("s", TruthRecord(left_out=("row 1",)), None),)},
     "truth": lambda: {"comparisons": (ComparedMachines("s", "f", (FAR,)),)},
@@ -125,6 +124,17 @@ def test_without_a_warning_it_is_calm() -> None:
     data = ReportData(("x",), (fit(),), (diagnosis(effects=[EFFECT], confirmed=True),))
     assert to_json(data)["attention"] == []
     assert CALM in to_html(data)
+
+
+@pytest.mark.parametrize("name", ["excluded", "noise", "unconverged", "far"])
+def test_a_fit_that_lists_its_findings_has_said_them_all(name: str) -> None:
+    """Whatever words they are in: nothing is said twice, nor left out for a word in another."""
+    (bare,) = WARNINGS[name]()["identified"]
+    (own,) = to_json(ReportData(("x",), (bare,)))["attention"]
+    for finding in ("another word", own["what"], "rows left out, converged, stated noise"):
+        told = replace(bare, record=bare.record.changed(findings=(finding,)))
+        (seen,) = to_json(ReportData(("x",), (told,)))["attention"]
+        assert seen["what"] == finding
 
 
 def test_nine_warnings_of_a_kind_are_one_line_and_all_in_the_json() -> None:

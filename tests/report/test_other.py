@@ -290,7 +290,8 @@ def test_all_on_one_page(folders: Path) -> None:
     dirs = [folders / d for d in ("idA", "idB", "cmp", "grid", "lean", "fit")]
     html, _ = page(*dirs)
     order = [html.index(f"<h2>{h}") for h in (
-        "Comparison of two", "Export: pose grid", "Export: Klipper", "Where this comes from")]
+        "Calibration of", "Export: pose grid", "Export: Klipper", "Comparison of two",
+        "Where this comes from")]
     assert order == sorted(order)
     out = to_json(collect(dirs))
     assert out["comparisons"][0]["comparison"] == record(folders / "cmp", "comparison.json")

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import re
 import warnings
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.report_files import cells, identification, own, read, specs, write_csv, write_fit
+from helpers.sources import tree_of
 
+from ppmcal import commands, report
 from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge.parameter_estimates import FAR
 from ppmcal.calibration.validation import Dependence
@@ -25,9 +28,9 @@ from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.plotting.plot import Axis, span
 from ppmcal.report import collect, to_html, to_json
-from ppmcal.report.collect import KNOWN
 from ppmcal.report.format import NBSP, probability, sig, to_sigma, typeset
-from ppmcal.report.records import Identified, Simulated
+from ppmcal.report.kinds import KINDS, KNOWN
+from ppmcal.report.records import Identified, ReportData, Simulated
 from ppmcal.report.residuals import envelope, evenly_spread
 from ppmcal.report.truth import compare
 from ppmcal.units import Units
@@ -191,14 +194,14 @@ def test_page_says_it_all_with_units(everything: list[Path]) -> None:
     text = "".join(page.text)
     for piece in (f"0.00655{NBSP}mm on poses kept out of the fit", f"(0.512{NBSP}mm before",
                   "12 rows, 1 of them left out", "consistent with the stated noise (ratio 1.02",
-                  "1 of 12 rows left out", f"{FAR}: leg1.offset",
+                  "1 of 12 rows left out", f", 1 {FAR}",
                   "outlier: 7.0 times the noise", "leg1 too long", "frame.x − 0.5 × leg2.offset",
                   "m.yaml: units: odd unit", "at rz 0", "10.4934 … 10.5090", "10.5012",
                   "Error vectors in the plane, after", "ppmcal identify m.yaml"):
         assert piece in text, piece
     order = [html.index(f"{h}</h") for h in (
-        "Calibration", "Error before and after", "Residuals", "Parameters", "Compensation",
-        "Simulated truth against identified", "Where this comes from")]
+        "Calibration", "Error before and after", "Residuals", "Parameters",
+        "Simulated truth against identified", "Compensation", "Where this comes from")]
     assert order == sorted(order)
 
 
@@ -440,3 +443,20 @@ def test_a_row_is_told_with_what_its_own_file_says(tmp_path: Path) -> None:
     assert "temperature 21" in html and "q_leg1" not in html
     (tmp_path / "day.csv").write_text("pose,x\n1,2\n")
     assert collect([tmp_path / "fit"]).identified[0].measured is None
+
+
+@pytest.mark.parametrize("module", ["page", "collect", "kind", "section", "html"])
+def test_what_makes_the_page_names_no_command(module: str) -> None:
+    """A kind of output is declared beside its section; `kinds` alone lists them."""
+    tree = tree_of(Path(report.__file__).parent / f"{module}.py")
+    said = {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)} | {
+        n.module.rpartition(".")[2] for n in ast.walk(tree)
+        if isinstance(n, ast.ImportFrom) and n.module}
+    assert not said & ({name for name in commands.names() if name != "report"}
+                       | {kind.place for kind in KINDS} | {"identification", "diagnosis"})
+
+
+def test_every_kind_of_output_is_told_apart_by_its_files_and_has_a_place() -> None:
+    assert len({kind.place for kind in KINDS}) == len({kind.key for kind in KINDS}) == len(KINDS)
+    assert {kind.place for kind in KINDS} <= {f.name for f in fields(ReportData)}
+    assert len({kind.order for kind in KINDS}) == len(KINDS)

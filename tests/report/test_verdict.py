@@ -1,12 +1,28 @@
 """The first three lines of the page, and the gap step by step."""
 
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
+from helpers.commands import ppmcal
+from helpers.paths import ROOT
 from helpers.report_files import cells, identification
 
+from ppmcal.commands.report.options import ReportArguments
+from ppmcal.commands.report.run import run
+from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.record import Provenance
+from ppmcal.io.results.validation import ValidationRecord
+from ppmcal.report import to_html
 from ppmcal.report.diagnosis_tables import ladder
-from ppmcal.report.records import Diagnosed, Identified, ReportData
+from ppmcal.report.page import summary
+from ppmcal.report.records import Diagnosed, Held, Identified, ReportData, ResidualRows
 from ppmcal.report.section import Section, placed
 from ppmcal.report.verdict import MOST, verdicts
 
@@ -135,3 +151,64 @@ def test_sigma_that_is_too_large_leaves_nothing_to_diagnose(noise, sure):
     found = lines(one(redundant=[], noise=noise))
     assert [line.word for line in found] == ["Yes", sure, "Use it"]
     assert "not noise" not in found[0].text
+
+
+def test_the_headline_is_of_what_no_fit_has_seen_where_that_is_known():
+    """Poses kept out first, then another day, then what commands promise, then the fit."""
+    fit = one(residual={stage: {"position": {"rms": rms, "unit": "mm"}} for stage, rms in (
+        ("before", 0.5), ("after", 0.01))})
+    model = {"provenance": {"inputs": {"fit/identified.yaml": "x"}}}
+    errors = [{"model": "model", "position": {"rms": 0.03, "unit": "mm"}}]
+    day = Held("v", ValidationRecord.checked(model | {"datasets": [
+        {"name": "run2", "errors": errors}]}))
+    sent = ResidualRows("c", "commands", CommandsRecord.checked(model | {
+        "rows": 4, "predicted": {"position": {"after": 0.02, "unit": "mm"}}}), None)
+    other = replace(sent, record=sent.record.changed(provenance=Provenance(inputs={"m.yaml": "x"})))
+    for more, words in (
+            ({"validated": (day,), "compensated": (sent,)}, "0.0300\u00a0mm on run2, which no fit"),
+            ({"compensated": (sent,)}, "0.0200\u00a0mm promised for 4 targets"),
+            ({"compensated": (other,)}, "0.0100\u00a0mm in the fit (0.500\u00a0mm before)")):
+        data = ReportData(("fit",), (fit,), **more)
+        assert words in verdicts(data)[0].lines[0].text, words
+        assert words in summary(data)[0]
+        assert words.split(" ")[0] in to_html(data).split('class="flow"')[1].split("</div>")[0]
+
+
+def test_a_set_of_long_names_is_told_by_its_causes():
+    every = ", ".join(f"leg{i}" for i in range(1, 6))
+    record = {"verdict": "named-set", "plot_data": {"actuators": [{}] * 6}, "effects": [
+        {"kind": "backlash", "on": ["leg2"], "alternatives_on": [
+            f"backlash on {every} and compliance on {every}", "gain on leg2"]},
+        {"kind": "drift", "on": []}]}
+    assert headline(DiagnosisRecord.checked(record)).endswith(
+        "apart: 3 explanations (backlash or backlash and compliance or gain).")
+    record["effects"][0]["alternatives_on"] = ["gain on leg2"]
+    assert headline(DiagnosisRecord.checked(record)).endswith(
+        "apart: backlash on leg2 or gain on leg2.")
+
+
+@pytest.mark.parametrize(("shipped", "told"), [
+    ("6-UPS", ["compensate", "export linuxcnc", "export joints", "validate"]),
+    ("3-RPR", ["compensate", "export joints", "validate"])])
+def test_what_to_do_next_suits_the_machine(tmp_path, monkeypatch, shipped, told):
+    """Which controllers drive it is asked of them: no list of theirs is in the report."""
+    monkeypatch.chdir(tmp_path)
+    Path("fit").mkdir()
+    shutil.copy(ROOT / "configs" / f"{shipped}.yaml", "fit/identified.yaml")
+    Path("fit/identification.json").write_text(json.dumps(identification("bench")))
+    (verdict,) = verdicts(run(ReportArguments(folders=("fit",))).data)
+    assert re.findall(r"ppmcal ((?:export )?\w+)", verdict.lines[2].text) == told
+
+
+def test_a_printer_gets_the_numbers_of_its_firmware(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "sample_data" / "printer" / "printer.cfg", "printer.cfg")
+    ppmcal("import", "klipper", "printer.cfg", "--rods", "300", cwd=tmp_path, expect=0)
+    Path("fit").mkdir()
+    shutil.copy("imported/machine.yaml", "fit/identified.yaml")
+    record = identification("bench") | {"provenance": {"inputs": {"imported/machine.yaml": "x"}}}
+    Path("fit/identification.json").write_text(json.dumps(record))
+    (verdict,) = verdicts(run(ReportArguments(folders=("fit",))).data)
+    assert re.findall(r"ppmcal ((?:export )?\w+)", verdict.lines[2].text) == [
+        "export klipper", "validate"]
+    assert "--old printer.cfg --write" in verdict.lines[2].text

@@ -124,7 +124,8 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.response import Response as Response
     from ppmcal.calibration.fit.response import Rows as Rows
     from ppmcal.calibration.fit.secondary_analyses import FAILURES as FAILURES
-    from ppmcal.calibration.fit.secondary_analyses import NOTE as NOTE
+    from ppmcal.calibration.fit.secondary_analyses import LEFT_OUT as LEFT_OUT
+    from ppmcal.calibration.fit.secondary_analyses import left_out_note as left_out_note
     from ppmcal.calibration.fit.secondary_analyses import pictures_beside as pictures_beside
     from ppmcal.calibration.fit.secondary_analyses import secondary as secondary
     from ppmcal.calibration.fit.unknown_directions import (

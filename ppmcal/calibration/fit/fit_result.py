@@ -18,6 +18,7 @@ from ppmcal.calibration.fit.linearisation import (
 )
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.linalg import Array, Bools, finite_rows, svd
+from ppmcal.notes import topic_of
 
 ITERATIONS = 60
 OUTLIER = "outlier"
@@ -116,7 +117,7 @@ class Fit:
         out = []
         for pose, keep, reasons in zip(self.state.poses, self.keep, self.reasons, strict=True):
             mask = np.zeros_like(keep)
-            mask[[n for n, reason in reasons.items() if reason.startswith(OUTLIER)]] = True
+            mask[[n for n, reason in reasons.items() if topic_of(reason) == OUTLIER]] = True
             out.append(mask & finite_rows(pose) & ~keep)
         return out
 

@@ -26,6 +26,7 @@ from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.calibration.fit.unsolved_rows import NO_POSE
 from ppmcal.inference.priors import NO_WEIGHT
 from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.notes import NOTE, Note
 
 log = logging.getLogger(__package__)
 
@@ -126,8 +127,9 @@ def _explained(fit: Fit, rows: Sequence[Bools], found: Distances, factor: Array)
         solved = finite_rows(pose)
         times.append({n: float(away[n]) for n in gone})
         kept = {n: why for n, why in own.items() if not keep[n]}
-        reasons.append({**kept, **{n: f"{OUTLIER}: {away[n]:.1f} times the noise" if solved[n]
-                                   else NO_POSE for n in gone}})
+        reasons.append({**kept, **{
+            n: Note(f"{OUTLIER}: {away[n]:.1f} times the noise", NOTE, OUTLIER) if solved[n]
+            else NO_POSE for n in gone}})
     return replace(fit, noise_factor=factor, reasons=tuple(reasons), times=tuple(times))
 
 

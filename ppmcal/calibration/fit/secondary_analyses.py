@@ -8,17 +8,23 @@ from typing import TypeVar
 
 from ppmcal.errors import PpmcalError
 from ppmcal.linalg import LinAlgError
+from ppmcal.notes import Note
 
 T = TypeVar("T")
 S = TypeVar("S")
 log = logging.getLogger(__package__)
-NOTE = "left out: "
-"""How a note begins."""
+LEFT_OUT = "left out"
+"""The topic of a note on an analysis that is not there."""
 FAILURES = (PpmcalError, ArithmeticError, ValueError, LinAlgError)
 """What data can make of an analysis, ValueError: numbers that a library does not take.
 
 Anything else is a fault of the program.
 """
+
+
+def left_out_note(what: str) -> Note:
+    """Return the note that an analysis is not there; ``what``: its name and why."""
+    return Note(f"{LEFT_OUT}: {what}", topic=LEFT_OUT)
 
 
 def secondary(what: str, make: Callable[[], T], instead: S, notes: list[str]) -> T | S:
@@ -37,7 +43,7 @@ def secondary(what: str, make: Callable[[], T], instead: S, notes: list[str]) ->
         reason = error.what if isinstance(error, PpmcalError) else str(error)
         reason = reason or type(error).__name__
         # what linear algebra could not give is called by the same name
-        notes.append(NOTE + (reason if reason.startswith(what) else f"{what} ({reason})"))
+        notes.append(left_out_note(reason if reason.startswith(what) else f"{what} ({reason})"))
         return instead
 
 

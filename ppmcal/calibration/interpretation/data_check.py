@@ -32,6 +32,7 @@ from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value, inverse
 from ppmcal.linalg import Array, ways
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import about, of_column
 from ppmcal.wording import counted
 from ppmcal.wording.progress import stage
 
@@ -127,9 +128,9 @@ def _told(misreadings: Sequence[Misreading], mechanism: Mechanism) -> Iterator[s
 
 def _not_told(findings: Sequence[str], misreadings: Sequence[Misreading]) -> list[str]:
     """Return findings without those on a column that is told to be outside its limits."""
-    told = tuple(f"{m.source}: column {c}:" for m in misreadings for x in m.mistakes
-                 if x.kind == "outside-limits" for c in x.columns)
-    return [f for f in findings if not f.startswith(told)]
+    told = about(findings, [of_column(m.source, c) for m in misreadings for x in m.mistakes
+                            if x.kind == "outside-limits" for c in x.columns])
+    return [f for f in findings if f not in told]
 
 
 def _dead_points(mechanism: Mechanism) -> Iterator[str]:

@@ -47,6 +47,7 @@ from ppmcal.calibration.interpretation.search import Way, ways
 from ppmcal.calibration.interpretation.wrong_rows import wrong_parts, wrong_rows
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.model.parameters import NO_TOLERANCE
+from ppmcal.notes import about
 from ppmcal.wording.progress import stage
 
 log = logging.getLogger(__package__)
@@ -269,7 +270,7 @@ def other_machine(problem: Problem, state: State) -> Misreading | None:
         state: where a fit with the tolerances as prior ended.
     """
     mechanism = problem.mechanism
-    if any(NO_TOLERANCE in f for f in mechanism.findings):
+    if about(mechanism.findings, (NO_TOLERANCE,)):
         return None
     away = tolerances_away(problem, state)
     far = sorted((name for name, times in away.items() if times > FAR), key=lambda n: -away[n])

@@ -154,7 +154,7 @@ def _result(campaign: CampaignJob, place: str) -> dict[str, Any]:
         refused(spec, error, asked, Path(place))
         raise
     result.save(place)
-    return {"exit_code": int(result.needs_a_look), "message": result.headline(),
+    return {"exit_code": result.exit_code, "message": result.headline(),
             "findings": result.findings, "quantities": tuple(result.quantities()),
             "verdict": result.verdict, "design": campaign.design or result.mechanism.name}
 

@@ -22,6 +22,7 @@ from ppmcal.io.batch_manifest import CampaignJob, read_manifest
 from ppmcal.io.folder import current, running
 from ppmcal.io.parquet import refuse_without_pyarrow
 from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table, needing_a_look
+from ppmcal.notes import FINDING, NOTE, Note
 from ppmcal.wording import counted
 from ppmcal.wording.progress import stage
 from ppmcal.wording.told import Findings, Told
@@ -58,10 +59,10 @@ class BatchResult(Result):
         """The campaigns that have no result."""
         return [r for r in self.campaigns if r.failed]
 
-    @property
-    def needs_a_look(self) -> bool:
-        """Whether a campaign failed, has findings, or a machine has changed."""
-        return any(r.exit_code for r in self.records)
+    def remarks(self) -> Sequence[str]:
+        """Return how the campaigns ended: a finding where one did not end well."""
+        ended = any(r.exit_code for r in self.records)
+        return [Note(self.headline(), FINDING if ended else NOTE)]
 
     @cached_property
     def _files(self) -> dict[str, str | bytes]:

@@ -32,6 +32,7 @@ from ppmcal.io.results.comparison import (
 )
 from ppmcal.io.results.knowledge import read_knowledge, read_posterior
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import FINDING, NOTE, Note
 from ppmcal.wording import number
 from ppmcal.wording.told import ShortTable, Told
 
@@ -57,11 +58,11 @@ class ComparisonResult(Result):
     comparison: Comparison
     record: ComparisonRecord
 
-    @property
-    def needs_a_look(self) -> bool:
-        """Whether the machine has changed, or there are findings."""
-        return (self.comparison.changed or bool(self.comparison.why_not)
-                or bool(self.findings))
+    def remarks(self) -> Sequence[str]:
+        """Return the findings, and how the two compare: a note where the machine is the same."""
+        found = self.comparison
+        same = not (found.changed or found.why_not)
+        return [Note(self.headline(), NOTE if same else FINDING), *self.findings]
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return compare.csv and comparison.json."""

@@ -86,11 +86,6 @@ class CompensationResult(Result):
         return [(n + 1, r) for n, (s, r) in enumerate(zip(found.status, found.reason, strict=True))
                 if s != "ok"]
 
-    @property
-    def needs_a_look(self) -> bool:
-        """Whether targets were refused, or a refusal was lifted."""
-        return bool(self.refused or self.findings)
-
     def files(self) -> Mapping[str, str | bytes]:
         """Return commands.csv and commands.json."""
         return dict(self._made[0])

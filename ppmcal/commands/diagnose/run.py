@@ -52,6 +52,7 @@ from ppmcal.io.results.record import Provenance
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.sessions import one_session, session_masks
+from ppmcal.notes import FINDING, NOTE, Note
 from ppmcal.wording.progress import begin, note
 from ppmcal.wording.told import Told
 
@@ -105,10 +106,10 @@ class DiagnosisResult(Result):
         return {**files(self.diagnosis, self.provenance, self.record),
                 **diagnosis_files(self.record, self.png)}
 
-    @property
-    def needs_a_look(self) -> bool:
-        """Whether there are findings, or a verdict other than none and named."""
-        return bool(self.findings) or self.verdict not in ("none", "named")
+    def remarks(self) -> Sequence[str]:
+        """Return the verdict, a finding unless it is none or named, and the findings."""
+        level = NOTE if self.verdict in ("none", "named") else FINDING
+        return [Note(self.headline(), level), *self.findings]
 
     @property
     def warnings(self) -> list[str]:

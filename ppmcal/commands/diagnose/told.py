@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from ppmcal.diagnosis.hypotheses import Untestable
+from ppmcal.diagnosis.hypotheses import SOME_FILES, Untestable
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.diagnosis import DiagnosisRecord
@@ -30,6 +30,7 @@ from ppmcal.io.results.diagnosis_wording import (
     unknown_causes,
     verdict,
 )
+from ppmcal.notes import topic_of
 from ppmcal.wording import number, rate, some, where
 
 
@@ -55,7 +56,7 @@ def _lacking(untestable: Sequence[Untestable]) -> list[str]:
     """
     kinds: dict[tuple[tuple[str, ...], str], dict[str, None]] = {}
     for u in untestable:
-        where = f", {u.reason}" if u.reason.startswith("not recorded in ") else ""
+        where = f", {u.reason}" if topic_of(u.reason) == SOME_FILES else ""
         kinds.setdefault((u.missing, where), {})[u.kind] = None
     for some in kinds.values():
         for kind in [k for k in some if k.partition(" ")[0] in some and " " in k]:

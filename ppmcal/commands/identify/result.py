@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -92,10 +92,9 @@ class IdentificationResult(Result):
         return IdentificationRecord.of(self.identification, self.provenance, self.method,
                                        self.freedoms)
 
-    @property
-    def needs_a_look(self) -> bool:
-        """Whether there are findings, or drives that lost their zero."""
-        return bool(self.findings or self.identification.gross_errors.homing_shifts)
+    def remarks(self) -> Sequence[str]:
+        """Return the findings, and which drives lost their zero."""
+        return [*self.findings, *self.record.gross_errors.shift_sentences()]
 
     @property
     def warnings(self) -> list[str]:

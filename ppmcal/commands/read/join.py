@@ -14,7 +14,7 @@ from ppmcal.io.clock import Clock, on_clock_of
 from ppmcal.io.csv import Table
 from ppmcal.io.foreign import ForeignTable, pose_names
 from ppmcal.io.foreign_names import is_target
-from ppmcal.io.join import Join, join, unwrapped
+from ppmcal.io.join import Join, NoMatch, join, unwrapped
 from ppmcal.io.measurement_columns import stacked
 from ppmcal.io.read_block import ANGULAR, ReadFile
 from ppmcal.io.reading import as_declared, unit_of
@@ -164,7 +164,7 @@ def _with_hint(error: BadInput, log: ForeignTable, points: ForeignTable,
                offset: float | str | None) -> BadInput:
     """Return a refusal with both spans of time, where the two do not overlap."""
     clocks = [f.clock for f in (log, points)]
-    if offset is not None or None in clocks or "match" not in error.what:
+    if offset is not None or None in clocks or not isinstance(error, NoMatch):
         return error
     one, two = (c for c in clocks if c is not None)
     ends = [(c.first, float(np.nanmax(c.seconds, initial=-np.inf))) for c in (one, two)]

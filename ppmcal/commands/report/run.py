@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ppmcal.commands.inputs import load
 from ppmcal.commands.recording import source_of
 from ppmcal.commands.report.options import ReportArguments
 from ppmcal.commands.result import Result
+from ppmcal.controllers.export import uses
+from ppmcal.errors import BadInput
 from ppmcal.io import csv_text, json_text
+from ppmcal.io.folder_record import read_runs
 from ppmcal.report import collect, to_html, to_json
-from ppmcal.report.records import ReportData
+from ppmcal.report.records import Identified, ReportData
 from ppmcal.wording.told import Told
 
 
@@ -64,8 +68,27 @@ class ReportResult(Result):
 def run(asked: ReportArguments) -> ReportResult:
     """Gather output folders into one page."""
     data = collect([Path(f) for f in asked.folders])
+    data = replace(data, uses={one.folder: _use(one) for one in data.identified})
     content = to_json(data)
     return ReportResult(source_of("make_report", [], None), (), data, content)
+
+
+def _use(one: Identified) -> str:
+    """Return what may be done with a calibrated machine, empty where that cannot be said.
+
+    A printer gets its firmware's numbers, which it computes with; to others commands may be sent.
+    """
+    model = Path(one.folder) / "identified.yaml"
+    imports = [run.get("options", {}) for name in one.record.provenance.inputs
+               for run in [read_runs(Path(name).parent).get("import", {})]]
+    form, old = next(((str(o["form"]), str(o["file"])) for o in imports
+                      if {"form", "file"} <= o.keys()), ("", ""))
+    try:
+        found = uses(load(model), one.folder, form, old)
+    except BadInput:
+        return ""
+    own = [] if old else [f"ppmcal compensate {one.folder} TARGETS.csv corrects commands"]
+    return "; ".join([*own, *found])
 
 
 def _opened(page: Path) -> bool:

@@ -12,7 +12,7 @@ from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.validation import effects_sentence, model_sentence
 from ppmcal.model.effects import GEOMETRY, effect_kinds
-from ppmcal.wording import counted, number, rate, shorter, where
+from ppmcal.wording import causes, counted, number, rate, shorter, where
 
 VERDICTS = {
     "misread": "The measurements were read wrongly; nothing was diagnosed.",
@@ -23,6 +23,8 @@ VERDICTS = {
     "partial": "Part of what is missing is named; something else is left.",
     "unnamed": "Something is missing that ppmcal does not know.",
 }
+SHORT = 100
+"""A list of rivals with more letters is shortened in a headline; the page has all."""
 Group = Sequence[DiagnosedEffect]
 
 
@@ -43,10 +45,19 @@ def headline(record: DiagnosisRecord) -> str:
     if record.verdict == "named":
         return f"{text.removesuffix('.')}: {'; '.join(names)}."
     if record.verdict == "named-set":
-        sets = [" or ".join([n, *rivals(record, g[0])])
-                for n, g in zip(names, groups, strict=True)]
-        return f"{text.removesuffix('.')}: {'; '.join(sets)}."
+        return f"{text.removesuffix('.')}: {_apart(record, groups, names)}."
     return f"{text} Named: {'; '.join(names)}."
+
+
+def _apart(record: DiagnosisRecord, groups: Sequence[Group], names: Sequence[str]) -> str:
+    """Return what cannot be told apart: of short names each, else the causes without the joints."""
+    rival = [[n, *rivals(record, g[0])] for n, g in zip(names, groups, strict=True)]
+    rival = [own for own in rival if len(own) > 1] or rival
+    whole = "; ".join(" or ".join(own) for own in rival)
+    if len(whole) <= SHORT:
+        return whole
+    return "; ".join(f"{counted(len(own), 'explanation')} "
+                     f"({' or '.join(dict.fromkeys(map(causes, own)))})" for own in rival)
 
 
 def lead(record: DiagnosisRecord) -> str:
@@ -245,6 +256,20 @@ def predicted(record: DiagnosisRecord) -> str:
             f"{_ratio(first.averaged.error)} times the noise with all likely effects, "
             f"{_ratio(first.geometry.error)} with geometry alone; log score {_gain(first)}")
     return text + (f", by {least.by} {_gain(least)}" if least is not first else "") + "."
+
+
+def left_out_error(record: DiagnosisRecord) -> str:
+    """Return how well rows are predicted that were left out, empty where that is not known."""
+    now, then = finite(record.gap.after), finite(record.gap.before)
+    where = f"error on {left_out_poses(record.gap)}"
+    if record.predictive:
+        found = record.predictive[0]
+        now, then = finite(found.averaged.error), finite(found.geometry.error)
+        where = f"cross-validation error ({_portion(found.by)} left out at a time)"
+    if now is None:
+        return ""
+    alone = "" if then is None or then == now else f", {_ratio(then)} with geometry alone"
+    return f"{where} {_ratio(now)} times the noise{alone}"
 
 
 def another_day(record: DiagnosisRecord) -> list[str]:

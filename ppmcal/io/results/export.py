@@ -123,7 +123,7 @@ class NotExpressedEntry(Part):
     def words(self) -> str:
         """Return what cannot be expressed, with its cost where it is known."""
         cost = "" if self.cost is None else self.cost.words()
-        return f"{LACKS}{self.what or '?'}" + (f": costs {cost}" if cost else "")
+        return f"{self.what or '?'}" + (f": costs {cost}" if cost else "")
 
 
 class ExportRecord(Record):
@@ -170,8 +170,8 @@ class ExportRecord(Record):
         """Return what cannot be expressed with its cost, of many the costliest in one sentence."""
         many = sorted(self.not_expressed, key=_cost, reverse=True)
         if len(many) <= MOST:
-            return [entry.words() for entry in self.not_expressed]
-        first = "; ".join(e.words().removeprefix(LACKS) for e in many[:MOST])
+            return [f"{LACKS}{entry.words()}" for entry in self.not_expressed]
+        first = "; ".join(e.words() for e in many[:MOST])
         return [f"{LACKS}{first}; and {len(many) - MOST} more, of which each costs less (all in "
                 f"{self.FILE})"]
 

@@ -22,6 +22,8 @@ OPENED = {"frame": "the frame", "target": "the target", "rotation": "the body's 
 ONE_ROW, FEW = 0.8, 5
 """A miss that is for so large a part of its mean square that of one row, of so many at least,
 tells of that row and not of the machine."""
+WITHOUT = "without "
+"""The name of a model that lacks an effect begins so; the effect's name follows."""
 SHOWN = 3
 """Rows that a finding names; the others are counted."""
 SIZES = ("rms", "rms_low", "rms_high", "p95", "p95_low", "p95_high", "max")
@@ -240,13 +242,18 @@ def _with_interval(size: ErrorSize) -> str:
     return f"{number(size.rms)} {size.unit} rms{between}"
 
 
+def effect_left_out(model: str) -> str:
+    """Return the effect that a model of the file lacks, ``all effects``, or empty."""
+    return model.removeprefix(WITHOUT) if model.startswith(WITHOUT) else ""
+
+
 def effects_sentence(data: ValidatedDataset) -> str:
     """Return what the effects are worth there, empty where there is none."""
     parts: dict[str, list[str]] = {"worse": [], "better": [], "same": []}
     for e in data.errors:
-        if e.model.startswith("without ") and e.closer is not None:
+        if (lacks := effect_left_out(e.model)) and e.closer is not None:
             size = "" if e.verdict == "same" else f" ({number(abs(e.closer), 2)} {e.unit})"
-            parts[e.verdict].append(e.model.removeprefix("without ") + size)
+            parts[e.verdict].append(lacks + size)
     told = [f"{words} {_listed(names)}" for words, names in (
         ("made smaller by", parts["worse"]), ("made LARGER by", parts["better"]),
         ("no sure difference by", parts["same"])) if names]
@@ -305,11 +312,11 @@ def misled(datasets: Sequence[ValidatedDataset]) -> list[str]:
                 ends = "" if e.low is None or e.high is None else (
                     f" (95 %: {number(e.low, 2)} to {number(e.high, 2)})")
                 size = f"by {number(abs(e.closer), 2)} {e.unit} rms{ends}"
-                what = e.model.removeprefix("without ")
+                what = effect_left_out(e.model)
                 verb = "make" if what == "all effects" else "makes"
                 out.append(f"{data.name}: {what} {verb} the prediction worse {size}: "
                            "leave it out of the model, or diagnose this day too"
-                           if e.model.startswith("without ") else
+                           if what else
                            f"{data.name}: {e.model} predicts better than the model {size}: "
                            "use it, or calibrate again")
     return out

@@ -4,6 +4,7 @@
   const views = { all: [1.15, -1.55, 0.8], x: [2, 0, 0], y: [0, -2, 0], z: [0, -1e-3, 2] };
   const camera = (view) => ({ eye: { x: views[view][0], y: views[view][1], z: views[view][2] },
     up: { x: 0, y: 0, z: 1 }, center: { x: 0, y: 0, z: 0 }, projection: { type: "orthographic" } });
+  const LINE = 27;    // px, of a legend in two columns
   const MOST_ALIVE = 6;    // a browser keeps few 3D drawings at once
 
   class View {
@@ -49,7 +50,8 @@
       this.rows = this.scene.measured && padded(rows, 0.2, reach / 50);
     }
 
-    layout(c) {
+    // lines: of the legend, which on a phone stands below the drawing
+    layout(c, lines) {
       const range = this.closer ? this.rows : this.whole, span = range.map(([a, b]) => b - a);
       const { flat, colour } = c;
       const valued = (this.scene.measured || []).length > 0;
@@ -64,14 +66,15 @@
         hovermode: "closest", hoverlabel: { bgcolor: colour("card"), bordercolor: colour("line"),
           font: { color: colour("ink") }, align: "left" },
         legend: { orientation: "h", x: 0, y: flat ? (c.narrow ? -0.24 : -0.17) : 0, yanchor: "top",
-          font: { size: c.narrow ? 11 : 12 }, itemsizing: "constant", bgcolor: "rgba(0,0,0,0)",
+          font: { size: c.narrow ? 10 : 12 }, itemsizing: "constant", bgcolor: "rgba(0,0,0,0)",
           ...(c.narrow && { entrywidth: 0.48, entrywidthmode: "fraction" }) },
         modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("soft"), activecolor: colour("ink") } };
       if (flat) return { ...out, dragmode: "pan", xaxis: axis(0),
         yaxis: { ...axis(1), scaleanchor: "x", scaleratio: 1 } };
       // so that the whole box is seen from everywhere, also where the page is higher than wide
-      const fits = Math.min(2.35 / M.size(span), 1.95 / (0.92 * span[2] + 0.38 *
-        Math.hypot(span[0], span[1]))) * Math.min(1, this.box.clientWidth / (0.9 * this.box.clientHeight));
+      const high = this.box.clientHeight - (c.narrow ? top + LINE * lines : 0);
+      const wide = this.box.clientWidth, fits = Math.min(2.35 / M.size(span), 1.95 / (0.92 * span[2] + 0.38 *
+        Math.hypot(span[0], span[1]))) * Math.min(c.narrow ? 0.9 : 1, wide / (0.9 * high));
       return { ...out, scene: { xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual",
         aspectratio: { x: span[0] * fits, y: span[1] * fits, z: span[2] * fits },
         camera: this.camera || camera("all") } };
@@ -133,7 +136,8 @@
           M.magnified(frame, this.second.frames[n], this.scene.magnification), true) : []),
         ...M.jointTraces(...at), ...M.axisTraces(c, frame), ...M.markTraces(...at),
         ...M.nextTraces(c, this.first.frames), ...M.pointTraces(c, stage, this.stage !== "none", new Set(this.keys))];
-      return Plotly.react(this.box, traces, this.layout(c), { responsive: true, displaylogo: false,
+      const listed = traces.filter((t) => t.showlegend !== false).length;
+      return Plotly.react(this.box, traces, this.layout(c, Math.ceil(listed / 2)), { responsive: true, displaylogo: false,
         modeBarButtons: [this.scene.flat
           ? ["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]
           : ["toImage", "zoom3d", "pan3d", "orbitRotation", "tableRotation", "resetCameraDefault3d"]] })

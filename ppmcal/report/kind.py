@@ -1,0 +1,87 @@
+"""What a page makes of one command's output: one declaration beside its section, in ``kinds``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from ppmcal.io.results.record import Record
+from ppmcal.report.records import Columns, ReportData
+from ppmcal.report.section import Section
+from ppmcal.report.sources import is_number_column, read_columns
+
+E = TypeVar("E")
+R = TypeVar("R", bound=Record)
+Chapter = tuple[str, Callable[[], Section]]
+"""What a chapter is called where it cannot be made, and how it is made."""
+
+
+def _nothing(_: Any, __: ReportData) -> Iterable[tuple[str, str]]:
+    return ()
+
+
+@dataclass(frozen=True)
+class Kind(Generic[E]):
+    """What becomes of one command's output.
+
+    Attributes:
+        place: the field of :class:`ReportData` with its entries.
+        key: that of the list in report.json.
+        noun: what one of them is called.
+        order: of its chapters in the page, that of the work.
+        files: any of them makes a folder one of this kind.
+        read: the entries of a folder.
+        chapters: of the page.
+        shown: an entry as report.json has it.
+        records: of an entry the commands and what they wrote, for "Where this comes from".
+        look: what the user must look at, as (where, sentence); whatever the page warns of.
+        lead: the entry in a sentence for the head of the page, empty for none.
+    """
+
+    place: str
+    key: str
+    noun: str
+    order: int
+    files: tuple[str, ...]
+    read: Callable[[Folder], Iterable[E]]
+    chapters: Callable[[ReportData], Iterable[Chapter]]
+    shown: Callable[[E, ReportData], Mapping[str, Any]]
+    records: Callable[[E], Iterable[tuple[str, Record]]]
+    look: Callable[[E, ReportData], Iterable[tuple[str, str]]] = _nothing
+    lead: Callable[[E, ReportData], Iterable[str]] = lambda _, __: ()
+
+    def of(self, data: ReportData) -> tuple[E, ...]:
+        """Return the entries of a report."""
+        found: tuple[E, ...] = getattr(data, self.place)
+        return found
+
+
+class Folder:
+    """A folder of results, each table read once."""
+
+    def __init__(self, path: Path) -> None:
+        """Take a folder that is there."""
+        self.path, self.name = path, str(path)
+        self._whole = cache(lambda file: read_columns(path / file))
+
+    def has(self, *files: str) -> bool:
+        """Whether any of some files is there."""
+        return any((self.path / f).is_file() for f in files)
+
+    def record(self, kind: type[R]) -> R:
+        """Return the JSON of one kind, an empty one if it is not there."""
+        return kind.read(self.path / kind.FILE) if self.has(kind.FILE) else kind()
+
+    def table(self, file: str, only: Collection[str] | None = None,
+              wanted: Callable[[str], bool] | None = None,
+              numeric: Callable[[str], bool] = is_number_column) -> Columns | None:
+        """Return a table, None where it is not there; see :func:`read_columns`."""
+        if not self.has(file):
+            return None
+        if only is None and wanted is None and numeric is is_number_column:
+            return self._whole(file)
+        return read_columns(self.path / file, wanted=wanted if only is None else only.__contains__,
+                            numeric=numeric)

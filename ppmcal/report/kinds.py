@@ -1,0 +1,24 @@
+"""What a page may hold: one declaration for each command, beside its section."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ppmcal.report.comparison import COMPARE
+from ppmcal.report.controllers import EXPORT
+from ppmcal.report.design import DESIGN
+from ppmcal.report.diagnosis import DIAGNOSE
+from ppmcal.report.identified import IDENTIFY
+from ppmcal.report.kind import Kind
+from ppmcal.report.other import COMPENSATE, KINEMATICS, OTHER
+from ppmcal.report.simulated import SIMULATE, TRUTH
+from ppmcal.report.validation import VALIDATE
+
+KINDS: tuple[Kind[Any], ...] = (
+    IDENTIFY, DIAGNOSE, COMPENSATE, KINEMATICS, SIMULATE, OTHER, DESIGN, VALIDATE, COMPARE, EXPORT,
+    TRUTH)
+"""In the order of report.json."""
+IN_ORDER = sorted(KINDS, key=lambda kind: kind.order)
+"""In the order of the page."""
+KNOWN = tuple(dict.fromkeys(file for kind in KINDS for file in kind.files))
+"""Files by which a folder is recognised as a command's output."""

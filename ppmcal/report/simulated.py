@@ -1,0 +1,111 @@
+"""What the page makes of ``simulate``: what was put in, against what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ppmcal.io.folder_record import digest_of
+from ppmcal.io.results.simulation import TruthRecord
+from ppmcal.report.format import count, sig, to_sigma
+from ppmcal.report.headlines import other_machine
+from ppmcal.report.html import Cell, amount, dotted, figures, paragraph, table, words
+from ppmcal.report.kind import Chapter, Folder, Kind
+from ppmcal.report.measured_rows import is_condition, is_place
+from ppmcal.report.records import ComparedMachines, ReportData, Simulated
+from ppmcal.report.residual_figures import truth_figures
+from ppmcal.report.section import Section
+from ppmcal.report.sources import read_columns
+from ppmcal.report.truth import stray_note
+from ppmcal.wording import sentence, some
+
+
+def simulation_section(s: Simulated, note: str = "") -> Section:
+    """Return what was simulated; ``note`` is what to say of its truth."""
+    rows = count(s.measurements.size, "measurement") if s.measurements is not None else "no CSV"
+    seed = None if s.truth is None else s.truth.provenance.seed
+    text = f"{rows} simulated in {s.folder}" + (f", seed {seed}." if seed is not None else ".")
+    return Section("Simulation", paragraph(text) + paragraph(note))
+
+
+def truth_section(c: ComparedMachines) -> Section:
+    """Return the errors put in against those found."""
+    body: list[list[Cell]] = []
+    for r in c.rows:
+        body.append([dotted(r.name), amount(r.true, to_sigma(r.true, r.sigma)),
+                     amount(r.found, to_sigma(r.found, r.sigma)),
+                     amount(r.found - r.true, to_sigma(r.found - r.true, r.sigma)),
+                     amount(r.sigma, sig(r.sigma, 2)), words(r.unit),
+                     amount(r.z, sig(r.z, 2), bad=abs(r.z or 0.0) > 4.0), words(r.status)])
+    z = np.array([r.z for r in c.rows if r.z is not None])
+    text = ""
+    if z.size:
+        rms = float(np.sqrt(np.mean(z**2)))
+        far = int(np.sum(np.abs(z) > 2.0))
+        text = (f"{far} of {count(int(z.size), 'error')} found "
+                f"{'is' if far == 1 else 'are'} more than 2 sigma from the truth "
+                f"(about {sig(0.0455 * z.size, 2)} expected); rms of z {sig(rms)}.")
+    heads = ["parameter", "error true", "error found", "found − true", "sigma", "unit", "z",
+             "status"]
+    told = " ".join(t for t in (sentence(other_machine(c)), c.note) if t)
+    return Section("Simulated truth against identified", paragraph(text)
+                   + paragraph(told, "bad") + figures(truth_figures(c))
+                   + table("z = (found − true) / sigma", heads, body, sort=True),
+                   f"{c.truth} and {c.identified}")
+
+
+def _read(folder: Folder) -> Iterator[Simulated]:
+    if not folder.has("truth.json", "measurements.csv"):
+        return
+    file, truth = folder.path / "measurements.csv", folder.has(TruthRecord.FILE)
+    yield Simulated(folder.name, folder.record(TruthRecord) if truth else None,
+                    read_columns(file, whole=False, wanted=is_condition, numeric=is_place)
+                    if file.is_file() else None, digest_of(file))
+
+
+def _chapters(data: ReportData) -> Iterator[Chapter]:
+    """Yield the simulations with which nothing compares."""
+    for s in data.simulated:
+        if s.folder not in {c.truth for c in data.comparisons}:
+            yield f"Simulation in {s.folder}", partial(
+                lambda s: simulation_section(s, stray_note(s, data.identified)), s)
+
+
+def _look(s: Simulated, _: ReportData) -> list[tuple[str, str]]:
+    gone = () if s.truth is None else s.truth.left_out
+    return [(s.folder, f"{count(len(gone), 'pose')} could not be simulated: "
+             + some(gone, "truth.json, left_out"))] if gone else []
+
+
+def _of_truth(c: ComparedMachines) -> list[str]:
+    if c.other:
+        return [other_machine(c)]
+    far = [r.name for r in sorted(c.rows, key=lambda r: -abs(r.z or 0.0))
+           if r.z is not None and abs(r.z) > 4.0]
+    return [f"{count(len(far), 'identified error')} more than 4 sigma from the simulated truth: "
+            + some(far, "the table of errors true and found")] if far else []
+
+
+def _shown(s: Simulated, data: ReportData) -> dict[str, Any]:
+    return {"folder": s.folder, "truth": s.truth and s.truth.entries(),
+            "rows": s.measurements.size if s.measurements is not None else None,
+            "sha256": s.digest, "note": stray_note(s, data.identified)}
+
+
+def _compared(c: ComparedMachines, _: ReportData) -> dict[str, Any]:
+    return {"truth": c.truth, "identified": c.identified, "note": c.note,
+            "other_nominal_values": list(c.other),
+            "parameters": [{**asdict(r), "z": r.z} for r in c.rows]}
+
+
+SIMULATE: Kind[Simulated] = Kind(
+    "simulated", "simulations", "simulation", 36, ("measurements.csv", "truth.json"), _read,
+    _chapters, _shown, lambda s: [("simulate", s.truth)] if s.truth else [], _look)
+TRUTH: Kind[ComparedMachines] = Kind(
+    "comparisons", "truth_against_identified", "", 35, (), lambda _: (), lambda data: [
+        (f"Truth in {c.truth}", partial(truth_section, c)) for c in data.comparisons],
+    _compared, lambda _: [], lambda c, _: [(c.identified, text) for text in _of_truth(c)])
