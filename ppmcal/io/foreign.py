@@ -14,23 +14,9 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.clock import Clock, clock_of_numbers, clock_of_words
-from ppmcal.io.column_names import (
-    GROUPED,
-    is_target,
-    known_columns,
-    own_name,
-    strangers,
-    unit_in,
-)
+from ppmcal.io.column_names import GROUPED, is_target, known_columns, own_name, strangers, unit_in
 from ppmcal.io.csv import Table, csv_table, refuse_absurd
-from ppmcal.io.header import (
-    HeaderColumn,
-    bare_name,
-    header_columns,
-    named,
-    unit_of,
-    zone_of,
-)
+from ppmcal.io.header import HeaderColumn, bare_name, header_columns, named, unit_of, zone_of
 from ppmcal.io.input_files import first_bytes, read_bytes
 from ppmcal.io.klipper_log import klipper_log
 from ppmcal.io.point_list import with_header

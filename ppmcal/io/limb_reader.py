@@ -18,14 +18,7 @@ from ppmcal.io.directions import square, to_nominal, unit
 from ppmcal.io.mechanism_schema import word
 from ppmcal.io.parameter_reader import Draft, SlotEntry
 from ppmcal.io.schema import check, show
-from ppmcal.io.slots import (
-    DirectionFile,
-    SlotFile,
-    SlotGroup,
-    absent_axes,
-    groups,
-    point_parts,
-)
+from ppmcal.io.slots import DirectionFile, SlotFile, SlotGroup, absent_axes, groups, point_parts
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind, find_kind
 from ppmcal.model.limbs.chain import SlotSpec

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
@@ -10,6 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, Valida
 
 from ppmcal.errors import BadInput
 from ppmcal.io.schema import (
+    LIMIT,
     Flag,
     Label,
     Number,
@@ -39,12 +39,6 @@ def _ends(value: list[float]) -> list[float]:
         raise refuse(f"the lowest value {value[0]:g} is above the highest {value[1]:g}",
                      "Write [lowest, highest]")
     return value
-
-
-def _extended(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
-        raise refuse(f"{show(value)} is not a number", "Write a number, .inf or -.inf")
-    return float(value)
 
 
 def _pattern(value: object) -> str:
@@ -153,7 +147,7 @@ class MechanismFile(Strict):
     """A mechanism file, relative to this one, that this one is laid over."""
     tolerances: TolerancesFile | None = None
     """Default standard deviations by class of slot: the prior."""
-    limits: dict[Label, Annotated[list[float], vector(2, of=_extended),
+    limits: dict[Label, Annotated[list[float], vector(2, of=LIMIT),
                                   AfterValidator(_range)]] | None = None
     """Travel by actuator: [lower, upper], joint values."""
     gravity: Annotated[list[float], vector(3, 2)] | None = None

@@ -25,7 +25,8 @@ from ppmcal.io.schema import (
     UnitsFile,
     check,
     choice,
-    refuse,
+    each,
+    numbers,
     show,
 )
 from ppmcal.io.yaml import read_yaml
@@ -47,13 +48,9 @@ target: unknown
 """
 
 
-def _sigma_actuator(value: object) -> object:
-    values = value.values() if isinstance(value, dict) else [value]
-    for one in values:
-        if isinstance(one, bool) or not isinstance(one, int | float) or not 0 <= one <= LARGEST:
-            raise refuse(f"{show(one)} is not a standard deviation",
-                         "Write a number of 0 or more, or one for each actuator: {leg1: 0.003}")
-    return value
+_noise = each(numbers(
+    lambda v: 0 <= v <= LARGEST, "a standard deviation",
+    "Write a number of 0 or more, or one for each actuator: {leg1: 0.003}"))
 
 
 class SigmaFile(Strict):
@@ -67,7 +64,7 @@ class SigmaFile(Strict):
     """Of a height (kind plane)."""
     distance: Positive | None = None
     """Of a distance (kind distance)."""
-    actuator: Annotated[Any, BeforeValidator(_sigma_actuator)] = 0.0
+    actuator: Annotated[Any, BeforeValidator(_noise)] = 0.0
     """Of the joint values: one number, or one by actuator."""
     estimated: Flag = False
     """Whether these only begin an estimate by the residuals, as which they count a few rows."""

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.schema import Flag, Number, Path, Sigma, Strict, refuse, show, vector
+from ppmcal.io.schema import DEVIATION, Flag, Number, Path, Sigma, Strict, refuse, show, vector
 from ppmcal.model.limbs import LimbKind
 from ppmcal.model.limbs.chain import SlotSpec
 
@@ -50,13 +50,7 @@ def _three_sigmas(value: object) -> list[float]:
     if len(values) != 3:
         raise refuse(f"a number or a list of 3 is needed here, this has {len(values)}",
                      "Write one standard deviation, or [rx, ry, rz]")
-    out = []
-    for one in values:
-        if isinstance(one, bool) or not isinstance(one, int | float) or not one >= 0.0:
-            raise refuse(f"{show(one)} is not a standard deviation",
-                         "Write a number of 0 or more, or .inf for no prior")
-        out.append(float(one))
-    return out
+    return [DEVIATION(one) for one in values]
 
 
 class DirectionFile(Strict):
