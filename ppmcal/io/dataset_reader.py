@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.interpretation import chance, steps_of, without_copies
 from ppmcal.errors import BadInput
 from ppmcal.io import column_names as names
 from ppmcal.io.clock import clock_of_words
-from ppmcal.io.copies import chance, steps_of, without_copies
 from ppmcal.io.csv import Table
 from ppmcal.io.header import bare_name, declared, header_columns, named, refuse_contradicted
 from ppmcal.io.measured import measured
-from ppmcal.io.measurement_columns import further_columns, joint_values, row_list, second_joints
+from ppmcal.io.measurement_columns import further_columns, joint_values, second_joints
 from ppmcal.io.noise_limits import refuse_noise
 from ppmcal.io.read_block import MATRIX, ReadFile
 from ppmcal.io.reading import in_conventions, in_units
@@ -43,6 +43,7 @@ from ppmcal.model.instruments import refuse_flat
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.repeats import commanded_poses
 from ppmcal.units import Units
+from ppmcal.wording import row_list
 from ppmcal.wording.progress import stage
 
 
@@ -145,7 +146,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
     refuse_flat(data.kind, mechanism.motion, side)
     refuse_noise(data, mechanism, side)
     remark_data(data, table, file, side)
-    data = replace(data, chance=chance(data, steps_of(plain, data, mechanism.reach)))
+    data = replace(data, chance=chance(data, steps_of(plain.numbers, data, mechanism.reach)))
     data = _usable(shifted_rows(_from_point(data, side), read.shift), mechanism)
     return without_copies(data)
 

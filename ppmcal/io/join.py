@@ -10,9 +10,9 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
-from ppmcal.io.measurement_columns import row_list
 from ppmcal.io.yaml import number_text
 from ppmcal.linalg import Array
+from ppmcal.wording import row_list
 
 PARTIAL = "or leave out what matches nothing with --partial"
 NOTHING: Mapping[str, float] = {}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
 from ppmcal.io.column_names import ENVIRONMENT
@@ -15,6 +14,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import ZERO_CELSIUS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
+from ppmcal.wording import row_list
 
 NOT_MOVED = 1e-12
 
@@ -78,13 +78,6 @@ def rotations(table: Table, angle: float, prefix: str = "") -> tuple[Array, bool
                        table.at(quaternion[0], int(bad[0])),
                        "Check the order x, y, z, w and the digits")
     return rotation_vectors(q / norm[:, None]), True
-
-
-def row_list(indices: Array | NDArray[np.int64], most: int = 5) -> str:
-    """Return ``rows 3, 7, 9 (+12 more)`` for row indices counted from 0."""
-    shown = ", ".join(str(int(i) + 1) for i in indices[:most])
-    more = f" (+{len(indices) - most} more)" if len(indices) > most else ""
-    return f"row{'s' if len(indices) > 1 else ''} {shown}{more}"
 
 
 def joint_values(table: Table, mechanism: Mechanism, units: Units, joint: Array

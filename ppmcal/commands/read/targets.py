@@ -13,8 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ppmcal.calibration.interpretation import (
+    ClockOffset,
+    SeenTargets,
+    find_clock_offset,
+    one_target,
+)
 from ppmcal.errors import BadInput
-from ppmcal.io.clock_offset import ClockOffset, SeenTargets, find_clock_offset, one_target
 from ppmcal.io.csv import Table
 from ppmcal.io.foreign import pose_names
 from ppmcal.io.measurement_columns import stacked
