@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder_record import digest_of
+from ppmcal.io.folder import digest_of
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
