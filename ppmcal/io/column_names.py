@@ -184,6 +184,10 @@ def recorders_names(header: Sequence[str], mechanism: Mechanism, source: str
     return names, findings
 
 
+def _plain(header: str) -> str:
+    return " ".join(header.lower().replace("_", " ").split())
+
+
 def own_name(header: str, known: Collection[str]) -> tuple[str | None, str]:
     """Return our own name of a header without its unit, and where it is known from.
 
@@ -192,7 +196,7 @@ def own_name(header: str, known: Collection[str]) -> tuple[str | None, str]:
     """
     if header in known or header.startswith("temperature_"):
         return header, "its name"
-    low = " ".join(header.lower().replace("_", " ").split())
+    low = _plain(header)
     same = next((k for k in known if k.lower() == header.lower()), None)
     if same:
         return same, "its name"
@@ -212,7 +216,7 @@ def own_name(header: str, known: Collection[str]) -> tuple[str | None, str]:
 
 def is_target(header: str) -> bool:
     """Whether a heading says that a column names what was measured, not where."""
-    return " ".join(header.lower().replace("_", " ").split()) in TARGETS
+    return _plain(header) in TARGETS
 
 
 def unit_in(remarks: Sequence[str]) -> str | None:
@@ -223,7 +227,6 @@ def unit_in(remarks: Sequence[str]) -> str | None:
 
 def why_not(header: str) -> str:
     """Return why a column is left alone, where there is more to say than that nobody knows it."""
-    low = " ".join(header.lower().replace("_", " ").split())
-    if UNCERTAIN.fullmatch(low):
+    if UNCERTAIN.fullmatch(_plain(header)):
         return "an uncertainty whose coverage (k = 1, k = 2?) is not told"
     return ""

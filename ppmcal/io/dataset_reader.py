@@ -16,7 +16,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io import column_names as names
 from ppmcal.io.clock import clock_of_words
 from ppmcal.io.csv import Table
-from ppmcal.io.header import bare_name, declared, header_columns, named, refuse_contradicted
+from ppmcal.io.header import bare_name, declared, header_columns, named
 from ppmcal.io.measured import measured
 from ppmcal.io.measurement_columns import further_columns, joint_values, second_joints
 from ppmcal.io.noise_limits import refuse_noise
@@ -109,7 +109,6 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
     strange, more = names.strangers({c.name: table.text.get(c.header) for c in columns}, mechanism,
                                     known, source)
     columns, findings = [c for c in columns if c.name not in strange], findings + more
-    refuse_contradicted(columns, read, side)
     table = _in_seconds(named(table, columns), read)
     plain = in_units(table, declared(columns, table, read, side), read, mechanism, units)
     table = in_conventions(plain, read, mechanism, units, side)

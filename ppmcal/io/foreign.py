@@ -210,14 +210,11 @@ def refuse_unused(read: ReadFile, files: list[ForeignTable], side: str) -> None:
     ignored = {h for f in files for h in f.ignored}
     there = ", ".join(h for f in files for h in (
         *(c.shown for c in f.columns.values()), *f.ignored))
-    for own, header in read.columns.items():
-        if own not in taken:
-            raise BadInput(f"no file has a column '{header}'", f"{side}: read.columns.{own}",
-                           f"Their columns are {there}")
-    for header in read.ignore:
-        if header not in ignored:
-            raise BadInput(f"no file has a column '{header}'", f"{side}: read.ignore",
-                           f"Their columns are {there}")
+    for place, header in (
+            *((f"columns.{own}", h) for own, h in read.columns.items() if own not in taken),
+            *(("ignore", h) for h in read.ignore if h not in ignored)):
+        raise BadInput(f"no file has a column '{header}'", f"{side}: read.{place}",
+                       f"Their columns are {there}")
 
 
 def pose_names(table: Table) -> list[str]:

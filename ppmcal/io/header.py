@@ -221,31 +221,25 @@ def _renamed(columns: Columns, read: ReadFile, known: Collection[str], source: s
             if c.name not in read.ignore]
 
 
-def refuse_contradicted(columns: Columns, read: ReadFile, side: str) -> None:
-    """Refuse two units for one column.
-
-    Raises:
-        BadInput: header and sidecar name them.
-    """
-    for c in columns:
-        pattern = next((p for p in read.units if fnmatchcase(c.name, p)), None)
-        if c.unit and pattern is not None and read.units[pattern] != c.unit:
-            raise BadInput(f"the sidecar says that {c.name} is in {read.units[pattern]}, the "
-                           f"header that it is in {c.unit}", f"{side}: read.units.{pattern}",
-                           "Correct the one that is wrong")
-
-
 def declared(columns: Columns, table: Table, read: ReadFile, side: str) -> list[HeaderColumn]:
     """Return the columns with the units and signs that the sidecar's block gives them.
 
     In the order of these units; ``table`` has the columns under our own names.
 
     Raises:
-        BadInput: a pattern of no column or of words, or two for one column.
+        BadInput: header and sidecar name two units for one column, a pattern of no column or of
+            words, or two for one column.
     """
+    headed = {c.name: c.unit for c in columns if c.unit}
+    for name, unit in list(headed.items()):
+        pattern = next((p for p in read.units if fnmatchcase(name, p)), None)
+        if pattern is not None and read.units[pattern] != unit:
+            raise BadInput(f"the sidecar says that {name} is in {read.units[pattern]}, the "
+                           f"header that it is in {unit}", f"{side}: read.units.{pattern}",
+                           "Correct the one that is wrong")
+        if pattern is not None:
+            del headed[name]
     signs = _by_column(table, read.signs, f"{side}: read.signs")
-    headed = {c.name: c.unit for c in columns if c.unit
-              and not any(fnmatchcase(c.name, p) for p in read.units)}
     units = _by_column(table, {**read.units, **headed}, f"{side}: read.units")
     out, rank = list[HeaderColumn](), {name: i for i, name in enumerate(units)}
     for c in sorted(columns, key=lambda c: rank.get(c.name, len(rank))):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind, find_kind
 from ppmcal.model.limbs.chain import SlotSpec
 from ppmcal.units import Units
+
+T = TypeVar("T", SlotFile, DirectionFile)
 
 
 def limb_kind(raw: Mapping[Any, Any], motion: str, place: str) -> LimbKind:
@@ -131,11 +133,14 @@ class LimbReader:
                            "minus sign")
         self.draft.branch = int(value)
 
-    def _slot(self, raw: Any, path: str) -> SlotFile:
-        """Return a slot as the file has it: a number, or a mapping."""
+    def _given(self, model: type[T], raw: Any, path: str) -> T:
+        """Return a slot or a direction as the file has it: its value alone, or a mapping."""
         if isinstance(raw, dict):
-            return check(SlotFile, raw, self.source, prefix=f"{self.place}.{path}")
-        return check(SlotFile, {"value": raw}, self.source, lambda _: "", f"{self.place}.{path}")
+            return check(model, raw, self.source, prefix=f"{self.place}.{path}")
+        return check(model, {"value": raw}, self.source, lambda _: "", f"{self.place}.{path}")
+
+    def _slot(self, raw: Any, path: str) -> SlotFile:
+        return self._given(SlotFile, raw, path)
 
     def _add(self, spec: SlotSpec, path: str, slot: SlotFile, joint: bool = False) -> None:
         """Turn a slot to SI and append it."""
@@ -249,18 +254,14 @@ class LimbReader:
             raise BadInput(f"the direction '{name}' is missing", self.at(""),
                            f"Add `{name.rpartition('.')[2]}: [0, 0, 1]` under "
                            f"`{name.partition('.')[0]}`")
-        where = f"{self.place}.{name}"
-        if isinstance(raw, dict):
-            out = check(DirectionFile, raw, self.source, prefix=where)
-        else:
-            out = check(DirectionFile, {"value": raw}, self.source, lambda _: "", where)
+        out = self._given(DirectionFile, raw, name)
         if out.value is None and (out.share is None or name == "base.zero"):
-            raise BadInput("the direction has no value", f"{self.source}: {where}",
+            raise BadInput("the direction has no value", self.at(name),
                            "Add `value: [0, 0, 1]`")
         extra = sorted(set(out.model_fields_set) - {"value", "nominal"})
         if name == "base.zero" and extra:
             raise BadInput(f"base.zero turns with base.axis and has no '{extra[0]}' of its own",
-                           f"{self.source}: {where}", "Move it to base.axis")
+                           self.at(name), "Move it to base.axis")
         return out
 
     def _pair(self, group: str, axis: DirectionFile, zero_name: str | None,

@@ -7,7 +7,6 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
 
-from ppmcal.errors import BadInput
 from ppmcal.io.schema import (
     LIMIT,
     Flag,
@@ -21,6 +20,7 @@ from ppmcal.io.schema import (
     choice,
     refuse,
     show,
+    translate,
     vector,
 )
 
@@ -172,6 +172,4 @@ def word(value: object, place: str) -> str:
     try:
         return str(TypeAdapter(Word).validate_python(value))
     except ValidationError as error:
-        context = error.errors()[0].get("ctx", {})
-        raise BadInput(str(context.get("what", error)), place,
-                       str(context.get("mend", ""))) from None
+        raise translate(error, place) from None

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from ppmcal.errors import unknown
 from ppmcal.io.clock import ORDERS as ORDERS_OF_DATES
 from ppmcal.io.schema import PULSES, ROW_COUNT, SIGN, Label, Strict, choice, refuse, show
 from ppmcal.kinematics.pose_readings import AXES, QUATERNIONS
@@ -46,13 +45,6 @@ def _mapping(what: str, one: Callable[[object], object]) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def _unit(value: object) -> object:
-    if value not in UNITS:
-        error = unknown("unit", value, UNITS)
-        raise refuse(error.what, error.mend)
-    return value
-
-
 def _header_name(value: object) -> object:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise refuse(f"{show(value)} is not the name of a column", "Write the file's header there")
@@ -78,7 +70,8 @@ class ReadFile(Strict):
     """Sheet of a spreadsheet  [default: the first]."""
     ignore: list[Label] = Field(default_factory=list)
     """Headers of the file to leave alone."""
-    units: Annotated[dict[str, str], _mapping("unit", _unit)] = Field(default_factory=dict)
+    units: Annotated[dict[str, str], _mapping("unit", choice("unit", *UNITS).check)] = Field(
+        default_factory=dict)
     """Unit of a column (or of all that a pattern such as q_* names), if not the file's."""
     counts_per_turn: Annotated[float, BeforeValidator(PULSES)] | None = None
     """Counts in a turn of the drive, for columns in counts."""

@@ -25,7 +25,7 @@ from ppmcal.io.csv import Table, csv_table
 from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.foreign import ForeignTable, foreign_tables, refuse_unused
-from ppmcal.io.header import declared, refuse_contradicted, unit_of
+from ppmcal.io.header import declared, unit_of
 from ppmcal.io.join import rows_of
 from ppmcal.io.output import origin_comment
 from ppmcal.io.pose_fields import QUATERNION
@@ -208,7 +208,6 @@ def _declared(together: Joined, files: Sequence[ForeignTable], block: ReadFile,
     """Return the table in the sidecar's units, axes and conventions."""
     table = together.table
     columns = [c for f in files for n, c in f.columns.items() if n in table.header]
-    refuse_contradicted(columns, block, place)
     columns = [replace(c, unit="") if c.name == "time" else c
                for c in declared(columns, table, block, place)]
     return in_conventions(in_units(table, columns, block, machine, units), block, machine, units,
