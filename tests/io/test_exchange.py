@@ -243,6 +243,7 @@ def test_move_in_may_be_done_again_from_anywhere(tmp_path: Path) -> None:
 HOLD = """
 import sys
 from pathlib import Path
+from ppmcal.io.folder import running
 with running("diagnose", Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()
