@@ -20,7 +20,7 @@ class Study:
     """A study whose output stands in a page.
 
     ``engine``: packages of ppmcal that decide its figures; ``but``: modules of them that run once
-    all is decided; ``command``: script of benchmarks/
+    all is decided, or before anything is; ``command``: script of benchmarks/
     with its options, without the seed; ``pages``: path to names of the places in it, each between
     ``<!-- rates: NAME -->`` and ``<!-- end of rates -->``; ``option``: what takes the seed.
     """
@@ -48,6 +48,9 @@ DIAGNOSIS = ("diagnosis", "inference")
 AFTERWARDS = ("diagnosis/equations.py", "diagnosis/session_effects.py")
 """What runs once the names stand: equations of what was learned, sizes by session, of which no rate
 is made."""
+BEFOREHAND = tuple(f"calibration/interpretation/{name}.py" for name in (
+    "copies", "plausibility", "clock_offset"))
+"""What is asked of files as they are read, before any fit."""
 
 STUDIES = (
     Study("diagnosis", DIAGNOSIS,
@@ -59,13 +62,13 @@ STUDIES = (
     Study("weak", DIAGNOSIS, {"docs/campaigns.md": ("weak",)},
           ("weak_campaigns.py", "--seeds", "2"), "--first", AFTERWARDS),
     Study("coverage", ("calibration",), {"docs/campaigns.md": ("coverage",)},
-          ("campaigns.py", "--campaigns", "50")),
+          ("campaigns.py", "--campaigns", "50"), but=BEFOREHAND),
     Study("compare", ("calibration",), {"docs/campaigns.md": ("compare",)},
-          ("compare_study.py", "--quiet", "--pairs", "60", "--none", "60")),
+          ("compare_study.py", "--quiet", "--pairs", "60", "--none", "60"), but=BEFOREHAND),
     Study("intervals", ("calibration",), {"docs/campaigns.md": ("intervals",)},
-          ("interval_study.py", "--quick", "--machines", "6")),
+          ("interval_study.py", "--quick", "--machines", "6"), but=BEFOREHAND),
     Study("safe", ("calibration",), {"docs/trust.md": ("safe",)},
-          ("safe_commands.py", "--machines", "44")),
+          ("safe_commands.py", "--machines", "44"), but=BEFOREHAND),
     Study("plan", ("design/plan",), {"docs/plan.md": ("plan",)},
           ("plan_study.py", "--campaigns", "30")),
 )

@@ -19,8 +19,7 @@ from unittest import mock
 
 from ppmcal.commands import command, names, work
 from ppmcal.commands.spec import taken
-from ppmcal.io.folder import current
-from ppmcal.io.folder_record import RECORD
+from ppmcal.io.folder import RECORD, current
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 WORDS = {

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ppmcal.io.folder_record import RECORD, read_record
+from ppmcal.io.folder import RECORD, read_record
 from ppmcal.io.stage import settle
 from torture.desk import NOTHING, Case, State, age, leftovers, states
 from torture.trace import TAKING, End, Runner, forked

@@ -17,7 +17,7 @@ from ppmcal.io import provenance
 from ppmcal.io.environment import one_thread
 from ppmcal.io.folder import current, reading
 from ppmcal.io.input_files import path_errors
-from ppmcal.io.results.codec import LARGEST_WHOLE
+from ppmcal.io.json import LARGEST_WHOLE
 
 IN_MEMORY = "in_memory"
 """The key that an argument without a file is recorded under, with the name of its type."""

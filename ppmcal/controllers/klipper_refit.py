@@ -21,9 +21,9 @@ from ppmcal.controllers.printer import Printer
 from ppmcal.controllers.printer_files import SHRUNK, machine_yaml
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
+from ppmcal.io.column_names import LABELS
 from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.frames import as_table
-from ppmcal.io.measurement_columns import LABELS
 from ppmcal.io.sidecar import sidecar_of
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism

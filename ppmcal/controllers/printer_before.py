@@ -12,9 +12,9 @@ from ppmcal.calibration.fit import Problem
 from ppmcal.calibration.validation import DEFINITION, before
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
+from ppmcal.io.column_names import LABELS
 from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.frames import as_table
-from ppmcal.io.measurement_columns import LABELS
 from ppmcal.io.results.identification_parts import summaries
 from ppmcal.io.sidecar import sidecar_of
 from ppmcal.model.dataset import Dataset

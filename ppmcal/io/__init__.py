@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from ppmcal.io.output import Output as Output
     from ppmcal.io.output import json_text as json_text
     from ppmcal.io.output import provenance as provenance
-    from ppmcal.io.plausibility import unit_findings as unit_findings
     from ppmcal.io.poses import JointTable as JointTable
     from ppmcal.io.poses import PoseTable as PoseTable
     from ppmcal.io.poses import read_joints as read_joints

@@ -9,8 +9,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator
 
-from ppmcal.io.results.codec import LARGEST_WHOLE
-from ppmcal.io.schema import Count, Flag, Label, Number, Strict, choice, refuse, show
+from ppmcal.io.schema import SEED, Count, Flag, Label, Number, Strict, choice, refuse, show
 
 FORMAT = "ppmcal/batch/1"
 COMMANDS = ("identify", "diagnose", "compensate")
@@ -47,14 +46,6 @@ def _several(value: object) -> tuple[str, ...]:
     return tuple(values)
 
 
-def _seed(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or (
-            not 0 <= value <= LARGEST_WHOLE):
-        raise refuse(f"{show(value)} is not a seed",
-                     f"Write a whole number from 0 to {LARGEST_WHOLE}")
-    return value
-
-
 def _held_out(value: object) -> float | str:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise refuse(f"{show(value)} is neither a fraction nor a CSV", "Write holdout: 0.2")
@@ -65,7 +56,7 @@ Several = Annotated[tuple[str, ...], BeforeValidator(
     _several, json_schema_input_type=str | list[str])]
 Date = Annotated[str, BeforeValidator(_date)]
 Folder = Annotated[str, BeforeValidator(_folder)]
-Seed = Annotated[int, BeforeValidator(_seed)]
+Seed = Annotated[int, BeforeValidator(SEED)]
 Command = Annotated[str, choice("command of a batch", *COMMANDS)]
 
 

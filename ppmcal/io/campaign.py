@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ppmcal.calibration.interpretation import without_shared
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.copies import without_shared
 from ppmcal.io.dataset_reader import read_dataset
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset, Unknown

@@ -7,8 +7,8 @@ count from 1, without the header and without blank lines; :mod:`ppmcal.io.csv_bo
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,6 +46,28 @@ class Table:
         if column in self.text:
             return self.text[column]
         return tuple("" if np.isnan(v) else f"{v:.17g}" for v in self.numbers[column].tolist())
+
+    def named(self, names: Mapping[str, str]) -> Table:
+        """Return the columns of ``names`` (here -> there) in its order, called as they are there.
+
+        Of two that are called alike the first one's place counts.
+        """
+        return replace(self, header=tuple(dict.fromkeys(names.values())),
+                       numbers={names[h]: v for h, v in self.numbers.items() if h in names},
+                       text={names[h]: v for h, v in self.text.items() if h in names})
+
+    def without(self, columns: Collection[str]) -> Table:
+        """Return the table without some columns."""
+        return self.named({h: h for h in self.header if h not in columns})
+
+    def put(self, columns: Mapping[str, Array | tuple[str, ...]]) -> Table:
+        """Return the table with columns in place of those of their names, new ones at its end."""
+        kept = self.without([h for h in columns if h in self.header])
+        return replace(kept, header=tuple(dict.fromkeys((*self.header, *columns))),
+                       numbers={**kept.numbers, **{h: c for h, c in columns.items()
+                                                   if not isinstance(c, tuple)}},
+                       text={**kept.text, **{h: c for h, c in columns.items()
+                                             if isinstance(c, tuple)}})
 
     def at(self, column: str, row: int | None = None) -> str:
         """Return ``run3.csv: row 17, column x`` (row index counted from 0)."""

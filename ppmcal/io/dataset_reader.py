@@ -11,18 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.interpretation import chance, steps_of, without_copies
 from ppmcal.errors import BadInput
-from ppmcal.io import measurement_columns as cols
+from ppmcal.io import column_names as names
 from ppmcal.io.clock import clock_of_words
-from ppmcal.io.copies import chance, steps_of, without_copies
 from ppmcal.io.csv import Table
-from ppmcal.io.header_units import bare_name, with_units, without_units
-from ppmcal.io.joint_columns import joint_values, second_joints
+from ppmcal.io.header import bare_name, declared, header_columns, named
 from ppmcal.io.measured import measured
-from ppmcal.io.measurement_columns import further_columns, row_list
+from ppmcal.io.measurement_columns import further_columns, joint_values, second_joints
 from ppmcal.io.noise_limits import refuse_noise
 from ppmcal.io.read_block import MATRIX, ReadFile
-from ppmcal.io.reading import as_declared, of_homogeneous, renamed
+from ppmcal.io.reading import in_conventions, in_units
 from ppmcal.io.remarks import remark_data
 from ppmcal.io.sidecar import (
     SidecarFile,
@@ -44,10 +43,9 @@ from ppmcal.model.instruments import refuse_flat
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.repeats import commanded_poses
 from ppmcal.units import Units
+from ppmcal.wording import row_list
 from ppmcal.wording.progress import stage
 
-AS_IT_IS = {"rotation": None, "pose": "direct", "mirror": None}
-"""What a block `read` says of conventions, left out: numbers are as the instrument wrote them."""
 
 @stage("reading the measurements")
 def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
@@ -88,43 +86,39 @@ def read_files(path: Path, mechanism: Mechanism) -> tuple[Table, SidecarFile, st
 
 def may_be_words(read: ReadFile, mechanism: Mechanism) -> Callable[[str], bool]:
     """Return what says of a header whether the column may hold words: labels, what nobody needs."""
-    words = {*cols.LABELS, *read.ignore,
-             *(h for own, h in read.columns.items() if own in cols.LABELS)}
-    known = [*cols.known_columns(mechanism), *MATRIX, *mechanism.actuators,
+    words = {*names.LABELS, *read.ignore,
+             *(h for own, h in read.columns.items() if own in names.LABELS)}
+    known = [*names.known_columns(mechanism), *MATRIX, *mechanism.actuators,
              *read.columns.values()]
 
     def loose(header: str) -> bool:
         return header in words or (header not in known
-                                   and cols.is_nobodys(bare_name(header), known))
+                                   and names.is_nobodys(bare_name(header), known))
 
     return loose
 
 
 def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism) -> Dataset:
     """Return a table of measurements as a data set, with what its sidecar ``side`` says."""
-    source, units = table.source, file.units.units()
-    table, headed = without_units(table, file.read, [*cols.known_columns(mechanism), *MATRIX])
-    table = of_homogeneous(table, file.read)
-    theirs = [h for h in table.header if h not in file.read.ignore]
-    table, findings = cols.translate_foreign(renamed(table, file.read, mechanism, side), mechanism)
-    headers = {own: h for own, h in zip(table.header, theirs, strict=True) if own != h}
-    convention = file.read.rotation or ("quat-xyzw" if "quat_x" in table.header else "rotvec")
-    headed = {own: headed[h] for own, h in zip(table.header, theirs, strict=True) if h in headed}
-    table, strange = cols.without_strangers(
-        table, mechanism, [*cols.known_columns(mechanism), *MATRIX])
-    findings += strange
-    headed = {own: unit for own, unit in headed.items() if own in table.header}
-    read = with_units(file.read, headed, side)
-    table = _in_seconds(table, read)
-    plain = as_declared(table, read.model_copy(update=AS_IT_IS), mechanism, units, side, headed)
-    table = as_declared(table, read, mechanism, units, side, headed)
-    cols.check_columns(table, mechanism)
-    findings += cols.ambiguous_directions(table, mechanism)
+    source, units, read = table.source, file.units.units(), file.read
+    known = [*names.known_columns(mechanism), *MATRIX]
+    columns, findings = header_columns(table, read, mechanism, side)
+    convention = read.rotation or (
+        "quat-xyzw" if any(c.name == "quat_x" for c in columns) else "rotvec")
+    headers = {c.name: c.called for c in columns if c.name != c.called}
+    strange, more = names.strangers({c.name: table.text.get(c.header) for c in columns}, mechanism,
+                                    known, source)
+    columns, findings = [c for c in columns if c.name not in strange], findings + more
+    table = _in_seconds(named(table, columns), read)
+    plain = in_units(table, declared(columns, table, read, side), read, mechanism, units)
+    table = in_conventions(plain, read, mechanism, units, side)
+    names.check_columns(table.header, mechanism, source)
+    findings += names.ambiguous_directions(table.header, mechanism, source)
     joint = mechanism.joint_factors(units)
     q, commanded = joint_values(table, mechanism, units, joint)
     seen = measured(table, mechanism, file, side)
     sigma_actuator = actuator_noise(file.instrument.sigma.actuator, mechanism, joint, side)
-    extra_columns = further_columns(table, mechanism, joint)
+    conditions = further_columns(table, mechanism, joint)
     approach, more = _approach(file, table)
     to_q = second_joints(table, mechanism, joint, file.instrument.kind)
     labels = _groups(table)
@@ -137,7 +131,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         sigma_position=seen.sigma_position, sigma_rotation=seen.sigma_rotation,
         sigma_value=seen.sigma_value, sigma_actuator=sigma_actuator, groups=groups,
         labels=labels,
-        columns=extra_columns, sessions=_sessions(table),
+        columns=conditions, sessions=_sessions(table),
         frame=frame_of(file.frame, mechanism.motion, units, side),
         target=point_of(file.target, mechanism.motion, units, side),
         target_rotation=rotation_of(file.target_rotation, units, side),
@@ -146,13 +140,13 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         approach=approach, findings=(*findings, *seen.findings, *more,
                                      *_contradicted(labels, groups, source)),
         extra=_fixed_point(file, to_q, mechanism, units, side), units=units,
-        convention=convention, read=file.read.model_dump(exclude_unset=True),
+        convention=convention, read=read.model_dump(exclude_unset=True),
         headers=headers)
     refuse_flat(data.kind, mechanism.motion, side)
     refuse_noise(data, mechanism, side)
     remark_data(data, table, file, side)
-    data = replace(data, chance=chance(data, steps_of(plain, data, mechanism.reach)))
-    data = _usable(shifted_rows(_from_point(data, side), file.read.shift), mechanism)
+    data = replace(data, chance=chance(data, steps_of(plain.numbers, data, mechanism.reach)))
+    data = _usable(shifted_rows(_from_point(data, side), read.shift), mechanism)
     return without_copies(data)
 
 
@@ -161,8 +155,7 @@ def _in_seconds(table: Table, read: ReadFile) -> Table:
     if "time" not in table.text:
         return table
     clock = clock_of_words(table.text["time"], lambda i: table.at("time", i), read.dates, read.zone)
-    return replace(table, numbers={**table.numbers, "time": clock.seconds - clock.first},
-                   text={h: c for h, c in table.text.items() if h != "time"})
+    return table.put({"time": clock.seconds - clock.first})
 
 
 def _from_point(data: Dataset, side: str) -> Dataset:

@@ -6,29 +6,29 @@ and unit and from where that is known, and each that is not.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.clock import Clock, clock_of_numbers, clock_of_words
+from ppmcal.io.column_names import GROUPED, is_target, known_columns, own_name, strangers, unit_in
 from ppmcal.io.csv import Table, csv_table, refuse_absurd
-from ppmcal.io.foreign_names import GROUPED, is_target, own_name, unit_in
-from ppmcal.io.header_units import bare_name, without_units, zone_of
+from ppmcal.io.header import HeaderColumn, bare_name, header_columns, named, unit_of, zone_of
 from ppmcal.io.input_files import first_bytes, read_bytes
 from ppmcal.io.klipper_log import klipper_log
-from ppmcal.io.measurement_columns import known_columns, translate_foreign, without_strangers
 from ppmcal.io.point_list import with_header
 from ppmcal.io.read_block import FURTHER, MATRIX, ReadFile
-from ppmcal.io.reading import of_homogeneous, renamed, unit_of
 from ppmcal.io.ros_bag import bag_tables, is_bag
 from ppmcal.io.ros_tables import FORM, Recording, ros_csv, ros_headers
 from ppmcal.io.tables import is_text, read_table
 from ppmcal.io.yaml import number_text
 from ppmcal.model.mechanism import Mechanism
 
+HEADING = "a usual heading"
+"""Origin of a column whose header many recorders write."""
 WORDS = ("pose", "target", "session", "time", "date")
 """Columns that may hold words; so may parts of names."""
 
@@ -39,26 +39,20 @@ class ForeignTable:
 
     Attributes:
         table: the columns that are known; ``time`` in s.
-        headers: our own name -> the file's header.
-        units: our own name -> unit, where the header has one.
+        columns: what is known of each by its header, with those of which others were made.
         ignored: headers of the columns that are left alone.
         remarks: lines above the table, which nothing is made of: perhaps they name units.
-        origin: our own name -> from where it is known that the column is this one.
         clock: of the column ``time``, None without one.
         form: what kind of file it is, where it is no plain table.
-        units_from: our own name -> from where its unit is known, if not from its header.
     """
 
     table: Table
-    headers: Mapping[str, str]
-    units: Mapping[str, str]
+    columns: Mapping[str, HeaderColumn]
     ignored: tuple[str, ...]
     findings: tuple[str, ...]
     remarks: tuple[str, ...] = ()
-    origin: Mapping[str, str] = field(default_factory=dict)
     clock: Clock | None = None
     form: str = ""
-    units_from: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def has_joints(self) -> bool:
@@ -111,112 +105,91 @@ def _recording(path: Path, mechanism: Mechanism, read: ReadFile) -> Recording:
 
 def _understood(made: Recording, mechanism: Mechanism, read: ReadFile, side: str) -> ForeignTable:
     """Return a table under our own names."""
-    known = {*known_columns(mechanism), *MATRIX}
-    table, mine = made.table, _of_file(read, made.table)
-    raw = table.header
-    bare, headed = without_units(table, mine, known)
-    original = dict(zip(bare.header, raw, strict=True))
-    bare = of_homogeneous(bare, mine)
-    original |= {h: h for h in bare.header if h not in original}
-    theirs = [h for h in bare.header if h not in mine.ignore]
-    told = set(mine.columns)
-    table, findings = translate_foreign(renamed(bare, mine, mechanism, side), mechanism)
-    names, origin = dict[str, str](), dict[str, str]()
-    for name, header in zip(table.header, theirs, strict=True):
-        own, why = own_name(name, known)
-        if own and (own == name or own not in table.header) and own not in names:
-            names[own] = header
-            origin[own] = ("read.columns" if own in told else made.origin.get(original[header])
-                           or (why if name == header else "a usual heading"))
-    back = dict(zip(theirs, table.header, strict=True))
-    _tell_targets(names, origin, back, known)
-    if any(h.startswith(("q_", "cmd_")) and h in known for h in table.header):
+    known, table = {*known_columns(mechanism), *MATRIX}, made.table
+    mine = _of_file(read, table)
+    columns, findings = header_columns(table, mine, mechanism, side)
+    names, taken = {c.name for c in columns}, dict[str, HeaderColumn]()
+    for c in columns:
+        own, why = own_name(c.name, known)
+        if own and (own == c.name or own not in names) and own not in taken:
+            origin = "read.columns" if own in mine.columns else made.origin.get(c.header) or (
+                why if c.name == c.called else HEADING)
+            taken[own] = replace(c, name=own, origin=origin,
+                                 shown=c.shown or made.headers.get(c.header, c.header),
+                                 unit_from="ROS" if made.form == FORM else c.unit_from)
+    _tell_targets(taken, [c for c in columns if own_name(c.name, known)[0] == "pose"])
+    used = {c.header for c in taken.values()}
+    if any(n.startswith(("q_", "cmd_")) and n in known for n in names):
         # in our own names, as `check` and `identify` read it
-        kept = [n for n, h in zip(table.header, theirs, strict=True) if h not in names.values()]
-        without_strangers(replace(table, header=tuple(kept), numbers={}, text={}), mechanism, known)
-    numbers = {own: table.numbers[back[h]] for own, h in names.items() if back[h] in table.numbers}
-    text = {own: table.text[back[h]] for own, h in names.items() if back[h] in table.text}
-    units = {own: headed[h] for own, h in names.items() if h in headed}
-    whence = dict.fromkeys(units, "ROS") if made.form == FORM else {}
+        strangers(dict.fromkeys(c.name for c in columns if c.header not in used), mechanism, known,
+                  table.source)
     remark = unit_in(made.remarks)
-    for own in (set("xyz") & set(names)) - set(units) if remark else ():
-        units[own], whence[own] = str(remark), "a remark"
+    for own in set("xyz") & set(taken) if remark else ():
+        if not taken[own].unit:
+            taken[own] = replace(taken[own], unit=str(remark), unit_from="a remark")
     found = ForeignTable(
-        replace(table, header=tuple(names), numbers=numbers, text=text),
-        {own: made.headers.get(original[h], original[h]) for own, h in names.items()}, units,
-        tuple(h for n, h in original.items() if n not in names.values()),
-        (*made.findings, *findings), made.remarks, origin, None, made.form, whence)
-    return _with_clock(_with_groups(found), original.get(names.get("time", ""), ""), read, side)
+        named(table, [*taken.values()]), taken, tuple(h for h in table.header if h not in used),
+        (*made.findings, *findings), made.remarks, None, made.form)
+    return _with_clock(_with_groups(found), read, side)
 
 
-def _tell_targets(names: dict[str, str], origin: dict[str, str], headers: Mapping[str, str],
-                  known: Collection[str]) -> None:
-    """Take one of two columns of names for the targets', in a table of points.
+def _tell_targets(taken: dict[str, HeaderColumn], called: Sequence[HeaderColumn]) -> None:
+    """Take one of two columns of names, ``called``, for the targets', in a table of points.
 
-    Args:
-        names: our own name -> the file's header; changed.
-        origin: our own name -> from where it is known; changed.
-        headers: the file's headers -> as the sidecar renames them.
-        known: our own names.
+    ``taken``: the columns by our own names; changed.
     """
-    called = [h for h, renamed in headers.items() if own_name(renamed, known)[0] == "pose"]
-    what = [h for h in called if is_target(h)]
-    if len(called) == 2 and len(what) == 1 and {"x", "y"} <= set(names):
-        (names["pose"],) = set(called) - set(what)
-        names["target"], origin["target"] = what[0], "a usual heading"
+    what = [c for c in called if is_target(c.called)]
+    if len(called) == 2 and len(what) == 1 and {"x", "y"} <= set(taken):
+        (pose,) = (c for c in called if c is not what[0])
+        taken["pose"] = replace(taken["pose"], header=pose.header, called=pose.called,
+                                unit=pose.unit, shown=pose.shown or pose.header)
+        taken["target"] = replace(what[0], name="target", origin=HEADING, shown=what[0].header)
 
 
 def _with_groups(found: ForeignTable) -> ForeignTable:
     """Return the table with its points' groups in their names: ``Group::Point``."""
-    table = found.table
+    table, columns = found.table, found.columns
     groups = [h for h in table.header if GROUPED.fullmatch(h)]
     if not groups:
         return found
     parts = [table.labels(h) for h in [*groups, *(["pose"] if "pose" in table.header else [])]]
     names = tuple("::".join(p) for p in zip(*parts, strict=True))
-    kept = tuple(h for h in table.header if h not in groups)
-    text = {h: c for h, c in table.text.items() if h in kept and h != "pose"}
-    numbers = {h: c for h, c in table.numbers.items() if h in kept and h != "pose"}
-    whole = "', '".join(found.headers[h] for h in (*groups, "pose") if h in found.headers)
-    return replace(found, headers={**found.headers, "pose": whole}, table=replace(
-        table, header=kept if "pose" in kept else ("pose", *kept), numbers=numbers,
-        text={**text, "pose": names}))
+    whole = "', '".join(columns[h].shown for h in (*groups, "pose") if h in columns)
+    pose = replace(columns.get("pose", HeaderColumn("", "pose", "pose")), shown=whole)
+    table = table.without(groups)
+    if "pose" not in table.header:
+        table = replace(table, header=("pose", *table.header))
+    return replace(found, columns={**columns, "pose": pose}, table=table.put({"pose": names}))
 
 
-def _with_clock(found: ForeignTable, header: str, read: ReadFile, side: str) -> ForeignTable:
+def _with_clock(found: ForeignTable, read: ReadFile, side: str) -> ForeignTable:
     """Return the table with its times in s, and their clock."""
-    table, units = found.table, dict(found.units)
-    if "date" in table.header:
-        table = _with_dates(table)
+    table = _with_dates(found.table) if "date" in found.table.header else found.table
     if "time" not in table.header:
         return replace(found, table=table)
-    unit = units.pop("time", None) or unit_of("time", read, side)
+    column = found.columns.get("time", HeaderColumn("", "time", "time"))
+    unit = column.unit or unit_of("time", read, side)
     if "time" in table.text:
         clock = clock_of_words(table.text["time"], lambda i: table.at("time", i), read.dates,
-                               zone_of(header) or read.zone)
+                               zone_of(column.header) or read.zone)
     else:
         if unit is not None and unit not in FURTHER["time"]:
             raise BadInput(f"time cannot be in {unit}", f"{table.source}: header",
                            f"Write {' or '.join(FURTHER['time'])}")
         clock = clock_of_numbers(table.numbers["time"], table.at("time"),
                                  None if unit is None else FURTHER["time"][unit])
-    return replace(found, table=replace(
-        table, numbers={**table.numbers, "time": clock.seconds},
-        text={h: c for h, c in table.text.items() if h != "time"}), units=units, clock=clock)
+    return replace(found, table=table.put({"time": clock.seconds}), clock=clock,
+                   columns={h: replace(c, unit="") if h == "time" else c
+                            for h, c in found.columns.items()})
 
 
 def _with_dates(table: Table) -> Table:
     """Return the table with dates and times of day in one column."""
-    days = table.labels("date")
-    text = {h: c for h, c in table.text.items() if h != "date"}
-    numbers = {h: c for h, c in table.numbers.items() if h != "date"}
+    days, table = table.labels("date"), table.without(("date",))
     if "time" in table.text:
-        text["time"] = tuple(f"{d} {t}" if t else "" for d, t in zip(days, table.text["time"],
-                                                                     strict=True))
-    elif "time" not in table.header:
-        text["time"] = days
-    kept = [h for h in table.header if h != "date"]
-    return replace(table, header=tuple(dict.fromkeys([*kept, "time"])), numbers=numbers, text=text)
+        return table.put({"time": tuple(f"{d} {t}" if t else "" for d, t in zip(
+            days, table.text["time"], strict=True))})
+    return table if "time" in table.header else table.put({"time": days})
 
 
 def _of_file(read: ReadFile, table: Table) -> ReadFile:
@@ -233,17 +206,15 @@ def refuse_unused(read: ReadFile, files: list[ForeignTable], side: str) -> None:
     Raises:
         BadInput: with the columns that there are.
     """
-    taken = {own for f in files for own in f.headers}
+    taken = {own for f in files for own in f.columns}
     ignored = {h for f in files for h in f.ignored}
-    there = ", ".join(h for f in files for h in (*f.headers.values(), *f.ignored))
-    for own, header in read.columns.items():
-        if own not in taken:
-            raise BadInput(f"no file has a column '{header}'", f"{side}: read.columns.{own}",
-                           f"Their columns are {there}")
-    for header in read.ignore:
-        if header not in ignored:
-            raise BadInput(f"no file has a column '{header}'", f"{side}: read.ignore",
-                           f"Their columns are {there}")
+    there = ", ".join(h for f in files for h in (
+        *(c.shown for c in f.columns.values()), *f.ignored))
+    for place, header in (
+            *((f"columns.{own}", h) for own, h in read.columns.items() if own not in taken),
+            *(("ignore", h) for h in read.ignore if h not in ignored)):
+        raise BadInput(f"no file has a column '{header}'", f"{side}: read.{place}",
+                       f"Their columns are {there}")
 
 
 def pose_names(table: Table) -> list[str]:

@@ -10,9 +10,9 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
-from ppmcal.io.measurement_columns import row_list
 from ppmcal.io.yaml import number_text
 from ppmcal.linalg import Array
+from ppmcal.wording import row_list
 
 PARTIAL = "or leave out what matches nothing with --partial"
 
@@ -83,12 +83,9 @@ def join(log: Table, points: Table, by: str | None, tolerance: float, partial: b
         order = np.lexsort((taken, rows))
         left, taken = rows_of(log, rows[order]), taken[order]
     right = rows_of(points, taken)
-    more = [h for h in points.header if h not in log.header]
-    return Join(replace(left, header=(*log.header, *more),
-                        numbers={**left.numbers, **{h: right.numbers[h] for h in more
-                                                    if h in right.numbers}},
-                        text={**left.text, **{h: right.text[h] for h in more if h in right.text}},
-                        size=len(taken)), by, tuple(findings), how)
+    more = right.without(log.header)
+    return Join(replace(left.put({**more.numbers, **more.text}), size=len(taken),
+                        header=(*log.header, *more.header)), by, tuple(findings), how)
 
 
 def _by(log: Table, points: Table) -> str:

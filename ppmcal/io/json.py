@@ -15,6 +15,8 @@ from ppmcal.io.input_files import read_bytes
 from ppmcal.io.limits import JSON_BYTES, JSON_DEPTH, JSON_NODES
 
 AGAIN = "Run the command that writes it again"
+LARGEST_WHOLE = 2 ** 53
+"""Up to here a float holds every whole number."""
 LONGEST = 300
 """Digits of a number; more do not fit into a float."""
 

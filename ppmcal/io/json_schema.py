@@ -14,14 +14,15 @@ from pydantic import BaseModel
 from ppmcal.errors import unknown
 from ppmcal.io.batch_schema import OPTIONS, ManifestFile
 from ppmcal.io.effects import EffectFile
-from ppmcal.io.mechanism_schema import DirectionFile, MechanismFile, SlotFile, groups
+from ppmcal.io.mechanism_schema import MechanismFile
 from ppmcal.io.pose_fields import PoseFile
 from ppmcal.io.scenario_schema import ScenarioFile
 from ppmcal.io.sidecar import SidecarFile
+from ppmcal.io.slots import DirectionFile, SlotFile, SlotGroup, groups
 from ppmcal.io.stiffness import PARTS, TRANSLATIONS, joint_names
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.limbs import LimbKind, kinds
-from ppmcal.model.limbs.chain import JOINT_COMPONENTS, SlotSpec
+from ppmcal.model.limbs.chain import JOINT_COMPONENTS
 
 Schema = dict[str, Any]
 
@@ -196,9 +197,10 @@ def _limb(kind: LimbKind) -> Schema:
         "stiffness": _springs(joint_names(kind))}
     if kind.branch:
         properties[kind.branch] = {"enum": [1, -1], "description": "Which of two solutions."}
-    for group, specs in [*groups(kind), *((d, ()) for d in kind.directions[1:])]:
-        head, _, tail = group.partition(".")
-        schema = _group(kind, group, specs)
+    further = (SlotGroup(d, "direction", ()) for d in kind.directions[1:])
+    for group in (*groups(kind), *further):
+        head, _, tail = group.path.partition(".")
+        schema = _group(group)
         if not tail:
             properties[head] = schema
             continue
@@ -210,20 +212,20 @@ def _limb(kind: LimbKind) -> Schema:
             "properties": properties, "additionalProperties": False}
 
 
-def _group(kind: LimbKind, group: str, specs: Any) -> Schema:
-    if group in kind.directions:
+def _group(group: SlotGroup) -> Schema:
+    path, body = group.path, group.path.partition(".")[0]
+    if group.form == "direction":
         return {**DIRECTION, "description": "A direction in base axes."}
-    if group in kind.axes:
-        return {**DIRECTION, "description": f"First axis of the {group.partition('.')[0]}'s "
-                f"universal joint, in {group.partition('.')[0]} axes."}
-    if group.startswith("joint"):
+    if group.form == "first axis":
+        return {**DIRECTION, "description": f"First axis of the {body}'s universal joint, in "
+                                            f"{body} axes."}
+    if group.form == "joint frame":
         return {"type": "object", "additionalProperties": False,
-                "description": f"Error of the frame of {group}, in its own axes.",
-                "properties": {c: {**SLOT, "description": TWIST[c]} for c in
-                               (s.name.rpartition(".")[2] for s in specs)}}
-    if len(specs) > 1:
-        return {**POINT, "description": f"{group}: [x, y, z], {{x, y, z}} or {{radius, angle, z}}."}
-    spec: SlotSpec = specs[0]
+                "description": f"Error of the frame of {path}, in its own axes.",
+                "properties": {c: {**SLOT, "description": TWIST[c]} for c in group.parts}}
+    if group.form == "point":
+        return {**POINT, "description": f"{path}: [x, y, z], {{x, y, z}} or {{radius, angle, z}}."}
+    spec = group.slots[0]
     default = "" if spec.default is None else f"  [default: {spec.default:g}]"
     return {**SLOT, "description": f"{spec.name}, {spec.quantity}{default}."}
 

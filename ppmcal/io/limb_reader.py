@@ -9,20 +9,22 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.directions import square, to_nominal, unit
-from ppmcal.io.mechanism_schema import TURNS, DirectionFile, SlotFile, groups, point_parts, word
+from ppmcal.io.mechanism_schema import word
 from ppmcal.io.parameter_reader import Draft, SlotEntry
 from ppmcal.io.schema import check, show
-from ppmcal.io.universal_joint import absent_axes
+from ppmcal.io.slots import DirectionFile, SlotFile, SlotGroup, absent_axes, groups, point_parts
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind, find_kind
 from ppmcal.model.limbs.chain import SlotSpec
 from ppmcal.units import Units
+
+T = TypeVar("T", SlotFile, DirectionFile)
 
 
 def limb_kind(raw: Mapping[Any, Any], motion: str, place: str) -> LimbKind:
@@ -62,21 +64,21 @@ class LimbReader:
         self.draft.actuator = self._actuator()
         self._branch()
         absent = absent_axes(self.kind, given, self.at)
-        for group, specs in groups(self.kind):
-            raw = given.get(group)
-            if group in absent:
-                self.draft.absent += [(s.name, absent[group]) for s in specs]
-            elif group in self.kind.directions:
-                zero = next((d for d in self.kind.directions if d != group), None)
-                self._direction(group, zero, specs, given)
-            elif group in self.kind.axes:
-                self._first_axis(group, specs, given)
-            elif len(specs) > 1 and group.startswith("joint"):
-                self._joint(group, specs, raw)
-            elif len(specs) > 1:
-                self._point(group, specs, raw)
+        for group in groups(self.kind):
+            path, raw = group.path, given.get(group.path)
+            if path in absent:
+                self.draft.absent += [(s.name, absent[path]) for s in group.slots]
+            elif group.form == "direction":
+                zero = next((d for d in self.kind.directions if d != path), None)
+                self._direction(group, zero, given)
+            elif group.form == "first axis":
+                self._first_axis(group, given)
+            elif group.form == "joint frame":
+                self._joint(group, raw)
+            elif group.form == "point":
+                self._point(group, raw)
             else:
-                self._scalar(specs[0], raw)
+                self._scalar(group.slots[0], raw)
         return self.draft
 
     def at(self, path: str) -> str:
@@ -85,7 +87,7 @@ class LimbReader:
 
     def _flatten(self) -> dict[str, Any]:
         """Return group path -> raw value; refuse keys that the kind does not have."""
-        wanted = [g for g, _ in groups(self.kind)] + list(self.kind.directions[1:])
+        wanted = [g.path for g in groups(self.kind)] + list(self.kind.directions[1:])
         tree: dict[str, list[str]] = {}
         for path in wanted:
             head, _, tail = path.partition(".")
@@ -131,22 +133,21 @@ class LimbReader:
                            "minus sign")
         self.draft.branch = int(value)
 
-    def _slot(self, raw: Any, path: str) -> SlotFile:
-        """Return a slot as the file has it: a number, or a mapping."""
+    def _given(self, model: type[T], raw: Any, path: str) -> T:
+        """Return a slot or a direction as the file has it: its value alone, or a mapping."""
         if isinstance(raw, dict):
-            return check(SlotFile, raw, self.source, prefix=f"{self.place}.{path}")
-        return check(SlotFile, {"value": raw}, self.source, lambda _: "", f"{self.place}.{path}")
+            return check(model, raw, self.source, prefix=f"{self.place}.{path}")
+        return check(model, {"value": raw}, self.source, lambda _: "", f"{self.place}.{path}")
+
+    def _slot(self, raw: Any, path: str) -> SlotFile:
+        return self._given(SlotFile, raw, path)
 
     def _add(self, spec: SlotSpec, path: str, slot: SlotFile, joint: bool = False) -> None:
         """Turn a slot to SI and append it."""
-        factor = self.units.factor(spec.quantity)
-        value, nominal, tolerance, sigma = (
-            None if v is None else v * factor
-            for v in (slot.value, slot.nominal, slot.tolerance, slot.sigma))
         default = spec.default if slot.share is None or joint else None
         self.draft.entries.append(SlotEntry(
-            f"{self.draft.name}.{path}", self.at(path), spec.quantity, spec.tolerance_class,
-            default, value, nominal, tolerance, sigma, slot.fixed, slot.share))
+            f"{self.draft.name}.{path}", self.at(path), spec,
+            slot.times(self.units.factor(spec.quantity)), default))
         if spec.tolerance_class != "ratio":
             self.draft.numbers += [(spec.quantity, v) for v in (slot.value, slot.nominal)
                                    if v is not None]
@@ -161,8 +162,8 @@ class LimbReader:
                                f"add a line such as `{spec.name.rpartition('.')[2]}: 120`")
             standing = spec.tolerance_class != "offset"
             self.draft.entries.append(SlotEntry(
-                f"{self.draft.name}.{spec.name}", self.at(spec.name), spec.quantity,
-                spec.tolerance_class, default=spec.default, standing=standing))
+                f"{self.draft.name}.{spec.name}", self.at(spec.name), spec, SlotFile(),
+                spec.default, standing))
         else:
             slot = self._slot(raw, spec.name)
             if spec.is_bar and slot.value is not None and slot.value <= 0.0:
@@ -174,16 +175,16 @@ class LimbReader:
             self._add(spec, spec.name, slot)
         self.draft.direct.append(spec.name)
 
-    def _joint(self, group: str, specs: Sequence[SlotSpec], raw: Any) -> None:
+    def _joint(self, group: SlotGroup, raw: Any) -> None:
         """Frame components exist where the file gives them or ``free`` may name them."""
-        names = {s.name.rpartition(".")[2]: s for s in specs}
+        names = group.parts
         if raw is not None and not isinstance(raw, dict):
-            raise BadInput(f"{show(raw)} is not a mapping", self.at(group),
+            raise BadInput(f"{show(raw)} is not a mapping", self.at(group.path),
                            f"Write keys with values here: {', '.join(names)}")
         given: dict[Any, Any] = raw or {}
         for key in given:
             if key not in names:
-                raise unknown("joint frame component", key, names, self.at(group))
+                raise unknown("joint frame component", key, names, self.at(group.path))
         for key, spec in names.items():
             path = f"{self.draft.name}.{spec.name}"
             if key in given or any(fnmatchcase(path, p) for p in self.patterns):
@@ -194,11 +195,11 @@ class LimbReader:
                 self._add(spec, spec.name, slot, joint=True)
                 self.draft.direct.append(spec.name)
 
-    def _point(self, group: str, specs: Sequence[SlotSpec], raw: Any) -> None:
+    def _point(self, group: SlotGroup, raw: Any) -> None:
         """A point: ``[x, y]``, ``{x, y}``, ``{radius, angle, z}`` or ``{value: [x, y]}``."""
-        by_axis = {s.name.rpartition(".")[2]: s for s in specs}
-        parts = point_parts(raw, list(by_axis), self.at(group))
-        radius, angle = f"{group}.radius", f"{group}.angle"
+        by_axis, path = group.parts, group.path
+        parts = point_parts(raw, list(by_axis), self.at(path))
+        radius, angle = f"{path}.radius", f"{path}.angle"
         for axis, slot in parts.items():
             if axis == "radius":
                 self._add(SlotSpec(radius, "length", "point"), radius, self._slot(slot, radius))
@@ -210,59 +211,57 @@ class LimbReader:
                 self.draft.direct.append(spec.name)
         if "radius" in parts:
             own = self.draft.name
-            self.draft.polar.append((f"{group}.x", f"{group}.y", f"{own}.{radius}",
+            self.draft.polar.append((f"{path}.x", f"{path}.y", f"{own}.{radius}",
                                      f"{own}.{angle}"))
 
-    def _first_axis(self, group: str, specs: Sequence[SlotSpec], given: Mapping[str, Any]) -> None:
+    def _first_axis(self, group: SlotGroup, given: Mapping[str, Any]) -> None:
         """The first axis of a universal joint: with errors only where they can matter.
 
         That is where its offset is not nominally 0, or where the file speaks of them.
         """
-        offset = next(s.name for s in self.kind.axis_offsets if s.needs == group)
+        path = group.path
+        offset = next(s.name for s in self.kind.axis_offsets if s.needs == path)
         slot = self._slot(0.0 if given.get(offset) is None else given[offset], offset)
         nominal = slot.value if slot.nominal is None else slot.nominal
-        asked = isinstance(given[group], dict) and set(given[group]) - {"value"}
-        names = [f"{self.draft.name}.{s.name}" for s in specs]
+        asked = isinstance(given[path], dict) and set(given[path]) - {"value"}
+        names = [f"{self.draft.name}.{s.name}" for s in group.slots]
         if nominal or slot.share or asked or any(
                 fnmatchcase(n, p) for n in names for p in self.patterns):
-            self._direction(group, None, specs, given)
+            self._direction(group, None, given)
         else:
-            axis = self._direction_file(group, given[group])
-            self.draft.constants[group] = unit(axis.value or [0.0, 0.0, 0.0], self.at(group))
+            axis = self._direction_file(path, given[path])
+            self.draft.constants[path] = unit(axis.value or [0.0, 0.0, 0.0], self.at(path))
 
-    def _direction(self, group: str, zero_name: str | None, specs: Sequence[SlotSpec],
-                   given: Mapping[str, Any]) -> None:
+    def _direction(self, group: SlotGroup, zero_name: str | None, given: Mapping[str, Any]
+                   ) -> None:
         """A direction, with ``base.zero`` that turns with it where the kind has one."""
-        axis = self._direction_file(group, given.get(group))
+        path = group.path
+        axis = self._direction_file(path, given.get(path))
         zero = self._direction_file(zero_name, given.get(zero_name)) if zero_name else None
         if axis.value is None and axis.share is not None:
-            self._take_turns(group, specs, axis, np.zeros(3))
+            self._take_turns(group, axis, np.zeros(3))
             if zero_name and zero is not None and zero.value is not None:
                 self.draft.constants[zero_name] = unit(zero.value, self.at(zero_name))
             return
-        now, nominal = self._pair(group, axis, zero_name, zero)
-        self.draft.constants[group] = now[0]
+        now, nominal = self._pair(path, axis, zero_name, zero)
+        self.draft.constants[path] = now[0]
         if zero_name and now[1] is not None:
             self.draft.constants[zero_name] = now[1]
-        self._take_turns(group, specs, axis, to_nominal(now, nominal))
+        self._take_turns(group, axis, to_nominal(now, nominal))
 
     def _direction_file(self, name: str, raw: Any) -> DirectionFile:
         if raw is None:
             raise BadInput(f"the direction '{name}' is missing", self.at(""),
                            f"Add `{name.rpartition('.')[2]}: [0, 0, 1]` under "
                            f"`{name.partition('.')[0]}`")
-        where = f"{self.place}.{name}"
-        if isinstance(raw, dict):
-            out = check(DirectionFile, raw, self.source, prefix=where)
-        else:
-            out = check(DirectionFile, {"value": raw}, self.source, lambda _: "", where)
+        out = self._given(DirectionFile, raw, name)
         if out.value is None and (out.share is None or name == "base.zero"):
-            raise BadInput("the direction has no value", f"{self.source}: {where}",
+            raise BadInput("the direction has no value", self.at(name),
                            "Add `value: [0, 0, 1]`")
         extra = sorted(set(out.model_fields_set) - {"value", "nominal"})
         if name == "base.zero" and extra:
             raise BadInput(f"base.zero turns with base.axis and has no '{extra[0]}' of its own",
-                           f"{self.source}: {where}", "Move it to base.axis")
+                           self.at(name), "Move it to base.axis")
         return out
 
     def _pair(self, group: str, axis: DirectionFile, zero_name: str | None,
@@ -279,20 +278,19 @@ class LimbReader:
             return (a, z if axis.nominal is None else None), (a0, None)
         return (a, z), (a0, square(unit(zero.nominal, place), a0, f"{place}.nominal"))
 
-    def _take_turns(self, group: str, specs: Sequence[SlotSpec], axis: DirectionFile,
-                    nominal: Array) -> None:
+    def _take_turns(self, group: SlotGroup, axis: DirectionFile, nominal: Array) -> None:
+        """Append the small rotation that is a direction's error."""
         factor = self.units.factor("angle")
-
-        def pick(values: list[float] | None, i: int) -> float | None:
-            return None if values is None else values[i] * factor
-
         shared = axis.share is not None and axis.value is None
-        for i, spec in enumerate(specs):
+        for i, (turn, spec) in enumerate(group.parts.items()):
+            value, tolerance, sigma = (None if v is None else v[i] * factor for v in (
+                axis.rotation, axis.tolerance, axis.sigma))
+            given = SlotFile.model_construct(
+                value=value, nominal=None if shared else float(nominal[i]), tolerance=tolerance,
+                sigma=sigma, fixed=axis.fixed,
+                share=None if axis.share is None else f"{axis.share}.{turn}")
             self.draft.entries.append(SlotEntry(
-                f"{self.draft.name}.{spec.name}", self.at(group), "angle", "angle", default=0.0,
-                value=pick(axis.rotation, i), nominal=None if shared else float(nominal[i]),
-                tolerance=pick(axis.tolerance, i), sigma=pick(axis.sigma, i), fixed=axis.fixed,
-                share=None if axis.share is None else f"{axis.share}.{TURNS[i]}"))
+                f"{self.draft.name}.{spec.name}", self.at(group.path), spec, given, 0.0))
             self.draft.direct.append(spec.name)
         if axis.share is not None:
-            self.draft.shared_directions[group] = axis.share
+            self.draft.shared_directions[group.path] = axis.share

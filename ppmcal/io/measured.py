@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
-from ppmcal.io.measurement_columns import rotations, row_list, stacked
+from ppmcal.io.measurement_columns import rotations, stacked
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.io.sidecar import SidecarFile, sigma_needs
 from ppmcal.linalg import Array
@@ -17,6 +17,7 @@ from ppmcal.model.dataset import unknown
 from ppmcal.model.instruments import NUMBERS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
+from ppmcal.wording import row_list
 
 
 @dataclass(frozen=True)

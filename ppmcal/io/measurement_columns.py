@@ -1,171 +1,22 @@
-"""The columns of a measurement file: which there are, foreign headers, what each is in SI."""
+"""The columns of a measurement file in SI: joints, commanded and measured poses, conditions."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import replace
-from difflib import get_close_matches
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
+from ppmcal.io.column_names import ENVIRONMENT
 from ppmcal.io.csv import Table, refuse_absurd
 from ppmcal.io.pose_fields import COORDINATES, NORM_TOLERANCE, QUATERNION, factors, rotation_vectors
-from ppmcal.io.schema import hint
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import ZERO_CELSIUS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
+from ppmcal.wording import row_list
 
-WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
-ENVIRONMENT = ("temperature", "payload", "time", *WRENCH)
 NOT_MOVED = 1e-12
-MISSPELT = 0.8
-"""A name so like one of ours (difflib's ratio) is taken for a mistake in writing it."""
-LABELS = ("pose", "session", "time")
-"""Columns that may hold words: names, and times of a clock."""
-OURS = ("q_", "to_q_", "dir_", "vel_", "cmd_", "sigma_", "temperature_", "leg_length_")
-"""What columns of ours begin with: a name that does is meant to be one."""
-_HEXAPOD = {"x1": "x", "y1": "y", "z1": "z", "phix1": "rx", "phiy1": "ry", "phiz1": "rz"}
-_CAPTURE = {**{f"position_{a}": a for a in "xyz"},
-            **{f"orientation_{a}": f"quat_{a}" for a in "xyzw"}}
-
-
-def known_columns(mechanism: Mechanism) -> list[str]:
-    """Return every column name that a measurement file of this machine may have."""
-    actuators = mechanism.actuators
-    out = ["pose", "session", *(f"q_{a}" for a in actuators), *COORDINATES, *QUATERNION,
-           "height", "distance", *ENVIRONMENT, *(f"to_q_{a}" for a in actuators),
-           *(f"dir_{a}" for a in (*actuators, "x", "y", "z")),
-           *(f"vel_{a}" for a in actuators), *(f"cmd_{c}" for c in (*COORDINATES, *QUATERNION)),
-           *(f"sigma_{c}" for c in (*COORDINATES, "position", "rotation", "height", "distance"))]
-    return list(dict.fromkeys(out))
-
-
-def check_columns(table: Table, mechanism: Mechanism) -> None:
-    """Refuse a column that nobody knows, with the nearest match."""
-    known = known_columns(mechanism)
-    for name in table.header:
-        if name not in known and not name.startswith("temperature_"):
-            raise BadInput(f"unknown column '{name}'", f"{table.source}: header",
-                           f"Rename or remove it; the actuators are "
-                           f"{', '.join(mechanism.actuators)}."
-                           f"{hint(name, known)}")
-
-
-def is_nobodys(name: str, known: Collection[str]) -> bool:
-    """Whether a column is none of ours, and none that was perhaps meant to be.
-
-    Args:
-        name: without its unit.
-        known: names of our columns.
-    """
-    return not (name in known or name.startswith(OURS)
-                or get_close_matches(name, known, 1, MISSPELT))
-
-
-def without_strangers(table: Table, mechanism: Mechanism, known: Collection[str]
-                      ) -> tuple[Table, list[str]]:
-    """Return the table without the columns that nobody needs, and that they are left alone.
-
-    Args:
-        table: under our own names, but for these.
-        mechanism: the machine.
-        known: names of our columns for it, and of what they are made of.
-
-    Raises:
-        BadInput: a column that was perhaps meant to be one of ours, or words where it has numbers.
-    """
-    check_columns(replace(table, header=tuple(h for h in table.header if h not in known
-                                              and not is_nobodys(h, known))), mechanism)
-    strange = [h for h in table.header if is_nobodys(h, known)]
-    for name in set(table.text) - {*strange, *LABELS}:
-        row = next((i for i, c in enumerate(table.text[name]) if not _is_number(c)), 0)
-        raise BadInput(f"'{table.text[name][row]}' is not a number", table.at(name, row),
-                       "Correct the cell, or leave it empty")
-    if not strange:
-        return table, []
-    left = replace(table, header=tuple(h for h in table.header if h not in strange),
-                   numbers={h: v for h, v in table.numbers.items() if h not in strange},
-                   text={h: v for h, v in table.text.items() if h not in strange})
-    names, one = ", ".join(strange), len(strange) == 1
-    ignore = ", ".join(n if n.isidentifier() else f'"{n}"' for n in strange)
-    return left, [f"{table.source}: column{'s' * (not one)} {names}: not used, nobody knows "
-                  f"{'it' if one else 'them'}. `read: {{ignore: [{ignore}]}}` in the sidecar says "
-                  "that this is meant"]
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell or "nan")
-    except ValueError:
-        return False
-    return True
-
-
-def ambiguous_directions(table: Table, mechanism: Mechanism) -> list[str]:
-    """Return what to say of directions that are a joint's and the platform's by their name.
-
-    Raises:
-        BadInput: not all joints have theirs, so that these may be the platform's.
-    """
-    joints = [f"dir_{a}" for a in mechanism.actuators]
-    both = [f"dir_{c}" for c in "xyz" if f"dir_{c}" in joints and f"dir_{c}" in table.header]
-    if not both:
-        return []
-    names = ", ".join(both)
-    if not set(joints) <= set(table.header):
-        own = both[0].removeprefix("dir_")
-        raise BadInput(
-            f"{names}: the platform's direction of approach, or that of the joint of this name?",
-            f"{table.source}: header",
-            f"Give the direction of every joint ({', '.join(joints)}); or, if it is the "
-            f"platform's, call the actuator otherwise in the mechanism file, such as joint_{own}, "
-            f"and write `read: {{columns: {{q_joint_{own}: q_{own}}}}}` into the sidecar")
-    return [f"{table.source}: {names} are taken for the directions of the joints called so, not "
-            "for the platform's."]
-
-
-def translate_foreign(table: Table, mechanism: Mechanism) -> tuple[Table, list[str]]:
-    """Return the table under our own column names, where its header is a known foreign one.
-
-    ``x1,y1,z1,phix1,phiy1,phiz1`` with joint names ([LIN]'s hexapods), and
-    ``leg_length_1.., position_x.., orientation_x..w`` (motion capture of a Stewart platform);
-    ``leg_length_i`` belongs to the i-th actuator.
-    """
-    header, names = set(table.header), dict[str, str]()
-    actuators, findings = mechanism.actuators, list[str]()
-    if set(_HEXAPOD) <= header:
-        names = dict(_HEXAPOD)
-        own = set(known_columns(mechanism))
-        joints = [c for c in table.header if c not in names and (c in actuators or (
-            c not in own and not c.startswith("temperature_")))]
-        if not set(actuators) <= set(joints) and len(joints) == len(actuators):
-            findings.append(f"{table.source}: header: the joint columns {', '.join(joints)} are "
-                            f"taken in order for the actuators {', '.join(actuators)}.")
-            names.update({c: f"q_{a}" for c, a in zip(joints, actuators, strict=True)})
-        else:
-            names.update({c: f"q_{c}" for c in joints if c in actuators})
-    elif "leg_length_1" in header:
-        names = {c: own for c, own in _CAPTURE.items() if c in header}
-        count = sum(c.startswith("leg_length_") for c in header)
-        if count != len(actuators):
-            raise BadInput(f"there are {count} leg_length columns, but the mechanism has "
-                           f"{len(actuators)} actuators", f"{table.source}: header",
-                           "Give one column for each actuator, leg_length_1 first")
-        names.update({f"leg_length_{i + 1}": f"q_{a}" for i, a in enumerate(actuators)})
-    if not names:
-        return table, findings
-    renamed = tuple(names.get(c, c) for c in table.header)
-    for i, name in enumerate(renamed):
-        if name in renamed[:i]:
-            raise BadInput(f"the columns '{table.header[renamed.index(name)]}' and "
-                           f"'{table.header[i]}' both mean {name}", f"{table.source}: header",
-                           "Remove one of them")
-    return replace(table, header=renamed,
-                   numbers={names.get(c, c): v for c, v in table.numbers.items()},
-                   text={names.get(c, c): v for c, v in table.text.items()}), findings
 
 
 def stacked(table: Table, names: Sequence[str]) -> Array:
@@ -229,11 +80,58 @@ def rotations(table: Table, angle: float, prefix: str = "") -> tuple[Array, bool
     return rotation_vectors(q / norm[:, None]), True
 
 
-def row_list(indices: Array | NDArray[np.int64], most: int = 5) -> str:
-    """Return ``rows 3, 7, 9 (+12 more)`` for row indices counted from 0."""
-    shown = ", ".join(str(int(i) + 1) for i in indices[:most])
-    more = f" (+{len(indices) - most} more)" if len(indices) > most else ""
-    return f"row{'s' if len(indices) > 1 else ''} {shown}{more}"
+def joint_values(table: Table, mechanism: Mechanism, units: Units, joint: Array
+            ) -> tuple[Array, Array | None]:
+    """Return q (N, k) and commanded poses (N, 6) or None; refuse a file without either."""
+    names = [f"q_{a}" for a in mechanism.actuators]
+    have = [n for n in names if n in table.header]
+    commands = [c for c in table.header if c.startswith("cmd_")]
+    if not commands and len(have) < len(names):
+        missing = [n for n in names if n not in have]
+        raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",
+                       "Give the joint values of all actuators, or commanded poses (cmd_x, ...)")
+    for name in have:
+        _not_empty(table, name)
+    q = stacked(table, names) * joint
+    if not commands:
+        return q, None
+    if len(have) == len(names):
+        raise BadInput("there are joint columns (q_...) and commanded poses (cmd_...)",
+                       f"{table.source}: header", "Keep the columns that the controller used: "
+                       f"remove {', '.join(commands)}, or the q_ columns")
+    if have and len(have) < len(names):
+        raise BadInput(f"the columns {', '.join(n for n in names if n not in have)} are missing",
+                       f"{table.source}: header", "Give all joint columns, or only cmd_ columns")
+    commanded = poses(table, mechanism, units, "cmd_")
+    given = [mechanism.coordinates[i] for i, d in enumerate(mechanism.dof)
+             if np.isfinite(commanded[:, d]).any()]
+    if len(given) < len(mechanism.actuators):
+        lacking = [f"cmd_{c}" for c in mechanism.coordinates if c not in given]
+        raise BadInput(f"the commanded pose lacks {', '.join(lacking)}", f"{table.source}: header",
+                       f"A pose of this machine needs {len(mechanism.actuators)} of "
+                       f"{', '.join('cmd_' + c for c in mechanism.coordinates)}")
+    return q, commanded
+
+
+def _not_empty(table: Table, name: str) -> None:
+    if not np.isfinite(table.numbers[name]).any():
+        raise BadInput("all values of the column are missing", table.at(name),
+                       "Fill it in, or remove the column")
+
+
+def second_joints(table: Table, mechanism: Mechanism, joint: Array, kind: str) -> Array | None:
+    """Return the joint values (N, k) at the other end of a distance, None where there is none."""
+    names = [f"to_q_{a}" for a in mechanism.actuators]
+    have = [n for n in names if n in table.header]
+    if not have or kind != "distance":
+        return None
+    if len(have) < len(names):
+        raise BadInput(f"the columns {', '.join(n for n in names if n not in have)} are missing",
+                       f"{table.source}: header",
+                       "Give the second position's joint values of all actuators")
+    for name in have:
+        _not_empty(table, name)
+    return stacked(table, names) * joint
 
 
 def further_columns(table: Table, mechanism: Mechanism, joint: Array) -> dict[str, Array]:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
 
-from ppmcal.errors import BadInput, unknown
 from ppmcal.io.schema import (
+    LIMIT,
     Flag,
     Label,
     Number,
-    Path,
     Positive,
     Sigma,
     Strict,
@@ -22,10 +20,9 @@ from ppmcal.io.schema import (
     choice,
     refuse,
     show,
+    translate,
     vector,
 )
-from ppmcal.model.limbs import LimbKind
-from ppmcal.model.limbs.chain import SlotSpec
 
 FORMAT = "ppmcal/mechanism/1"
 
@@ -44,71 +41,11 @@ def _ends(value: list[float]) -> list[float]:
     return value
 
 
-def _extended(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
-        raise refuse(f"{show(value)} is not a number", "Write a number, .inf or -.inf")
-    return float(value)
-
-
 def _pattern(value: object) -> str:
     if not isinstance(value, str) or not value:
         raise refuse(f"{show(value)} is not a pattern",
                      'Write a pattern over parameter names in quotes, such as "*.offset"')
     return value
-
-
-class SlotFile(Strict):
-    """One slot: ``120`` or ``{value: 120, tolerance: 0.2, fixed: true}``."""
-
-    value: Number | None = None
-    """Present value, in the file's unit of length or angle."""
-    tolerance: Sigma | None = None
-    """Standard deviation of the part from its nominal value; .inf: no prior."""
-    fixed: Flag | None = None
-    """Whether identification must leave it as it is."""
-    nominal: Number | None = None
-    """Value of the drawing, where `value` is an identified one."""
-    sigma: Sigma | None = None
-    """Standard deviation of `value` after identification."""
-    share: Path | None = None
-    """Name of a parameter that several slots have in common."""
-
-
-def _three_sigmas(value: object) -> list[float]:
-    values = value if isinstance(value, list) else [value] * 3
-    if len(values) != 3:
-        raise refuse(f"a number or a list of 3 is needed here, this has {len(values)}",
-                     "Write one standard deviation, or [rx, ry, rz]")
-    out = []
-    for one in values:
-        if isinstance(one, bool) or not isinstance(one, int | float) or not one >= 0.0:
-            raise refuse(f"{show(one)} is not a standard deviation",
-                         "Write a number of 0 or more, or .inf for no prior")
-        out.append(float(one))
-    return out
-
-
-class DirectionFile(Strict):
-    """A unit vector: ``[0, 0, 1]`` or with its error, a small rotation in base axes.
-
-    The machine's direction is Rot(``rotation``) ``value``; ``nominal`` is the nominal
-    direction; ``sigma`` and ``tolerance`` belong to the rotation's rx, ry, rz.
-    """
-
-    value: Annotated[list[float], vector(3)] | None = None
-    """The direction; it need not have length 1."""
-    nominal: Annotated[list[float], vector(3)] | None = None
-    """The direction of the drawing."""
-    rotation: Annotated[list[float], vector(3)] | None = None
-    """Small rotation in base axes that turns `value`: [rx, ry, rz]."""
-    sigma: Annotated[list[float], BeforeValidator(_three_sigmas)] | None = None
-    """Standard deviation of the rotation after identification."""
-    tolerance: Annotated[list[float], BeforeValidator(_three_sigmas)] | None = None
-    """Standard deviation of the rotation from the drawing."""
-    fixed: Flag | None = None
-    """Whether identification must leave it as it is."""
-    share: Path | None = None
-    """Name of a direction that several limbs have in common."""
 
 
 class TolerancesFile(Strict):
@@ -210,7 +147,7 @@ class MechanismFile(Strict):
     """A mechanism file, relative to this one, that this one is laid over."""
     tolerances: TolerancesFile | None = None
     """Default standard deviations by class of slot: the prior."""
-    limits: dict[Label, Annotated[list[float], vector(2, of=_extended),
+    limits: dict[Label, Annotated[list[float], vector(2, of=LIMIT),
                                   AfterValidator(_range)]] | None = None
     """Travel by actuator: [lower, upper], joint values."""
     gravity: Annotated[list[float], vector(3, 2)] | None = None
@@ -230,74 +167,9 @@ class MechanismFile(Strict):
     left-out rows. Fixed ones need a tolerance. --free overrides them."""
 
 
-TURNS = ("rx", "ry", "rz")
-
-
-def groups(kind: LimbKind) -> list[tuple[str, list[SlotSpec]]]:
-    """Return the slots of a kind in order, points, directions and joint frames together."""
-    out: dict[str, list[SlotSpec]] = {}
-    for spec in (*kind.slots, *kind.joint_slots):
-        head, _, tail = spec.name.rpartition(".")
-        together = head.endswith("point") or head in (*kind.directions, *kind.axes) or (
-            head.startswith("joint") and tail in ("x", "y", "z", *TURNS))
-        out.setdefault(head if together else spec.name, []).append(spec)
-    return list(out.items())
-
-
-def point_parts(raw: Any, axes: list[str], place: str) -> dict[str, Any]:
-    """Return axis (or radius, angle) -> raw slot of a point, in parameter order."""
-    example = "[" + ", ".join(["0"] * len(axes)) + "]"
-    forms = (f"Write {example} with your numbers, {{{', '.join(f'{a}: ..' for a in axes)}}}, or "
-             f"{{radius: .., angle: ..{', z: ..' if 'z' in axes else ''}}}")
-    if raw is None:
-        raise BadInput("the point is missing", place, forms)
-    if isinstance(raw, list):
-        if len(raw) != len(axes):
-            raise BadInput(f"the point has {len(raw)} coordinates instead of {len(axes)}", place,
-                           forms)
-        return dict(zip(axes, raw, strict=True))
-    if not isinstance(raw, dict):
-        raise BadInput(f"{show(raw)} is not a point", place, forms)
-    if "value" in raw or "share" in raw:
-        return _spread_point(raw, axes, place)
-    polar = "radius" in raw or "angle" in raw
-    names = ["radius", "angle", *axes[2:]] if polar else axes
-    for key in raw:
-        if key not in names:
-            raise unknown("key", key, names if polar else [*axes, "radius", "angle", "value"],
-                          place)
-    for name in names:
-        if name not in raw:
-            raise BadInput(f"the point lacks '{name}'", place, forms)
-    return {name: raw[name] for name in names}
-
-
-def _spread_point(raw: dict[Any, Any], axes: list[str], place: str) -> dict[str, Any]:
-    """Return one slot per axis from ``{value: [x, y], tolerance: 0.2, share: NAME}``."""
-    allowed = list(SlotFile.model_fields)
-    out: dict[str, dict[str, Any]] = {axis: {} for axis in axes}
-    for key, value in raw.items():
-        if key not in allowed:
-            raise unknown("key", key, allowed, place)
-        for i, axis in enumerate(axes):
-            one = value
-            if isinstance(value, list):
-                if len(value) != len(axes):
-                    raise BadInput(f"the list has {len(value)} numbers instead of {len(axes)}",
-                                   f"{place}.{key}", "Give one for each coordinate")
-                one = value[i]
-            elif key in ("value", "nominal"):
-                raise BadInput(f"{show(value)} is not a list of {len(axes)} numbers",
-                               f"{place}.{key}", "Give one number for each coordinate")
-            out[axis][key] = f"{one}.{axis}" if key == "share" else one
-    return out
-
-
 def word(value: object, place: str) -> str:
     """Return a name that can stand in a column header and in a parameter path."""
     try:
         return str(TypeAdapter(Word).validate_python(value))
     except ValidationError as error:
-        context = error.errors()[0].get("ctx", {})
-        raise BadInput(str(context.get("what", error)), place,
-                       str(context.get("mend", ""))) from None
+        raise translate(error, place) from None

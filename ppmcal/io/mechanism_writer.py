@@ -11,8 +11,9 @@ import numpy as np
 from ppmcal.io.directions import rotation
 from ppmcal.io.effects import effects_tree
 from ppmcal.io.measurement_block import measurement_tree
-from ppmcal.io.mechanism_schema import FORMAT, groups
+from ppmcal.io.mechanism_schema import FORMAT
 from ppmcal.io.pose_fields import OF_MOTION, pose_to_map
+from ppmcal.io.slots import SlotGroup, groups
 from ppmcal.io.stiffness import stiffness_trees
 from ppmcal.io.yaml import dump_yaml, to_file
 from ppmcal.model.limbs.chain import SlotSpec
@@ -36,8 +37,8 @@ class SlotWriter:
         actuator = self.mechanism.actuators[limb.actuator]
         if actuator != limb.name:
             out["actuator"] = actuator
-        for group, specs in groups(limb.kind):
-            for path, value in self._group(index, limb, group, specs):
+        for group in groups(limb.kind):
+            for path, value in self._group(index, limb, group):
                 head, _, tail = path.partition(".")
                 if tail:
                     out.setdefault(head, {})[tail] = value
@@ -47,25 +48,20 @@ class SlotWriter:
             out[limb.kind.branch] = limb.branch
         return out
 
-    def _group(self, index: int, limb: Limb, group: str, specs: list[SlotSpec]
-               ) -> Iterator[tuple[str, Any]]:
+    def _group(self, index: int, limb: Limb, group: SlotGroup) -> Iterator[tuple[str, Any]]:
         """Yield (path, plain data) of one point, direction, joint frame or slot."""
-        slots = self.slots[index]
-        if group in limb.kind.axes and group not in limb.constants:
-            return
-        if group in (*limb.kind.directions, *limb.kind.axes):
-            yield from self._directions(index, limb, group, specs)
-        elif group.endswith(".point"):
-            names = [s.name for s in specs]
-            if f"{group}.radius" in slots:
-                names = [f"{group}.radius", f"{group}.angle", *names[2:]]
+        slots, path = self.slots[index], group.path
+        if group.form == "direction" or (group.form == "first axis" and path in limb.constants):
+            yield from self._directions(index, limb, group)
+        elif group.form == "point":
+            names = [s.name for s in group.slots]
+            if f"{path}.radius" in slots:
+                names = [f"{path}.radius", f"{path}.angle", *names[2:]]
             parts = {n.rpartition(".")[2]: self._slot(limb, n, slots[n]) for n in names}
-            if any(isinstance(v, dict) for v in parts.values()) or "radius" in parts:
-                yield group, parts
-            else:
-                yield group, list(parts.values())
-        else:
-            for spec in specs:
+            plain = "radius" not in parts and not any(isinstance(v, dict) for v in parts.values())
+            yield path, list(parts.values()) if plain else parts
+        elif group.form != "first axis":
+            for spec in group.slots:
                 if spec.name in slots and not self._silent(limb, spec, slots[spec.name]):
                     yield spec.name, self._slot(limb, spec.name, slots[spec.name])
 
@@ -115,25 +111,24 @@ class SlotWriter:
             out["share"] = p.name
         return value if len(out) == 1 else out
 
-    def _directions(self, index: int, limb: Limb, group: str, specs: list[SlotSpec]
-                    ) -> Iterator[tuple[str, Any]]:
+    def _directions(self, index: int, limb: Limb, group: SlotGroup) -> Iterator[tuple[str, Any]]:
         """Yield the axis, and ``base.zero`` which turns with it."""
-        if group in limb.kind.axes and specs[0].name not in self.slots[index]:
-            yield group, [float(v) for v in limb.constants[group]]
+        path, first_axis = group.path, group.form == "first axis"
+        if first_axis and group.slots[0].name not in self.slots[index]:
+            yield path, [float(v) for v in limb.constants[path]]
             return
-        parts = [self.mechanism.parameters[self.slots[index][s.name]] for s in specs]
+        parts = [self.mechanism.parameters[self.slots[index][s.name]] for s in group.slots]
         turn, nominal = (np.array([getattr(p, n) for p in parts]) for n in ("value", "nominal"))
-        first_axis = group in limb.kind.axes
         carries = any(s.startswith("joint") for s in self.slots[index]) or any(
             a in limb.constants for a in limb.kind.axes)
         apart = first_axis or (len(limb.kind.directions) == 1 and carries)
-        for name in (group,) if first_axis else limb.kind.directions:
+        for name in (path,) if first_axis else limb.kind.directions:
             constant = limb.constants[name]
             now = constant if apart or not turn.any() else rotation(turn) @ constant
             out: dict[str, Any] = {"value": [float(v) for v in now]}
             if turn.any() or nominal.any():
                 out["nominal"] = [float(v) for v in rotation(nominal) @ constant]
-            if name == group:
+            if name == path:
                 if apart and turn.any():
                     out["rotation"] = [to_file(float(v), self._factor(parts[0])) for v in turn]
                 out = self._direction_keys(parts, out)

@@ -22,6 +22,7 @@ from ppmcal.io.csv_writer import Content, encoded
 from ppmcal.io.environment import environment
 from ppmcal.io.exchange import put
 from ppmcal.io.folder import (
+    RECORD,
     Run,
     check_files,
     content_of,
@@ -31,7 +32,6 @@ from ppmcal.io.folder import (
     refuse_inputs,
     stale_files,
 )
-from ppmcal.io.folder_record import RECORD
 from ppmcal.io.stage import Staging, not_written, staged
 from ppmcal.notes import Note
 from ppmcal.wording.progress import note

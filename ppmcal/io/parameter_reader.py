@@ -9,31 +9,32 @@ from fnmatch import fnmatchcase
 
 from ppmcal.errors import BadInput
 from ppmcal.io.schema import hint
+from ppmcal.io.slots import SlotFile
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind
+from ppmcal.model.limbs.chain import SlotSpec
 from ppmcal.model.parameters import Parameter, SlotMap, unmatched
 from ppmcal.notes import NOTE, Note
 
 
 @dataclass(frozen=True)
 class SlotEntry:
-    """What the file says about one slot; SI, None where it says nothing.
+    """What the file says about one slot.
 
-    ``default`` is the value without one; ``standing`` whether the entry is fixed at its
-    default because the file does not mention it (``lateral``).
+    Attributes:
+        path: of the slot, with its limb.
+        place: in the file, for messages.
+        spec: what the slot measures.
+        given: what the file says, SI.
+        default: the value without one.
+        standing: fixed at its default because the file does not mention it (``lateral``).
     """
 
     path: str
     place: str
-    quantity: str
-    tolerance_class: str
+    spec: SlotSpec
+    given: SlotFile
     default: float | None = None
-    value: float | None = None
-    nominal: float | None = None
-    tolerance: float | None = None
-    sigma: float | None = None
-    fixed: bool | None = None
-    share: str | None = None
     standing: bool = False
 
 
@@ -70,7 +71,7 @@ REACH_FRACTION = 1e-3
 
 def key(entry: SlotEntry) -> str:
     """Return the name of the parameter that an entry belongs to."""
-    return entry.share or entry.path
+    return entry.given.share or entry.path
 
 
 def parameters(drafts: Sequence[Draft], classes: Mapping[str, float | None]
@@ -93,7 +94,7 @@ def parameters(drafts: Sequence[Draft], classes: Mapping[str, float | None]
     paths = {e.path for d in drafts for e in d.entries}
     out, waiting = [], set()
     for name, entries in together.items():
-        if entries[0].share and name in paths:
+        if entries[0].given.share and name in paths:
             raise BadInput(f"the shared name '{name}' is also the path of a slot",
                            entries[0].place, "Choose another name")
         parameter = _parameter(name, entries, classes)
@@ -106,12 +107,13 @@ def parameters(drafts: Sequence[Draft], classes: Mapping[str, float | None]
 
 def _parameter(name: str, entries: Sequence[SlotEntry], classes: Mapping[str, float | None]
                ) -> Parameter:
-    first = entries[0]
+    first, share = entries[0], entries[0].given.share
+    spec, ratio = first.spec, first.spec.tolerance_class == "ratio"
     for entry in entries[1:]:
-        if (entry.quantity, entry.tolerance_class == "ratio") != (
-                first.quantity, first.tolerance_class == "ratio"):
+        if (entry.spec.quantity, entry.spec.tolerance_class == "ratio") != (spec.quantity, ratio):
             raise BadInput(f"the shared name '{name}' ties a slot of another quantity "
-                           f"({entry.quantity}) to {first.path} ({first.quantity})", entry.place,
+                           f"({entry.spec.quantity}) to {first.path} ({spec.quantity})",
+                           entry.place,
                            "Only lengths with lengths, angles with angles, ratios with ratios")
     value = _agreed(entries, "value", name)
     nominal = _agreed(entries, "nominal", name)
@@ -119,26 +121,25 @@ def _parameter(name: str, entries: Sequence[SlotEntry], classes: Mapping[str, fl
         value = first.default if first.default is not None else nominal
     if value is None:
         places = ", ".join(e.path for e in entries)
-        raise BadInput(f"the shared name '{name}' has no value" if first.share
+        raise BadInput(f"the shared name '{name}' has no value" if share
                        else "the slot has no value", first.place,
-                       f"Add `value:` at one of {places}" if first.share else "Add `value: ...`")
+                       f"Add `value:` at one of {places}" if share else "Add `value: ...`")
     own = _agreed(entries, "tolerance", name)
-    ratio = first.tolerance_class == "ratio"
     standing = all(e.standing for e in entries)
     tolerance = own
     if own is None and not ratio and not standing:
-        tolerance = classes.get(class_key(first.tolerance_class, first.quantity))
+        tolerance = classes.get(class_key(spec.tolerance_class, spec.quantity))
     fixed = (bool(_agreed(entries, "fixed", name)) or standing or tolerance == 0.0
              or (ratio and own is None))
-    return Parameter(name, first.quantity, value, value if nominal is None else nominal,
-                     tolerance, fixed, first.tolerance_class,
-                     tuple(e.path for e in entries) if first.share else (),
+    return Parameter(name, spec.quantity, value, value if nominal is None else nominal,
+                     tolerance, fixed, spec.tolerance_class,
+                     tuple(e.path for e in entries) if share else (),
                      _agreed(entries, "sigma", name))
 
 
 def _agreed(entries: Sequence[SlotEntry], field: str, name: str) -> float | None:
     """Return the one value that the entries give for a field, None where none does."""
-    given = [(e, getattr(e, field)) for e in entries if getattr(e, field) is not None]
+    given = [(e, value) for e in entries if (value := getattr(e.given, field)) is not None]
     for entry, value in given[1:]:
         if not math.isclose(value, given[0][1], rel_tol=1e-12, abs_tol=1e-15):
             raise BadInput(f"the shared name '{name}' has two different entries for {field}: "

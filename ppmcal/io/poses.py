@@ -6,7 +6,6 @@ A column whose header names another unit (``x [m]``) is converted.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,11 +13,13 @@ from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import measurement_columns as cols
+from ppmcal.io.column_names import ENVIRONMENT, known_columns
 from ppmcal.io.csv import Table
 from ppmcal.io.frames import Tabular, as_table, is_path
-from ppmcal.io.header_units import bare_name, in_own_units
+from ppmcal.io.header import bare_name
 from ppmcal.io.measurement_columns import further_columns, stacked
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
+from ppmcal.io.reading import in_own_units
 from ppmcal.io.remarks import remark_table
 from ppmcal.io.rotations import EULER, under_vector_names
 from ppmcal.io.schema import hint
@@ -109,16 +110,15 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec",
 
 def _with_assumed(table: Table, mechanism: Mechanism, assume: Mapping[str, float]) -> Table:
     """Return the table with further columns of one number each."""
-    known = [c for c in cols.known_columns(mechanism) if c in (
-        *cols.ENVIRONMENT, *(f"{w}_{a}" for w in ("dir", "vel") for a in mechanism.actuators))]
+    known = [c for c in known_columns(mechanism) if c in (
+        *ENVIRONMENT, *(f"{w}_{a}" for w in ("dir", "vel") for a in mechanism.actuators))]
     for name, value in assume.items():
         if name in table.header:
             raise BadInput(f"the column {name} is there already", f"{table.source}: header",
                            f"Leave out --assume {name}={value:g}, or the column")
         if name not in known:
             raise unknown("condition", name, known, "--assume")
-        table = replace(table, header=(*table.header, name), numbers={
-            **table.numbers, name: np.full(len(table), value)})
+        table = table.put({name: np.full(len(table), value)})
     return table
 
 
@@ -164,7 +164,7 @@ def _table(source: Tabular, mechanism: Mechanism, names: Sequence[str], what: st
     def may_be_text(header: str) -> bool:
         return loose(header) and loose(bare_name(header))
 
-    known = {*cols.known_columns(mechanism), *TWIST, *EULER}
+    known = {*known_columns(mechanism), *TWIST, *EULER}
     table = (read_table(source, loose=may_be_text) if is_path(source)
              else as_table(source, names, what, may_be_text))
     return in_own_units(table, mechanism,

@@ -7,9 +7,8 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from ppmcal.errors import unknown
 from ppmcal.io.clock import ORDERS as ORDERS_OF_DATES
-from ppmcal.io.schema import Label, Strict, choice, refuse, show
+from ppmcal.io.schema import PULSES, ROW_COUNT, SIGN, Label, Strict, choice, refuse, show
 from ppmcal.kinematics.pose_readings import AXES, QUATERNIONS
 from ppmcal.kinematics.rotations import ORDERS
 from ppmcal.linalg import Array
@@ -46,29 +45,10 @@ def _mapping(what: str, one: Callable[[object], object]) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def _sign(value: object) -> object:
-    if isinstance(value, bool) or value not in (1, -1):
-        raise refuse(f"{show(value)} is not a sign", "Write 1 or -1")
-    return int(value)
-
-
-def _unit(value: object) -> object:
-    if value not in UNITS:
-        error = unknown("unit", value, UNITS)
-        raise refuse(error.what, error.mend)
-    return value
-
-
 def _header_name(value: object) -> object:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise refuse(f"{show(value)} is not the name of a column", "Write the file's header there")
     return str(value).strip()
-
-
-def _whole(value: object) -> object:
-    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > 1_000_000:
-        raise refuse(f"{show(value)} is not a number of rows", "Write a whole number such as 1")
-    return value
 
 
 def _names(value: object) -> object:
@@ -78,12 +58,6 @@ def _names(value: object) -> object:
                      "Write both once, such as `{pose}_{target}`; `{target}` alone where times "
                      "tell the pose, `{pose}` alone for one target")
     return value
-
-
-def _turn(value: object) -> object:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e12:
-        raise refuse(f"{show(value)} is not a number of counts", "Write a positive number")
-    return float(value)
 
 
 class ReadFile(Strict):
@@ -96,11 +70,12 @@ class ReadFile(Strict):
     """Sheet of a spreadsheet  [default: the first]."""
     ignore: list[Label] = Field(default_factory=list)
     """Headers of the file to leave alone."""
-    units: Annotated[dict[str, str], _mapping("unit", _unit)] = Field(default_factory=dict)
+    units: Annotated[dict[str, str], _mapping("unit", choice("unit", *UNITS).check)] = Field(
+        default_factory=dict)
     """Unit of a column (or of all that a pattern such as q_* names), if not the file's."""
-    counts_per_turn: Annotated[float, BeforeValidator(_turn)] | None = None
+    counts_per_turn: Annotated[float, BeforeValidator(PULSES)] | None = None
     """Counts in a turn of the drive, for columns in counts."""
-    signs: Annotated[dict[str, int], _mapping("sign", _sign)] = Field(default_factory=dict)
+    signs: Annotated[dict[str, int], _mapping("sign", SIGN)] = Field(default_factory=dict)
     """Sign of a column (or pattern): 1 or -1."""
     rotation: Annotated[str, choice("rotation convention", *ROTATIONS)] | None = None
     """What the rotation columns hold; Euler angles: small letters fixed axes, capitals moving."""
@@ -108,7 +83,7 @@ class ReadFile(Strict):
     """inverse: the measuring frame seen from the platform."""
     mirror: Annotated[str, choice("axis", *AXES)] | None = None
     """An axis of the instrument that points the other way (left-handed)."""
-    shift: Annotated[int, BeforeValidator(_whole)] = 0
+    shift: Annotated[int, BeforeValidator(ROW_COUNT)] = 0
     """The measured columns are so many rows behind the joint columns."""
     dates: Annotated[str, choice("order of dates", *ORDERS_OF_DATES)] | None = None
     """Which comes first in a date such as 03/04/2026."""

@@ -142,8 +142,7 @@ def ros_headers(table: Table, mechanism: Mechanism) -> Recording:
 
     Any other table stays as it is.
     """
-    names, theirs = dict[str, str](), dict[str, str]()
-    header = table.header
+    names, header = dict[str, str](), table.header
     poses = {m[1].lower(): h for h in header if (m := _AXIS.fullmatch(h))}
     turns = {m[1].lower(): h for h in header if (m := _TURN.fullmatch(h))}
     foreign = any("." in h or "/" in h for h in (*poses.values(), *turns.values()))
@@ -163,14 +162,11 @@ def ros_headers(table: Table, mechanism: Mechanism) -> Recording:
     elif "time" not in {h.lower() for h in header}:
         when = next((h for w in _WHEN for h in header if h.lower() == w), None)
         names |= {when: "time"} if when else {}
-    kept = [h for h in header if h not in gone]
-    fresh = [names.get(h, h) for h in kept]
-    if len(set(fresh)) < len(fresh):
+    fresh = {h: names.get(h, h) for h in header if h not in gone}
+    if len({*fresh.values()}) < len(fresh):
         return Recording(table)
-    theirs = {names[h]: h for h in kept if h in names}
-    made = replace(table, header=tuple(fresh),
-                   numbers={names.get(h, h): v for h, v in numbers.items() if h in kept},
-                   text={names.get(h, h): v for h, v in table.text.items() if h in kept})
+    theirs = {own: h for h, own in fresh.items() if h in names}
+    made = replace(table, numbers=numbers).named(fresh)
     return Recording(made, FORM, (), (), dict.fromkeys(theirs, "ROS message"), theirs)
 
 

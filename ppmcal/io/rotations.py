@@ -6,8 +6,6 @@ letters (:mod:`ppmcal.kinematics.rotations`) and in the file's angle unit.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
@@ -64,5 +62,4 @@ def under_vector_names(table: Table, convention: str) -> Table:
         raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",
                        f"Give all of {', '.join(EULER)}")
     names = dict(zip(EULER, VECTOR, strict=True))
-    return replace(table, header=tuple(names.get(c, c) for c in table.header),
-                   numbers={names.get(k, k): v for k, v in table.numbers.items()})
+    return table.named({c: names.get(c, c) for c in table.header})

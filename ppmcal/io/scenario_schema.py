@@ -7,8 +7,11 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from ppmcal.io.results.codec import LARGEST_WHOLE
 from ppmcal.io.schema import (
+    CORRELATION,
+    FRACTION,
+    PAYLOAD,
+    SEED,
     Count,
     Label,
     Number,
@@ -17,8 +20,9 @@ from ppmcal.io.schema import (
     Strict,
     UnitsFile,
     choice,
+    each,
+    numbers,
     refuse,
-    show,
 )
 from ppmcal.model.dataset import KINDS
 
@@ -106,13 +110,9 @@ class PosesFile(Strict):
         return self
 
 
-def _noise(value: object) -> object:
-    values = value.values() if isinstance(value, dict) else [value]
-    for one in values:
-        if isinstance(one, bool) or not isinstance(one, int | float) or not 0 <= one < 1e300:
-            raise refuse(f"{show(one)} is not a standard deviation",
-                         "Write a number of 0 or more, or one for each actuator: {leg1: 0.003}")
-    return value
+_noise = each(numbers(
+    lambda v: 0 <= v < 1e300, "a standard deviation",
+    "Write a number of 0 or more, or one for each actuator: {leg1: 0.003}"))
 
 
 class ScenarioSigmaFile(Strict):
@@ -145,24 +145,12 @@ class ScenarioInstrumentFile(Strict):
     """Whether distances are from a point or between two platform positions."""
 
 
-def _fraction(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1:
-        raise refuse(f"{show(value)} is not a fraction", "Write a number from 0 to below 1")
-    return float(value)
-
-
-def _correlation(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not -1 < value < 1:
-        raise refuse(f"{show(value)} is not a correlation", "Write a number between -1 and 1")
-    return float(value)
-
-
 class NoiseFile(Strict):
     """How the noise is correlated and distributed."""
 
-    ar: Annotated[float, BeforeValidator(_correlation)] = 0.0
+    ar: Annotated[float, BeforeValidator(CORRELATION)] = 0.0
     """Correlation of the noise from row to row, above -1 and below 1."""
-    outliers: Annotated[float, BeforeValidator(_fraction)] = 0.0
+    outliers: Annotated[float, BeforeValidator(FRACTION)] = 0.0
     """Part of the rows that are gross errors."""
     tails: Annotated[str, choice("kind of tails", "normal", "t4")] = "normal"
     """normal, or t4: Student's t of 4 degrees of freedom."""
@@ -179,10 +167,7 @@ class TemperatureFile(Strict):
 
 def _loads(value: object) -> object:
     values = value if isinstance(value, list) else [value]
-    for one in values:
-        if isinstance(one, bool) or not isinstance(one, int | float) or not 0 <= one < 1e300:
-            raise refuse(f"{show(one)} is not a payload", "Write kg, 0 or more: [0, 20]")
-    return values
+    return [PAYLOAD(v) for v in values]
 
 
 class ConditionsFile(Strict):
@@ -195,13 +180,6 @@ class ConditionsFile(Strict):
     """Course of the temperature, or its mean."""
     velocity: Annotated[Any, BeforeValidator(_noise)] = 0.0
     """Speed of the joints at the trigger: one number, or one by actuator."""
-
-
-def _seed(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= LARGEST_WHOLE:
-        raise refuse(f"{show(value)} is not a seed",
-                     f"Write a whole number from 0 to {LARGEST_WHOLE}")
-    return value
 
 
 class ScenarioFile(Strict):
@@ -241,5 +219,5 @@ class ScenarioFile(Strict):
     """Directions from which poses are approached."""
     conditions: ConditionsFile = ConditionsFile()
     """Payloads, temperature and speed."""
-    seed: Annotated[int, BeforeValidator(_seed)] = 0
+    seed: Annotated[int, BeforeValidator(SEED)] = 0
     """Seed of everything drawn at random."""

@@ -19,6 +19,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError, core_schema
 
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.json import LARGEST_WHOLE
 from ppmcal.units import ANGLES, LENGTHS, Units
 
 T = TypeVar("T", bound=BaseModel)
@@ -74,12 +75,6 @@ def _positive(value: object) -> float:
     return number
 
 
-def _count(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 10_000_000:
-        raise refuse(f"{show(value)} is not a count", "Write a whole number from 1 to 10 million")
-    return value
-
-
 def _label(value: object) -> str:
     if isinstance(value, int) and not isinstance(value, bool):
         value = str(value)
@@ -110,10 +105,46 @@ def _flag(value: object) -> bool:
     return value
 
 
+def numbers(accepts: Callable[[float], bool], what: str, mend: str, make: type[Any] = float
+            ) -> Callable[[object], Any]:
+    """Return a check of numbers, whole ones where ``make`` is int; ``what`` one that it refuses."""
+    kinds = int if make is int else int | float
+
+    def check(value: object) -> Any:
+        if isinstance(value, bool) or not isinstance(value, kinds) or not accepts(value):
+            raise refuse(f"{show(value)} is not {what}", mend)
+        return make(value)
+
+    return check
+
+
+def each(check: Callable[[object], Any]) -> Callable[[object], object]:
+    """Return a check of one value, or of the values of a mapping, which stay as they are."""
+    def checked(value: object) -> object:
+        for one in value.values() if isinstance(value, dict) else [value]:
+            check(one)
+        return value
+
+    return checked
+
+
+SIGN = numbers(lambda v: v in (1, -1), "a sign", "Write 1 or -1")
+SEED = numbers(lambda v: 0 <= v <= LARGEST_WHOLE, "a seed",
+               f"Write a whole number from 0 to {LARGEST_WHOLE}", int)
+FRACTION = numbers(lambda v: 0 <= v < 1, "a fraction", "Write a number from 0 to below 1")
+CORRELATION = numbers(lambda v: -1 < v < 1, "a correlation", "Write a number between -1 and 1")
+ROW_COUNT = numbers(lambda v: abs(v) <= 1_000_000, "a number of rows",
+                    "Write a whole number such as 1", int)
+PULSES = numbers(lambda v: 0 < v < 1e12, "a number of counts", "Write a positive number")
+PAYLOAD = numbers(lambda v: 0 <= v < 1e300, "a payload", "Write kg, 0 or more: [0, 20]")
+DEVIATION = numbers(lambda v: v >= 0.0, "a standard deviation",
+                    "Write a number of 0 or more, or .inf for no prior")
+LIMIT = numbers(lambda v: not math.isnan(v), "a number", "Write a number, .inf or -.inf")
 Number = Annotated[float, BeforeValidator(_finite)]
 Sigma = Annotated[float, BeforeValidator(_sigma_value)]
 Positive = Annotated[float, BeforeValidator(_positive)]
-Count = Annotated[int, BeforeValidator(_count)]
+Count = Annotated[int, BeforeValidator(numbers(
+    lambda v: 1 <= v <= 10_000_000, "a count", "Write a whole number from 1 to 10 million", int))]
 Label = Annotated[str, BeforeValidator(_label)]
 Word = Annotated[str, BeforeValidator(_word)]
 Path = Annotated[str, BeforeValidator(_path)]

@@ -25,7 +25,8 @@ from ppmcal.io.schema import (
     UnitsFile,
     check,
     choice,
-    refuse,
+    each,
+    numbers,
     show,
 )
 from ppmcal.io.yaml import read_yaml
@@ -47,13 +48,9 @@ target: unknown
 """
 
 
-def _sigma_actuator(value: object) -> object:
-    values = value.values() if isinstance(value, dict) else [value]
-    for one in values:
-        if isinstance(one, bool) or not isinstance(one, int | float) or not 0 <= one <= LARGEST:
-            raise refuse(f"{show(one)} is not a standard deviation",
-                         "Write a number of 0 or more, or one for each actuator: {leg1: 0.003}")
-    return value
+_noise = each(numbers(
+    lambda v: 0 <= v <= LARGEST, "a standard deviation",
+    "Write a number of 0 or more, or one for each actuator: {leg1: 0.003}"))
 
 
 class SigmaFile(Strict):
@@ -67,7 +64,7 @@ class SigmaFile(Strict):
     """Of a height (kind plane)."""
     distance: Positive | None = None
     """Of a distance (kind distance)."""
-    actuator: Annotated[Any, BeforeValidator(_sigma_actuator)] = 0.0
+    actuator: Annotated[Any, BeforeValidator(_noise)] = 0.0
     """Of the joint values: one number, or one by actuator."""
     estimated: Flag = False
     """Whether these only begin an estimate by the residuals, as which they count a few rows."""
@@ -193,24 +190,25 @@ def frame_of(raw: object, motion: str, units: Units, source: str, where: str = "
 def point_of(raw: object, motion: str, units: Units, source: str, where: str = "target"
              ) -> Unknown:
     """Return a point (3,), m: known (the origin), unknown, or given."""
-    if raw in ("unknown", "known"):
-        return Unknown(raw == "unknown", np.zeros(3))
     sizes = (2, 3) if motion == "planar" else (3,)
-    numbers = _list(raw, sizes)
-    if numbers is None:
-        raise _neither(raw, f"{source}: {where}",
-                       f"a list of {' or '.join(str(s) for s in sizes)} numbers")
-    return Unknown(False, np.array([*numbers, 0.0][:3]) * units.factor("length"))
+    return _three(raw, sizes, units.factor("length"), f"{source}: {where}",
+                  f"a list of {' or '.join(str(s) for s in sizes)} numbers")
 
 
 def rotation_of(raw: object, units: Units, source: str, where: str = "target_rotation") -> Unknown:
     """Return a rotation vector (3,), rad: known (none), unknown, or given."""
+    return _three(raw, (3,), units.factor("angle"), f"{source}: {where}",
+                  "a rotation vector [rx, ry, rz]")
+
+
+def _three(raw: object, sizes: tuple[int, ...], factor: float, place: str, form: str) -> Unknown:
+    """Return three numbers, SI, the last one 0 where it is left out."""
     if raw in ("unknown", "known"):
         return Unknown(raw == "unknown", np.zeros(3))
-    numbers = _list(raw, (3,))
+    numbers = _list(raw, sizes)
     if numbers is None:
-        raise _neither(raw, f"{source}: {where}", "a rotation vector [rx, ry, rz]")
-    return Unknown(False, np.array(numbers) * units.factor("angle"))
+        raise _neither(raw, place, form)
+    return Unknown(False, np.array([*numbers, 0.0][:3]) * factor)
 
 
 def scale_of(raw: object, kind: str, source: str, where: str = "scale") -> Unknown:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder_record import digest_of
+from ppmcal.io.folder import digest_of
 from ppmcal.io.stage import settle
 from ppmcal.report.kind import Folder
 from ppmcal.report.kinds import KINDS, KNOWN

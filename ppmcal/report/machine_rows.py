@@ -11,7 +11,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io import read_dataset
-from ppmcal.io.folder_record import digest_of
+from ppmcal.io.folder import digest_of
 from ppmcal.io.results.identification_parts import FittedDataset, RegistrationEntry
 from ppmcal.io.results.scene_parts import MeasuredPose, Point
 from ppmcal.io.sidecar import sidecar_path

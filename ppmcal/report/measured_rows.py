@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder_record import digest_of
+from ppmcal.io.folder import digest_of
 from ppmcal.report.records import Columns, Identified, MeasuredRows, Simulated
 from ppmcal.report.sources import read_columns
 

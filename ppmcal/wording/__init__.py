@@ -15,6 +15,13 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
+def row_list(indices: Sequence[Any] | Any, most: int = 5) -> str:
+    """Return ``rows 3, 7, 9 (+12 more)`` for row indices counted from 0."""
+    shown = ", ".join(str(int(i) + 1) for i in indices[:most])
+    more = f" (+{len(indices) - most} more)" if len(indices) > most else ""
+    return f"row{'s' if len(indices) > 1 else ''} {shown}{more}"
+
+
 def sentence(text: str) -> str:
     """Return text as a sentence, empty if there is none."""
     plain = text.strip()

@@ -19,7 +19,7 @@ from ppmcal.commands.batch import campaign as campaign_module
 from ppmcal.commands.batch.campaign import KEPT
 from ppmcal.commands.face import carry_out
 from ppmcal.io.batch_manifest import CampaignJob
-from ppmcal.io.folder_record import RECORD, digest_of
+from ppmcal.io.folder import RECORD, digest_of
 from ppmcal.io.journal import NEW, write_journal
 from ppmcal.io.results.batch import CampaignRecord
 from ppmcal.io.stage import INSIDE

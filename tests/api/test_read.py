@@ -175,6 +175,17 @@ def test_units_of_points_without_a_header(tmp_path: Path, measured) -> None:
     np.testing.assert_allclose(x, [float(r["x"]) for r in measured], rtol=1e-12)
 
 
+def test_a_unit_in_the_header_is_said_to_be_from_there(tmp_path: Path, measured) -> None:
+    """--units is of the columns that have none."""
+    listed = tmp_path / "points.csv"
+    listed.write_text("\n".join(["pose,x (in),y,z", *(
+        f"{r['pose']},{float(r['x']) / 25.4!r},{r['y']},{r['z']}" for r in measured)]))
+    found = ppmcal.read([log(tmp_path, measured), listed], MACHINE, units="mm")
+    np.testing.assert_allclose(found.table.numbers["x"], [float(r["x"]) for r in measured])
+    said = found.sentences[1]
+    assert "in (header)" in said and "mm (--units)" in said and "in (--units)" not in said
+
+
 def test_nothing_is_overwritten(tmp_path: Path, measured) -> None:
     log(tmp_path, measured)
     points(tmp_path, measured)

@@ -16,7 +16,7 @@ from torture.desk import COMMANDS, make_desk
 import ppmcal as face
 from ppmcal.commands import command
 from ppmcal.errors import BadInput
-from ppmcal.io.folder_record import RECORD, read_runs
+from ppmcal.io.folder import RECORD, read_runs
 from ppmcal.io.results.differences import compared
 from ppmcal.io.yaml import dump_yaml
 
@@ -141,7 +141,7 @@ def test_an_edited_record_hides_nothing(desk: Path, tmp_path: Path) -> None:
     """Whoever forges the sum too is found by the values."""
     own = copied(desk, tmp_path, "identified")
     path, record = own / "identified" / "identified.yaml", own / "identified" / RECORD
-    from ppmcal.io.folder_record import digest_of
+    from ppmcal.io.folder import digest_of
 
     before = digest_of(path)
     path.write_text(path.read_text().replace("name:", "name: x", 1))

@@ -20,8 +20,7 @@ from torture.desk import COMMANDS, make_desk, remember
 from ppmcal.commands import command, names
 from ppmcal.errors import BadInput
 from ppmcal.io import Output
-from ppmcal.io.folder import running
-from ppmcal.io.folder_record import RECORD, digest_of, owners_of, read_record, read_runs
+from ppmcal.io.folder import RECORD, digest_of, owners_of, read_record, read_runs, running
 
 FOLDERS = {name: words.replace("{desk}/", "") for name, words in COMMANDS.items()}
 """Commands that write into a folder, and their words before --out."""

@@ -24,7 +24,7 @@ from ppmcal.controllers.pose_grid import (
     nearest_rotations,
 )
 from ppmcal.io import read_mechanism, write_mechanism
-from ppmcal.io.folder_record import RECORD
+from ppmcal.io.folder import RECORD
 from ppmcal.kinematics.region import Grid, named
 from ppmcal.model.mechanism import Mechanism
 

@@ -22,11 +22,11 @@ from ppmcal.controllers import (
     reprap_import,
 )
 from ppmcal.io.batch_manifest import read_manifest
+from ppmcal.io.column_names import LABELS
 from ppmcal.io.csv import csv_table
 from ppmcal.io.dataset_reader import read_dataset
-from ppmcal.io.folder_record import RECORD, owners_of, read_record, read_runs
+from ppmcal.io.folder import RECORD, owners_of, read_record, read_runs
 from ppmcal.io.foreign import foreign_tables
-from ppmcal.io.measurement_columns import LABELS
 from ppmcal.io.mechanism_reader import read_mechanism
 from ppmcal.io.poses import read_joints, read_poses
 from ppmcal.io.read_block import ReadFile

@@ -13,8 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ppmcal as face
+from ppmcal.calibration.interpretation.copies import (
+    REASON,
+    chance_of_equal,
+    count_among,
+    known_rows,
+    without_known,
+)
 from ppmcal.errors import BadInput
-from ppmcal.io.copies import REASON, chance_of_equal, count_among, known_rows, without_known
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.same_rows import KEPT, last_digit, step_of

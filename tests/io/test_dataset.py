@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.paths import ROOT
 
+from ppmcal.calibration.interpretation import unit_findings
 from ppmcal.errors import BadInput
 from ppmcal.io import (
     csv_text,
@@ -15,8 +16,8 @@ from ppmcal.io import (
     read_mechanism,
     read_poses,
     twists,
-    unit_findings,
 )
+from ppmcal.io.sidecar import sidecar_path
 
 GOOD = ROOT / "tests" / "broken"
 BENCH = read_mechanism(GOOD / "good_bench.yaml")
@@ -327,8 +328,8 @@ def test_joint_files(tmp_path):
 def test_wrong_units_are_noticed(tmp_path, edit, says):
     text = (GOOD / "good_run.csv").read_text().replace("510.5", "540.5")
     assert unit_findings(BENCH, [dataset(tmp_path, text)]) == []
-    found = unit_findings(BENCH, [dataset(tmp_path, text, BENCH, edit)])
-    assert any(says in f and "run.csv" in f and "check" in f for f in found)
+    found = unit_findings(BENCH, [dataset(tmp_path, text, BENCH, edit)], sidecar_path)
+    assert any(says in f and "run.csv" in f and "check" in f and "run.yaml" in f for f in found)
 
 
 def test_metres_declared_as_millimetres_are_noticed(tmp_path):

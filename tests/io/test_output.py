@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 from ppmcal.errors import BadInput
 from ppmcal.io import Output, csv_text, json_text, provenance
 from ppmcal.io.csv_writer import CHUNK, LongText, csv_lines
-from ppmcal.io.folder import current, running
-from ppmcal.io.folder_record import RECORD, read_runs
+from ppmcal.io.folder import RECORD, current, read_runs, running
 from ppmcal.io.input_files import read_bytes
 
 

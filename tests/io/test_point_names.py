@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import ppmcal
 from ppmcal import algebra as cga
 from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.io.foreign_names import own_name
+from ppmcal.io.column_names import own_name
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
 

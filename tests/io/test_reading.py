@@ -12,6 +12,7 @@ import yaml
 from helpers.mistakes import MACHINE, Row, inverse, scaled, session, swapped, turned
 from scipy.spatial.transform import Rotation
 
+import ppmcal
 from ppmcal.commands.inputs import load, shipped
 from ppmcal.errors import BadInput
 from ppmcal.io.dataset_reader import read_dataset
@@ -336,15 +337,6 @@ def test_an_inverse_pose_needs_its_rotation(tmp_path: Path, machine: Mechanism) 
 @pytest.mark.parametrize(("letter", "low"), [("m", 0), ("t", 1), ("r", 0), ("T", 0)])
 def test_homogeneous_matrices_under_their_usual_names(tmp_path, letter, low):
     """m00 ... m33 hold position and rotation; one that is none is refused with its deviation."""
-    import numpy as np
-    import yaml
-    from helpers.mistakes import MACHINE, session
-    from scipy.spatial.transform import Rotation
-
-    from ppmcal.commands.inputs import load
-    from ppmcal.errors import BadInput
-    from ppmcal.io import read_dataset
-
     def change(rows):
         for row in rows:
             matrix = np.eye(4)
@@ -363,7 +355,15 @@ def test_homogeneous_matrices_under_their_usual_names(tmp_path, letter, low):
     found = read_dataset(path, machine)
     np.testing.assert_array_equal(found.position, plain.position)
     np.testing.assert_allclose(found.rotation, plain.rotation, atol=1e-13)
+    said = ppmcal.read(path, machine).sentences[0]
+    last = ", ".join(f"{letter}{low + 3}{low + j}" for j in range(4))
+    assert f"Ignored: {last}." in said, "entries that are used are not ignored"
     lines = path.read_text().splitlines()
+    place = f"{letter}{low}{low + 3}"
+    path.write_text("\n".join([lines[0].replace(place, f"{place} [m]"), *lines[1:]]))
+    in_metres = read_dataset(path, machine)
+    np.testing.assert_allclose(in_metres.position[:, 0], 1000.0 * plain.position[:, 0], rtol=1e-15)
+    np.testing.assert_array_equal(in_metres.position[:, 1:], plain.position[:, 1:])
     name = f"{letter}{low}{low + 1}"
     for column, value, says in ((name, "0.25", r"R R\^T is 0\.\d+ from the unit matrix"),
                                 (f"{letter}{low + 3}{low}", "0.5", "last row of the matrix")):

@@ -18,10 +18,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ppmcal.calibration.compensation.commands import compensate
+from ppmcal.calibration.interpretation import unit_findings
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 from ppmcal.io.effects import effects_tree, with_effects
-from ppmcal.io.plausibility import unit_findings
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import effect_terms, environment_of, setting, with_strokes
 from ppmcal.kinematics.equilibrium import reached_poses

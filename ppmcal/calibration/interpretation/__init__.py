@@ -1,4 +1,4 @@
-"""What a file may have meant: columns read otherwise, rows that are not this machine's."""
+"""What files may have meant: units, columns read otherwise, copies, rows of another machine."""
 
 from __future__ import annotations
 
@@ -7,6 +7,19 @@ from typing import TYPE_CHECKING
 from ppmcal.lazy import on_first_use
 
 if TYPE_CHECKING:
+    from ppmcal.calibration.interpretation.clock_offset import ClockOffset as ClockOffset
+    from ppmcal.calibration.interpretation.clock_offset import SeenTargets as SeenTargets
+    from ppmcal.calibration.interpretation.clock_offset import (
+        find_clock_offset as find_clock_offset,
+    )
+    from ppmcal.calibration.interpretation.clock_offset import one_target as one_target
+    from ppmcal.calibration.interpretation.copies import chance as chance
+    from ppmcal.calibration.interpretation.copies import count_among as count_among
+    from ppmcal.calibration.interpretation.copies import known_rows as known_rows
+    from ppmcal.calibration.interpretation.copies import steps_of as steps_of
+    from ppmcal.calibration.interpretation.copies import without_copies as without_copies
+    from ppmcal.calibration.interpretation.copies import without_known as without_known
+    from ppmcal.calibration.interpretation.copies import without_shared as without_shared
     from ppmcal.calibration.interpretation.data_check import Check as Check
     from ppmcal.calibration.interpretation.data_check import check as check
     from ppmcal.calibration.interpretation.misread import NOISE as NOISE
@@ -21,6 +34,7 @@ if TYPE_CHECKING:
         rows_with_negative_struts as rows_with_negative_struts,
     )
     from ppmcal.calibration.interpretation.obvious_mistakes import without_stale as without_stale
+    from ppmcal.calibration.interpretation.plausibility import unit_findings as unit_findings
     from ppmcal.calibration.interpretation.read_rightly import refuse_after_fit as refuse_after_fit
     from ppmcal.calibration.interpretation.read_rightly import (
         refuse_before_fit as refuse_before_fit,

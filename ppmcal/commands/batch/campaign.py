@@ -17,8 +17,7 @@ from ppmcal.commands.face import carry_out, refused
 from ppmcal.commands.spec import Arguments, Command, flags, taken
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.batch_manifest import CampaignJob, options_key
-from ppmcal.io.folder import Run, content_of, running, unnoted
-from ppmcal.io.folder_record import digest_of, read_record
+from ppmcal.io.folder import Run, content_of, digest_of, read_record, running, unnoted
 from ppmcal.io.results.batch import CampaignRecord
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.io.stage import HIDDEN, sweep

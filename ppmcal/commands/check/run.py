@@ -10,13 +10,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ppmcal.calibration.interpretation import Check
+from ppmcal.calibration.interpretation import Check, unit_findings
 from ppmcal.calibration.interpretation import check as checked
 from ppmcal.commands.check.options import CheckArguments
 from ppmcal.commands.inputs import data_files, prepared
 from ppmcal.commands.spec import Path_, Refusal
 from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.io import unit_findings
 from ppmcal.io.results.identifiability import (
     IdentifiabilitySummary,
     UnidentifiableSet,
@@ -24,6 +23,7 @@ from ppmcal.io.results.identifiability import (
 )
 from ppmcal.io.results.misreading import misreading_entries
 from ppmcal.io.results.scene import Scene
+from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import FINDING, Note, needs_a_look
@@ -156,7 +156,7 @@ class CheckResult(Check):
 def run(asked: CheckArguments) -> CheckResult:
     """Check a machine, and what measurements can tell of it."""
     machine, datasets = prepared(asked.mechanism, asked.data, needed=False)
-    found = checked(machine, datasets, unit_findings(machine, datasets))
+    found = checked(machine, datasets, unit_findings(machine, datasets, sidecar_path))
     result = CheckResult(**{f.name: getattr(found, f.name) for f in fields(found)},
                          mechanism=machine, inputs=(*machine.inputs, *data_files(datasets)),
                          measured=bool(datasets))

@@ -14,7 +14,7 @@ from ppmcal.commands.identify.run import fitted_rows
 from ppmcal.commands.inputs import prepared
 from ppmcal.commands.recording import IN_MEMORY
 from ppmcal.errors import BadInput, NoResult, PpmcalError
-from ppmcal.io.folder_record import digest_of
+from ppmcal.io.folder import digest_of
 from ppmcal.io.results.recorded_runs import FoundInputs, RecordedRun, runs_of
 from ppmcal.model.mechanism import Mechanism
 

@@ -58,9 +58,9 @@ def _lacking(untestable: Sequence[Untestable]) -> list[str]:
     for u in untestable:
         where = f", {u.reason}" if topic_of(u.reason) == SOME_FILES else ""
         kinds.setdefault((u.missing, where), {})[u.kind] = None
-    for some in kinds.values():
-        for kind in [k for k in some if k.partition(" ")[0] in some and " " in k]:
-            del some[kind]
+    for alike in kinds.values():
+        for kind in [k for k in alike if " " in k and k.partition(" ")[0] in alike]:
+            del alike[kind]
     return [f"{', '.join(some)} (need{'s' if len(some) == 1 else ''} "
             f"{', '.join(missing[:2])}{' ...' if len(missing) > 2 else ''}{where})"
             for (missing, where), some in kinds.items()]

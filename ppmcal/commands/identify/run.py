@@ -29,6 +29,9 @@ from ppmcal.calibration.interpretation import (
     refuse_after_fit,
     refuse_before_fit,
     refuse_other_machine,
+    unit_findings,
+    without_known,
+    without_shared,
 )
 from ppmcal.calibration.knowledge import (
     choice_sentence,
@@ -49,10 +52,9 @@ from ppmcal.commands.spec import Path_, Refusal
 from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
-from ppmcal.io import unit_findings
-from ppmcal.io.copies import without_known, without_shared
 from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.io.results.misreading import FORMAT, misreading_entries
+from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import too_long
@@ -189,7 +191,7 @@ def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
 @contextmanager
 def with_unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Iterator[list[str]]:
     """Yield what `check` says of units and limits; a fit that fails inside says it too."""
-    found = unit_findings(mechanism, datasets)
+    found = unit_findings(mechanism, datasets, sidecar_path)
     try:
         yield found
     except Misread as error:

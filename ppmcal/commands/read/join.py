@@ -11,13 +11,14 @@ import numpy as np
 from ppmcal.commands.read.targets import found_offset, known_points, with_targets
 from ppmcal.errors import BadInput
 from ppmcal.io.clock import Clock, on_clock_of
+from ppmcal.io.column_names import is_target
 from ppmcal.io.csv import Table
 from ppmcal.io.foreign import ForeignTable, pose_names
-from ppmcal.io.foreign_names import is_target
+from ppmcal.io.header import declared, unit_of
 from ppmcal.io.join import Join, NoMatch, join, unwrapped
 from ppmcal.io.measurement_columns import stacked
 from ppmcal.io.read_block import ANGULAR, ReadFile
-from ppmcal.io.reading import as_declared, unit_of
+from ppmcal.io.reading import in_units
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import TURN, Units
@@ -90,9 +91,10 @@ def joined(log: ForeignTable, lists: Sequence[ForeignTable], options: JoinOption
         return Joined(table, (), (*named, *said))
     points = _one_list(lists)
     by_time = options.by == "time" or options.interpolate or offset is not None
+    rows = () if by_time or "pose" not in log.table.header else pose_names(log.table)
     table, named = with_targets(
-        points.table, block.names, () if by_time or "pose" not in log.table.header
-        else pose_names(log.table), is_target(points.headers.get("pose", "")))
+        points.table, block.names, rows,
+        "pose" in points.columns and is_target(points.columns["pose"].shown))
     sentences = list(named)
     timed = log.clock is not None and points.clock is not None
     if offset is not None:
@@ -108,11 +110,11 @@ def joined(log: ForeignTable, lists: Sequence[ForeignTable], options: JoinOption
                 [f.table for f in lists], known_points(block, mechanism, units, place))
             sentences += [*more, str(found)]
             ahead = found.value
-        table = replace(table, numbers={**table.numbers, "time": own - float(ahead)})
+        table = table.put({"time": own - float(ahead)})
     elif timed and options.by != "name" and not _by_name(log.table, table, options):
         assert log.clock is not None and points.clock is not None
         times = on_clock_of(log.clock, points.clock, log.table.source, table.source)
-        table = replace(table, numbers={**table.numbers, "time": times})
+        table = table.put({"time": times})
     by = options.by or ("time" if offset is not None else None)
     try:
         made = join(log.table, table, by, options.tolerance, options.partial, options.interpolate,
@@ -180,7 +182,7 @@ def _turns(log: ForeignTable, block: ReadFile, mechanism: Mechanism, units: Unit
     """Return columns of joints that may turn over -> one turn as the column counts it."""
     out = {}
     for name in _wrapping(mechanism):
-        unit = log.units.get(name) or unit_of(name, block, place) or units.angle
+        unit = _units(log).get(name) or unit_of(name, block, place) or units.angle
         if unit == "counts" and block.counts_per_turn is not None:
             out[name] = float(block.counts_per_turn)
         elif unit in ANGULAR:
@@ -206,7 +208,7 @@ def _may_jump(low: float, high: float) -> bool:
     return bool(low < TURN * (math.ceil(low / TURN - 0.5) + 0.5) < high)
 
 
-def _joints(log: ForeignTable, block: ReadFile, mechanism: Mechanism, declared: Units, place: str
+def _joints(log: ForeignTable, block: ReadFile, mechanism: Mechanism, units: Units, place: str
             ) -> tuple[Array, Array]:
     """Return a log's times (N,), ascending, and joint values (N, k), SI."""
     names = [f"q_{a}" for a in mechanism.actuators]
@@ -214,17 +216,17 @@ def _joints(log: ForeignTable, block: ReadFile, mechanism: Mechanism, declared: 
     if missing:
         raise BadInput(f"an offset is found from joint values, and there is no {missing[0]}",
                        log.table.source, "Give the offset: --clock-offset S")
-    units = {n: u for n in names if (u := log.units.get(n) or unit_of(n, block, place))}
-    rest = ReadFile.model_construct(units=units, signs=block.signs,
+    rest = ReadFile.model_construct(signs={p: s for p, s in block.signs.items()
+                                           if p.startswith("q_")},
                                     counts_per_turn=block.counts_per_turn)
-    rest = rest.model_copy(update={"signs": {
-        p: s for p, s in block.signs.items() if p.startswith("q_")}})
-    table = as_declared(log.table, rest, mechanism, declared, place, units)
+    columns = [replace(c, unit=c.unit or unit_of(n, block, place) or "")
+               for n, c in log.columns.items() if n in names]
+    table = in_units(log.table, declared(columns, log.table, rest, place), block, mechanism, units)
     assert log.clock is not None
     times = log.clock.seconds
     order = np.argsort(times, kind="stable")
     order = order[np.isfinite(times[order])]
-    q = (stacked(table, names) * mechanism.joint_factors(declared))[order]
+    q = (stacked(table, names) * mechanism.joint_factors(units))[order]
     for i in [names.index(n) for n in _wrapping(mechanism)]:
         q[:, i] = unwrapped(q[:, i], TURN)
     return times[order], q
@@ -234,8 +236,8 @@ def _one_list(lists: Sequence[ForeignTable]) -> ForeignTable:
     """Return the points of all lists, which have the same columns."""
     first = lists[0]
     for other in lists[1:]:
-        alike = (set(other.table.header) == set(first.table.header) and other.units == first.units
-                 and _kind(first.clock) == _kind(other.clock))
+        alike = (set(other.table.header) == set(first.table.header)
+                 and _units(other) == _units(first) and _kind(first.clock) == _kind(other.clock))
         if not alike:
             raise BadInput(f"has other columns, units or times than {first.table.source}",
                            other.table.source, "Read it with the joint log by itself")
@@ -252,6 +254,10 @@ def _one_list(lists: Sequence[ForeignTable]) -> ForeignTable:
     return replace(first, table=whole, clock=clock)
 
 
+def _units(found: ForeignTable) -> dict[str, str]:
+    return {n: c.unit for n, c in found.columns.items() if c.unit}
+
+
 def _kind(clock: Clock | None) -> tuple[bool, ...]:
     return () if clock is None else (clock.counter, clock.dated, clock.zoned)
 
@@ -263,5 +269,5 @@ def _from_first(table: Table, clock: Clock | None) -> tuple[Table, tuple[str, ..
     times = table.numbers["time"]
     known = times[np.isfinite(times)]
     first = float(known.min()) if known.size else 0.0
-    return replace(table, numbers={**table.numbers, "time": times - first}), (
+    return table.put({"time": times - first}), (
         f"Column time: s since {clock.name(first)}.",)

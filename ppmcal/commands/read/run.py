@@ -20,17 +20,17 @@ from ppmcal.commands.result import Result
 from ppmcal.commands.spec import Path_
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import Output
+from ppmcal.io.column_names import LABELS
 from ppmcal.io.csv import Table, csv_table
 from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.foreign import ForeignTable, foreign_tables, refuse_unused
-from ppmcal.io.header_units import with_units
+from ppmcal.io.header import declared, unit_of
 from ppmcal.io.join import rows_of
-from ppmcal.io.measurement_columns import LABELS
 from ppmcal.io.output import origin_comment
 from ppmcal.io.pose_fields import QUATERNION
 from ppmcal.io.read_block import MATRIX, ReadFile
-from ppmcal.io.reading import as_declared, declared_unit, unit_of
+from ppmcal.io.reading import declared_unit, in_conventions, in_units
 from ppmcal.io.schema import check
 from ppmcal.io.sidecar import FORMAT, SidecarFile, sidecar_path
 from ppmcal.io.yaml import dump_yaml, read_yaml
@@ -157,13 +157,14 @@ def run(asked: ReadArguments) -> ReadResult:
 
 
     def told(f: ForeignTable, own: str) -> tuple[str, str]:
-        by_side, declared = unit_of(own, block, place), file.units.units()
-        if own in f.units:
-            return f.units[own], f.units_from.get(own, "header")
+        by_side, own_units = unit_of(own, block, place), file.units.units()
+        column = f.columns.get(own)
+        if column is not None and column.unit:
+            return column.unit, column.unit_from
         if by_side is not None:
             return by_side, "read.units"
-        unit = declared_unit(own, machine, declared)
-        return unit, said if unit in (declared.length, declared.angle) else ""
+        unit = declared_unit(own, machine, own_units)
+        return unit, said if unit in (own_units.length, own_units.angle) else ""
 
     sentences = [understood(f, told) for f in (log, *lists)] + list(together.sentences)
     table = _declared(together, [log, *lists], block, machine, file.units.units(), place)
@@ -206,10 +207,11 @@ def _declared(together: Joined, files: Sequence[ForeignTable], block: ReadFile,
               machine: Mechanism, units: Units, place: str) -> Table:
     """Return the table in the sidecar's units, axes and conventions."""
     table = together.table
-    headed = {own: u for f in files for own, u in f.units.items() if own in table.header}
-    rest = block.model_copy(update={"columns": {}, "ignore": []})
-    return as_declared(table, with_units(rest, headed, place), machine, units, place, headed,
-                       ("time",))
+    columns = [c for f in files for n, c in f.columns.items() if n in table.header]
+    columns = [replace(c, unit="") if c.name == "time" else c
+               for c in declared(columns, table, block, place)]
+    return in_conventions(in_units(table, columns, block, machine, units), block, machine, units,
+                          place)
 
 
 def _by_target(table: Table, kept: dict[str, Any], block: ReadFile, name: str, place: str,
@@ -224,8 +226,7 @@ def _by_target(table: Table, kept: dict[str, Any], block: ReadFile, name: str, p
     for target in block.targets:
         if target not in targets:
             raise unknown("target", target, targets, f"{place}: read.targets")
-    bare = replace(table, header=tuple(h for h in table.header if h != "target"),
-                   text={h: c for h, c in table.text.items() if h != "target"})
+    bare = table.without(("target",))
     stem = str(kept.get("name", name))
     for target in targets:
         rows = np.flatnonzero(np.array(table.text["target"]) == target)
@@ -260,9 +261,9 @@ def _sidecar(paths: Sequence[Path], given: Path_ | None) -> Path | None:
 
 
 def _in_unit(points: ForeignTable, unit: str) -> ForeignTable:
-    more: dict[str, str] = {c: unit for c in ("x", "y", "z") if c in points.table.header}
-    return replace(points, units={**more, **points.units},
-                   units_from={**dict.fromkeys(more, "--units"), **points.units_from})
+    return replace(points, columns={
+        n: replace(c, unit=unit, unit_from="--units") if n in ("x", "y", "z") and not c.unit else c
+        for n, c in points.columns.items()})
 
 
 def _unsaid(table: Table, mechanism: Mechanism) -> tuple[dict[str, Any], list[str]]:

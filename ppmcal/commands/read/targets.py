@@ -9,13 +9,17 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from ppmcal.calibration.interpretation import (
+    ClockOffset,
+    SeenTargets,
+    find_clock_offset,
+    one_target,
+)
 from ppmcal.errors import BadInput
-from ppmcal.io.clock_offset import ClockOffset, SeenTargets, find_clock_offset, one_target
 from ppmcal.io.csv import Table
 from ppmcal.io.foreign import pose_names
 from ppmcal.io.measurement_columns import stacked
@@ -88,20 +92,11 @@ def _split(points: Table, pose: Sequence[str] | None, target: Sequence[str], sai
     """Return points with a target each; as they are where names are no targets' or of one."""
     count = Counter(target)
     if len(count) < 2 or 2 * len(count) > len(target):
-        return _without(points, "target"), ()
-    table = _without(points, "target") if pose is not None else _without(points, "target", "pose")
-    if pose is not None:
-        table = replace(_without(table, "pose"), header=table.header, text={
-            **table.text, "pose": tuple(pose)})
-    return replace(table, header=(*table.header, "target"),
-                   text={**table.text, "target": tuple(target)}), (
+        return points.without(("target",)), ()
+    table = points.without(("target",)) if pose is not None else points.without(("target", "pose"))
+    table = table if pose is None else table.put({"pose": tuple(pose)})
+    return table.put({"target": tuple(target)}), (
         f"{said}: {len(count)} targets ({_listed(target)}).",)
-
-
-def _without(table: Table, *columns: str) -> Table:
-    return replace(table, header=tuple(h for h in table.header if h not in columns),
-                   numbers={h: v for h, v in table.numbers.items() if h not in columns},
-                   text={h: v for h, v in table.text.items() if h not in columns})
 
 
 def _as_named(points: Table, names: str) -> Table:
@@ -124,9 +119,7 @@ def _as_named(points: Table, names: str) -> Table:
                            "Correct --names (or `read.names`), or the name")
         for word, text in match.groupdict().items():
             found[word].append(text)
-    table = _without(points, "target", "pose")
-    said = {h: tuple(v) for h, v in found.items() if v}
-    return replace(table, header=(*table.header, *said), text={**table.text, **said})
+    return points.without(("target", "pose")).put({h: tuple(v) for h, v in found.items() if v})
 
 
 def known_points(block: ReadFile, mechanism: Mechanism, units: Units, place: str

@@ -5,8 +5,9 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Sequence
 
-from ppmcal.io.foreign import ForeignTable
-from ppmcal.io.foreign_names import why_not
+from ppmcal.io.column_names import why_not
+from ppmcal.io.foreign import HEADING, ForeignTable
+from ppmcal.io.header import NAMED
 
 WIDTH = 80
 Told = Callable[[ForeignTable, str], tuple[str, str]]
@@ -45,14 +46,14 @@ def _columns(found: ForeignTable, told: Told) -> list[str]:
     """Return a table: our column, the file's header, its unit and from where that is known."""
     rows: list[tuple[str, str, str]] = []
     for own in found.table.header:
-        header, (unit, whence) = found.headers.get(own, own), told(found, own)
+        column, (unit, whence) = found.columns.get(own), told(found, own)
+        header, origin = (own, NAMED) if column is None else (column.shown, column.origin)
         same = header == own or header == f"{own} [{unit}]"
-        origin = found.origin.get(own, "its name")
-        if same and origin == "its name":
+        if same and origin == NAMED:
             seen = ""
         else:
             seen = f"from '{header}'" if header != "(none)" else ""
-            if origin not in ("its name", "a usual heading"):
+            if origin not in (NAMED, HEADING):
                 seen += f" ({origin})"
         rows.append((own, f"{unit} ({whence})" if unit and whence else unit, seen.strip()))
     return _laid_out(_together(rows))

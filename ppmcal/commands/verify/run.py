@@ -15,8 +15,7 @@ from ppmcal.commands.result import Result
 from ppmcal.commands.spec import CONSOLE, Arguments, Command, taken
 from ppmcal.commands.verify.options import VerifyArguments
 from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.io.folder import running
-from ppmcal.io.folder_record import RECORD, digest_of, read_record
+from ppmcal.io.folder import RECORD, digest_of, read_record, running
 from ppmcal.io.results.differences import BOUNDS, compared
 from ppmcal.io.results.recorded_runs import (
     FoundInputs,

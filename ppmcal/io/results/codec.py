@@ -23,13 +23,12 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from ppmcal.errors import BadInput
-from ppmcal.io.json import AGAIN
+from ppmcal.io.json import AGAIN, LARGEST_WHOLE
 from ppmcal.io.output import plain
 from ppmcal.units import AtMost, Key, Quantity, Units, Unsaid
 
 T = TypeVar("T")
 Json = dict[str, Any]
-LARGEST_WHOLE = 2 ** 53
 
 
 class WrongKind(TypeError):

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ppmcal.calibration.interpretation import known_rows
 from ppmcal.calibration.validation import Identification
-from ppmcal.io.copies import known_rows
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ppmcal.calibration.interpretation import count_among
 from ppmcal.errors import PpmcalError
-from ppmcal.io.copies import count_among
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import known_in, read_identification, tables_of
 from ppmcal.io.results.units import column_factor

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder_record import RECORD, digest_of, read_record, read_runs
+from ppmcal.io.folder import RECORD, digest_of, read_record, read_runs
 from ppmcal.io.limits import FOLDERS
 from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.verification import InputCheck

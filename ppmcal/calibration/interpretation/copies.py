@@ -9,21 +9,19 @@ the chance erf(a) - (1 - exp(-a^2))/(a sqrt(pi)), a = r/(2 sigma).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.csv import Table
-from ppmcal.io.measurement_columns import row_list
-from ppmcal.io.pose_fields import COORDINATES
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import SCALARS
+from ppmcal.model.mechanism import POSE_COORDINATES
 from ppmcal.model.repeats import NO_INFLUENCE, identical_rows
 from ppmcal.model.same_rows import KEPT, KnownRows, partners, step_of, tolerances
-from ppmcal.wording import counted
+from ppmcal.wording import counted, row_list
 
 BY_CHANCE = 1e-4
 """Equal rows expected of honest repeats, below which they are copies."""
@@ -44,23 +42,23 @@ def chance_of_equal(step: float, sigma: float) -> float:
     return math.erf(a) - (1.0 - math.exp(-a * a)) / (a * math.sqrt(math.pi))
 
 
-def steps_of(table: Table, data: Dataset, reach: float) -> Array:
+def steps_of(numbers: Mapping[str, Array], data: Dataset, reach: float) -> Array:
     """Return the steps of x, y, z, rx, ry, rz and of the value (7,), SI; inf where not told.
 
     Args:
-        table: the file's numbers, in its units, before rotations are turned into vectors.
+        numbers: the file's by column, in its units, before rotations are turned into vectors.
         data: what was made of it.
         reach: the machine's, m.
 
     Where all values are one, as of touches of a flat, it is the joints that were measured.
     """
     length, angle = data.units.factor("length"), data.units.factor("angle")
-    own = {name: (i, length if i < 3 else angle) for i, name in enumerate(COORDINATES)}
+    own = {name: (i, length if i < 3 else angle) for i, name in enumerate(POSE_COORDINATES)}
     own |= {"height": (6, length), "distance": (6, length)}
     out = np.full(7, math.inf)
     for name, (i, factor) in own.items():
-        if name in table.numbers:
-            out[i] = step_of(table.numbers[name]) * factor
+        if name in numbers:
+            out[i] = step_of(numbers[name]) * factor
     if data.kind in SCALARS and not out[6] < math.inf:
         # the whole range of a joint moves the platform by no more than the reach
         out[6] = reach * max((step_of(q) / float(np.nanmax(q) - np.nanmin(q)) for q in data.q.T
@@ -201,12 +199,12 @@ def known_rows(data: Dataset, actuators: Sequence[str]) -> KnownRows:
 def _told(data: Dataset, actuators: Sequence[str]) -> tuple[tuple[str, ...], Array]:
     """Return names and values (N, c), SI, of what a data set was told and measured."""
     if data.commanded is not None:
-        parts = [(f"cmd_{n}", c) for n, c in zip(COORDINATES, data.commanded.T, strict=True)]
+        parts = [(f"cmd_{n}", c) for n, c in zip(POSE_COORDINATES, data.commanded.T, strict=True)]
     else:
         parts = [(f"q_{a}", c) for a, c in zip(actuators, data.q.T, strict=True)]
     if data.to_q is not None:
         parts += [(f"to_q_{a}", c) for a, c in zip(actuators, data.to_q.T, strict=True)]
-    parts += list(zip((*COORDINATES, "value"), _values(data).T, strict=True))
+    parts += list(zip((*POSE_COORDINATES, "value"), _values(data).T, strict=True))
     parts = [(name, column) for name, column in parts if np.isfinite(column).any()]
     return tuple(n for n, _ in parts), np.column_stack([c for _, c in parts])
 

@@ -6,19 +6,18 @@ mm). Each finding is one sentence that names file and place, and says how to men
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.io.measurement_columns import row_list
-from ppmcal.io.sidecar import sidecar_path
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, ways
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note, of_column
+from ppmcal.wording import row_list
 
 LENGTH_FACTORS = {1000.0: "mm against m", 25.4: "in against mm", 1e6: "um against m"}
 TURN = 2.0 * np.pi
@@ -28,12 +27,14 @@ MOST_FAR = 1.0 / 3.0
 """More rows than this part that are too far away are no typos: the unit is wrong."""
 
 
-def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> list[str]:
+def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
+                  sidecar: Callable[[Path], Path] = Path) -> list[str]:
     """Return what looks like a wrong unit or a swapped column, as sentences.
 
     Args:
         mechanism: the machine, SI.
         datasets: its measurements, SI.
+        sidecar: names the file that says the units of such a table, for messages.
 
     Raises:
         BadInput: the home pose cannot be reached.
@@ -46,12 +47,13 @@ def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> lis
         out += [f"{data.source}: {mistake.text}. Write into the sidecar: `read: {{units: "
                 f"{{{mistake.columns[0]}: {unit}}}}}`."
                 for mistake, unit in recorded_units(data, mechanism)]
-        out += _positions(mechanism, data)
-        out += _rotations(data)
+        side = str(sidecar(Path(data.source)))
+        out += _positions(mechanism, data, side)
+        out += _rotations(data, side)
         for i, name in enumerate(mechanism.actuators):
             place = of_column(data.source, f"q_{name}")
             out += [Note(text, topic=place)
-                    for text in _joint(mechanism, data, i, place, i not in outside)]
+                    for text in _joint(mechanism, data, i, place, side, i not in outside)]
         out += _swapped(mechanism, data)
         out += _directions(mechanism, data)
     return out
@@ -112,10 +114,6 @@ def _beyond(q: Array, bounds: tuple[float, float]) -> NDArray[np.bool_]:
     return np.asarray((q < low - slack) | (q > high + slack))
 
 
-def _sidecar(data: Dataset) -> str:
-    return str(sidecar_path(Path(data.source)))
-
-
 def _factor(ratio: float, typical: float = 0.1) -> str:
     """Name the unit factor that brings a ratio of sizes nearest to ``typical``, or nothing."""
     off = abs(np.log(ratio / typical))
@@ -145,7 +143,7 @@ def _far(values: Array, limit: float) -> NDArray[np.bool_]:
     return far if far.sum() <= MOST_FAR * len(far) else np.zeros_like(far)
 
 
-def _positions(mechanism: Mechanism, data: Dataset) -> list[str]:
+def _positions(mechanism: Mechanism, data: Dataset, side: str) -> list[str]:
     """Compare the measured motion with the machine's reach."""
     reach, out = mechanism.reach, []
     values = data.position if data.kind in ("pose", "position") else data.value
@@ -159,30 +157,30 @@ def _positions(mechanism: Mechanism, data: Dataset) -> list[str]:
     if span > TOO_FAR * reach:
         out.append(f"{data.source}: the measured motion spans {span:.4g} m, but the machine "
                    f"reaches {reach:.4g} m{_factor(span / reach)}; check units.length in "
-                   f"{_sidecar(data)} and in {mechanism.source}.")
+                   f"{side} and in {mechanism.source}.")
     elif 0.0 < span < TOO_LITTLE * reach and len(data) > 2 and data.kind in ("pose", "position"):
         out.append(f"{data.source}: the measured motion spans only {span:.4g} m, but the machine "
                    f"reaches {reach:.4g} m{_factor(span / reach)}; check units.length in "
-                   f"{_sidecar(data)} and in {mechanism.source}.")
+                   f"{side} and in {mechanism.source}.")
     if commanded > TOO_FAR * reach:
         out.append(f"{data.source}: columns cmd_x ...: the commanded motion spans "
                    f"{commanded:.4g} m, but the machine reaches {reach:.4g} m"
-                   f"{_factor(commanded / reach)}; check units.length in {_sidecar(data)}.")
+                   f"{_factor(commanded / reach)}; check units.length in {side}.")
     return out
 
 
-def _rotations(data: Dataset) -> list[str]:
+def _rotations(data: Dataset, side: str) -> list[str]:
     """A rotation vector of more than a turn is in degrees, not radians."""
     size = np.abs(data.rotation[np.isfinite(data.rotation)])
     if size.size and float(np.median(size)) > TURN:
         return [f"{data.source}: columns rx, ry, rz: rotations of {float(np.median(size)):.4g} "
                 "rad are more than a whole turn (perhaps a factor 57.3: deg against rad); check "
-                f"units.angle in {_sidecar(data)}."]
+                f"units.angle in {side}."]
     return []
 
 
-def _joint(mechanism: Mechanism, data: Dataset, index: int, place: str, limited: bool
-           ) -> list[str]:
+def _joint(mechanism: Mechanism, data: Dataset, index: int, place: str, side: str,
+           limited: bool) -> list[str]:
     """Compare one joint's values with its limits (if they hold at home), home and the reach."""
     q = data.q[:, index]
     finite = q[np.isfinite(q)]
@@ -199,12 +197,12 @@ def _joint(mechanism: Mechanism, data: Dataset, index: int, place: str, limited:
     if mechanism.actuator_quantity[index] == "angle":
         if float(np.median(np.abs(finite))) > 2.0 * TURN and span > 2.0 * TURN:
             return [f"{place}: the joint turns through {span:.4g} rad (perhaps a factor 57.3: "
-                    f"deg against rad); check units.angle in {_sidecar(data)}."]
+                    f"deg against rad); check units.angle in {side}."]
         return []
     if span > 10.0 * mechanism.reach:
         return [f"{place}: the joint moves through {span:.4g} m, but the machine reaches "
                 f"{mechanism.reach:.4g} m{_factor(span / mechanism.reach)}; check units.length "
-                f"in {_sidecar(data)}."]
+                f"in {side}."]
     return _near_home(mechanism, finite, index, place)
 
 
