@@ -9,7 +9,7 @@ from html import escape
 from typing import Any
 
 from ppmcal.io.results.design import ShownTable
-from ppmcal.plotting.palette import with_palette
+from ppmcal.plotting.style import with_palette
 from ppmcal.report.format import count, exact, number, sig
 from ppmcal.report.headlines import attention
 from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
