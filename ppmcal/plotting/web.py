@@ -180,6 +180,6 @@ def _limits(chart: Chart, kind: str, places: list[float], name: str) -> Spec:
                 x += [number(_across(chart, value))] * 2 + [None]
                 y += [number(head), number(foot), None]
     out: Spec = {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": safe(name or "limit"),
-                 "showlegend": bool(name), "line": {
-                     "color": "--ink", "width": 1.5, "dash": "dot" if LIMITS[kind] else "solid"}}
+                 "line": {"color": "--ink", "width": 1.5,
+                          "dash": "dot" if LIMITS[kind] else "solid"}, "showlegend": bool(name)}
     return out | ({"hoverinfo": "name"} if name else {"hoverinfo": "skip"})
