@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 import numpy as np
 
 from ppmcal.controllers.model_uncertainty import UNKNOWN, PoseUncertainty
 from ppmcal.controllers.pose_errors import ErrorSummary
-from ppmcal.errors import unknown
 from ppmcal.io.results.export import (
     CommandErrors,
     ExportRecord,
@@ -24,10 +22,6 @@ from ppmcal.io.results.record import Provenance
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
-GROUP = "ppmcal.controllers"
-FORMATS = {"klipper": "klipper_export", "linuxcnc": "linuxcnc_export",
-           "reprap": "reprap", "joints": "joint_tables_export", "grid": "pose_grid_export"}
-"""Formats of ppmcal, and the modules beside this one that write them; each is one more file."""
 AXIS_OFFSET = ".axis_offset"
 """How the slots end whose universal joints no controller knows."""
 
@@ -119,36 +113,6 @@ class Exporter(Protocol):
             NoResult: the file does not read back as what it was written from.
         """
         ...
-
-
-def formats() -> dict[str, EntryPoint]:
-    """Return by name where each format's module is, those of other packages last.
-
-    Another package adds a format through the entry-point group ``ppmcal.controllers``: the
-    entry has the format's name in small letters and loads an :class:`Exporter`.
-
-    Raises:
-        ValueError: a name is taken.
-    """
-    out: dict[str, EntryPoint] = {}
-    own = [EntryPoint(n, f"ppmcal.controllers.{m}", GROUP) for n, m in FORMATS.items()]
-    for entry in (*own, *entry_points(group=GROUP)):
-        if entry.name in out:
-            raise ValueError(f"format '{entry.name}' is registered twice")
-        out[entry.name] = entry
-    return out
-
-
-def exporter(name: str) -> Exporter:
-    """Return what writes format ``name``, whatever its case; no other format's module is loaded.
-
-    Raises:
-        BadInput: there is no such format.
-    """
-    known = formats()
-    if name.lower() not in known:
-        raise unknown("format", name, known)
-    return cast("Exporter", known[name.lower()].load())
 
 
 def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> ExportRecord:

@@ -14,11 +14,9 @@ import numpy as np
 import yaml
 
 from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
-from ppmcal.controllers.klipper import MM
-from ppmcal.controllers.klipper_config import ANGLES, TOWERS, DeltaGeometry
-from ppmcal.controllers.klipper_export import keys
-from ppmcal.controllers.printer import Printer
-from ppmcal.controllers.printer_files import SHRUNK, machine_yaml
+from ppmcal.controllers.delta.files import SHRUNK, machine_yaml
+from ppmcal.controllers.delta.geometry import ANGLES, MM, TOWERS, DeltaGeometry
+from ppmcal.controllers.delta.printer import Printer
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
 from ppmcal.io.dataset_reader import dataset_of
@@ -34,6 +32,14 @@ CLOSE = 0.002
 calibrations 25 do so to 0.0003 mm; three were edited by hand, by 0.1 mm and more."""
 MEASURE_WEIGHT = 0.5
 ONE = 0.05
+
+
+def with_own_fit(printer: Printer) -> Printer:
+    """Return a printer with what its own fit says of the numbers that it saved, and its size."""
+    found = refit(printer) if printer.calibrated else None
+    off = {} if found is None else differences(printer.calibration, found)
+    return replace(printer, off=off, size=size_sentence(printer),
+                   findings=(*printer.findings, *([sentence(off)] if off else [])))
 
 
 def refit(printer: Printer) -> DeltaGeometry | None:
@@ -119,7 +125,7 @@ def _one(mechanism: Mechanism, name: str, header: Sequence[str],
 
 def differences(saved: DeltaGeometry, found: DeltaGeometry) -> dict[str, float]:
     """Return by how much each saved number is off, mm and degrees; none where all are close."""
-    one, two = keys(saved), keys(found)
+    one, two = saved.named(), found.named()
     off = {key: one[key] - two[key] for key in one}
     far = {key: np.radians(v) * saved.radius if key.endswith("angle") else v
            for key, v in off.items()}
