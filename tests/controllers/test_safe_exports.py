@@ -11,8 +11,8 @@ import pytest
 from helpers.paths import ROOT
 
 import ppmcal
-from ppmcal.controllers.joints.tables import joint_tables, known_commands
 from ppmcal.controllers.delta.geometry import ANGLES, DeltaGeometry
+from ppmcal.controllers.joints.tables import joint_tables, known_commands
 from ppmcal.controllers.klipper.controller import refuse_endstops
 from ppmcal.controllers.pose_grid import default_grid
 from ppmcal.errors import NoResult
