@@ -64,7 +64,7 @@ def own() -> dict[str, Controller]:
     return dict(sorted(known.items(), key=lambda item: int(item[1].order)))
 
 
-def formats(group: str = EXPORTS) -> dict[str, EntryPoint]:
+def formats(group: str) -> dict[str, EntryPoint]:
     """Return by name where each format's module is, those of other packages last.
 
     Raises:
@@ -80,6 +80,11 @@ def formats(group: str = EXPORTS) -> dict[str, EntryPoint]:
             raise ValueError(f"format '{entry.name}' is registered twice")
         out[entry.name] = entry
     return out
+
+
+def exported() -> dict[str, EntryPoint]:
+    """Return the formats that can be written."""
+    return formats(EXPORTS)
 
 
 def imported() -> dict[str, EntryPoint]:

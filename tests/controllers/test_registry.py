@@ -66,7 +66,7 @@ def test_a_printer_of_another_package_is_imported(site, tmp_path):
 
 def test_every_controller_says_what_it_does_and_is_in_the_docs():
     page = (PACKAGE.parent / "docs" / "controllers.md").read_text()
-    for name, entry in controllers.formats().items():
+    for name, entry in controllers.exported().items():
         assert hasattr(entry.load(), "export") and f"ppmcal export {name}" in page
         assert controllers.own()[name].exports.endswith(".")
     for name, entry in controllers.imported().items():

@@ -13,11 +13,11 @@ from ppmcal.commands.spec import (
     option,
     regardless,
 )
-from ppmcal.controllers import about, examples, formats, own
+from ppmcal.controllers import about, examples, exported, own
 
 
 def _names() -> str:
-    *others, last = formats()
+    *others, last = exported()
     return f"{', '.join(others)} or {last}."
 
 
@@ -29,7 +29,7 @@ def _about() -> str:
 class ExportArguments(Arguments):
     """For which controller, and against what."""
 
-    form: str = argument("FORMAT", _names, complete="ppmcal.controllers:formats")
+    form: str = argument("FORMAT", _names, complete="ppmcal.controllers:exported")
     model: Machine = argument("MODEL", "The identified machine, or its file.", words="machine")
     old: Path_ | None = option(
         None, "The controller's file in use, to predict the gain against",
