@@ -11,7 +11,8 @@ RepRapFirmware counts some from elsewhere. Steps are not rounded.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -27,6 +28,7 @@ DIGITS = 6
 SMALLEST = 1e-6
 """No number of a printer that has to be above 0 is as small, mm."""
 Triple = tuple[float, float, float]
+Numbers = TypeVar("Numbers")
 
 
 @dataclass(frozen=True)
@@ -40,11 +42,7 @@ class DeltaGeometry:
 
     def rounded(self) -> DeltaGeometry:
         """Return what is left of it after writing and reading."""
-        def cut(v: Triple) -> Triple:
-            return round(v[0], DIGITS), round(v[1], DIGITS), round(v[2], DIGITS)
-
-        return DeltaGeometry(round(self.radius, DIGITS), cut(self.angles), cut(self.arms),
-                             cut(self.endstops))
+        return rounded(self, DIGITS)
 
     def named(self) -> dict[str, float]:
         """Return ``section.key`` of a printer.cfg -> value, mm and degrees."""
@@ -54,6 +52,16 @@ class DeltaGeometry:
                     f"stepper_{tower}.arm_length": self.arms[i],
                     f"stepper_{tower}.position_endstop": self.endstops[i]}
         return out
+
+
+def rounded(numbers: Numbers, digits: int) -> Numbers:
+    """Return a dataclass of numbers and triples with so many decimals; no zero is negative."""
+    def cut(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(map(cut, value))
+        return None if value is None else round(value, digits) + 0.0
+
+    return replace(numbers, **{k: cut(v) for k, v in vars(numbers).items()})  # type: ignore[type-var]
 
 
 def triple(values: Array) -> Triple:

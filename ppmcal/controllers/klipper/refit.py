@@ -14,15 +14,12 @@ import numpy as np
 import yaml
 
 from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
+from ppmcal.controllers.delta.before import touches
 from ppmcal.controllers.delta.files import SHRUNK, machine_yaml
 from ppmcal.controllers.delta.geometry import ANGLES, MM, TOWERS, DeltaGeometry
 from ppmcal.controllers.delta.printer import Printer
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
-from ppmcal.io.dataset_reader import dataset_of
-from ppmcal.io.frames import as_table
-from ppmcal.io.measurement_columns import LABELS
-from ppmcal.io.sidecar import sidecar_of
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import too_long
@@ -116,11 +113,9 @@ def _data(printer: Printer, mechanism: Mechanism, scale: str) -> tuple[Dataset, 
 def _one(mechanism: Mechanism, name: str, header: Sequence[str],
          rows: Sequence[Sequence[float]], instrument: Mapping[str, object], scale: str = "known"
          ) -> Dataset:
-    columns = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
-    side = sidecar_of({"name": name, "instrument": instrument, "frame": "known",
-                       "target": "known", **({} if scale == "known" else {"scale": scale})},
-                      mechanism)
-    return dataset_of(as_table(columns, (), name, LABELS.__contains__), side, name, mechanism)
+    return touches(mechanism, name, header, np.array(rows, dtype=float), {
+        "name": name, "instrument": instrument, "frame": "known", "target": "known",
+        **({} if scale == "known" else {"scale": scale})})
 
 
 def differences(saved: DeltaGeometry, found: DeltaGeometry) -> dict[str, float]:

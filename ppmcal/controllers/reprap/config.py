@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from ppmcal.controllers.delta.geometry import Triple, above_zero
+from ppmcal.controllers.delta.geometry import Triple, above_zero, rounded
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.input_files import read_bytes
 from ppmcal.io.limits import CONFIG_BYTES
@@ -65,15 +65,7 @@ class Delta:
 
     def rounded(self) -> Delta:
         """Return what is left of it after writing and reading."""
-        def cut(v: float) -> float:
-            return round(v, DIGITS) + 0.0
-
-        def three(v: Triple) -> Triple:
-            return cut(v[0]), cut(v[1]), cut(v[2])
-
-        return Delta(cut(self.radius), three(self.rods), cut(self.height), three(self.angles),
-                     three(self.endstops), (cut(self.tilt[0]), cut(self.tilt[1])),
-                     None if self.bed is None else cut(self.bed))
+        return rounded(self, DIGITS)
 
 
 @dataclass(frozen=True)
