@@ -52,7 +52,8 @@ def lay_out(folder: Path) -> None:
         target.write_text(text, encoding="utf-8")
     if (DOCS / "images").exists():
         shutil.copytree(DOCS / "images", folder / "images")
-    shutil.copy(DOCS / "calibration.ipynb", folder)
+    for notebook in DOCS.glob("*.ipynb"):
+        shutil.copy(notebook, folder)
     shutil.copytree(DOCS / "style", folder / "style")
     drawings(folder / "images" / "generated")
 

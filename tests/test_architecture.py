@@ -311,7 +311,7 @@ def test_the_controller_of_the_page(site, tmp_path):
 @pytest.mark.slow
 def test_a_format_whose_name_is_taken_is_refused(tmp_path):
     site = install(tmp_path, "workshop", "", {"ppmcal.controllers": {"grid": "x"}})
-    code = ("from ppmcal.controllers.export import exporter\n"
-            "try:\n    exporter('klipper')\nexcept ValueError as error:\n"
+    code = ("from ppmcal.controllers import loaded\n"
+            "try:\n    loaded('klipper')\nexcept ValueError as error:\n"
             "    import json\n    print(json.dumps(str(error)))")
     assert answer(site, code) == "format 'grid' is registered twice"

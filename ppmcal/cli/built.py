@@ -45,8 +45,8 @@ def built(name: str) -> click.Command:
         body = out_option(spec.out, spec.replace)(body)
     for one in reversed([one for one in every if not one.option.common]):
         body = _asked(spec, one)(body)
-    found: click.Command = click.command(
-        name, epilog=examples(*spec.examples), help="\n\n".join(map(spec.said, spec.about)))(body)
+    said = "\n\n".join(map(spec.said, spec.paragraphs))
+    found: click.Command = click.command(name, epilog=examples(*spec.examples), help=said)(body)
     return found
 
 

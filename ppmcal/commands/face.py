@@ -117,7 +117,7 @@ def _parameter(one: Taken, face: Face) -> inspect.Parameter:
 
 def document(spec: Command, face: Face) -> str:
     """Return the docstring of a function."""
-    first, *others = face.about or spec.about
+    first, *others = face.about or spec.paragraphs
     parts = [spec.in_python(first, "a "), *map(spec.in_python, others)]
     about = "\n\n".join(map(_filled, parts))
     raised = re.split(r" (?=NoResult: )", face.raises or spec.raises)

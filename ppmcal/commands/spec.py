@@ -28,7 +28,8 @@ class Option:
     """How a field of a class of arguments is asked for.
 
     Attributes:
-        help: what it is, as the command line and the docs of the Python face say it.
+        help: what it is, as the command line and the docs of the Python face say it; or a
+            function that returns it, where other packages have a say.
         flags: on the command line, where they are not ``--name``; empty for an argument.
         metavar: what stands for its value there.
         otherwise: what is taken where nothing is given, in words.
@@ -52,7 +53,7 @@ class Option:
         recorded: whether it decides what is found, and not how long it takes or what is replaced.
     """
 
-    help: str
+    help: str | Callable[[], str]
     flags: tuple[str, ...] = ()
     metavar: str = ""
     otherwise: str = ""
@@ -77,10 +78,11 @@ class Option:
     @property
     def text(self) -> str:
         """What it is, with what is taken where nothing is given."""
-        return f"{self.help}  [default: {self.otherwise}]." if self.otherwise else self.help
+        said = self.help() if callable(self.help) else self.help
+        return f"{said}  [default: {self.otherwise}]." if self.otherwise else said
 
 
-def option(default: Any, help: str, *flags: str, **more: Any) -> Any:
+def option(default: Any, help: str | Callable[[], str], *flags: str, **more: Any) -> Any:
     """Return a field of a class of arguments, ``default`` where nothing is given."""
     return field(default=default, metadata={"option": Option(help, flags, **more)})
 
@@ -90,7 +92,8 @@ def needed(help: str, *flags: str, **more: Any) -> Any:
     return field(metadata={"option": Option(help, flags, **more)})
 
 
-def argument(metavar: str, help: str, default: Any = dataclasses.MISSING, **more: Any) -> Any:
+def argument(metavar: str, help: str | Callable[[], str], default: Any = dataclasses.MISSING,
+             **more: Any) -> Any:
     """Return a field that is an argument of the command."""
     return field(default=default,
                  metadata={"option": Option(help, metavar=metavar, argument=True, **more)})
@@ -228,7 +231,8 @@ class Command:
     Attributes:
         name: on the command line.
         arguments: the class of what it takes.
-        about: the paragraphs of its help; ``{mechanism}`` stands for that argument.
+        about: the paragraphs of its help, or functions that return them; ``{mechanism}`` stands
+            for that argument.
         examples: lines to copy, which the tests run.
         result: the class of what it returns, in its module ``run``; empty where no function of
             Python is the command.
@@ -247,7 +251,7 @@ class Command:
 
     name: str
     arguments: type[Arguments]
-    about: tuple[str, ...]
+    about: tuple[str | Callable[[], str], ...]
     examples: tuple[str, ...]
     result: str = ""
     python: str = ""
@@ -260,6 +264,11 @@ class Command:
     script: bool = False
     recorded: bool = True
     shares: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def paragraphs(self) -> list[str]:
+        """The paragraphs of its help."""
+        return [one() if callable(one) else one for one in self.about]
 
     @property
     def function(self) -> str:

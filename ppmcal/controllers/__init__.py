@@ -1,1 +1,128 @@
-"""What motion controllers compute: their own kinematics, and how well they fit a machine."""
+"""What a machine is to a controller: one folder for each, and nowhere a list of them.
+
+A folder's ``__init__`` has ``CONTROLLER``, what help says of it (:class:`Controller`), without
+NumPy. Its module ``controller`` does the work: ``export``, as
+:class:`ppmcal.controllers.export.Exporter` says, ``patch`` where it can copy a file in use, and
+``printer`` where the configuration can be read
+(:class:`ppmcal.controllers.delta.printer.Importer`).
+Folders without ``CONTROLLER`` hold what several share.
+
+Another package adds a format through the entry points ``ppmcal.controllers``, for ``export``, and
+``ppmcal.imports``, for ``import``: an entry has the format's name in small letters and loads a
+module, or an object, with these functions.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from dataclasses import dataclass
+from functools import cache
+
+from ppmcal.errors import unknown
+
+TYPE_CHECKING = False    # help needs the names alone
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from importlib.metadata import EntryPoint
+    from typing import Any
+
+EXPORTS, IMPORTS = "ppmcal.controllers", "ppmcal.imports"
+"""Groups of entry points: what writes a format, and what reads one."""
+
+
+@dataclass(frozen=True)
+class Controller:
+    """What help says of a controller's format.
+
+    Attributes:
+        order: place in lists.
+        exports: what ``export`` writes; imports: what ``import`` reads, empty where it does not.
+        title: what people call it, where that is not its name.
+        meshes: what ``import --mesh`` takes of it; radius: what it calls a delta's radius.
+        copies: whether ``export --write`` copies a file of it.
+        examples: command lines to copy, by their command.
+    """
+
+    order: int
+    exports: str
+    imports: str = ""
+    title: str = ""
+    meshes: str = ""
+    radius: str = ""
+    copies: bool = False
+    examples: tuple[tuple[str, str], ...] = ()
+
+
+@cache
+def own() -> dict[str, Controller]:
+    """Return the formats of ppmcal by name, in their order."""
+    found = {one: getattr(importlib.import_module(f"{__name__}.{one}"), "CONTROLLER", None)
+             for place in __path__ for one in os.listdir(place)
+             if os.path.isfile(os.path.join(place, one, "__init__.py"))}
+    known = {name: one for name, one in found.items() if one is not None}
+    return dict(sorted(known.items(), key=lambda item: int(item[1].order)))
+
+
+def formats(group: str) -> dict[str, EntryPoint]:
+    """Return by name where each format's module is, those of other packages last.
+
+    Raises:
+        ValueError: a name is taken.
+    """
+    from importlib.metadata import EntryPoint, entry_points
+
+    ours = [EntryPoint(name, f"{__name__}.{name}.controller", group)
+            for name, one in own().items() if group == EXPORTS or one.imports]
+    out: dict[str, EntryPoint] = {}
+    for entry in (*ours, *entry_points(group=group)):
+        if entry.name in out:
+            raise ValueError(f"format '{entry.name}' is registered twice")
+        out[entry.name] = entry
+    return out
+
+
+def exported() -> dict[str, EntryPoint]:
+    """Return the formats that can be written."""
+    return formats(EXPORTS)
+
+
+def imported() -> dict[str, EntryPoint]:
+    """Return the formats that can be read."""
+    return formats(IMPORTS)
+
+
+def loaded(name: str, group: str = EXPORTS) -> Any:
+    """Return what writes or reads format ``name``, whatever its case; no other module is loaded.
+
+    Raises:
+        BadInput: there is no such format.
+    """
+    known = formats(group)
+    if name.lower() not in known:
+        raise unknown("format", name, known)
+    return known[name.lower()].load()
+
+
+def about(group: str = EXPORTS) -> Iterator[str]:
+    """Yield ``klipper: what is written or read`` of each format; see :func:`_docstring`."""
+    for name, entry in formats(group).items():
+        one = own().get(name)
+        yield f"{name}: " + (_docstring(entry.module) if one is None else
+                             one.exports if group == EXPORTS else one.imports)
+
+
+def examples(command: str) -> tuple[str, ...]:
+    """Return command lines to copy of ``export`` or ``import``."""
+    return tuple(line for one in own().values() for of, line in one.examples if of == command)
+
+
+def _docstring(module: str) -> str:
+    """Return the first line of a module's docstring, without running it."""
+    import ast
+    from importlib.util import find_spec
+
+    found = find_spec(module)
+    source = None if found is None or found.loader is None else getattr(
+        found.loader, "get_source", lambda _: None)(module)
+    return ((ast.get_docstring(ast.parse(source)) if source else "") or "").partition("\n")[0]

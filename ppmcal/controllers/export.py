@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 import numpy as np
 
+from ppmcal.controllers import exported
 from ppmcal.controllers.model_uncertainty import UNKNOWN, PoseUncertainty
 from ppmcal.controllers.pose_errors import ErrorSummary
-from ppmcal.errors import unknown
 from ppmcal.io.results.export import (
     CommandErrors,
     ExportRecord,
@@ -24,10 +23,6 @@ from ppmcal.io.results.record import Provenance
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
-GROUP = "ppmcal.controllers"
-FORMATS = {"klipper": "klipper_export", "linuxcnc": "linuxcnc_export",
-           "reprap": "reprap", "joints": "joint_tables_export", "grid": "pose_grid_export"}
-"""Formats of ppmcal, and the modules beside this one that write them; each is one more file."""
 AXIS_OFFSET = ".axis_offset"
 """How the slots end whose universal joints no controller knows."""
 
@@ -126,36 +121,6 @@ class Exporter(Protocol):
         ...
 
 
-def formats() -> dict[str, EntryPoint]:
-    """Return by name where each format's module is, those of other packages last.
-
-    Another package adds a format through the entry-point group ``ppmcal.controllers``: the
-    entry has the format's name in small letters and loads an :class:`Exporter`.
-
-    Raises:
-        ValueError: a name is taken.
-    """
-    out: dict[str, EntryPoint] = {}
-    own = [EntryPoint(n, f"ppmcal.controllers.{m}", GROUP) for n, m in FORMATS.items()]
-    for entry in (*own, *entry_points(group=GROUP)):
-        if entry.name in out:
-            raise ValueError(f"format '{entry.name}' is registered twice")
-        out[entry.name] = entry
-    return out
-
-
-def exporter(name: str) -> Exporter:
-    """Return what writes format ``name``, whatever its case; no other format's module is loaded.
-
-    Raises:
-        BadInput: there is no such format.
-    """
-    known = formats()
-    if name.lower() not in known:
-        raise unknown("format", name, known)
-    return cast("Exporter", known[name.lower()].load())
-
-
 def uses(mechanism: Mechanism, model: str, form: str = "", old: str = "") -> list[str]:
     """Return what may be done with a calibrated machine on the controllers that drive it, in words.
 
@@ -165,7 +130,7 @@ def uses(mechanism: Mechanism, model: str, form: str = "", old: str = "") -> lis
         form: the format that it was imported from, which is then its controller.
         old: the controller's file that it was imported from.
     """
-    known = formats()
+    known = exported()
     own = [known[form]] if form in known else known.values()
     told = (getattr(entry.load(), "use", None) for entry in own)
     return [words for use in told if use is not None and (words := use(mechanism, model, old))]

@@ -12,7 +12,7 @@ Celsius, time 0. Full poses are (N, 6) x, y, z and rotation vector in the base f
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -205,3 +205,10 @@ def errors_at_poses(mechanism: Mechanism, found: Corrected) -> tuple[ErrorSummar
     both = finite_rows(before) & finite_rows(after)
     return (pose_errors(mechanism, before[both], pose_motor(full[both])),
             pose_errors(mechanism, after[both], pose_motor(full[both])))
+
+
+def instrument_notes(mechanism: Mechanism) -> Iterator[str]:
+    """Yield which effects are the instrument's, so that no controller has to know them."""
+    for effect in mechanism.effects:
+        if effect.kind.instrument:
+            yield f"effect {effect.kind.name} belongs to the instrument and is not sent"

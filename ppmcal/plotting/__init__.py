@@ -1,1 +1,1 @@
-"""Pictures: one style, maps and curves."""
+"""Pictures: drawings as data and their interpreters, maps and curves, one style."""

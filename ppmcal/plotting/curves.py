@@ -17,6 +17,7 @@ from ppmcal.plotting.style import (
     INK,
     SOFT,
     TITLE,
+    alone,
     capital,
     draw_head,
     figure,
@@ -123,8 +124,7 @@ def _curve(axes: Axes, curve: tuple[str, Array, Array], i: int) -> Line2D:
     colour, dashes, marker = LINES[i % len(LINES)]
     there = np.isfinite(y)
     if there.sum() > FEW:
-        beside = np.concatenate([[False], there, [False]])
-        there = there & ~beside[:-2] & ~beside[2:]
+        there = alone(there)
     (line,) = axes.plot(x, y, color=colour, linestyle=dashes, linewidth=1.7, label=name,
                         marker=marker if there.any() else "none", markersize=4.0,
                         markevery=np.flatnonzero(there).tolist())

@@ -21,6 +21,7 @@ from ppmcal.plotting.style import (
     INK,
     SINGULAR,
     TITLE,
+    alone,
     draw_head,
     draw_legend,
     figure,
@@ -82,10 +83,9 @@ def _curve(axes: Axes, x: Array, values: Array, scale: ColourScale) -> dict[str,
     else:
         pad = 0.05 * (scale.high - scale.low)
         axes.set_ylim(scale.low - pad, scale.high + pad)
-    beside = np.concatenate([[False], np.isfinite(finite), [False]])
-    alone = np.isfinite(finite) & ~beside[:-2] & ~beside[2:]
+    lonely = alone(np.isfinite(finite))
     axes.plot(x, finite, color="#1f62a6", linewidth=1.8, zorder=2.0)
-    axes.plot(x[alone], finite[alone], color="#1f62a6", linestyle="none", marker="o",
+    axes.plot(x[lonely], finite[lonely], color="#1f62a6", linestyle="none", marker="o",
               markersize=4.5, zorder=2.0)
     for rows, place, marker in ((high, 0.985, "^"), (low, 0.015, "v")):
         axes.plot(x[rows], np.full(int(rows.sum()), place), color="#b3692a", linestyle="none",

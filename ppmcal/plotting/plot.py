@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from ppmcal.linalg import Array
 from ppmcal.plotting import style
-from ppmcal.plotting.canvas import HEIGHT, LETTERS, SMALL, WIDTH, Canvas, Drawing, width
-from ppmcal.plotting.layers import Layer
-from ppmcal.plotting.style import SMALLEST, SOFT, number_words, tame
+from ppmcal.plotting.canvas import HEIGHT, SMALL, WIDTH, Drawing, fitted
+from ppmcal.plotting.layers import Layer, Starts, within
+from ppmcal.plotting.style import SMALLEST, tame
 
 LEFT, RIGHT, TOP, BOTTOM = 54.0, 10.0, 12.0, 40.0
 NAMES, ROW = 150.0, 15.0
@@ -101,61 +100,22 @@ class Plot:
         """Return the plot with the words around it."""
         return Drawing(title, caption.strip(), description, self, self.height, key, note)
 
-    def draw(self, canvas: Canvas) -> None:
-        """Draw it."""
-        floor, right = self.height - BOTTOM - CLASS_ROOM * bool(self.classes), WIDTH - RIGHT
-        for i, (name, bold) in enumerate(self.rows):
-            step = (floor - TOP) / len(self.rows)
-            canvas.text(self.left - 6.0, TOP + step * (i + 0.5) + 3.5, name, bold=bold,
-                        room=self.left - 8.0, ha="right", size=SMALL)
-        axes = canvas.axes(self.left, TOP, right, floor)
-        self._scales(axes)
-        for layer in self.layers:
-            layer.draw(axes)
-        middle, foot = (self.left + right) / 2.0, self.height - 6.0
-        canvas.name(middle, foot - CLASS_ROOM * bool(self.classes),
-                    "" if self.classes else self.names[0], right - self.left)
-        canvas.name(11.0, (TOP + floor) / 2.0, self.names[1], TOP + floor, upright=True)
-        if self.classes:
-            self._classes(canvas, floor)
+    def per(self) -> tuple[float, float]:
+        """Return how much of each linear axis a point is, at the size of a file."""
+        floor = self.height - BOTTOM - CLASS_ROOM * bool(self.classes)
+        return ((self.x.high - self.x.low) / (WIDTH - RIGHT - self.left),
+                (self.y.high - self.y.low) / (floor - TOP))
 
-    def _scales(self, axes: Axes) -> None:
-        """Set ends, ticks and lines of the axes."""
-        x, y, right = self.x, self.y, WIDTH - RIGHT
-        axes.set_xscale("log" if x.log else "linear")
-        axes.set_yscale("log" if y.log else "linear")
-        axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high))
-        axes.spines["left"].set(visible=True, linewidth=1.0, color=SOFT)
-        for axis, ends, shown in ((axes.xaxis, x, not self.classes),
-                                  (axes.yaxis, y, not self.rows)):
-            ticks = ends.ticks() if shown else np.zeros(0)
-            axis.set_ticks(ticks.tolist(), labels=number_words(ticks))
-            axis.set_ticks([], minor=True)
-        for label in axes.get_xticklabels():
-            part = x.part(label.get_position()[0])
-            label.set_visible(self.left + part * (right - self.left)
-                              + 0.5 * width(label.get_text()) <= WIDTH)
-        widest = max([width(words) for words in number_words(ticks)], default=1.0)
-        axes.tick_params("y", length=0.0, pad=5.0,
-                         labelsize=LETTERS * min(1.0, (self.left - 20.0) / widest))
-        across = np.tile([x.low, x.high, np.nan], len(ticks))
-        axes.plot(across, np.repeat(ticks, 3), color=style.LINE, linewidth=1.0, zorder=0.5,
-                  clip_on=False, scalex=False, scaley=False)
+    def starts(self, layer: Starts) -> Iterator[tuple[float, str, str]]:
+        """Yield where each part begins, its name, and as much of that as has room."""
+        for x, name in layer.places:
+            yield x, name, fitted(name, min(90.0, (self.x.high - x) / self.per()[0]), size=SMALL)
 
-    def _classes(self, canvas: Canvas, floor: float) -> None:
-        """Write signs below their places, and once below them what they belong to."""
-        room = (WIDTH - self.left - RIGHT) / max(len({owner for _, owner, _ in self.classes}), 1)
-        owners: dict[str, list[float]] = {}
-        for x, owner, sign in self.classes:
-            place = self.left + self.x.part(x) * (WIDTH - self.left - RIGHT)
-            owners.setdefault(owner, []).append(place)
-            canvas.text(place, floor + 12.0, sign, ha="center", room=40.0)
-        for owner, mine in owners.items():
-            if room > width("leg…"):
-                canvas.text(sum(mine) / len(mine), floor + 25.0, owner, SOFT, ha="center",
-                            room=room)
-        canvas.name((self.left + WIDTH - RIGHT) / 2.0, self.height - 6.0, self.names[0],
-                    WIDTH - self.left)
+    def inside(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+        """Return points moved into the axes (N,), (N,), nan where they cannot be drawn."""
+        at, up = np.broadcast_arrays(within(np.ravel(x), self.x.low, self.x.high),
+                                     within(np.ravel(y), self.y.low, self.y.high))
+        return at, up
 
 
 def rows_plot(x: Axis, name: str, layers: Sequence[Layer], rows: Sequence[tuple[str, bool]],

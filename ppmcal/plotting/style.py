@@ -23,7 +23,7 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import MaxNLocator, NullFormatter
 from matplotlib.transforms import Bbox
 
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Bools
 
 DPI = 150
 INK, SOFT, GROUND, HATCH = "#1c2227", "#5a6670", "#e6e8ea", "#aab1b7"
@@ -78,6 +78,26 @@ def png(drawn: Figure, cut: float = 0.0, dpi: float | None = None) -> bytes:
     return stream.getvalue()
 
 
+def with_palette(png: bytes) -> bytes:
+    """Return a PNG in at most 256 colours, as it is where that is not smaller or cannot be read.
+
+    Args:
+        png: the file's bytes.
+    """
+    from PIL import Image
+
+    out = io.BytesIO()
+    try:
+        with Image.open(io.BytesIO(png)) as picture:
+            if picture.mode != "RGB" and picture.getextrema()[-1] != (255, 255):
+                return png    # what shines through would be lost
+            few = picture.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+        few.save(out, "PNG", optimize=True)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return png    # a browser may do better
+    return min(png, out.getvalue(), key=len)
+
+
 def head_height(title: str, notes: str) -> float:
     """Return the room that the words on top take, inches."""
     return 0.28 + 0.2 * len(title.splitlines()) + 0.165 * len(notes.splitlines())
@@ -129,6 +149,12 @@ def tame(values: Array) -> Array:
     out[size > LARGEST] = np.copysign(np.inf, out[size > LARGEST])
     out[size < SMALLEST] = 0.0
     return out
+
+
+def alone(there: Bools) -> Bools:
+    """Return which points (N,) are there and have no neighbour."""
+    beside = np.concatenate([[False], there, [False]])
+    return np.asarray(there & ~beside[:-2] & ~beside[2:], dtype=bool)
 
 
 def robust_range(values: Array, log: bool) -> tuple[float, float, bool]:

@@ -11,15 +11,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.plotting.bars import Chart
-from ppmcal.plotting.canvas import SMALL, Drawing, fitted
+from ppmcal.plotting.bars import LEGEND, LIMITS, LOOKS, STEP, Chart, Row
+from ppmcal.plotting.canvas import SMALL, WIDTH, Drawing, fitted
 from ppmcal.plotting.plot import Axis, Plot
-from ppmcal.plotting.web_bars import chart_spec
-from ppmcal.plotting.web_layers import Pane, Parts, add
-from ppmcal.plotting.web_values import TOOLS, Spec, lines, number, numbers, safe
+from ppmcal.plotting.style import PAGE, plain
+from ppmcal.plotting.web_layers import Pane, Parts, Spec, add, lines, number, numbers, safe
 
-PIXELS = 1.3
-"""Height of a plot on a page, pixels per point of the drawing."""
+PIXELS, BAR_PIXELS = 1.3, 1.25
+"""Height of a plot and of a chart on a page, pixels per point of the drawing."""
+TOOLS = 20
+"""Room for plotly's buttons above a plot, pixels."""
+HEAD, FOOT = 6 + TOOLS, 44
+"""Room above and below the bars, pixels."""
+NARROW = 1.3
+"""Letters are so much larger, against the width, on the narrowest page."""
 
 
 def spec(drawing: Drawing) -> Spec:
@@ -31,7 +36,7 @@ def spec(drawing: Drawing) -> Spec:
     if isinstance(drawing.content, Plot):
         return _plot(drawing.content, drawing)
     if isinstance(drawing.content, Chart):
-        return chart_spec(drawing.content)
+        return _chart(drawing.content)
     raise TypeError(f"no figure for a page can be made of {type(drawing.content).__name__}")
 
 
@@ -85,4 +90,96 @@ def _owners(classes: Sequence[tuple[float, str, str]]) -> list[Spec]:
              "font": {"color": "--soft"}} for owner, mine in places.items()]
 
 
-# --- layers ---------------------------------------------------------------------------------------
+# --- charts ---------------------------------------------------------------------------------------
+
+
+def _chart(chart: Chart) -> Spec:
+    """Return a chart; a scale by the square root has the roots on x.
+
+    y is in points down from the first row. ``rows`` are words, which the script of the page cuts
+    to the room that there is: ``label`` at the left, ``words`` at the right end, about ``y``.
+    """
+    first, *tops = chart.tops()
+    places = [first, *tops[:-1]]
+    kinds = list(dict.fromkeys(kind for row in chart.rows for _, kind in row.bars))
+    limits = list(dict.fromkeys(kind for row in chart.rows for _, kind in row.limits))
+    left, right = (v / WIDTH for v in chart.ends())
+    legend = dict(chart.legend)
+    data = [_bars(chart, kind, places, legend.get(kind, "")) for kind in kinds]
+    data += [_limits(chart, kind, places, legend.get(kind, "")) for kind in limits]
+    rows = BAR_PIXELS * (tops[-1] - first) if tops else STEP
+    lines_of_legend = len({y for _, y in chart.places()})
+    head = HEAD + BAR_PIXELS * LEGEND * lines_of_legend
+    x: Spec = {"range": numbers([_across(chart, v) for v in (chart.low, chart.high)]),
+               "domain": [number(left), number(right)], "showgrid": False,
+               "title": {"text": safe(chart.axis), "standoff": 6}, "automargin": False}
+    if chart.scale == "log":
+        x |= {"type": "log", "range": numbers(np.log10([chart.low, chart.high]))}
+    if chart.ticks:
+        ticks = chart.shown(chart.ticks, NARROW)
+        x |= {"tickvals": numbers([_across(chart, v) for v, _ in ticks]), "tickangle": 0,
+              "ticktext": [safe(w) for _, w in ticks]}
+    elif chart.scale == "root":
+        x |= {"tickvals": numbers([_across(chart, v) for v in (chart.low, chart.high)]),
+              "ticktext": [f"{v:.3g}" for v in (chart.low, chart.high)]}
+    return {"data": data, "height": round(rows + head + FOOT), "layout": {
+        "xaxis": x, "yaxis": {"range": [tops[-1] if tops else 1.0, first], "visible": False,
+                              "fixedrange": True},
+        "margin": {"l": 0, "r": 0, "t": round(head), "b": FOOT}, "barmode": "overlay",
+        "showlegend": bool(chart.legend)}, "beside": chart.beside, "rows": [
+            {"y": number(top + 10.0), "label": plain(row.label), "words": plain(row.words),
+             "bold": row.strong, "strong": chart.beside or row.strong, "bars": bool(row.bars)}
+            for row, top in zip(chart.rows, places, strict=True)]}
+
+
+def _across(chart: Chart, value: float) -> float:
+    """Return where a value is on x, moved to the ends of the scale."""
+    inside = chart.inside(value)
+    return float(np.sqrt(max(inside, 0.0))) if chart.scale == "root" else inside
+
+
+def _bars(chart: Chart, kind: str, places: list[float], name: str) -> Spec:
+    """Return all bars of one kind as one trace."""
+    at, size, thick, said = [], [], [], []
+    foot = _across(chart, chart.low)
+    for row, top in zip(chart.rows, places, strict=True):
+        for value, own, below, height in chart.bars(row):
+            if own == kind:
+                at.append(top + 14.0 + below)
+                size.append(_across(chart, value) - foot)
+                thick.append(height)
+                said.append(_said(row, value, name, chart))
+    bar = LOOKS[kind]
+    colour = f"--{PAGE[bar.colour]}"
+    marker: Spec = {"color": "--card/0", "line": {"color": colour, "width": 1.6}} if bar.frame \
+        else {"color": colour + (f"/{bar.alpha}" if bar.alpha else "")}
+    return {"type": "bar", "orientation": "h", "y": numbers(at), "x": numbers(size),
+            "base": [number(foot)] * len(at), "width": numbers(thick), "marker": marker,
+            "hovertext": said, "hoverinfo": "text", "name": safe(name), "showlegend": bool(name)}
+
+
+def _said(row: Row, value: float, name: str, chart: Chart) -> str:
+    """Return what pointing at a bar tells: label, what it is, value and the words at its end."""
+    axis = chart.axis.rpartition(" (")
+    unit = axis[2].removesuffix(")") if axis[0] else ""
+    amount = (f"{name}: {value:.4g} {unit}" if name else f"{value:.4g} {unit}").rstrip()
+    if chart.scale == "root":  # p-values, as the words say them
+        amount = name
+    head = f"<b>{safe(row.label)}</b>"
+    return "<br>".join([head, *(safe(t) for t in (amount, row.words) if t)])
+
+
+def _limits(chart: Chart, kind: str, places: list[float], name: str) -> Spec:
+    """Return all upright lines of one kind as one trace."""
+    x: list[float | None] = []
+    y: list[float | None] = []
+    for row, top in zip(chart.rows, places, strict=True):
+        head, foot = (top + 14.0 + end for end in chart.upright)
+        for value, own in row.limits:
+            if own == kind:
+                x += [number(_across(chart, value))] * 2 + [None]
+                y += [number(head), number(foot), None]
+    out: Spec = {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": safe(name or "limit"),
+                 "line": {"color": "--ink", "width": 1.5,
+                          "dash": "dot" if LIMITS[kind] else "solid"}, "showlegend": bool(name)}
+    return out | ({"hoverinfo": "name"} if name else {"hoverinfo": "skip"})

@@ -5,36 +5,43 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import singledispatch
-from typing import Any
+from html import escape
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ppmcal.linalg import Array, Bools
-from ppmcal.plotting.canvas import SMALL, WIDTH, fitted
-from ppmcal.plotting.layers import (
-    Arrows,
-    Band,
-    Between,
-    Dots,
-    Histogram,
-    Intervals,
-    Layer,
-    Marks,
-    Points,
-    Polyline,
-    Starts,
-    Strokes,
-    Undrawn,
-    WordsAt,
-    Zero,
-    within,
-)
-from ppmcal.plotting.plot import BOTTOM, RIGHT, TOP, Axis, Plot
-from ppmcal.plotting.web_values import Spec, lines, number, numbers, safe
+from ppmcal.plotting import layers
+from ppmcal.plotting.layers import Layer, Points, Undrawn, apart
+from ppmcal.plotting.plot import Axis, Plot
+from ppmcal.plotting.style import plain
 
+Spec: TypeAlias = dict[str, Any]
+DIGITS = 6
 SYMBOLS = {"o": "circle", "x": "x-thin", "D": "diamond", "s": "square"}
 FORMAT = ".4~g"
+
+
+def safe(text: object) -> str:
+    """Return words that plotly shows as they are: neither tags nor placeholders."""
+    return escape(plain(text), quote=False).replace("{", "&#123;")
+
+
+def lines(text: str) -> str:
+    """Return words in lines, the first one bold."""
+    first, *more = (safe(t) for t in text.split("\n"))
+    return "<br>".join([f"<b>{first}</b>", *more])
+
+
+def number(value: float) -> float | None:
+    """Return a number with as many digits as can be seen, None for none."""
+    return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
+
+
+def numbers(values: ArrayLike) -> list[float | None]:
+    """Return numbers with as many digits as can be seen."""
+    return [number(v) for v in np.ravel(np.asarray(values, dtype=float)).tolist()]
 
 
 @dataclass(frozen=True)
@@ -44,11 +51,25 @@ class Pane:
     plot: Plot
     words: Mapping[str, str]
 
-    def per(self) -> tuple[float, float]:
-        """Return how much of each linear axis a point is, at the size of a file."""
-        p = self.plot
-        return ((p.x.high - p.x.low) / (WIDTH - RIGHT - p.left),
-                (p.y.high - p.y.low) / (p.height - TOP - BOTTOM))
+    def inside(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Bools]:
+        """Return points moved into the axes (N,), (N,), and which can be drawn (N,)."""
+        at, up = self.plot.inside(x, y)
+        return at, up, np.isfinite(at) & np.isfinite(up)
+
+    def coordinate(self, axis: str, word: str = "") -> str:
+        """Return the line that tells one coordinate of a point, with its unit."""
+        i = "xy".index(axis)
+        name, unit = word or self.plot.names[i], self.plot.units[i]
+        return f"{safe(bare(name, unit))}: %{{{axis}:{FORMAT}}} {safe(unit)}".rstrip()
+
+    def coordinates(self, word: str = "") -> list[str]:
+        """Return the lines of both."""
+        return [self.coordinate("x"), self.coordinate("y", word)]
+
+
+def bare(name: str, unit: str) -> str:
+    """Return the name of an axis without its unit."""
+    return name.removesuffix(f" ({unit})") if unit else name
 
 
 @dataclass
@@ -70,32 +91,17 @@ def add(layer: Layer, pane: Pane, parts: Parts) -> None:
     raise TypeError(f"no part of a page's figure can be made of {type(layer).__name__}")
 
 
-def _value(name: str, unit: str, axis: str) -> str:
-    """Return the line that tells one coordinate of a point, with its unit."""
-    short = name.removesuffix(f" ({unit})") if unit else name
-    return f"{safe(short)}: %{{{axis}:{FORMAT}}} {safe(unit)}".rstrip()
-
-
 def _template(pane: Pane, points: Points, kind: str) -> str:
     """Return what pointing at a point tells: what it is, then its coordinates with their units."""
     plot, word = pane.plot, pane.words.get(kind, "")
-    (x_name, y_name), (x_unit, y_unit) = plot.names, plot.units
     out = ["%{text}"] if points.texts or points.keys else []
     if plot.rows:
-        out.append(_value(word or x_name, x_unit, "x"))
-    elif points.texts and x_unit == "" and not plot.equal:
-        out.append(_value(word or y_name, y_unit, "y"))  # x is only where the point stands
+        out.append(pane.coordinate("x", word))
+    elif points.texts and plot.units[0] == "" and not plot.equal:
+        out.append(pane.coordinate("y", word))  # x is only where the point stands
     else:
-        out += [_value(x_name, x_unit, "x"), _value(word or y_name, y_unit, "y")]
+        out += pane.coordinates(word)
     return "<br>".join(out) + "<extra></extra>"
-
-
-def _inside(pane: Pane, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Bools]:
-    """Return points moved into the axes (N,), (N,), and which can be drawn (N,)."""
-    p = pane.plot
-    at, up = np.broadcast_arrays(within(np.ravel(x), p.x.low, p.x.high),
-                                 within(np.ravel(y), p.y.low, p.y.high))
-    return at, up, np.isfinite(at) & np.isfinite(up)
 
 
 def _clipped(pane: Pane, template: str, axis: Axis, letter: str, values: Array,
@@ -109,7 +115,7 @@ def _clipped(pane: Pane, template: str, axis: Axis, letter: str, values: Array,
 def _points(pane: Pane, x: ArrayLike, y: ArrayLike, kind: str, points: Points, marker: Spec
             ) -> Spec:
     """Return a trace of markers."""
-    at, up, seen = _inside(pane, x, y)
+    at, up, seen = pane.inside(x, y)
     template = _template(pane, points, kind)
     rows = bool(pane.plot.rows)
     true = np.broadcast_to(np.ravel(np.asarray(x if rows else y, dtype=float)), seen.shape)
@@ -131,7 +137,7 @@ def _points(pane: Pane, x: ArrayLike, y: ArrayLike, kind: str, points: Points, m
 def _undrawn(pane: Pane, rest: Undrawn) -> Spec:
     """Return the rows that are drawn when they are chosen, to four digits."""
     x = np.arange(1.0, rest.y.size + 1.0) if rest.x is None else rest.x
-    at, up, seen = _inside(pane, x, rest.y)
+    at, up, seen = pane.inside(x, rest.y)
     short = [[float(f"{v:.4g}") if s else None for v, s in zip(values.tolist(), seen, strict=True)]
              for values in (at, up)]
     return {"runs": [list(run) for run in rest.runs], "y": short[1]} | (
@@ -146,13 +152,13 @@ def _line(x: Iterable[float | None], y: Iterable[float | None], colour: str, siz
 
 
 @add.register
-def _(layer: Dots, pane: Pane, parts: Parts) -> None:
+def _(layer: layers.Dots, pane: Pane, parts: Parts) -> None:
     parts.data.append(_points(pane, layer.x, layer.y, layer.kind, layer.points,
                               {"color": f"--{layer.kind}", "size": 1.4 * layer.size}))
 
 
 @add.register
-def _(layer: Marks, pane: Pane, parts: Parts) -> None:
+def _(layer: layers.Marks, pane: Pane, parts: Parts) -> None:
     parts.data.append(_points(pane, layer.x, layer.y, layer.kind, layer.points,
                               _marker(layer.kind, layer.marker, layer.size)))
 
@@ -165,19 +171,13 @@ def _marker(kind: str, marker: str, size: float) -> Spec:
 
 
 @add.register
-def _(layer: Strokes, pane: Pane, parts: Parts) -> None:
-    along, across = ("y", "x") if layer.flat else ("x", "y")
-    axis = pane.plot.x if layer.flat else pane.plot.y
-    at, low, high = np.broadcast_arrays(*(np.ravel(np.asarray(v, dtype=float))
-                                          for v in (layer.x, layer.low, layer.high)))
-    low, high = (within(v, axis.low, axis.high) for v in (low, high))
-    seen = np.isfinite(at) & np.isfinite(low) & np.isfinite(high)
-    nil: list[float | None] = [None]
-    ends = [numbers(v[seen]) for v in (at, low, high)]
-    places = [v for a in ends[0] for v in (a, a, *nil)]
-    values = [v for b, c in zip(*ends[1:], strict=True) for v in (b, c, *nil)]
-    colour = f"--{layer.kind}" + (f"/{layer.alpha}" if layer.alpha else "")
-    out = _line((), (), colour, 1.2 * layer.size) | {along: places, across: values}
+def _(layer: layers.Strokes, pane: Pane, parts: Parts) -> None:
+    ends = (layer.x, layer.x), (layer.low, layer.high)
+    (x, y), (to_x, to_y) = (pane.plot.inside(*(np.broadcast_arrays(*map(np.ravel, (
+        ends[0][i], ends[1][i])))[::-1 if layer.flat else 1])) for i in (0, 1))
+    seen = np.isfinite(x) & np.isfinite(y) & np.isfinite(to_x) & np.isfinite(to_y)
+    out = _line(numbers(apart(x[seen], to_x[seen])), numbers(apart(y[seen], to_y[seen])),
+                f"--{layer.kind}" + (f"/{layer.alpha}" if layer.alpha else ""), 1.2 * layer.size)
     if layer.points.texts:
         said = [lines(t) for t, s in zip(layer.points.texts, seen.tolist(), strict=True) if s]
         out |= {"text": [t for s in said for t in (s, s, "")], "hoverinfo": "text"}
@@ -185,84 +185,75 @@ def _(layer: Strokes, pane: Pane, parts: Parts) -> None:
 
 
 @add.register
-def _(layer: Polyline, pane: Pane, parts: Parts) -> None:
-    at, up, seen = _inside(pane, layer.x, layer.y)
-    (x_name, y_name), (x_unit, y_unit) = pane.plot.names, pane.plot.units
-    name = f"<b>{safe(layer.name)}</b><br>" if layer.name else ""
+def _(layer: layers.Polyline, pane: Pane, parts: Parts) -> None:
+    at, up, seen = pane.inside(layer.x, layer.y)
+    name = [f"<b>{safe(layer.name)}</b>"] if layer.name else []
     parts.data.append(_line(
         numbers(np.where(seen, at, np.nan)), numbers(np.where(seen, up, np.nan)), "--ink", 1.6,
-        hovertemplate=f"{name}{_value(x_name, x_unit, 'x')}<br>"
-                      f"{_value(y_name, y_unit, 'y')}<extra></extra>", hoverinfo="all"))
+        hovertemplate="<br>".join([*name, *pane.coordinates()]) + "<extra></extra>",
+        hoverinfo="all"))
 
 
 @add.register
-def _(layer: Intervals, pane: Pane, parts: Parts) -> None:
-    p = pane.plot
-    middle = np.where(np.isfinite(layer.half), layer.mean, np.nan)
-    (x_name, y_name), (x_unit, y_unit) = p.names, p.units
-    texts = layer.points.texts or [f"{_bare(x_name, x_unit)} {v:.4g} {x_unit}".rstrip()
+def _(layer: layers.Intervals, pane: Pane, parts: Parts) -> None:
+    middle = layer.middle
+    (x_name, y_name), (x_unit, y_unit) = pane.plot.names, pane.plot.units
+    texts = layer.points.texts or [f"{bare(x_name, x_unit)} {v:.4g} {x_unit}".rstrip()
                                    for v in layer.x.tolist()]
-    word = pane.words.get(layer.kind, _bare(y_name, y_unit))
+    word = pane.words.get(layer.kind, bare(y_name, y_unit))
     said = Points([f"{t}\n{word}: {m:.3g} ± {h:.2g} {y_unit}".rstrip()
                    for t, m, h in zip(texts, middle.tolist(), layer.half.tolist(), strict=True)])
-    trace = _points(pane, layer.x + layer.aside * pane.per()[0], middle, layer.kind, said,
+    trace = _points(pane, layer.x + layer.aside * pane.plot.per()[0], middle, layer.kind, said,
                     _marker(layer.kind, "o", 5.6))
-    seen = _inside(pane, layer.x, middle)[2]
+    seen = pane.inside(layer.x, middle)[2]
     trace["hovertemplate"] = "%{text}<extra></extra>"
     trace["error_y"] = {"type": "data", "array": numbers(layer.half[seen]), "width": 0,
                         "thickness": 1.6, "color": f"--{layer.kind}"}
     parts.data.append(trace)
 
 
-def _bare(name: str, unit: str) -> str:
-    return name.removesuffix(f" ({unit})")
-
-
 @add.register
-def _(layer: Arrows, pane: Pane, parts: Parts) -> None:
-    x, y = layer.pieces(*pane.per())
+def _(layer: layers.Arrows, pane: Pane, parts: Parts) -> None:
+    x, y = layer.pieces(*pane.plot.per())
     parts.data.append(_line(numbers(x), numbers(y), f"--{layer.kind}", 1.4))
     if layer.sizes is None:
         return
     # the feet stand for the arrows where one points or selects
     trace = _points(pane, layer.x, layer.y, layer.kind, layer.points,
                     {"color": f"--{layer.kind}", "size": 4})
-    (x_name, y_name), (x_unit, y_unit) = pane.plot.names, pane.plot.units
-    seen = _inside(pane, layer.x, layer.y)[2]
+    seen = pane.inside(layer.x, layer.y)[2]
     word = safe(pane.words.get(layer.kind, "error"))
-    tail = "" if layer.points.keys else (f"<br>{_value(x_name, x_unit, 'x')}"
-                                         f"<br>{_value(y_name, y_unit, 'y')}")
-    trace["hovertemplate"] = [f"%{{text}}<br>{word}: {v:.4g} {safe(layer.unit)}".rstrip()
-                              + f"{tail}<extra></extra>" for v in layer.sizes[seen].tolist()]
+    tail = [] if layer.points.keys else pane.coordinates()
+    trace["hovertemplate"] = [
+        "<br>".join([f"%{{text}}<br>{word}: {v:.4g} {safe(layer.unit)}".rstrip(), *tail])
+        + "<extra></extra>" for v in layer.sizes[seen].tolist()]
     parts.data.append(trace)
 
 
 @add.register
-def _(layer: Histogram, pane: Pane, parts: Parts) -> None:
+def _(layer: layers.Histogram, pane: Pane, parts: Parts) -> None:
     seen = layer.tops > 0.0
     left, right = layer.edges[:-1][seen], layer.edges[1:][seen]
-    x_unit, y_unit = pane.plot.units
+    x_unit = pane.plot.units[0]
     parts.data.append({
         "type": "bar", "x": numbers(0.5 * (left + right)), "y": numbers(layer.tops[seen]),
         "width": numbers(0.88 * (right - left)), "marker": {"color": "--after/0.75"},
         "text": [f"{a:.4g} … {b:.4g} {safe(x_unit)}".rstrip()
                  for a, b in zip(left.tolist(), right.tolist(), strict=True)],
         "textposition": "none", "hovertemplate":
-            f"{safe(_bare(pane.plot.names[0], x_unit))}: %{{text}}<br>"
-            f"{_value(pane.plot.names[1], y_unit, 'y')}<extra></extra>"})
+            f"{safe(bare(pane.plot.names[0], x_unit))}: %{{text}}<br>"
+            f"{pane.coordinate('y')}<extra></extra>"})
 
 
 @add.register
-def _(layer: Between, pane: Pane, parts: Parts) -> None:
-    x = np.ravel(np.asarray(layer.x, dtype=float))
-    low, high = (np.clip(np.asarray(v, dtype=float), pane.plot.y.low, pane.plot.y.high)
-                 for v in (layer.low, layer.high))
-    parts.data.append(_line(numbers(np.append(x, x[::-1])), numbers(np.append(low, high[::-1])),
-                            "--after/0", 0, fill="toself", fillcolor="--after/0.2"))
+def _(layer: layers.Between, pane: Pane, parts: Parts) -> None:
+    x, y = layer.outline(pane.plot.y.low, pane.plot.y.high)
+    parts.data.append(_line(numbers(x), numbers(y), "--after/0", 0, fill="toself",
+                            fillcolor="--after/0.2"))
 
 
 @add.register
-def _(layer: Zero, pane: Pane, parts: Parts) -> None:
+def _(layer: layers.Zero, pane: Pane, parts: Parts) -> None:
     along, across = ("y", "x") if layer.upright else ("x", "y")
     parts.shapes.append({
         "type": "line", f"{along}ref": "paper", f"{along}0": 0, f"{along}1": 1, f"{across}0": 0,
@@ -270,7 +261,7 @@ def _(layer: Zero, pane: Pane, parts: Parts) -> None:
 
 
 @add.register
-def _(layer: Band, pane: Pane, parts: Parts) -> None:
+def _(layer: layers.Band, pane: Pane, parts: Parts) -> None:
     if layer.low < layer.high:
         parts.shapes.append({
             "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": number(layer.low),
@@ -279,21 +270,20 @@ def _(layer: Band, pane: Pane, parts: Parts) -> None:
 
 
 @add.register
-def _(layer: Starts, pane: Pane, parts: Parts) -> None:
-    for x, name in layer.places:
-        room = min(90.0, (pane.plot.x.high - x) / pane.per()[0])
+def _(layer: layers.Starts, pane: Pane, parts: Parts) -> None:
+    for x, name, shown in pane.plot.starts(layer):
         parts.shapes.append({
             "type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": x, "x1": x,
             "line": {"color": "--soft/0.7", "width": 1, "dash": "dash"}, "layer": "below"})
         parts.annotations.append({
             "x": x, "y": 1, "yref": "paper", "xanchor": "left", "yanchor": "top",
-            "showarrow": False, "text": safe(fitted(name, room, size=SMALL)),
+            "showarrow": False, "text": safe(shown),
             "hovertext": safe(name), "font": {"color": "--soft", "size": 11}})
 
 
 @add.register
-def _(layer: WordsAt, pane: Pane, parts: Parts) -> None:
-    wide, high = pane.per()
+def _(layer: layers.WordsAt, pane: Pane, parts: Parts) -> None:
+    wide, high = pane.plot.per()
     parts.annotations.append({
         "x": number(pane.plot.x.high - wide * layer.x),
         "y": number(pane.plot.y.high - high * (layer.y - 4.0)), "xanchor": "right",

@@ -11,7 +11,7 @@ from typing import Any
 
 from ppmcal.io.results.design import ShownTable
 from ppmcal.notes import FINDING, level_of
-from ppmcal.plotting.palette import with_palette
+from ppmcal.plotting.style import with_palette
 from ppmcal.report.design_records import DESIGN_FILES, designed
 from ppmcal.report.format import count, exact, number, sig
 from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words

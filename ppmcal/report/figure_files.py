@@ -11,7 +11,8 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.results.validation import ValidatedDataset, ValidationRecord
-from ppmcal.plotting.canvas import Drawing, sheet
+from ppmcal.plotting.canvas import Drawing
+from ppmcal.plotting.picture import sheet
 from ppmcal.plotting.style import png as to_png
 from ppmcal.plotting.svg import svg
 from ppmcal.report.diagnosis_figures import pictures

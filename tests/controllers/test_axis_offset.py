@@ -8,13 +8,14 @@ import pytest
 import yaml
 from helpers.paths import ROOT
 
-from ppmcal.controllers import klipper_export, linuxcnc_export
+from ppmcal.controllers.klipper import controller as klipper
+from ppmcal.controllers.linuxcnc import controller as linuxcnc
 from ppmcal.io import read_mechanism
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("config", "limb", "export"), [
-    ("6-UPS", 2, linuxcnc_export.export), ("delta-linear", 1, klipper_export.export)])
+    ("6-UPS", 2, linuxcnc.export), ("delta-linear", 1, klipper.export)])
 def test_an_offset_is_fitted_around_and_told(config: str, limb: int, export, tmp_path: Path
                                              ) -> None:
     tree = yaml.safe_load((ROOT / f"configs/{config}.yaml").read_text(encoding="utf-8"))

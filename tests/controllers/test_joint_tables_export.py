@@ -14,8 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, fsolve
 
-from ppmcal.controllers.joint_tables import TARGET, joint_tables, knots
-from ppmcal.controllers.joint_tables_file import (
+from ppmcal.controllers.joints.file import (
     MOST,
     Triplets,
     correction,
@@ -23,6 +22,7 @@ from ppmcal.controllers.joint_tables_file import (
     parse_triplets,
     read_triplets,
 )
+from ppmcal.controllers.joints.tables import TARGET, joint_tables, knots
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 

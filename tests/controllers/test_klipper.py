@@ -16,15 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ppmcal import import_config
-from ppmcal.controllers.klipper import drive_of, reached
-from ppmcal.controllers.klipper_config import (
-    DeltaGeometry,
-    format_geometry,
-    parse_config,
-    read_geometry,
-)
-from ppmcal.controllers.klipper_fit import project
-from ppmcal.controllers.klipper_import import read_printer
+from ppmcal.controllers.delta.fit import project
+from ppmcal.controllers.delta.geometry import DeltaGeometry
+from ppmcal.controllers.delta.machine import drive_of, reached
+from ppmcal.controllers.klipper.config import format_geometry, parse_config, read_geometry
+from ppmcal.controllers.klipper.controller import KLIPPER
+from ppmcal.controllers.klipper.reading import read_printer
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_mechanism
 
@@ -236,7 +233,7 @@ def laid(at: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 def test_predicted_gain_against_trilateration(printer: Path) -> None:
     model = read_mechanism(printer / "identified" / "identified.yaml")
-    found = project(model, OLD)
+    found = project(model, KLIPPER, OLD)
     real = read_back(printer)
     points = found.points * 1e3
     carriage = tops(real) - (tops(OLD) - heights_of(OLD, points))
@@ -291,7 +288,7 @@ def test_a_leaning_tower_is_listed_with_its_cost(tmp_path: Path) -> None:
 def test_the_fit_is_a_smallest_one(tmp_path: Path) -> None:
     path = changed(tmp_path, {"b": {"base.direction": [0.002, 0.003, 1]}})
     model = read_mechanism(path)
-    found = project(model)
+    found = project(model, KLIPPER)
     v = [found.new.radius, *found.new.angles[:2], *found.new.arms, *found.new.endstops]
     for i in range(9):
         for step in (-0.02, 0.02):
@@ -309,7 +306,7 @@ def test_single_radii_heights_and_turns_are_expressed(tmp_path: Path) -> None:
         "b": {"base.point": {"radius": 159.6, "angle": 339, "z": -2}, "length": 250.4},
         "c": {"base.point": {"radius": 160.1, "angle": 100.0, "z": 0},
               "platform.point": [-6.0, 34.3, 0.4]}})
-    found = project(read_mechanism(path))
+    found = project(read_mechanism(path), KLIPPER)
     assert found.exact and found.after.max < 2e-8 and found.new.angles[2] == 90.0
     words = " ".join(found.notes)
     assert "turned by" in words and "middle of the towers" in words and "heights" in words
@@ -318,7 +315,7 @@ def test_single_radii_heights_and_turns_are_expressed(tmp_path: Path) -> None:
 
 def test_a_changed_drive_ratio_is_told_as_rotation_distance(tmp_path: Path) -> None:
     path = changed(tmp_path, {"c": {"ratio": {"value": 1.001, "nominal": 1.0, "tolerance": 0.01}}})
-    found = project(read_mechanism(path))
+    found = project(read_mechanism(path), KLIPPER)
     what = found.not_expressed[0].what
     assert "rotation_distance" in what and "1.001" in what
 
@@ -398,11 +395,11 @@ def test_a_machine_that_is_no_delta_is_refused(tmp_path: Path) -> None:
     machine["limbs"][0]["base"]["direction"] = [1, 0, 1]
     (tmp_path / "m.yaml").write_text(yaml.safe_dump(machine))
     with pytest.raises(BadInput, match="leans"):
-        project(read_mechanism(tmp_path / "m.yaml"))
+        project(read_mechanism(tmp_path / "m.yaml"), KLIPPER)
     machine["limbs"][0]["base"]["direction"] = [0, 0, 1]
     (tmp_path / "m.yaml").write_text(yaml.safe_dump(machine))
     with pytest.raises(NoResult, match="next to nothing"):
-        project(read_mechanism(tmp_path / "m.yaml"))
+        project(read_mechanism(tmp_path / "m.yaml"), KLIPPER)
 
 
 @pytest.mark.parametrize("command", ["import", "export"])

@@ -18,7 +18,7 @@ from helpers.commands import ppmcal
 from helpers.paths import ROOT
 
 from ppmcal import import_config
-from ppmcal.controllers.klipper_config import DeltaGeometry
+from ppmcal.controllers.delta.geometry import DeltaGeometry
 
 START = """
 #*# <---------------------- SAVE_CONFIG ---------------------->

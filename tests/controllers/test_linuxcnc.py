@@ -20,16 +20,16 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ppmcal.controllers.export import Exported
-from ppmcal.controllers.linuxcnc import (
+from ppmcal.controllers.linuxcnc.arithmetic import (
     commands,
     drive_of,
     genhexkins_setting,
     reached,
     strut_lengths,
 )
-from ppmcal.controllers.linuxcnc_export import export
-from ppmcal.controllers.linuxcnc_fit import best, grid, predicted_errors
-from ppmcal.controllers.linuxcnc_hal import (
+from ppmcal.controllers.linuxcnc.controller import export
+from ppmcal.controllers.linuxcnc.fit import best, grid, predicted_errors
+from ppmcal.controllers.linuxcnc.hal import (
     BASE_N,
     PLATFORM_N,
     HexapodGeometry,

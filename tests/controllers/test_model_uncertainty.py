@@ -16,7 +16,7 @@ from helpers.paths import ROOT
 from helpers.report_files import html_of
 
 from ppmcal.calibration.compensation.commands import compensate
-from ppmcal.controllers.export import exporter
+from ppmcal.controllers import loaded
 from ppmcal.controllers.model_uncertainty import pose_uncertainty
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.export import ExportRecord
@@ -59,7 +59,7 @@ def test_the_models_own_uncertainty_is_in_the_prediction(model: Path, tmp_path: 
     told = found["predicted"]
     mechanism = read_mechanism(model)
     knowledge = read_knowledge(model.with_name("identification.json"), mechanism)
-    poses = exporter("grid").export(mechanism, None, None).poses
+    poses = loaded("grid").export(mechanism, None, None).poses
     (name, registration), = mechanism.registrations.items()
     wanted = measured_pose(registration, pose_motor(poses))
     wide = replace(knowledge, volume={})
@@ -99,7 +99,7 @@ def test_what_is_not_known_is_not_promised(model: Path, tmp_path: Path) -> None:
 def test_several_frames_are_none(model: Path) -> None:
     """With two data sets it is the base frame, and that is said."""
     mechanism = read_mechanism(model)
-    poses = exporter("grid").export(mechanism, None, None).poses
+    poses = loaded("grid").export(mechanism, None, None).poses
     (name, registration), = mechanism.registrations.items()
     two = replace(mechanism, registrations={name: registration, "other": registration})
     own, base = (pose_uncertainty(m, poses, model) for m in (mechanism, two))

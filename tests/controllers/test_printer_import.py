@@ -20,9 +20,9 @@ from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.noise_estimate import with_estimated_noise
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.controllers.klipper_config import DeltaGeometry
-from ppmcal.controllers.klipper_lines import BLOCK
-from ppmcal.controllers.printer_files import SHRUNK
+from ppmcal.controllers.delta.files import SHRUNK
+from ppmcal.controllers.delta.geometry import DeltaGeometry
+from ppmcal.controllers.klipper.lines import BLOCK
 from ppmcal.io import read_campaign, read_mechanism
 
 DATA = Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data"))

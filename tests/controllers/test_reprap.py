@@ -14,11 +14,12 @@ from helpers.paths import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ppmcal.controllers import klipper
-from ppmcal.controllers.klipper import drive_of
-from ppmcal.controllers.klipper_fit import error_summary
-from ppmcal.controllers.reprap import delta_of, geometry_of, project, reached, travel
-from ppmcal.controllers.reprap_config import Delta, format_delta, parse_lines, read_delta
+from ppmcal.controllers.delta import geometry
+from ppmcal.controllers.delta.fit import error_summary, project
+from ppmcal.controllers.delta.machine import drive_of, driven
+from ppmcal.controllers.reprap.arithmetic import delta_of, geometry_of, travel
+from ppmcal.controllers.reprap.config import Delta, format_delta, parse_lines, read_delta
+from ppmcal.controllers.reprap.controller import REPRAP
 from ppmcal.io import read_mechanism
 
 CONFIGS = ROOT / "configs"
@@ -202,7 +203,7 @@ def test_the_arithmetic_is_the_firmwares(radius: float, rods: tuple, height: flo
     level = Delta(radius, rods, height, angles, ends)
     np.testing.assert_allclose(travel(again, points * 1e-3), travel(level, points * 1e-3),
                                atol=1e-12)
-    np.testing.assert_allclose(klipper.travel(geometry_of(delta), points * 1e-3),
+    np.testing.assert_allclose(geometry.travel(geometry_of(delta), points * 1e-3),
                                travel(level, points * 1e-3), atol=1e-12)
 
 
@@ -239,7 +240,7 @@ def test_a_bent_machine_is_driven_with_its_lines(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_single_numbers_move_alone(tmp_path: Path) -> None:
-    start = project(read_mechanism(CONFIGS / "delta-linear.yaml"))
+    start = project(read_mechanism(CONFIGS / "delta-linear.yaml"), REPRAP)
     assert start.after.max < 1e-7 and start.new == start.old and not start.not_expressed
     for change, moves in (
             ({t: {"length": 250.4} for t in "abc"}, {"rods": 0.4}),
@@ -248,12 +249,13 @@ def test_single_numbers_move_alone(tmp_path: Path) -> None:
             ({"a": {"offset": 0.3}, "b": {"offset": 0.3}, "c": {"offset": 0.3}},
              {"height": 0.3}),
             ({"a": {"offset": 0.3}, "b": {"offset": -0.3}}, {"endstops": 0.3})):
-        found = project(read_mechanism(changed(tmp_path, change)))
+        found = project(read_mechanism(changed(tmp_path, change)), REPRAP)
         assert found.after.max < 1e-6
         for name, size in moves.items():
             apart = np.abs(np.subtract(getattr(found.new, name), getattr(start.new, name)))
             assert apart.max() == pytest.approx(size, abs=2e-4), (name, found.new)
-    longer = project(read_mechanism(changed(tmp_path, {t: {"length": 250.4} for t in "abc"})))
+    path = changed(tmp_path, {t: {"length": 250.4} for t in "abc"})
+    longer = project(read_mechanism(path), REPRAP)
     assert "L250.4000 R" in format_delta(longer.new)      # equal rods are one number
 
 
@@ -262,11 +264,11 @@ def test_the_gain_against_the_present_file(tmp_path: Path) -> None:
     (tmp_path / "config-override.g").write_text(OVERRIDE)
     run = ppmcal("export", "reprap", path, "--old", "config-override.g", "--json", cwd=tmp_path,
                  expect=0)
-    found = project(read_mechanism(path), OLD)
+    found = project(read_mechanism(path), REPRAP, OLD)
     points = found.points * 1e3
     before = stands(path, carriages(numbers(OLD), points))
-    np.testing.assert_allclose(reached(drive_of(read_mechanism(path)), OLD, found.points) * 1e3,
-                               before, atol=1e-6)
+    at = driven(drive_of(read_mechanism(path)), travel(OLD, found.points))
+    np.testing.assert_allclose(at * 1e3, before, atol=1e-6)
     after = stands(path, carriages(written(tmp_path), points))
     for side, at in (("before", before), ("after", after)):
         left = laid(at, points)
@@ -321,14 +323,14 @@ def test_a_leaning_tower_is_listed_with_its_cost(tmp_path: Path) -> None:
 def test_the_tilt_of_the_bed_would_add_next_to_nothing(tmp_path: Path) -> None:
     lean = {"base.direction": {"value": [0.004, 0, 1], "nominal": [0, 0, 1]}}
     machine = read_mechanism(changed(tmp_path, dict.fromkeys("abc", lean)))
-    found = project(machine)
+    found = project(machine, REPRAP)
     drive, points, new = drive_of(machine), found.points, found.new
     v = np.array([new.radius, *new.rods, *new.angles[:2],
                   *np.add(new.height, new.endstops), 0.0, 0.0])
 
     def left(p: np.ndarray) -> np.ndarray:
         delta = Delta(p[0], tuple(p[1:4]), 0.0, (p[4], p[5], 0.0), tuple(p[6:9]), tuple(p[9:]))
-        at = reached(drive, delta, points)
+        at = driven(drive, travel(delta, points))
         laid_by = error_summary(at, points).removed
         flat = np.exp(1j * laid_by.turn) * (at[:, 0] + 1j * at[:, 1]) + complex(*laid_by.shift)
         return (np.stack([flat.real, flat.imag, at[:, 2]], axis=-1) - points).ravel() * 1e3
@@ -344,7 +346,7 @@ def test_the_tilt_of_the_bed_would_add_next_to_nothing(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_changed_drive_ratio_is_told_as_steps_per_mm(tmp_path: Path) -> None:
     path = changed(tmp_path, {"c": {"ratio": {"value": 1.001, "nominal": 1.0, "tolerance": 0.01}}})
-    found = project(read_mechanism(path))
+    found = project(read_mechanism(path), REPRAP)
     what = found.not_expressed[0].what
     assert "divide its steps per mm (M92)" in what and "1.001" in what
 
@@ -359,7 +361,7 @@ def test_towers_named_x_y_z_are_found_in_any_order(tmp_path: Path) -> None:
         tail = tail.replace(f"{name}: [120", f"{new}: [120")
     (tmp_path / "m.yaml").write_text(head + "".join([limbs[2], limbs[0], limbs[1]])
                                      + "home:" + tail)
-    found = project(read_mechanism(tmp_path / "m.yaml"))
+    found = project(read_mechanism(tmp_path / "m.yaml"), REPRAP)
     assert found.new.angles == (0.0, 0.0, 0.0) and found.after.max < 1e-7
     assert not any("towers:" in note for note in found.notes)
 
@@ -417,7 +419,7 @@ def test_any_file_is_refused_in_words(tmp_path: Path, content: bytes) -> None:
 def test_cut_and_scrambled_files_never_end_in_a_traceback(tmp_path: Path,
                                                           monkeypatch: pytest.MonkeyPatch) -> None:
     draw = random.Random(3)
-    monkeypatch.setattr("ppmcal.controllers.klipper_fit.HEIGHTS", (0.0,))
+    monkeypatch.setattr("ppmcal.controllers.delta.fit.HEIGHTS", (0.0,))
     for _ in range(60):
         broken = bytearray(OVERRIDE[:draw.randrange(150, len(OVERRIDE))].encode())
         for _ in range(draw.randrange(8)):

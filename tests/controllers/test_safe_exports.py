@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 
@@ -10,8 +11,9 @@ import pytest
 from helpers.paths import ROOT
 
 import ppmcal
-from ppmcal.controllers.joint_tables import joint_tables, known_commands
-from ppmcal.controllers.klipper_export import refuse_endstops
+from ppmcal.controllers.delta.geometry import ANGLES, DeltaGeometry
+from ppmcal.controllers.joints.tables import joint_tables, known_commands
+from ppmcal.controllers.klipper.controller import refuse_endstops
 from ppmcal.controllers.pose_grid import default_grid
 from ppmcal.errors import NoResult
 from ppmcal.io.effects import with_effects
@@ -81,14 +83,14 @@ def test_joint_tables_end_a_little_beyond_the_measured_joints() -> None:
 def test_numbers_that_are_worse_than_the_old_ones_are_refused(tmp_path, monkeypatch) -> None:
     """What the format cannot hold costs more than what it mends."""
     from ppmcal.commands.export import run as work
-    from ppmcal.controllers.export import exporter
+    from ppmcal.controllers import loaded
 
     class Worse:
         def export(self, mechanism, old, poses):
-            made = exporter("grid").export(mechanism, old, poses)
+            made = loaded("grid").export(mechanism, old, poses)
             return replace(made, before=made.after, after=made.before)
 
-    monkeypatch.setattr(work, "exporter", lambda name: Worse())
+    monkeypatch.setattr(work, "loaded", lambda name: Worse())
     with pytest.raises(NoResult, match=r"worse than the old ones.*--regardless"):
         ppmcal.export("grid", machine("3-RPR"))
     forced = ppmcal.export("grid", machine("3-RPR"), regardless=True)
@@ -96,6 +98,6 @@ def test_numbers_that_are_worse_than_the_old_ones_are_refused(tmp_path, monkeypa
 
 
 def test_endstops_at_the_bed_are_refused() -> None:
-    refuse_endstops((290.0, 289.0, 291.0), "printer")
-    with pytest.raises(NoResult, match="stepper_b"):
-        refuse_endstops((290.0, 0.0, 291.0), "printer")
+    for ends in ((290.0, 289.0, 291.0), (290.0, 0.0, 291.0)):
+        with pytest.raises(NoResult, match="stepper_b") if 0.0 in ends else nullcontext():
+            refuse_endstops(DeltaGeometry(140.0, ANGLES, (300.0,) * 3, ends), "printer")

@@ -10,7 +10,7 @@ from controllers.test_printer_import import MEANT, REAL, config, down, written
 from helpers.commands import ppmcal
 
 from ppmcal import import_config
-from ppmcal.controllers.printer_files import files
+from ppmcal.controllers.delta.files import files
 
 BACKLASH = 0.034
 QUIET = slice(80, 110)

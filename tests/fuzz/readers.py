@@ -13,14 +13,12 @@ import numpy as np
 from helpers.paths import ROOT
 
 from fuzz.judge import SECONDS
-from ppmcal.controllers import (
-    joint_tables_file,
-    klipper_config,
-    klipper_import,
-    linuxcnc_hal,
-    reprap_config,
-    reprap_import,
-)
+from ppmcal.controllers.joints import file as joint_tables_file
+from ppmcal.controllers.klipper import config as klipper_config
+from ppmcal.controllers.klipper import reading as klipper_reading
+from ppmcal.controllers.linuxcnc import hal as linuxcnc_hal
+from ppmcal.controllers.reprap import config as reprap_config
+from ppmcal.controllers.reprap import reading as reprap_reading
 from ppmcal.io.batch_manifest import read_manifest
 from ppmcal.io.column_names import LABELS
 from ppmcal.io.csv import csv_table
@@ -143,16 +141,16 @@ def _joints(data):
 
 
 def _klipper(path):
-    return klipper_import.read_printer(path, None, (), None)
+    return klipper_reading.read_printer(path, None, (), None)
 
 
 def _heights(path):
-    found, _ = reprap_import.read_map(path)
+    found, _ = reprap_reading.read_map(path)
     assert np.isfinite(found).all(), "heights that are no numbers"
 
 
 def _log(path):
-    point, _, _ = klipper_import._logged(path)
+    point, _, _ = klipper_reading._logged(path)
     assert np.isfinite(point).all(), "touches that are no numbers"
 
 

@@ -8,14 +8,31 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from ppmcal.plotting.canvas import LETTERS, width
-from ppmcal.plotting.style import AFTER, BEFORE, CARD, INK, OUT, SOFT
+from matplotlib.figure import Figure
+
+from ppmcal.plotting.canvas import LETTERS, WIDTH, Drawing, width
+from ppmcal.plotting.picture import Canvas, draw
+from ppmcal.plotting.style import AFTER, BEFORE, CARD, INK, OUT, SOFT, figure, look
+from ppmcal.plotting.svg import svg
 
 FILLS = {"before": ("none", BEFORE), "after": (AFTER, None), "named": (AFTER, None),
          "more": ("none", AFTER), "alternative": ("none", OUT), "explained": (BEFORE, None),
          "other": (SOFT, None), "ring": (CARD, BEFORE), "disc": (AFTER, AFTER)}
 """Fill and stroke of each kind of mark."""
 SWATCH = 22.0
+
+
+def figure_of(drawing: Drawing) -> Figure:
+    """Return a drawing alone, as a sheet has it among others."""
+    with look():
+        drawn = figure(WIDTH / 72.0, drawing.height / 72.0)
+        draw(drawing.content, Canvas(drawn))
+    return drawn
+
+
+def svg_of(drawing: Drawing) -> str:
+    """Return a drawing alone as SVG."""
+    return svg(figure_of(drawing), drawing.title, drawing.description)
 
 
 def parsed(text: str) -> Element:

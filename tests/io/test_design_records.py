@@ -14,7 +14,8 @@ from helpers.paths import ROOT
 
 from ppmcal.commands.tolerances.options import TolerancesArguments
 from ppmcal.commands.tolerances.run import solve
-from ppmcal.controllers.export import exporter, record_of
+from ppmcal.controllers import loaded
+from ppmcal.controllers.export import record_of
 from ppmcal.design.assembly_modes import assembly_modes
 from ppmcal.design.plan.plan import PlanOptions, plan
 from ppmcal.design.sensitivity import SensitivityOptions, analyse
@@ -98,7 +99,7 @@ def exported(form: str, name: str) -> Callable[[Path], ExportRecord]:
         g = m.values.copy()
         g[list(m.free)] += 1e-5
         m = m.with_values(g)
-        return record_of(exporter(form).export(m, None, None), m.name, source(m, None))
+        return record_of(loaded(form).export(m, None, None), m.name, source(m, None))
 
     return build
 
@@ -176,7 +177,7 @@ def test_console_and_report_say_the_same_of_an_export(tmp_path: Path) -> None:
     from ppmcal.report.section import placed
 
     m = machine("delta-linear")
-    found = exporter("klipper").export(m, None, None)
+    found = loaded("klipper").export(m, None, None)
     worse = replace(found, before=found.after, after=replace(found.after, rms=1e-3))
     record = record_of(worse, m.name, source(m, None))
     assert record.attention() == [

@@ -14,7 +14,7 @@ from helpers.paths import ROOT
 from scipy.interpolate import CubicSpline
 
 from ppmcal.calibration.compensation.commands import Knowledge, model_sigma
-from ppmcal.controllers.joint_tables import joint_tables, known_limits, table_command
+from ppmcal.controllers.joints.tables import joint_tables, known_limits, table_command
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism, write_mechanism
 from ppmcal.kinematics.closure import Model

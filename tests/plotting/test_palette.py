@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from ppmcal.plotting.curves import draw_curves
-from ppmcal.plotting.palette import with_palette
+from ppmcal.plotting.style import with_palette
 
 
 def pixels(png):

@@ -7,12 +7,24 @@ import re
 
 import numpy as np
 import pytest
-from helpers.drawings import bars, bold, boxes, lines, parsed, pieces, shapes, style, texts
+from helpers.drawings import (
+    bars,
+    bold,
+    boxes,
+    figure_of,
+    lines,
+    parsed,
+    pieces,
+    shapes,
+    style,
+    svg_of,
+    texts,
+)
 from matplotlib import image
 from matplotlib.patches import Rectangle
 
 from ppmcal.plotting.bars import Chart, Row, ratio_ticks
-from ppmcal.plotting.canvas import WIDTH, Drawing, broken, fitted, sheet, width
+from ppmcal.plotting.canvas import WIDTH, Drawing, broken, fitted, width
 from ppmcal.plotting.layers import (
     Arrows,
     Band,
@@ -26,6 +38,7 @@ from ppmcal.plotting.layers import (
     WordsAt,
     Zero,
 )
+from ppmcal.plotting.picture import sheet
 from ppmcal.plotting.plot import Axis, Plot, span
 from ppmcal.plotting.style import AFTER, BEFORE, OUT, PAGE, figure, look, png
 from ppmcal.plotting.svg import svg
@@ -65,8 +78,8 @@ def everything(n=5):
 @pytest.mark.parametrize("beside", [False, True])
 def test_bars_are_in_proportion(scale, beside):
     low = 0.5 if scale == "log" else 0.0
-    drawn = parsed(chart(scale=scale, low=low, beside=beside)
-                   .drawing("Title", "Caption.", "Description.").svg())
+    drawn = parsed(svg_of(chart(scale=scale, low=low, beside=beside)
+                   .drawing("Title", "Caption.", "Description.")))
     size = {"log": lambda v: np.log(v / 0.5), "linear": float, "root": np.sqrt}[scale]
     # where labels are above, both bars of a row are drawn in one place
     before, after = bars(drawn, "before"), bars(drawn, "after")
@@ -83,7 +96,7 @@ def test_bars_are_in_proportion(scale, beside):
 
 def test_bars_beyond_the_scale_end_at_it():
     rows = [Row("a", ((v, "after"),)) for v in (1e300, 16.0, 0.0, -1.0, 0.5)]
-    drawn = parsed(Chart(rows, "log", 0.5, 16.0, "").drawing("", "", "").svg())
+    drawn = parsed(svg_of(Chart(rows, "log", 0.5, 16.0, "").drawing("", "", "")))
     wide = [max(x for x, _ in b) - min(x for x, _ in b) for b in shapes(drawn, "after")]
     assert wide[0] == wide[1] > 300.0 and wide[2:] == pytest.approx([0.8] * 3, abs=0.05)
 
@@ -99,7 +112,7 @@ def test_no_words_break_a_drawing(label, beside):
              picture(Starts([(2.0, label), (9.0, label)]), WordsAt(20.0, 14.0, label[:14]),
                      names=(label, label))]
     for one in found:
-        root = parsed(one.svg())
+        root = parsed(svg_of(one))
         assert root.findtext("title") == one.title or root.findtext("title") == shown
         for box in boxes(root):
             assert -0.2 <= box.left <= box.right <= WIDTH + 0.2, box
@@ -117,8 +130,8 @@ def test_no_words_break_a_drawing(label, beside):
 
 def test_a_drawing_needs_nothing_else_and_is_the_same_again():
     one = everything()
-    text = one.svg()
-    assert text == one.svg() == everything().svg()
+    text = svg_of(one)
+    assert text == svg_of(one) == svg_of(everything())
     assert not re.search(r"href|url\(| id=|<style|<image|nan|inf\b|class=|var\(", text)
     assert text.count("http") == 1
     assert set(re.findall(r"#[0-9a-f]{6}", text)) <= set(PAGE)
@@ -138,7 +151,7 @@ def test_the_page_has_the_colours_of_files_by_day():
 
 def test_layers_are_where_their_numbers_are():
     x, y = np.array([0.0, 5.0, 10.0, 5.0, np.nan]), np.array([-1.0, 0.0, 1.0, 7.0, 0.0])
-    root = parsed(picture(Dots(x, y, "after"), Marks(x, y, "out", "D", 6.0)).svg())
+    root = parsed(svg_of(picture(Dots(x, y, "after"), Marks(x, y, "out", "D", 6.0))))
     at = [p[0] for p in lines(root, AFTER)]
     left, low, right, top = *at[0], *at[2]
     assert left < right and low > top
@@ -153,7 +166,7 @@ def test_layers_are_where_their_numbers_are():
 @pytest.mark.parametrize("ends", [(1e-5, 1e-2, True), (0.01, 0.1, True), (1e-4, 1e-3, True),
                                   (-0.0004, 0.0007, False), (-12345.6, 12346.1, False)])
 def test_axes_leave_room_for_their_names(ends):
-    root = parsed(picture(x=Axis(1790.0, 1950.1), y=Axis(*ends)).svg())
+    root = parsed(svg_of(picture(x=Axis(1790.0, 1950.1), y=Axis(*ends))))
     found = boxes(root)
     assert len(found) > 4 and "1900" in texts(root)
     for n, box in enumerate(found):
@@ -164,9 +177,9 @@ def test_axes_leave_room_for_their_names(ends):
 def test_thousands_of_dots_are_small():
     t = np.linspace(0.0, 10.0, 3000)
     one = picture(Dots(t, np.sin(t), "after"))
-    assert len(one.svg()) < 3000 * 16 + 4000
+    assert len(svg_of(one)) < 3000 * 16 + 4000
     with look():
-        shot = image.imread(io.BytesIO(png(one.figure())))[..., :3]
+        shot = image.imread(io.BytesIO(png(figure_of(one))))[..., :3]
     blue = np.abs(shot - np.array([0x1f, 0x62, 0xa6]) / 255.0).max(axis=-1) < 0.02
     assert blue.any(axis=0).mean() > 0.75
 
@@ -176,9 +189,9 @@ def test_thousands_of_dots_are_small():
 @pytest.mark.parametrize("log", [False, True])
 def test_no_numbers_break_a_drawing(values, log):
     v = np.array(values, dtype=float)
-    drawn = picture(Dots(v, v, "after"), Polyline(v, v), Marks(v, v, "before", "o"),
+    drawn = svg_of(picture(Dots(v, v, "after"), Polyline(v, v), Marks(v, v, "before", "o"),
                     Strokes(v, -v, v, "out"), Intervals(v, v, v, "before"), Zero(),
-                    x=span(v), y=span(v, log=log)).svg()
+                    x=span(v), y=span(v, log=log)))
     assert not re.search(r"nan|inf\b", drawn)
     assert all(t.strip() for t in texts(parsed(drawn)))
 
@@ -206,7 +219,7 @@ def test_words_are_cut_and_broken_to_their_room():
 
 
 def test_long_words_are_told_in_full_on_hovering():
-    root = parsed(chart("leg1 leg2 leg_3 " * 10 + "axes_1").drawing("", "", "").svg())
+    root = parsed(svg_of(chart("leg1 leg2 leg_3 " * 10 + "axes_1").drawing("", "", "")))
     (cut,) = (t for t in root.iter("text") if len(t))
     assert (cut.text or "").endswith("…")
     assert cut.findtext("title") == "leg1 leg2 leg_3 " * 10 + "axes_1"

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 from helpers.report_files import identification, specs, write_csv, write_fit
+from helpers.sources import nodes_of
 
+from ppmcal import plotting
 from ppmcal.plotting.bars import Chart, Row
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import (
@@ -18,6 +22,7 @@ from ppmcal.plotting.layers import (
     Dots,
     Histogram,
     Intervals,
+    Layer,
     Marks,
     Points,
     Polyline,
@@ -26,9 +31,11 @@ from ppmcal.plotting.layers import (
     WordsAt,
     Zero,
 )
+from ppmcal.plotting.picture import draw_layer, sheet
 from ppmcal.plotting.plot import Axis, Plot, row_y, rows_plot, span
 from ppmcal.plotting.style import PAGE
 from ppmcal.plotting.web import spec, told
+from ppmcal.plotting.web_layers import add
 from ppmcal.report import collect, to_html
 from ppmcal.report.figure_files import TITLES
 from ppmcal.report.html import script_json
@@ -36,6 +43,7 @@ from ppmcal.report.residual_figures import residual_figures
 from ppmcal.report.residuals import POINTS
 from ppmcal.report.rows import row_keys
 
+PLOTTING = Path(plotting.__file__).parent
 EVIL = "</script><b>%{x}</b> & 'leg' --after"
 N = 7
 T = np.linspace(0.5, 9.5, N)
@@ -153,13 +161,26 @@ def test_bars_end_at_their_values(scale, low, beside):
 
 def test_what_is_not_known_is_refused():
     class Strange:
-        def draw(self, canvas):
-            pass
+        pass
 
     with pytest.raises(TypeError, match="Strange"):
         spec(Drawing("", "", "", Strange()))
     with pytest.raises(TypeError, match="Strange"):
         spec(plot(Strange()))
+    for one in (Drawing("", "", "", Strange()), plot(Strange())):
+        with pytest.raises(TypeError, match="Strange"):
+            sheet("", [one])
+
+
+def test_both_interpreters_know_every_layer_and_neither_is_known_to_the_data():
+    """A figure is described once; a layer more is a class and a function in each of the two."""
+    kinds = set(get_args(Layer))
+    assert kinds == set(add.registry) - {object} == set(draw_layer.registry) - {object}
+    for module in ("layers", "plot", "bars"):
+        for node in nodes_of(PLOTTING / f"{module}.py"):
+            name = getattr(node, "module", None) or ""
+            assert not name.startswith(("matplotlib", "ppmcal.plotting.picture",
+                                        "ppmcal.plotting.web")), module
 
 
 # --- of a report ----------------------------------------------------------------------------------

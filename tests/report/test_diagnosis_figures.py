@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import hidden
 import numpy as np
 import pytest
-from helpers.drawings import bars, boxes, lines, parsed, pieces, shapes, style, texts
+from helpers.drawings import bars, boxes, lines, parsed, pieces, shapes, style, svg_of, texts
 from matplotlib import image
 from numpy.typing import NDArray
 from scipy.stats import chi2
@@ -294,7 +294,7 @@ def test_words_have_room(cases: Callable[[str], Case], verdict: str) -> None:
     """No words leave a drawing or lie on other words; only long names are cut short."""
     for drawings in pictures(cases(verdict).whole).values():
         for picture in drawings:
-            found = boxes(parsed(picture.svg()))
+            found = boxes(parsed(svg_of(picture)))
             assert found
             for n, box in enumerate(found):
                 assert -1.0 <= box.left <= box.right <= WIDTH + 1.0, box
@@ -361,7 +361,7 @@ def test_inputs_picture(cases: Callable[[str], Case]) -> None:
         assert text in words, text
     assert any("○ geometry alone, ● with what is named." in w for w in words)
     # higher on the page is a larger error
-    drawing = parsed(pictures(case.whole)["inputs"][0].svg())
+    drawing = parsed(svg_of(pictures(case.whole)["inputs"][0]))
     rings = [p for p in drawing.iter("path") if style(p).get("stroke") == BEFORE
              and p.get("d", "").endswith("z")]
     heights = [-float(np.mean([y for _, y in ring])) for p in rings for ring in pieces(p)]

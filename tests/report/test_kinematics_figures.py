@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from helpers import machines
+from helpers.drawings import svg_of
 from helpers.paths import ROOT
 
 import ppmcal as face
@@ -49,7 +50,7 @@ def test_a_planar_path_over_time_with_what_is_wrong_on_it():
     assert "red: singular below it" in found["singularity"][0].caption
     for drawings in found.values():
         for drawing in drawings:
-            assert drawing.svg().startswith("<svg")
+            assert svg_of(drawing).startswith("<svg")
 
 
 def test_the_least_distance_to_singularity_is_told():
@@ -149,7 +150,7 @@ def test_many_rows_are_thinned():
     found = figures(face.inverse(CONFIGS / "3-RPR.yaml", {
         "time": t, "x": 500.0 + 30.0 * t, "y": 300.0 + 10.0 * t, "rz": 20.0 + t}))
     assert "Thinned" in found["pose"][0].caption
-    assert len(found["pose"][0].svg()) < 60_000
+    assert len(svg_of(found["pose"][0])) < 60_000
 
 
 def test_the_page_has_them(tmp_path):

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 from helpers.commands import ppmcal
-from helpers.drawings import bold, lines, parsed, pieces, style, texts
+from helpers.drawings import bold, lines, parsed, pieces, style, svg_of, texts
 from helpers.paths import ROOT
 from helpers.report_files import cells, read, specs
 
@@ -110,7 +110,7 @@ def test_comparison(folders: Path) -> None:
 def test_picture_of_differences(folders: Path) -> None:
     """One bar a parameter, largest first, changed ones with a mark and a bold name."""
     found = record(folders / "cmp", "comparison.json")["parameters"]
-    root = parsed(differences(collect([folders / "cmp"]).compared[0].record.parameters).svg())
+    root = parsed(svg_of(differences(collect([folders / "cmp"]).compared[0].record.parameters)))
     by_size = sorted(found, key=lambda p: -abs(p["difference"] / p["sigma"]))
     names = [t for t in texts(root) if any(p["name"].startswith(t.rstrip("…")) for p in found)]
     assert [n.removesuffix("…") for n in names] == [

@@ -6,6 +6,7 @@ import json
 
 import pytest
 from helpers.commands import ppmcal as command
+from helpers.drawings import svg_of
 
 from ppmcal.commands.validate.run import errors_table
 from ppmcal.io.results.validation import (
@@ -78,7 +79,7 @@ def test_the_console_says_in_which_unit_one_is_better(day):
 def test_the_picture_has_a_line_for_each_machine(day):
     drawn = picture(day)
     assert drawn is not None
-    svg = drawn.svg()
+    svg = svg_of(drawn)
     assert all(e.model in svg for e in day.errors)
     assert picture(day.changed(errors=day.errors[:1])) is None
 

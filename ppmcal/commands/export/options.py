@@ -13,21 +13,31 @@ from ppmcal.commands.spec import (
     option,
     regardless,
 )
+from ppmcal.controllers import about, examples, exported, own
+
+
+def _names() -> str:
+    *others, last = exported()
+    return f"{', '.join(others)} or {last}."
+
+
+def _about() -> str:
+    return " ".join(f"{{form}} {one}" for one in about())
 
 
 @dataclass(frozen=True)
 class ExportArguments(Arguments):
     """For which controller, and against what."""
 
-    form: str = argument("FORMAT", "klipper, linuxcnc, reprap, joints or grid.",
-                         complete="ppmcal.controllers.export:formats")
+    form: str = argument("FORMAT", _names, complete="ppmcal.controllers:exported")
     model: Machine = argument("MODEL", "The identified machine, or its file.", words="machine")
     old: Path_ | None = option(
         None, "The controller's file in use, to predict the gain against",
         otherwise="the nominal values of {model}")
     poses: Path_ | None = option(None, "Wanted poses, for formats that are tables of them.")
     write: bool = option(
-        False, "Write a copy of --old with the new numbers as well (klipper), such as its own "
+        False, "Write a copy of --old with the new numbers as well "
+        f"({', '.join(name for name, one in own().items() if one.copies)}), such as its own "
         "reader takes them.")
     regardless: bool = regardless(
         "a model whose fit had not converged or whose residuals are far beyond the noise of its "
@@ -37,19 +47,14 @@ class ExportArguments(Arguments):
 COMMAND = Command(
     "export", ExportArguments,
     about=("Write {model} as a controller's configuration takes it.",
-           "{form} klipper: lines for the printer.cfg of a linear delta. "
-           "{form} linuxcnc: HAL pins of genhexkins for a hexapod. "
-           "{form} reprap: M665 and M666 of a linear delta. "
-           "{form} joints: LinuxCNC compensation files, one for each actuator. "
-           "{form} grid: a table of wanted poses, their corrected commands and joint values.",
+           _about,
            "The file is read back, and the machine is driven through the controller's own "
            "arithmetic with the old and the new numbers; what the controller cannot express is "
            "listed with what that costs. Refused, unless --regardless says so: a model whose fit "
            "had not converged or whose residuals are far beyond the noise of its own measurements, "
            "and numbers that are predicted to be worse than the old ones. Writes the controller's "
            "file and export.json."),
-    examples=("ppmcal export klipper fitted-printer --old printer.cfg --write",
-              "ppmcal export grid identified --poses targets.csv"),
+    examples=examples("export"),
     out="exported", replace="--overwrite", result="ExportResult",
     raises="BadInput: a machine that this controller does not drive, or an option without use. "
            "NoResult: the file does not read back as what it was written from, or it is not safe "

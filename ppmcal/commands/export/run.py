@@ -15,7 +15,8 @@ from ppmcal.commands.own_data import refuse_unfit
 from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.commands.spec import Path_
-from ppmcal.controllers.export import Exported, Exporter, exporter, record_of
+from ppmcal.controllers import loaded
+from ppmcal.controllers.export import Exported, Exporter, record_of
 from ppmcal.controllers.model_uncertainty import KNOWLEDGE, UNKNOWN, pose_uncertainty
 from ppmcal.controllers.pose_errors import MM
 from ppmcal.errors import BadInput, NoResult
@@ -71,7 +72,8 @@ class ExportResult(Result):
 
 def run(asked: ExportArguments) -> ExportResult:
     """Write a machine as a controller's configuration takes it."""
-    writer, machine = exporter(asked.form), load(asked.model)
+    writer: Exporter = loaded(asked.form)
+    machine = load(asked.model)
     warned = refuse_unfit(machine, regardless=asked.regardless)
     source_file = Path(machine.source)
     old, poses = asked.old, asked.poses

@@ -12,18 +12,15 @@ from typing import Any, ClassVar
 from ppmcal.commands.import_.options import ImportArguments
 from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
-from ppmcal.controllers import klipper_import, reprap_import
-from ppmcal.controllers.klipper_config import SMALLEST
-from ppmcal.controllers.klipper_export import keys
-from ppmcal.controllers.klipper_refit import differences, refit, sentence, size_sentence
-from ppmcal.controllers.printer import Printer
-from ppmcal.controllers.printer_before import before_sentence, printer_before
-from ppmcal.controllers.printer_files import RODS, SCALES, files, rods_of
+from ppmcal.controllers import IMPORTS, loaded
+from ppmcal.controllers.delta.before import before_sentence, printer_before
+from ppmcal.controllers.delta.files import RODS, SCALES, files, rods_of
+from ppmcal.controllers.delta.geometry import SMALLEST
+from ppmcal.controllers.delta.printer import Importer, Printer
 from ppmcal.errors import BadInput, unknown
 from ppmcal.wording import counted
 from ppmcal.wording.told import CommandLine, Told
 
-FORMATS = {"klipper": klipper_import.read_printer, "reprap": reprap_import.read_printer}
 ROBOTS = {
     "urdf": "it describes trees, and a parallel machine is a loop",
     "sdf": "its loops are joints between links, which say nothing of limbs, drives or home",
@@ -98,8 +95,8 @@ class ImportResult(Result):
                 "distances": len(self.printer.distances),
                 "meshes": {m.name: len(m.rows) for m in self.printer.meshes},
                 "rods": self.rods, "scale": self.scale if self.printer.distances else None,
-                "nominal": keys(nominal.geometry), "nominal_from": nominal.origin,
-                "saved": keys(self.printer.calibration) if self.printer.calibrated else None,
+                "nominal": nominal.geometry.named(), "nominal_from": nominal.origin,
+                "saved": self.printer.calibration.named() if self.printer.calibrated else None,
                 "saved_off": dict(self.off), "size": self.size or None, "before": dict(self.before),
                 "findings": list(self.findings),
                 "provenance": self.provenance}
@@ -117,8 +114,7 @@ def run(asked: ImportArguments) -> ImportResult:
         raise BadInput(f"{form.upper()} is not imported: {ROBOTS[name]}", str(file),
                        "Begin with `ppmcal init 6-UPS` or the kind of your machine, and copy the "
                        "joints' places at home from the file; docs/notes.md says why")
-    if name not in FORMATS:
-        raise unknown("format", form, tuple(FORMATS))
+    reader: Importer = loaded(form, IMPORTS)
     if scale not in SCALES:
         raise unknown("scale of distances", scale, SCALES, "--scale")
     length, chosen = _rods(asked.rods)
@@ -128,17 +124,15 @@ def run(asked: ImportArguments) -> ImportResult:
                        "--radius 140")
     mesh = asked.mesh
     meshes = [str(m) for m in ([mesh] if isinstance(mesh, str | os.PathLike) else mesh)]
-    printer = FORMATS[name](Path(file), length, meshes, radius)
-    found = refit(printer) if name == "klipper" and printer.calibrated else None
-    off = differences(printer.calibration, found) if found is not None else {}
-    findings = [*printer.findings, *([sentence(off)] if off else [])]
+    printer = reader.printer(Path(file), length, meshes, radius)
+    findings = list(printer.findings)
     if printer.distances and scale == "known" and not printer.nominal.rods_known:
         findings.append("the distances alone hold the size: where the part that they were "
                         "measured on has shrunk by 0.3 %, rods of 300 mm come out 1 mm short")
     inputs = [file, *printer.included, *(m for m in meshes if Path(m).is_file())]
     return ImportResult(source_of("import_config", inputs, None), tuple(findings), str(file),
-                        printer, rods_of(printer, chosen), scale, off, chosen is None,
-                        size_sentence(printer) if name == "klipper" else "")
+                        printer, rods_of(printer, chosen), scale, printer.off, chosen is None,
+                        printer.size)
 
 
 def _rods(given: str | float | Sequence[str | float]) -> tuple[float | None, str | None]:

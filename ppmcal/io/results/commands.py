@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -70,16 +71,17 @@ class CommandsRecord(Record):
     provenance: Provenance = Provenance()
 
     @classmethod
-    def of(cls, mechanism: Mechanism, result: Compensation, names: Sequence[str],
+    def of(cls, mechanism: Mechanism, result: Compensation, columns: Sequence[Column],
            provenance: Mapping[str, Any], notes: Sequence[str], frame: str,
            findings: Sequence[str] = ()) -> CommandsRecord:
-        """Return the record of commands whose columns are ``names``."""
+        """Return the record of commands with the columns of their table."""
+        own = {c.name: mechanism.units.name(c.quantity) for c in columns if c.quantity}
         return cls(format=cls.FORMAT, rows=len(result.status), frame=frame or "base",
                    targets=target_sentence(mechanism, frame),
                    predicted=_predicted(mechanism, result),
                    refused=sum(s != "ok" for s in result.status), findings=tuple(findings),
                    notes=tuple(notes),
-                   units=column_units(mechanism, names),
+                   units=column_units(mechanism, [c.name for c in columns]) | own,
                    provenance=Provenance(**provenance))
 
     def summary(self) -> dict[str, Any]:
@@ -100,22 +102,47 @@ def _predicted(mechanism: Mechanism, result: Compensation) -> dict[str, TargetEr
     return out
 
 
+@dataclass(frozen=True)
+class CommandColumn:
+    """A column of commands.csv: its name, its quantity, and its N values in SI.
+
+    ``quantity`` is as of :class:`Column`; the unit in commands.json follows from it.
+    """
+
+    name: str
+    quantity: str
+    values: Callable[[Compensation], Any]
+
+
+def _expected(kind: str, when: int) -> Callable[[Compensation], Any]:
+    return lambda result: result.expected(kind)[when]
+
+
+def _columns() -> Iterator[CommandColumn]:
+    for kind, quantity in KINDS.items():
+        for when, word in enumerate(("before", "after")):
+            yield CommandColumn(f"error_{kind}_{word}", quantity, _expected(kind, when))
+    for kind, quantity in KINDS.items():
+        yield CommandColumn(f"sigma_{kind}", quantity, attrgetter(f"sigma_{kind}"))
+    yield CommandColumn("status", "", lambda result: list(result.status))
+    yield CommandColumn("reason", "", lambda result: list(result.reason))
+
+
+COLUMNS = list(_columns())
+"""Behind the targets and the joints and poses that are sent, in their order."""
+
+
 def command_columns(mechanism: Mechanism, result: Compensation, header: Sequence[str],
                     columns: Sequence[Any]) -> list[Column]:
     """Return the columns of commands.csv: those of the targets, then the commands.
 
-    Joints, poses and the targets' columns are in file units already, errors are SI.
+    Joints, poses and the targets' columns are in file units already, the others are SI.
     """
     added = [Column(n, v) for part in (joint_columns(mechanism, result.q, "q_{}"),
                                        joint_columns(mechanism, result.q_nominal, "q_{}_nominal"),
                                        pose_columns(mechanism, result.command, "cmd_"))
              for n, v in part.items()]
-    for kind, quantity in KINDS.items():
-        added += [Column(f"error_{kind}_{when}", values, quantity) for when, values in
-                  zip(("before", "after"), result.expected(kind), strict=True)]
-    added += [Column(f"sigma_{kind}", getattr(result, f"sigma_{kind}"), quantity)
-              for kind, quantity in KINDS.items()]
-    added += [Column("status", list(result.status)), Column("reason", list(result.reason))]
+    added += [Column(one.name, one.values(result), one.quantity) for one in COLUMNS]
     ours = {c.name for c in added}
     filled = filled_columns(header, columns, pose_columns(mechanism, result.seen))
     return [*(Column(n, c) for n, c in zip(header, filled, strict=True) if n not in ours), *added]
@@ -127,8 +154,8 @@ def command_files(mechanism: Mechanism, result: Compensation, header: Sequence[s
                   ) -> tuple[dict[str, str], CommandsRecord]:
     """Return commands.csv and commands.json, and the record in the latter."""
     found = command_columns(mechanism, result, header, columns)
-    record = CommandsRecord.of(mechanism, result, [c.name for c in found], provenance, notes,
-                               frame, findings)
+    record = CommandsRecord.of(mechanism, result, found, provenance, notes, frame,
+                               findings)
     return {"commands.csv": table_text(found, mechanism.units), record.FILE: record.text()}, record
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.controllers.export import Exported, NotExpressed, Number
-from ppmcal.controllers.joint_tables import (
+from ppmcal.controllers.joints.file import MOST, format_triplets, parse_triplets
+from ppmcal.controllers.joints.tables import (
     CorrectionTable,
     drives_of_unequal_limbs,
     joint_effects,
@@ -18,9 +19,8 @@ from ppmcal.controllers.joint_tables import (
     known_limits,
     table_command,
 )
-from ppmcal.controllers.joint_tables_file import MOST, format_triplets, parse_triplets
 from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
-from ppmcal.controllers.pose_grid import at_rest, completed_poses, default_grid
+from ppmcal.controllers.pose_grid import at_rest, completed_poses, default_grid, instrument_notes
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
@@ -167,13 +167,6 @@ def _notes(mechanism: Mechanism, tables: tuple[CorrectionTable, ...]) -> Iterato
         yield (f"{', '.join(bare)} counts in the mechanism file's bare numbers: so must the "
                "controller's joint")
     yield from instrument_notes(mechanism)
-
-
-def instrument_notes(mechanism: Mechanism) -> Iterator[str]:
-    """Yield which effects are the instrument's, so that no controller has to know them."""
-    for effect in mechanism.effects:
-        if effect.kind.instrument:
-            yield f"effect {effect.kind.name} belongs to the instrument and is not sent"
 
 
 def _advice(tables: tuple[CorrectionTable, ...]) -> Iterator[str]:

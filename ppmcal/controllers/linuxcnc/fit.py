@@ -15,14 +15,14 @@ from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
-from ppmcal.controllers.linuxcnc import (
+from ppmcal.controllers.linuxcnc.arithmetic import (
     GenhexkinsSetting,
     LinuxcncDrive,
     points,
     reached,
     right_shift,
 )
-from ppmcal.controllers.linuxcnc_hal import STRUTS
+from ppmcal.controllers.linuxcnc.hal import STRUTS
 from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward

@@ -6,7 +6,7 @@ u = ratio m + offset + du(m), where du are the effects that know nothing but the
 and the direction of travel (gain, curvature, periodic, eccentricity, backlash). So it has to be
 commanded the m at which both are equal, and LinuxCNC commands n + (nominal - forward): the table
 holds forward = 2 n - m, the joint's actual position at n up to errors times slopes. All SI, apart
-from :class:`ppmcal.controllers.joint_tables_file.Triplets`, in the controller's unit.
+from :class:`ppmcal.controllers.joints.file.Triplets`, in the controller's unit.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.knowledge import OUTSIDE
-from ppmcal.controllers.joint_tables_file import DIGITS, MOST, Triplets, correction
+from ppmcal.controllers.joints.file import DIGITS, MOST, Triplets, correction
 from ppmcal.controllers.pose_grid import at_rest, refuse_open
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ppmcal.controllers.export import Exported, NotExpressed
-from ppmcal.controllers.joint_tables_export import instrument_notes
 from ppmcal.controllers.pose_grid import (
     BETWEEN,
     Corrected,
@@ -18,6 +17,7 @@ from ppmcal.controllers.pose_grid import (
     default_grid,
     errors_at_poses,
     errors_between_poses,
+    instrument_notes,
 )
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import csv_text, read_poses

@@ -11,26 +11,10 @@ import re
 
 import numpy as np
 
-from ppmcal.controllers.klipper_config import (
-    ANGLES,
-    LARGEST,
-    TOWERS,
-    Config,
-    DeltaGeometry,
-    Triple,
-)
-from ppmcal.controllers.klipper_lines import HEADER
-from ppmcal.controllers.printer import (
-    FAR,
-    LEAST_OFFSET,
-    LEAST_RADIUS,
-    LEAST_RODS,
-    WIDE_RODS,
-    Nominal,
-    far_radius,
-    offsets,
-    tolerance,
-)
+from ppmcal.controllers.delta.geometry import ANGLES, TOWERS, DeltaGeometry, Triple
+from ppmcal.controllers.delta.printer import FAR, WIDE_RODS, Nominal, far_radius, nominal_of
+from ppmcal.controllers.klipper.config import LARGEST, Config
+from ppmcal.controllers.klipper.lines import HEADER
 from ppmcal.errors import BadInput
 
 SKEW = 5.0
@@ -62,21 +46,14 @@ def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = Non
     else:
         radius, radius_from = _radius(config, body, active, findings)
     arms, arms_from, known = _rods(config, body, active, rods, findings)
-    if min(arms) <= radius:
-        raise BadInput(f"rods of {min(arms):g} mm do not reach the middle: the radius is "
-                       f"{radius:g} mm", config.source, "Check both lengths")
     ends, ends_from = _towers(config, body, "position_endstop", active.endstops)
     if max(abs(e - own) for e, own in zip(ends, active.endstops, strict=True)) > FAR:
         findings.append(_placeholder("position_endstop", ends[0], active.endstops[0], ends_from))
         ends, ends_from = active.endstops, _SAVED
-    angles = _angles(body, active)
-    geometry = DeltaGeometry(radius, angles, arms, ends)
-    apart = float(np.max(np.abs(np.subtract(offsets(geometry), offsets(active)))))
-    return Nominal(
-        geometry, {"delta_radius": radius_from, "rods": arms_from, "endstops": ends_from},
-        np.inf if radius_from == _SAVED else tolerance(LEAST_RADIUS, abs(radius - active.radius)),
-        np.inf if ends_from == _SAVED else tolerance(LEAST_OFFSET, apart),
-        WIDE_RODS if rods is None else LEAST_RODS, known, rods is not None, tuple(findings))
+    origin = {"delta_radius": radius_from, "rods": arms_from, "endstops": ends_from}
+    return nominal_of(
+        config.source, DeltaGeometry(radius, _angles(body, active), arms, ends), active, origin,
+        rods, {key for key, place in origin.items() if place == _SAVED}, known, findings)
 
 
 def _radius(config: Config, body: _Body, active: DeltaGeometry, findings: list[str]

@@ -11,15 +11,9 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from ppmcal.controllers.klipper_config import (
-    DIGITS,
-    Config,
-    DeltaGeometry,
-    parse_config,
-    read_config,
-    read_geometry,
-)
-from ppmcal.controllers.klipper_lines import BLOCK, HEADER, SAVED, split
+from ppmcal.controllers.delta.geometry import DIGITS, DeltaGeometry
+from ppmcal.controllers.klipper.config import Config, parse_config, read_config, read_geometry
+from ppmcal.controllers.klipper.lines import BLOCK, HEADER, SAVED, split
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io.input_files import read_bytes
 from ppmcal.io.limits import CONFIG_BYTES

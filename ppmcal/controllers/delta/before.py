@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import yaml
@@ -17,6 +18,7 @@ from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.frames import as_table
 from ppmcal.io.results.identification_parts import summaries
 from ppmcal.io.sidecar import sidecar_of
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import number
@@ -63,6 +65,13 @@ def _datasets(texts: Mapping[str, str], mechanism: Mechanism) -> Iterator[Datase
             continue
         stem = name.removesuffix(".csv")
         header, *rows = csv.reader(text.splitlines())
-        columns = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
-        side = sidecar_of(yaml.safe_load(texts[f"{stem}.yaml"]), mechanism)
-        yield dataset_of(as_table(columns, (), stem, LABELS.__contains__), side, stem, mechanism)
+        yield touches(mechanism, stem, header, np.array(rows, dtype=float),
+                      yaml.safe_load(texts[f"{stem}.yaml"]))
+
+
+def touches(mechanism: Mechanism, name: str, header: Sequence[str], rows: Array,
+            sidecar: Mapping[str, Any]) -> Dataset:
+    """Return the data set of rows (N, columns) with a header and a sidecar's content."""
+    columns = dict(zip(header, rows.T, strict=True))
+    return dataset_of(as_table(columns, (), name, LABELS.__contains__),
+                      sidecar_of(sidecar, mechanism), name, mechanism)

@@ -1,13 +1,8 @@
-"""Klipper's delta arithmetic against a machine: what it makes of a command, and what fits best.
+"""A machine driven by a delta firmware: where it goes, and its geometry in the firmware's numbers.
 
-The firmware has one radius r, three angles w_i, three rods L_i, three endstops e_i. For a point
-(x, y, z) the carriage of tower i goes to
-
-    h_i = sqrt(L_i^2 - (r cos w_i - x)^2 - (r sin w_i - y)^2) + z,
-
-which is e_i + sqrt(L_i^2 - r^2) - h_i below its endstop. That travel, as joint values, goes into
-the machine's own forward kinematics; where the platform ends up is compared with where it should
-be. All lengths here are SI; a :class:`DeltaGeometry` is in mm and degrees. Steps are not rounded.
+How far the firmware sends carriages below their endstops goes, as joint values, into the
+machine's own forward kinematics; where the platform ends up is compared with where it should be.
+All lengths here are SI; a :class:`DeltaGeometry` is in mm and degrees.
 """
 
 from __future__ import annotations
@@ -18,7 +13,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
-from ppmcal.controllers.klipper_config import TOWERS, DeltaGeometry
+from ppmcal.controllers.delta.geometry import MM, TOWERS, DeltaGeometry, travel, triple
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -27,13 +22,12 @@ from ppmcal.linalg import Array
 from ppmcal.model.limbs.spatial import PUS
 from ppmcal.model.mechanism import Mechanism
 
-MM = 1e-3
 UPRIGHT = 0.95
 """Towers whose axis has less than this along z are not those of a delta printer."""
 
 
 @dataclass(frozen=True, eq=False)
-class KlipperDrive:
+class DeltaDrive:
     """How travel from the endstops becomes joint values of the machine.
 
     Attributes:
@@ -56,28 +50,7 @@ class KlipperDrive:
         return out
 
 
-def tower_heights(geometry: DeltaGeometry, point: Array) -> Array:
-    """Return the carriage heights (N, 3) that the firmware wants for points (N, 3), m.
-
-    nan where a rod does not reach.
-    """
-    angle = np.radians(geometry.angles)
-    foot = geometry.radius * MM * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    away = np.sum((foot - point[:, None, :2]) ** 2, axis=-1)
-    with np.errstate(invalid="ignore"):
-        up: Array = np.sqrt((np.array(geometry.arms) * MM) ** 2 - away) + point[:, 2:]
-    return up
-
-
-def travel(geometry: DeltaGeometry, point: Array) -> Array:
-    """Return how far below its endstop each carriage goes for points (N, 3), (N, 3), m."""
-    arms = np.array(geometry.arms)
-    top = np.array(geometry.endstops) + np.sqrt(arms**2 - geometry.radius**2)
-    out: Array = top * MM - tower_heights(geometry, point)
-    return out
-
-
-def drive_of(mechanism: Mechanism) -> KlipperDrive:
+def drive_of(mechanism: Mechanism) -> DeltaDrive:
     """Return how the firmware would drive the machine.
 
     Raises:
@@ -104,7 +77,7 @@ def drive_of(mechanism: Mechanism) -> KlipperDrive:
         ratio = limb.slots.values(nominal).get("ratio", 1.0) * np.sign(way)
         scale[t] = -1.0 / ratio
         zero[t] = _endstop(mechanism, limb.actuator, ratio, place)
-    return KlipperDrive(mechanism, towers, zero, scale)
+    return DeltaDrive(mechanism, towers, zero, scale)
 
 
 def _towers(mechanism: Mechanism) -> tuple[int, int, int]:
@@ -139,8 +112,8 @@ def axis(mechanism: Mechanism, limb: int) -> Array:
     return out
 
 
-def delta_geometry(drive: KlipperDrive) -> DeltaGeometry:
-    """Return Klipper's numbers as read off the machine, turned so that c stands at 90 deg.
+def delta_geometry(drive: DeltaDrive) -> DeltaGeometry:
+    """Return the firmware's numbers as read off the machine, turned so that c stands at 90 deg.
 
     Exact, apart from a turn and a shift in the plane, for upright towers without frame errors:
     single radii and a shifted effector are a circle about another centre, heights of joints are
@@ -173,11 +146,6 @@ def delta_geometry(drive: KlipperDrive) -> DeltaGeometry:
     return DeltaGeometry(radius / MM, (a, b, 90.0), triple(arms / MM), triple(ends / MM))
 
 
-def triple(values: Array) -> tuple[float, float, float]:
-    """Return three numbers of an array as they go into a :class:`DeltaGeometry`."""
-    return float(values[0]), float(values[1]), float(values[2])
-
-
 def _circle(points: Array) -> tuple[Array, float]:
     """Return centre (2,) and radius of the circle through three points (3, 2)."""
     across = 2.0 * (points[1:] - points[0])
@@ -188,15 +156,15 @@ def _circle(points: Array) -> tuple[Array, float]:
     return centre, float(np.linalg.norm(points[0] - centre))
 
 
-def reached(drive: KlipperDrive, geometry: DeltaGeometry, point: Array) -> Array:
-    """Return where the machine goes (N, 3) when Klipper is told ``point`` (N, 3), m.
+def reached(drive: DeltaDrive, geometry: DeltaGeometry, point: Array) -> Array:
+    """Return where the machine goes (N, 3) when the firmware is told ``point`` (N, 3), m.
 
     nan where the firmware or the machine does not get there.
     """
     return driven(drive, travel(geometry, point))
 
 
-def driven(drive: KlipperDrive, down: Array) -> Array:
+def driven(drive: DeltaDrive, down: Array) -> Array:
     """Return where the machine goes (N, 3), m, with its carriages ``down`` (N, 3) from the top.
 
     nan where the firmware or the machine does not get there.
@@ -206,7 +174,7 @@ def driven(drive: KlipperDrive, down: Array) -> Array:
     return out
 
 
-def platform_jacobian(drive: KlipperDrive, geometry: DeltaGeometry, point: Array) -> Array:
+def platform_jacobian(drive: DeltaDrive, geometry: DeltaGeometry, point: Array) -> Array:
     """Return how the platform moves with the joints at ``point`` (N, 3): dx/dq, (N, 3, 3).
 
     From A dx + Jq dq = 0; nan where it is singular or not reached.

@@ -1,4 +1,4 @@
-"""``import klipper``: a ``printer.cfg`` as a printer with what it measured."""
+"""A ``printer.cfg`` as a printer with what it measured."""
 
 from __future__ import annotations
 
@@ -9,21 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.controllers.klipper import MM, travel
-from ppmcal.controllers.klipper_config import (
+from ppmcal.controllers.delta.geometry import MM, TOWERS, DeltaGeometry, Triple, travel
+from ppmcal.controllers.delta.printer import Mesh, Printer, in_rows, mesh_of
+from ppmcal.controllers.klipper.config import (
     GEOMETRY_KEYS,
     LARGEST,
-    TOWERS,
     Config,
-    DeltaGeometry,
-    Triple,
     read_config,
     read_geometry,
     read_rows,
     read_step,
 )
-from ppmcal.controllers.klipper_nominal import read_nominal
-from ppmcal.controllers.printer import Mesh, Printer
+from ppmcal.controllers.klipper.nominal import read_nominal
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.input_files import read_bytes
 from ppmcal.linalg import Array
@@ -128,12 +125,7 @@ def _mesh(config: Config, geometry: DeltaGeometry, name: str) -> Mesh:
         point = point - np.array([*_off(config, name), -offset])
     with np.errstate(invalid="ignore"):
         down = travel(geometry, MM * point) / MM
-    good = np.isfinite(down).all(axis=1)
-    told = [] if good.all() else [f"mesh {label}: {int((~good).sum())} points are out of the rods' "
-                                  "reach, and left out"]
-    rows = np.column_stack([np.full(len(down), offset), down, way])[good]
-    return Mesh(re.sub(r"[^A-Za-z0-9_-]", "_", label), tuple(map(tuple, rows.tolist())),
-                tuple(told))
+    return mesh_of(label, f"mesh {label}", offset, down, way)
 
 
 def _grid(config: Config, name: str) -> tuple[Array, Array]:
@@ -164,17 +156,6 @@ def _grid(config: Config, name: str) -> tuple[Array, Array]:
         if "mesh_origin" in own:
             middle = np.array(config.numbers("bed_mesh", "mesh_origin", 2))
     return in_rows(point, reach + 1e-3 >= np.hypot(*(point[..., :2] - middle).T).T)
-
-
-def in_rows(point: Array, touched: Array) -> tuple[Array, Array]:
-    """Return touched points of a grid (Y, X, 3) to and fro, row by row, and the ways (N,).
-
-    The way along x, +1 or -1, is the row's, at its first point as well.
-    """
-    backward = np.arange(len(point)) % 2 == 1
-    order = np.where(backward[:, None, None], point[:, ::-1], point).reshape(-1, 3)
-    keep = np.where(backward[:, None], touched[:, ::-1], touched).reshape(-1)
-    return order[keep], np.repeat(np.where(backward, -1.0, 1.0), point.shape[1])[keep]
 
 
 def _off(config: Config, name: str) -> Array:

@@ -1,4 +1,4 @@
-"""A machine as Klipper's numbers: read off where they can hold it, else fitted, at what cost.
+"""A machine in a firmware's numbers: read off where they can hold it, else fitted, at what cost.
 
 What a controller makes of commands is compared with them over a grid of the workspace. A turn
 about z and a shift in the plane of the bed are taken out first, of every configuration alike:
@@ -8,116 +8,66 @@ they say where a print lies on the bed and change no print.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from ppmcal.controllers.export import AXIS_OFFSET, NotExpressed, offset_words
-from ppmcal.controllers.klipper import (
-    MM,
-    KlipperDrive,
+from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit, DeltaNumbers
+from ppmcal.controllers.delta.geometry import MM, DeltaGeometry, travel, triple
+from ppmcal.controllers.delta.machine import (
+    DeltaDrive,
     delta_geometry,
     drive_of,
+    driven,
     platform_jacobian,
     reached,
-    travel,
-    triple,
 )
-from ppmcal.controllers.klipper import axis as tower_axis
-from ppmcal.controllers.klipper_config import DeltaGeometry
+from ppmcal.controllers.delta.machine import axis as tower_axis
+from ppmcal.controllers.export import AXIS_OFFSET, NotExpressed, offset_words
 from ppmcal.controllers.pose_errors import ErrorSummary, PlanarMotion, rms
 from ppmcal.errors import NoResult
 from ppmcal.linalg import Array, guarded
 from ppmcal.model.mechanism import Mechanism
 
-Numbers = TypeVar("Numbers")
-
 EXACT = 1e-9
-"""Klipper expresses a machine whose largest error is below this, m."""
+"""A firmware expresses a machine whose largest error is below this, m."""
 NEGLIGIBLE = 1e-7
 """Turns (rad) and shifts (m) below this are rounding, not worth a word."""
 STEP = 1e-4
-"""Step of the differences by Klipper's numbers, mm and deg."""
+"""Step of the differences by the numbers, mm and deg."""
 DISC = 0.8
 HEIGHTS = (0.0, 0.025, 0.05, 0.075, 0.1)
 ACROSS = 9
 ENOUGH = 20
 
 
-@dataclass(frozen=True)
-class KlipperTerms:
-    """What a firmware with these numbers calls them, for sentences.
-
-    Attributes:
-        title: the firmware; towers: of a, b, c.
-        radius, endstops: what holds the radius and the heights of the endstops.
-        scale: what to do to a drive that travels so many times what it should.
-    """
-
-    title: str
-    towers: tuple[str, str, str]
-    radius: str
-    endstops: str
-    scale: str
-
-
-KLIPPER = KlipperTerms("Klipper", ("stepper_a", "stepper_b", "stepper_c"), "delta_radius",
-                "position_endstop", "multiply its rotation_distance by that")
-
-
-@dataclass(frozen=True)
-class Export(Generic[Numbers]):
-    """A machine in a firmware's numbers.
-
-    Attributes:
-        new, old: what is written, and what it is compared with.
-        before, after: errors of the machine driven with each.
-        points: the commands compared (N, 3), m; radius: of their disc, m.
-        not_expressed: what cannot be expressed; notes: what was done to express the rest.
-    """
-
-    new: Numbers
-    old: Numbers
-    before: ErrorSummary
-    after: ErrorSummary
-    points: Array
-    radius: float
-    not_expressed: tuple[NotExpressed, ...]
-    notes: tuple[str, ...]
-
-    @property
-    def exact(self) -> bool:
-        """Whether the numbers hold all of the geometry."""
-        return not self.not_expressed
-
-
-def project(mechanism: Mechanism, old: DeltaGeometry | None = None, terms: KlipperTerms = KLIPPER
-            ) -> Export[DeltaGeometry]:
-    """Return the machine in Klipper's numbers; ``old`` defaults to its nominal ones.
-
-    ``terms``: words of another firmware whose numbers are these in other conventions.
-    """
+def project(mechanism: Mechanism, firmware: DeltaFirmware[Any, DeltaNumbers],
+            old: DeltaNumbers | None = None) -> DeltaFit[DeltaNumbers]:
+    """Return the machine in a firmware's numbers; ``old`` defaults to its nominal ones."""
     drive = drive_of(mechanism)
     start = delta_geometry(drive)
     points = grid(drive, start)
-    new = _best(drive, start, points).rounded()
+    best = _best(drive, start, points).rounded()
+    new = firmware.of(best, old)
     if old is None:
         first = drive_of(mechanism.nominal())
-        old = _best(first, delta_geometry(first), points)
-    both = points[np.isfinite(reached(drive, old, points)).all(axis=1)]
-    if len(both) < ENOUGH:
+        old = firmware.of(_best(first, delta_geometry(first), points), None)
+    at_old, at_new = (driven(drive, firmware.travel(n, points)) for n in (old, new))
+    both = np.isfinite(at_old).all(axis=1) & np.isfinite(at_new).all(axis=1)
+    if both.sum() < ENOUGH:
         raise NoResult("with the old configuration the machine reaches next to nothing of the "
                        "new one's workspace", mechanism.source,
-                       f"Check that --old is this printer's, and its {terms.endstops}")
-    removed = _aligned(reached(drive, new, both), both)[1]
-    return Export(new, old, predicted_errors(drive, old, both), predicted_errors(drive, new, both),
-                  both, DISC * start.radius * MM, tuple(_not_expressed(mechanism, points, terms)),
-                  tuple(_notes(drive, removed, terms)))
+                       f"Check that --old is this printer's, and its {firmware.endstops}")
+    reach, lacks = points[both], tuple(_not_expressed(mechanism, points, firmware))
+    removed = _aligned(reached(drive, best, reach), reach)[1]
+    return DeltaFit(new, old, error_summary(at_old[both], reach),
+                    error_summary(at_new[both], reach), reach, DISC * start.radius * MM, lacks,
+                    tuple(_notes(drive, removed, firmware)))
 
 
-def grid(drive: KlipperDrive, geometry: DeltaGeometry) -> Array:
+def grid(drive: DeltaDrive, geometry: DeltaGeometry) -> Array:
     """Return points (N, 3), m, of a disc at five heights that both sides reach, within limits."""
     radius = DISC * geometry.radius * MM
     side = np.linspace(-radius, radius, ACROSS)
@@ -137,7 +87,7 @@ def grid(drive: KlipperDrive, geometry: DeltaGeometry) -> Array:
     return np.asarray(points, dtype=float)
 
 
-def predicted_errors(drive: KlipperDrive, geometry: DeltaGeometry, points: Array) -> ErrorSummary:
+def predicted_errors(drive: DeltaDrive, geometry: DeltaGeometry, points: Array) -> ErrorSummary:
     """Return how far the machine, driven with ``geometry``, misses ``points`` (N, 3)."""
     return error_summary(reached(drive, geometry, points), points)
 
@@ -163,7 +113,7 @@ def _aligned(at: Array, wanted: Array) -> tuple[Array, PlanarMotion]:
             PlanarMotion(turn, (shift.real, shift.imag)))
 
 
-def _best(drive: KlipperDrive, start: DeltaGeometry, points: Array) -> DeltaGeometry:
+def _best(drive: DeltaDrive, start: DeltaGeometry, points: Array) -> DeltaGeometry:
     """Return the geometry with the smallest squared errors at ``points``; c stays at 90 deg."""
     if predicted_errors(drive, start, points).max < EXACT:
         return start
@@ -189,16 +139,16 @@ def _best(drive: KlipperDrive, start: DeltaGeometry, points: Array) -> DeltaGeom
         return np.nan_to_num(np.stack(columns, axis=-1))
 
     first = np.array([start.radius, *start.angles[:2], *start.arms, *start.endstops])
-    with guarded("the numbers for Klipper"):
+    with guarded("the numbers for the firmware"):
         found = least_squares(errors, first, slopes, x_scale=np.array([1.0, 0.3, 0.3, *[1.0] * 6]),
                               xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=60)
     return geometry(found.x)
 
 
 def _groups(
-    mechanism: Mechanism, terms: KlipperTerms
+    mechanism: Mechanism, firmware: DeltaFirmware[Any, Any]
 ) -> Iterator[tuple[int, str, str, tuple[int, ...]]]:
-    """Yield limb, group, words and parameters of what Klipper has no number for."""
+    """Yield limb, group, words and parameters of what the firmware has no number for."""
     g, nominal = mechanism.values, mechanism.nominals
     seen: set[int] = set()
     for i, limb in enumerate(mechanism.limbs):
@@ -215,7 +165,7 @@ def _groups(
             elif name == "ratio" and g[used[0]] != nominal[used[0]] and used[0] not in seen:
                 seen.add(used[0])
                 yield (i, name, f"drive {limb.name} travels {g[used[0]] / nominal[used[0]]:.6f} "
-                       f"times what it should: {terms.scale}", tuple(used))
+                       f"times what it should: {firmware.scale}", tuple(used))
             elif name.startswith("joint") and np.any(g[used]):
                 yield i, name, f"frame error of {limb.name}.{name}", tuple(used)
             elif name.endswith(AXIS_OFFSET) and g[used[0]]:
@@ -223,16 +173,16 @@ def _groups(
 
 
 def _group(slot: str) -> str:
-    """Return the group of a slot that Klipper has no number for, else nothing."""
+    """Return the group of a slot that firmwares have no number for, else nothing."""
     if slot.startswith(("base.direction.", "joint")):
         return slot.rpartition(".")[0]
     return slot if slot == "ratio" or slot.endswith(AXIS_OFFSET) else ""
 
 
-def _not_expressed(mechanism: Mechanism, points: Array, terms: KlipperTerms
+def _not_expressed(mechanism: Mechanism, points: Array, firmware: DeltaFirmware[Any, Any]
                    ) -> Iterator[NotExpressed]:
-    """Yield what Klipper has no number for, each with the cost of that alone."""
-    for i, name, words, used in _groups(mechanism, terms):
+    """Yield what the firmware has no number for, each with the cost of that alone."""
+    for i, name, words, used in _groups(mechanism, firmware):
         alone = drive_of(_only(mechanism, i, name, used))
         start = delta_geometry(alone)
         fits = points[np.isfinite(reached(alone, start, points)).all(axis=1)]
@@ -245,7 +195,7 @@ def _not_expressed(mechanism: Mechanism, points: Array, terms: KlipperTerms
 
 
 def _only(mechanism: Mechanism, limb: int, name: str, used: tuple[int, ...]) -> Mechanism:
-    """Return the machine with this one group and the others of the kind as Klipper has them."""
+    """Return the machine with this one group and the others of the kind as firmwares have them."""
     g = mechanism.values.copy()
     limbs = list(mechanism.limbs)
     for i, own in enumerate(mechanism.limbs):
@@ -258,11 +208,12 @@ def _only(mechanism: Mechanism, limb: int, name: str, used: tuple[int, ...]) -> 
     return replace(mechanism.with_values(g), limbs=tuple(limbs), effects=())
 
 
-def _notes(drive: KlipperDrive, removed: PlanarMotion, terms: KlipperTerms) -> Iterator[str]:
+def _notes(drive: DeltaDrive, removed: PlanarMotion, firmware: DeltaFirmware[Any, Any]
+           ) -> Iterator[str]:
     """Yield what a user should know of how the machine became the firmware's."""
     mechanism = drive.mechanism
     limbs = [mechanism.limbs[i] for i in drive.towers]
-    pairs = [(limb.name, tower) for limb, tower in zip(limbs, terms.towers, strict=True)]
+    pairs = [(limb.name, tower) for limb, tower in zip(limbs, firmware.towers, strict=True)]
     if not all(tower.endswith(name) for name, tower in pairs):
         yield "towers: " + ", ".join(f"{name} is {tower}" for name, tower in pairs)
     if abs(removed.turn) > NEGLIGIBLE:
@@ -270,10 +221,10 @@ def _notes(drive: KlipperDrive, removed: PlanarMotion, terms: KlipperTerms) -> I
                f"tower {limbs[2].name} stands at 90 deg; prints turn with it")
     if np.hypot(*removed.shift) > NEGLIGIBLE:
         yield (f"the model's x = y = 0 becomes {removed.shift[0] / MM:.4g}, "
-               f"{removed.shift[1] / MM:.4g} mm: {terms.title} counts from the middle of the "
-               f"towers, and so has one {terms.radius} for them")
+               f"{removed.shift[1] / MM:.4g} mm: {firmware.title} counts from the middle of the "
+               f"towers, and so has one {firmware.radius} for them")
     values = [limb.slots.values(mechanism.values) for limb in limbs]
     if any(v.get(f"platform.point.{c}", 0.0) for v in values for c in "xy"):
-        yield f"the effector's radius is taken off {terms.radius}: only the difference shows"
+        yield f"the effector's radius is taken off {firmware.radius}: only the difference shows"
     if any(v.get(f"{part}.point.z", 0.0) for v in values for part in ("base", "platform")):
-        yield f"heights of joints went into {terms.endstops}"
+        yield f"heights of joints went into {firmware.endstops}"

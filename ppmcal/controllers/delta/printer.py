@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
 
-from ppmcal.controllers.klipper_config import DeltaGeometry, Triple
+import numpy as np
+
+from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple
+from ppmcal.errors import BadInput
+from ppmcal.linalg import Array
 
 LEAST_RADIUS, LEAST_OFFSET, LEAST_RODS = 1.0, 1.0, 0.3
 """Tolerances, mm: how far a radius, an endstop and a measured rod are from what is said."""
@@ -69,6 +77,8 @@ class Printer:
         findings: what the user must look at.
         result: what a calibration saved, where that is not what it prints with.
         included: other files that were read.
+        off: saved number -> by how much it is not what the printer's own fit gives, mm and degrees.
+        size: both readings of its size, by distances and by rods, in a sentence.
     """
 
     source: str
@@ -79,9 +89,11 @@ class Printer:
     heights: tuple[tuple[float, ...], ...] = ()
     distances: tuple[tuple[float, ...], ...] = ()
     meshes: tuple[Mesh, ...] = ()
-    findings: tuple[str, ...] = field(default=())
+    findings: tuple[str, ...] = ()
     result: DeltaGeometry | None = None
     included: tuple[str, ...] = ()
+    off: Mapping[str, float] = field(default_factory=dict)
+    size: str = ""
 
     @property
     def calibration(self) -> DeltaGeometry:
@@ -92,6 +104,25 @@ class Printer:
     def calibrated(self) -> bool:
         """Whether it saved numbers that are not those it was meant to have."""
         return self.saved and self.calibration != self.nominal.geometry
+
+
+class Importer(Protocol):
+    """A module, or an object, that reads a printer in one format."""
+
+    def printer(self, path: Path, rods: float | None, meshes: Sequence[str], radius: float | None
+                ) -> Printer:
+        """Return the printer of a configuration, with what it has measured.
+
+        Args:
+            path: the configuration.
+            rods: length of the rods as the user knows it, mm.
+            meshes: probed beds, by name or file.
+            radius: the delta's radius as the user knows it, mm.
+
+        Raises:
+            BadInput: anything wrong in the files.
+        """
+        ...
 
 
 def offsets(geometry: DeltaGeometry) -> Triple:
@@ -112,3 +143,60 @@ def far_radius(given: float, active: float) -> list[str]:
 def tolerance(least: float, apart: float) -> float:
     """Return a tolerance in which a printer's own answer is no surprise, mm, in 0.1 mm."""
     return max(least, math.ceil(20.0 * apart) / 10.0)
+
+
+def nominal_of(source: str, meant: DeltaGeometry, active: DeltaGeometry, origin: dict[str, str],
+               rods: float | None, unknown: Collection[str] = (), rods_known: bool = True,
+               findings: Sequence[str] = ()) -> Nominal:
+    """Return what a printer was meant to be that prints with ``active`` numbers.
+
+    Args:
+        source: the file, for messages.
+        meant: what it was meant to have.
+        active: what it has.
+        origin: where each of radius, rods and endstops is from, in words.
+        rods: the rods' length as the user knows it, mm.
+        unknown: those of ``delta_radius`` and ``endstops`` that nothing but a calibration says.
+        rods_known: as of :class:`Nominal`.
+        findings: likewise.
+
+    Raises:
+        BadInput: the rods do not reach the middle.
+    """
+    if min(meant.arms) <= meant.radius:
+        raise BadInput(f"rods of {min(meant.arms):g} mm do not reach the middle: the radius is "
+                       f"{meant.radius:g} mm", source, "Check both lengths")
+    apart = float(np.max(np.abs(np.subtract(offsets(meant), offsets(active)))))
+    return Nominal(
+        meant, origin, math.inf if "delta_radius" in unknown else
+        tolerance(LEAST_RADIUS, abs(meant.radius - active.radius)),
+        math.inf if "endstops" in unknown else tolerance(LEAST_OFFSET, apart),
+        WIDE_RODS if rods is None else LEAST_RODS, rods_known, rods is not None, tuple(findings))
+
+
+def in_rows(point: Array, touched: Array) -> tuple[Array, Array]:
+    """Return touched points of a grid (Y, X, 3) to and fro, row by row, and the ways (N,).
+
+    The way along x, +1 or -1, is the row's, at its first point as well.
+    """
+    backward = np.arange(len(point)) % 2 == 1
+    order = np.where(backward[:, None, None], point[:, ::-1], point).reshape(-1, 3)
+    keep = np.where(backward[:, None], touched[:, ::-1], touched).reshape(-1)
+    return order[keep], np.repeat(np.where(backward, -1.0, 1.0), point.shape[1])[keep]
+
+
+def mesh_of(name: str, what: str, height: float, down: Array, way: Array) -> Mesh:
+    """Return a probed bed, less the points that the rods do not reach.
+
+    Args:
+        name: of the mesh.
+        what: messages call it.
+        height: of the nozzle at the trigger, mm.
+        down: carriages below their endstops at each touch (N, 3), mm, nan out of reach.
+        way: of travel along x (N,).
+    """
+    good = np.isfinite(down).all(axis=1)
+    told = () if good.all() else (f"{what}: {int((~good).sum())} points are out of the rods' "
+                                  "reach, and left out",)
+    rows = np.column_stack([np.full(len(down), height), down, way])[good]
+    return Mesh(re.sub(r"[^A-Za-z0-9_-]", "_", name), tuple(map(tuple, rows.tolist())), told)

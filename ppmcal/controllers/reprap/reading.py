@@ -1,4 +1,4 @@
-"""``import reprap``: a ``config.g`` and height maps as a printer with touches."""
+"""A ``config.g`` and height maps as a printer with touches."""
 
 from __future__ import annotations
 
@@ -10,22 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.controllers.klipper import MM
-from ppmcal.controllers.klipper_import import in_rows
-from ppmcal.controllers.printer import (
-    LEAST_OFFSET,
-    LEAST_RADIUS,
-    LEAST_RODS,
-    WIDE_RODS,
+from ppmcal.controllers.delta.geometry import MM
+from ppmcal.controllers.delta.printer import (
     Mesh,
-    Nominal,
     Printer,
     far_radius,
-    offsets,
-    tolerance,
+    in_rows,
+    mesh_of,
+    nominal_of,
 )
-from ppmcal.controllers.reprap import geometry_of, travel
-from ppmcal.controllers.reprap_config import Delta, Lines, read_delta, read_lines
+from ppmcal.controllers.reprap.arithmetic import geometry_of, travel
+from ppmcal.controllers.reprap.config import Delta, Lines, read_delta, read_lines
 from ppmcal.errors import BadInput
 from ppmcal.io.input_files import read_bytes
 from ppmcal.io.limits import CONFIG_BYTES
@@ -65,19 +60,12 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
         meant = replace(meant, arms=(rods, rods, rods))
     if radius is not None:
         meant = replace(meant, radius=radius)
-    if min(meant.arms) <= meant.radius:
-        raise BadInput(f"rods of {min(meant.arms):g} mm do not reach the middle: the radius is "
-                       f"{meant.radius:g} mm", str(path), "Check both lengths")
     now = geometry_of(active)
     where = "config.g"
     findings += [] if radius is None else far_radius(radius, now.radius)
-    apart = float(np.max(np.abs(np.subtract(offsets(meant), offsets(now)))))
-    nominal = Nominal(meant, {"delta_radius": "--radius" if radius else where,
-                              "rods": "--rods" if rods else where,
-                              "endstops": where},
-                      tolerance(LEAST_RADIUS, abs(meant.radius - now.radius)),
-                      tolerance(LEAST_OFFSET, apart),
-                      WIDE_RODS if rods is None else LEAST_RODS, True, rods is not None)
+    nominal = nominal_of(str(path), meant, now, {
+        "delta_radius": "--radius" if radius else where, "rods": "--rods" if rods else where,
+        "endstops": where}, rods)
     if any(active.tilt):
         findings.append(f"A{active.tilt[0]:g} B{active.tilt[1]:g} of M666 tilt the bed: the "
                         "touches are taken with it, the machine has it in its endstops")
@@ -109,12 +97,7 @@ def _mesh(config: Path, active: Delta, path: Path) -> Mesh:
     point, way = in_rows(grid, touched)
     point = point - np.array([offset[0], offset[1], -offset[2]])
     down = travel(active, MM * point) / MM
-    good = np.isfinite(down).all(axis=1)
-    told = [] if good.all() else [f"{path}: {int((~good).sum())} points are out of the rods' "
-                                  "reach, and left out"]
-    rows = np.column_stack([np.full(len(down), offset[2]), down, way])[good]
-    return Mesh(re.sub(r"[^A-Za-z0-9_-]", "_", path.stem), tuple(map(tuple, rows.tolist())),
-                tuple(told))
+    return mesh_of(path.stem, str(path), offset[2], down, way)
 
 
 def _probe_offset(config: Path) -> tuple[float, float, float]:

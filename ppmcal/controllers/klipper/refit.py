@@ -14,17 +14,12 @@ import numpy as np
 import yaml
 
 from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
-from ppmcal.controllers.klipper import MM
-from ppmcal.controllers.klipper_config import ANGLES, TOWERS, DeltaGeometry
-from ppmcal.controllers.klipper_export import keys
-from ppmcal.controllers.printer import Printer
-from ppmcal.controllers.printer_files import SHRUNK, machine_yaml
+from ppmcal.controllers.delta.before import touches
+from ppmcal.controllers.delta.files import SHRUNK, machine_yaml
+from ppmcal.controllers.delta.geometry import ANGLES, MM, TOWERS, DeltaGeometry
+from ppmcal.controllers.delta.printer import Printer
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
-from ppmcal.io.column_names import LABELS
-from ppmcal.io.dataset_reader import dataset_of
-from ppmcal.io.frames import as_table
-from ppmcal.io.sidecar import sidecar_of
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import too_long
@@ -34,6 +29,14 @@ CLOSE = 0.002
 calibrations 25 do so to 0.0003 mm; three were edited by hand, by 0.1 mm and more."""
 MEASURE_WEIGHT = 0.5
 ONE = 0.05
+
+
+def with_own_fit(printer: Printer) -> Printer:
+    """Return a printer with what its own fit says of the numbers that it saved, and its size."""
+    found = refit(printer) if printer.calibrated else None
+    off = {} if found is None else differences(printer.calibration, found)
+    return replace(printer, off=off, size=size_sentence(printer),
+                   findings=(*printer.findings, *([sentence(off)] if off else [])))
 
 
 def refit(printer: Printer) -> DeltaGeometry | None:
@@ -110,16 +113,14 @@ def _data(printer: Printer, mechanism: Mechanism, scale: str) -> tuple[Dataset, 
 def _one(mechanism: Mechanism, name: str, header: Sequence[str],
          rows: Sequence[Sequence[float]], instrument: Mapping[str, object], scale: str = "known"
          ) -> Dataset:
-    columns = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
-    side = sidecar_of({"name": name, "instrument": instrument, "frame": "known",
-                       "target": "known", **({} if scale == "known" else {"scale": scale})},
-                      mechanism)
-    return dataset_of(as_table(columns, (), name, LABELS.__contains__), side, name, mechanism)
+    return touches(mechanism, name, header, np.array(rows, dtype=float), {
+        "name": name, "instrument": instrument, "frame": "known", "target": "known",
+        **({} if scale == "known" else {"scale": scale})})
 
 
 def differences(saved: DeltaGeometry, found: DeltaGeometry) -> dict[str, float]:
     """Return by how much each saved number is off, mm and degrees; none where all are close."""
-    one, two = keys(saved), keys(found)
+    one, two = saved.named(), found.named()
     off = {key: one[key] - two[key] for key in one}
     far = {key: np.radians(v) * saved.radius if key.endswith("angle") else v
            for key, v in off.items()}

@@ -16,7 +16,7 @@ from ppmcal.controllers.export import (
     Number,
     offset_words,
 )
-from ppmcal.controllers.linuxcnc import (
+from ppmcal.controllers.linuxcnc.arithmetic import (
     GenhexkinsSetting,
     LinuxcncDrive,
     commands,
@@ -26,8 +26,8 @@ from ppmcal.controllers.linuxcnc import (
     reached,
     rounded,
 )
-from ppmcal.controllers.linuxcnc_fit import EXACT, best, grid, predicted_errors, within
-from ppmcal.controllers.linuxcnc_hal import (
+from ppmcal.controllers.linuxcnc.fit import EXACT, best, grid, predicted_errors, within
+from ppmcal.controllers.linuxcnc.hal import (
     STRUTS,
     HexapodGeometry,
     Joint,

@@ -15,25 +15,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ppmcal.controllers.klipper_lines import HEADER, ConfigLine, decoded, lines_of, unread
+from ppmcal.controllers.delta.geometry import (
+    ANGLES,
+    DIGITS,
+    TOWERS,
+    DeltaGeometry,
+    above_zero,
+)
+from ppmcal.controllers.klipper.lines import HEADER, ConfigLine, decoded, lines_of, unread
 from ppmcal.errors import BadInput
 from ppmcal.io.input_files import read_bytes
 from ppmcal.io.limits import CONFIG_BYTES
 
-TOWERS = ("a", "b", "c")
 LARGEST = 1e9
 """mm, degrees, microsteps: no number of a printer is as large."""
-SMALLEST = 1e-6
-"""None that has to be above 0 is as small."""
 GEOMETRY_KEYS = ("printer.delta_radius", *(f"stepper_{tower}.{key}" for tower in TOWERS
                  for key in ("angle", "arm_length", "position_endstop")))
 """``section.key`` of every number of a delta's geometry."""
-ANGLES = (210.0, 330.0, 90.0)
-DIGITS = 6
-"""Decimals of what is written, as many as the firmware saves itself."""
 _NUMBER = re.compile(r"[-+]?(\d+(?:\.\d*)?|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _MINE = re.compile(r"printer|stepper_.*|delta_calibrate")
-Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -115,35 +115,11 @@ class Config:
         if default is not None and key not in self.section(section):
             return default
         value = self.numbers(section, key, 1)[0]
-        if positive and value <= 0.0:
-            raise BadInput(f"{value:g} is not above 0", self.at(section, key),
-                           "Write the value that the printer has")
-        if positive and value < SMALLEST:
-            raise BadInput(f"{value:g} is too small to be true", self.at(section, key),
-                           "Write the value that the printer has")
-        return value
+        return above_zero(value, self.at(section, key)) if positive else value
 
 
 def _count(count: int) -> str:
     return "a number" if count == 1 else f"{count} numbers"
-
-
-@dataclass(frozen=True)
-class DeltaGeometry:
-    """The numbers of Klipper's delta kinematics: mm and degrees; triples are towers a, b, c."""
-
-    radius: float
-    angles: Triple
-    arms: Triple
-    endstops: Triple
-
-    def rounded(self) -> DeltaGeometry:
-        """Return what is left of it after writing and reading."""
-        def cut(v: Triple) -> Triple:
-            return round(v[0], DIGITS), round(v[1], DIGITS), round(v[2], DIGITS)
-
-        return DeltaGeometry(round(self.radius, DIGITS), cut(self.angles), cut(self.arms),
-                        cut(self.endstops))
 
 
 def read_config(path: str | os.PathLike[str]) -> Config:

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from ppmcal.controllers.klipper_config import SMALLEST
+from ppmcal.controllers.delta.geometry import Triple, above_zero, rounded
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.input_files import read_bytes
 from ppmcal.io.limits import CONFIG_BYTES
@@ -41,7 +41,6 @@ _COMMAND = re.compile(r"[GM](\d{1,9})(\.\d)?", re.ASCII | re.IGNORECASE)
 _GCODE = re.compile(r"\s*(N\d+\s*)?[GMT]", re.ASCII | re.IGNORECASE)
 _WORD = re.compile(r"\s*([a-z]{2,8})(?=[\s{\"(]|$)", re.ASCII)
 _HIDDEN = re.compile(r'"[^"]*"?|\{[^}]*\}?|;.*')
-Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -66,15 +65,7 @@ class Delta:
 
     def rounded(self) -> Delta:
         """Return what is left of it after writing and reading."""
-        def cut(v: float) -> float:
-            return round(v, DIGITS) + 0.0
-
-        def three(v: Triple) -> Triple:
-            return cut(v[0]), cut(v[1]), cut(v[2])
-
-        return Delta(cut(self.radius), three(self.rods), cut(self.height), three(self.angles),
-                     three(self.endstops), (cut(self.tilt[0]), cut(self.tilt[1])),
-                     None if self.bed is None else cut(self.bed))
+        return rounded(self, DIGITS)
 
 
 @dataclass(frozen=True)
@@ -113,13 +104,7 @@ class Lines:
         if len(value.numbers) != 1:
             raise BadInput(f"{len(value.numbers)} numbers stand here", self.at(name),
                            "Write one; only L takes one for each tower")
-        if positive and value.numbers[0] <= 0.0:
-            raise BadInput(f"{value.numbers[0]:g} is not above 0", self.at(name),
-                           "Write the value that the printer has")
-        if positive and value.numbers[0] < SMALLEST:
-            raise BadInput(f"{value.numbers[0]:g} is too small to be true", self.at(name),
-                           "Write the value that the printer has")
-        return value.numbers[0]
+        return above_zero(value.numbers[0], self.at(name)) if positive else value.numbers[0]
 
     def overruled(self) -> list[str]:
         """Return ``line 9: M501`` of what runs after the numbers, and so may win over them."""

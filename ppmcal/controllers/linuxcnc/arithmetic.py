@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.linuxcnc_hal import STRUTS, HexapodGeometry, Joint, Points
+from ppmcal.controllers.linuxcnc.hal import STRUTS, HexapodGeometry, Joint, Points
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward

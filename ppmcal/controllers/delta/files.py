@@ -11,8 +11,8 @@ import numpy as np
 import yaml
 
 from ppmcal.calibration.fit import Z95
-from ppmcal.controllers.klipper_config import TOWERS, DeltaGeometry
-from ppmcal.controllers.printer import Nominal, Printer, offsets
+from ppmcal.controllers.delta.geometry import TOWERS, DeltaGeometry
+from ppmcal.controllers.delta.printer import Nominal, Printer, offsets
 from ppmcal.io import csv_text
 from ppmcal.io.yaml import printable
 from ppmcal.model.limbs.spatial import PUS

@@ -1,0 +1,103 @@
+"""The numbers of a linear delta and their arithmetic, which all its firmwares share.
+
+A firmware has one radius r, three angles w_i, three rods L_i, three endstops e_i. For a point
+(x, y, z) the carriage of tower i goes to
+
+    h_i = sqrt(L_i^2 - (r cos w_i - x)^2 - (r sin w_i - y)^2) + z,
+
+which is e_i + sqrt(L_i^2 - r^2) - h_i below its endstop. Klipper takes these numbers as they are,
+RepRapFirmware counts some from elsewhere. Steps are not rounded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ppmcal.errors import BadInput
+from ppmcal.linalg import Array
+
+MM = 1e-3
+TOWERS = ("a", "b", "c")
+ANGLES = (210.0, 330.0, 90.0)
+"""Of the towers where nobody says, degrees."""
+DIGITS = 6
+"""Decimals of numbers that are kept."""
+SMALLEST = 1e-6
+"""No number of a printer that has to be above 0 is as small, mm."""
+Triple = tuple[float, float, float]
+Numbers = TypeVar("Numbers")
+
+
+@dataclass(frozen=True)
+class DeltaGeometry:
+    """The numbers of a linear delta: mm and degrees; triples are towers a, b, c."""
+
+    radius: float
+    angles: Triple
+    arms: Triple
+    endstops: Triple
+
+    def rounded(self) -> DeltaGeometry:
+        """Return what is left of it after writing and reading."""
+        return rounded(self, DIGITS)
+
+    def named(self) -> dict[str, float]:
+        """Return ``section.key`` of a printer.cfg -> value, mm and degrees."""
+        out = {"printer.delta_radius": self.radius}
+        for i, tower in enumerate(TOWERS):
+            out |= {f"stepper_{tower}.angle": self.angles[i],
+                    f"stepper_{tower}.arm_length": self.arms[i],
+                    f"stepper_{tower}.position_endstop": self.endstops[i]}
+        return out
+
+
+def rounded(numbers: Numbers, digits: int) -> Numbers:
+    """Return a dataclass of numbers and triples with so many decimals; no zero is negative."""
+    def cut(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(map(cut, value))
+        return None if value is None else round(value, digits) + 0.0
+
+    return replace(numbers, **{k: cut(v) for k, v in vars(numbers).items()})  # type: ignore[type-var]
+
+
+def triple(values: Array) -> Triple:
+    """Return three numbers of an array as they go into a :class:`DeltaGeometry`."""
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def tower_heights(geometry: DeltaGeometry, point: Array) -> Array:
+    """Return the carriage heights (N, 3) that the firmware wants for points (N, 3), m.
+
+    nan where a rod does not reach.
+    """
+    angle = np.radians(geometry.angles)
+    foot = geometry.radius * MM * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    away = np.sum((foot - point[:, None, :2]) ** 2, axis=-1)
+    with np.errstate(invalid="ignore"):
+        up: Array = np.sqrt((np.array(geometry.arms) * MM) ** 2 - away) + point[:, 2:]
+    return up
+
+
+def travel(geometry: DeltaGeometry, point: Array) -> Array:
+    """Return how far below its endstop each carriage goes for points (N, 3), (N, 3), m."""
+    arms = np.array(geometry.arms)
+    top = np.array(geometry.endstops) + np.sqrt(arms**2 - geometry.radius**2)
+    out: Array = top * MM - tower_heights(geometry, point)
+    return out
+
+
+def above_zero(value: float, place: str) -> float:
+    """Return a number of a configuration that has to be above 0.
+
+    Raises:
+        BadInput: it is not, or too small for a printer.
+    """
+    if value < SMALLEST:
+        raise BadInput(f"{value:g} is not above 0" if value <= 0.0 else
+                       f"{value:g} is too small to be true", place,
+                       "Write the value that the printer has")
+    return value

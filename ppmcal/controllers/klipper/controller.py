@@ -1,0 +1,94 @@
+"""Lines for the ``printer.cfg`` of a linear delta, and printers as such files have them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ppmcal.controllers.delta.export import export_delta
+from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
+from ppmcal.controllers.delta.geometry import TOWERS, DeltaGeometry, travel
+from ppmcal.controllers.delta.printer import Printer
+from ppmcal.controllers.export import Exported
+from ppmcal.controllers.klipper.config import (
+    Config,
+    format_geometry,
+    parse_config,
+    read_config,
+    read_geometry,
+)
+from ppmcal.controllers.klipper.patch import patched
+from ppmcal.controllers.klipper.reading import read_printer
+from ppmcal.controllers.klipper.refit import with_own_fit
+from ppmcal.errors import NoResult
+from ppmcal.model.mechanism import Mechanism
+
+COPY = "printer.cfg"
+
+
+def _table(geometry: DeltaGeometry) -> Iterator[tuple[str, str, float]]:
+    for name, value in geometry.named().items():
+        yield name, "deg" if name.endswith("angle") else "mm", value
+
+
+def _advice(found: DeltaFit[DeltaGeometry], old: Path | None, config: Config | None
+            ) -> Iterator[str]:
+    if old is not None:
+        yield (f"Paste the lines of {KLIPPER.file} into {old}, above its #*# lines and below all "
+               "other sections: there they win; or --write makes such a copy.")
+
+
+def refuse_endstops(new: DeltaGeometry, source: str) -> None:
+    """Refuse endstops that the firmware would not take: it counts them up from the bed, mm.
+
+    Raises:
+        NoResult: one of them is at the bed or below it.
+    """
+    for tower, end in zip(TOWERS, new.endstops, strict=True):
+        if end <= 0.0:
+            raise NoResult(f"position_endstop of stepper_{tower} would be {end:.6g} mm, which is "
+                           "not above the bed: Klipper refuses it", source,
+                           "Check `home`, `limits` and the height of the towers' points: the bed "
+                           "is z = 0")
+
+
+KLIPPER = DeltaFirmware(
+    "klipper", "Klipper", "klipper.cfg", ("stepper_a", "stepper_b", "stepper_c"), "delta_radius",
+    "position_endstop", "multiply its rotation_distance by that", read_config, parse_config,
+    read_geometry, lambda geometry, _: geometry, travel, _table, format_geometry,
+    how=lambda _: (
+        "Paste above the #*# lines of printer.cfg, below all other sections: there they win",
+        "over earlier values, over those of included files, and over the #*# lines."),
+    advice=_advice, check=refuse_endstops, fitted="most of it, fitted")
+
+
+def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
+    """Return the machine in Klipper's numbers; see :class:`ppmcal.controllers.export.Exporter`."""
+    return export_delta(KLIPPER, mechanism, old, poses)
+
+
+def use(mechanism: Mechanism, model: str, old: str) -> str:
+    """Return how a printer gets its numbers; whose firmware is unknown gets none."""
+    return old and (f"ppmcal export klipper {model} --old {old} --write makes a {COPY} with the "
+                    "new numbers: put it in the place of the old one, and restart")
+
+
+def patch(exported: Exported, old: Path) -> Exported:
+    """Return the export with a copy of the ``printer.cfg`` that holds the new numbers.
+
+    Raises:
+        BadInput, NoResult: there is no such copy.
+    """
+    numbers = {n.name: n.new for n in exported.numbers}
+    wanted = read_geometry(parse_config(exported.files[KLIPPER.file], KLIPPER.file))
+    text, told = patched(old, numbers, wanted)
+    advice = (f"The {COPY} written is a copy of {old} with the new numbers in its #*# lines"
+              f"{f'; {told}' if told else ''}. Keep the old one, put the copy in its place, and "
+              "restart.")
+    return replace(exported, files={**exported.files, COPY: text}, advice=(advice,))
+
+
+def printer(path: Path, rods: float | None, meshes: Sequence[str], radius: float | None) -> Printer:
+    """Return the printer; see :class:`ppmcal.controllers.delta.printer.Importer`."""
+    return with_own_fit(read_printer(path, rods, meshes, radius))
