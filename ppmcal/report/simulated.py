@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.io.folder_record import digest_of
+from ppmcal.io.folder import digest_of
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.report.format import count, sig, to_sigma
 from ppmcal.report.headlines import other_machine

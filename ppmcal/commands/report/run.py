@@ -14,7 +14,7 @@ from ppmcal.commands.result import Result
 from ppmcal.controllers.export import uses
 from ppmcal.errors import BadInput
 from ppmcal.io import csv_text, json_text
-from ppmcal.io.folder_record import read_runs
+from ppmcal.io.folder import read_runs
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.records import Identified, ReportData
 from ppmcal.wording.told import Told
