@@ -64,7 +64,8 @@ def _accuracy(one: Identified, d: DiagnosisRecord | None, data: ReportData) -> s
     """Return how accurate the machine is, what no fit has seen first."""
     text = accuracy(one, data)
     told = d is not None and not unseen(one, main_kind(one), data) and left_out_error(d)
-    return f"{told}; {text}" if told else text
+    text = f"{told}; {text}" if told else text
+    return text[:1].upper() + text[1:]
 
 
 def _diagnosis(one: Identified, by_folder: dict[str, Diagnosed], every: Sequence[Diagnosed]
