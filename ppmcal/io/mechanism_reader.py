@@ -64,9 +64,11 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
     mechanism = Mechanism(
         name=file.name or Path(source).stem, motion=file.motion, limbs=limbs, actuators=actuators,
         parameters=made, free=tuple(free_indices(made, patterns)), home_pose=home_pose,
-        home_q=_home_q(file, actuators, factors, source),
-        limits=_limits(file, actuators, factors, source), gravity=_gravity(file, source),
-        units=units, free_patterns=patterns, optional=optional,
+        home_q=_by_actuator(file.home.q, np.full(len(actuators), np.nan), actuators, factors,
+                            f"{source}: home.q"),
+        limits=_by_actuator(file.limits, np.tile([-np.inf, np.inf], (len(actuators), 1)),
+                            actuators, factors, f"{source}: limits"),
+        gravity=_gravity(file, source), units=units, free_patterns=patterns, optional=optional,
         registrations=read_registrations(file, units, source),
         measured=read_measured(file.measurement, units, actuators, factors, source),
         digits=_digits(file, drafts, units), findings=tuple(findings), source=source,
@@ -221,21 +223,14 @@ def _joint_factors(drafts: Sequence[Draft], actuators: Sequence[str], units: Uni
                      for a in actuators])
 
 
-def _home_q(file: MechanismFile, actuators: Sequence[str], factors: Array, source: str) -> Array:
-    out = np.full(len(actuators), np.nan)
-    for name, value in (file.home.q or {}).items():
+def _by_actuator(given: Mapping[str, Any] | None, out: Array, actuators: Sequence[str],
+                 factors: Array, place: str) -> Array:
+    """Return ``out`` with what is given for actuators, SI, in the rows of these."""
+    for name, value in (given or {}).items():
         if name not in actuators:
-            raise unknown("actuator", name, actuators, f"{source}: home.q")
-        out[actuators.index(name)] = value * factors[actuators.index(name)]
-    return out
-
-
-def _limits(file: MechanismFile, actuators: Sequence[str], factors: Array, source: str) -> Array:
-    out = np.tile([-np.inf, np.inf], (len(actuators), 1))
-    for name, pair in (file.limits or {}).items():
-        if name not in actuators:
-            raise unknown("actuator", name, actuators, f"{source}: limits")
-        out[actuators.index(name)] = np.array(pair) * factors[actuators.index(name)]
+            raise unknown("actuator", name, actuators, place)
+        i = actuators.index(name)
+        out[i] = np.array(value) * factors[i]
     return out
 
 

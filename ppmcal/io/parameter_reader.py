@@ -156,13 +156,9 @@ def class_key(tolerance_class: str, quantity: str) -> str:
 def with_defaults(made: Sequence[Parameter], waiting: Collection[str], reach: float
                   ) -> tuple[Parameter, ...]:
     """Return the parameters with 1/1000 of the reach or 1e-3 rad where no class is given."""
-    out = []
-    for p in made:
-        if p.name in waiting:
-            default = ANGLE_DEFAULT if p.quantity == "angle" else REACH_FRACTION * reach
-            p = replace(p, tolerance=default)
-        out.append(p)
-    return tuple(out)
+    default = {"angle": ANGLE_DEFAULT, "length": REACH_FRACTION * reach}
+    return tuple(replace(p, tolerance=default[p.quantity]) if p.name in waiting else p
+                 for p in made)
 
 
 def slot_map(draft: Draft, index: Mapping[str, int]) -> SlotMap:

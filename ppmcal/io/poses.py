@@ -104,8 +104,7 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec",
                        f"{', '.join(table.header[:8])}")
     poses = cols.poses(table, mechanism, mechanism.units)
     _enough_columns(table, own, mechanism)
-    return PoseTable(_rows(table), poses, _extra(table, own), table.header,
-                     _environment(table, mechanism), given)
+    return PoseTable(poses=poses, given=given, **_beside(table, own, mechanism))
 
 
 def _with_assumed(table: Table, mechanism: Mechanism, assume: Mapping[str, float]) -> Table:
@@ -154,8 +153,7 @@ def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
                        f"{hint(missing[0], table.header)}")
     units = mechanism.units
     q = stacked(table, names) * mechanism.joint_factors(units)
-    return JointTable(_rows(table), q, _extra(table, names), table.header,
-                      _environment(table, mechanism), _as_given(table))
+    return JointTable(q=q, given=_as_given(table), **_beside(table, names, mechanism))
 
 
 def _table(source: Tabular, mechanism: Mechanism, names: Sequence[str], what: str,
@@ -171,9 +169,13 @@ def _table(source: Tabular, mechanism: Mechanism, names: Sequence[str], what: st
                         lambda name: name in known or name.startswith("temperature_"))
 
 
-def _environment(table: Table, mechanism: Mechanism) -> dict[str, Array]:
-    units = mechanism.units
-    return further_columns(table, mechanism, mechanism.joint_factors(units))
+def _beside(table: Table, own: Sequence[str], mechanism: Mechanism) -> dict[str, Any]:
+    """Return what tables of poses and of joints, the columns ``own``, have beside these."""
+    cells = dict(zip(*_as_given(table), strict=True))
+    return {"rows": np.arange(1, len(table) + 1, dtype=np.int64), "header": table.header,
+            "extra": {c: values for c, values in cells.items() if c not in own},
+            "environment": further_columns(table, mechanism,
+                                           mechanism.joint_factors(mechanism.units))}
 
 
 def twists(extra: Mapping[str, Any], mechanism: Mechanism) -> Array | None:
@@ -192,18 +194,8 @@ def twists(extra: Mapping[str, Any], mechanism: Mechanism) -> Array | None:
     return out
 
 
-def _rows(table: Table) -> NDArray[np.int64]:
-    return np.arange(1, len(table) + 1, dtype=np.int64)
-
-
 def _as_given(table: Table) -> Given:
     return table.header, tuple(table.numbers.get(h, table.text.get(h)) for h in table.header)
-
-
-def _extra(table: Table, own: list[str]) -> dict[str, Any]:
-    """Return the columns besides ``own`` in file units."""
-    return {c: table.text[c] if c in table.text else table.numbers[c]
-            for c in table.header if c not in own}
 
 
 def _may_be_text(name: str) -> bool:
