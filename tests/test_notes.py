@@ -80,9 +80,9 @@ ALLOWED = {
     # how a line is laid out: the end of a sentence, a letter at its beginning
     ("commands/diagnose/told.py", "line.startswith('the ')"),
     # lines of files that controllers and instruments write
-    ("controllers/klipper_lines.py", "line.startswith(SAVED)"),
-    ("controllers/klipper_lines.py", "line.startswith(f'{SAVED} ')"),
-    ("controllers/klipper_lines.py", "line.text.startswith(SAVED)"),
+    ("controllers/klipper/lines.py", "line.startswith(SAVED)"),
+    ("controllers/klipper/lines.py", "line.startswith(f'{SAVED} ')"),
+    ("controllers/klipper/lines.py", "line.text.startswith(SAVED)"),
     ("io/point_list.py", "'date' in line.lower().split()"),
     # columns of a table
     ("io/dataset_reader.py", "'pose' in table.text"),

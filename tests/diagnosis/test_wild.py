@@ -35,6 +35,7 @@ from ppmcal.inference.priors import SURE
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.model.dataset import Dataset
+from ppmcal.notes import NOTE, Note
 
 SIDECAR = "s/measurements.yaml"
 LOADED: dict[str, Any] = {"payload": [0, 15], "temperature": {"mean": 24, "swing": 6}}
@@ -229,8 +230,8 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Fit:
 
 def without(fit: Fit, gone: np.ndarray) -> Fit:
     """Return the fit as if the rows ``gone`` had been left out as outliers."""
-    return replace(fit, keep=(~gone,), reasons=({int(n): f"{OUTLIER}: test" for n in
-                                                 np.flatnonzero(gone)},))
+    return replace(fit, keep=(~gone,), reasons=({
+        int(n): Note(f"{OUTLIER}: test", NOTE, OUTLIER) for n in np.flatnonzero(gone)},))
 
 
 @pytest.mark.slow
