@@ -119,7 +119,7 @@ class Config:
             raise BadInput(f"{value:g} is not above 0", self.at(section, key),
                            "Write the value that the printer has")
         if positive and value < SMALLEST:
-            raise BadInput(f"{value:g} is too small to be true", self.at(section, key),
+            raise BadInput(f"{value:g} is out of range", self.at(section, key),
                            "Write the value that the printer has")
         return value
 
@@ -207,7 +207,7 @@ def _pair(line: str, section: str, where: str) -> tuple[str, str]:
     if len(parts) < 2 or not parts[0].strip():
         if _MINE.fullmatch(section):
             raise BadInput(f"'{line.strip()[:40]}' is not a line of the form `key: value`",
-                           f"{where}: [{section}]", "Mend the line, or take it out")
+                           f"{where}: [{section}]", "Correct the line, or remove it")
         return "", ""
     return parts[0].strip().lower(), parts[1].strip()
 

@@ -117,7 +117,7 @@ class Lines:
             raise BadInput(f"{value.numbers[0]:g} is not above 0", self.at(name),
                            "Write the value that the printer has")
         if positive and value.numbers[0] < SMALLEST:
-            raise BadInput(f"{value.numbers[0]:g} is too small to be true", self.at(name),
+            raise BadInput(f"{value.numbers[0]:g} is out of range", self.at(name),
                            "Write the value that the printer has")
         return value.numbers[0]
 

@@ -98,7 +98,7 @@ def read_manifest(path: str | os.PathLike[str]) -> tuple[CampaignJob, ...]:
                                "Give one of them a `name`")
             out[one.name] = place, one
     if not out:
-        raise BadInput("there is no campaign", f"{source}: campaigns",
+        raise BadInput("no campaign is listed", f"{source}: campaigns",
                        f"Add one, such as `- {EXAMPLE}`")
     return tuple(campaign for _, campaign in out.values())
 

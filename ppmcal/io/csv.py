@@ -131,7 +131,7 @@ def refuse_absurd(numbers: Mapping[str, Array], source: str) -> None:
         if absurd.size:
             row = int(absurd[0])
             what = ("an infinite value cannot have been measured" if np.isinf(values[row])
-                    else f"{values[row]:g} is too large to be true")
+                    else f"{values[row]:g} is out of range")
             raise BadInput(what,
                            f"{source}: row {row + 1}, column {name}",
                            "Correct the cell, or leave it empty if it was not measured")

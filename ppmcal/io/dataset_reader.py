@@ -237,8 +237,8 @@ def _contradicted(labels: NDArray[np.int64], groups: NDArray[np.int64], source: 
     earlier = int(first[inverse.reshape(-1)[other]])
     reused = "one label stands" if count == 1 else f"{count} of {first.size} labels stand"
     return [f"{source}, column pose: {reused} for different joint values (first at rows "
-            f"{earlier + 1} and {other + 1}); such rows are no repeats, and count as poses of "
-            "their own. Give each commanded pose a label of its own."]
+            f"{earlier + 1} and {other + 1}); such rows are not repeats, and count as separate "
+            "poses. Give each commanded pose its own label."]
 
 
 def _sessions(table: Table) -> tuple[str, ...] | None:

@@ -78,11 +78,11 @@ def refuse_sigma(sigma: Array, quantity: str, mechanism: Mechanism, units: Units
     name, factor = units.name(quantity), units.factor(quantity)
     of = f"this machine of {size / factor:.3g} {name}" if quantity == "length" else "an angle"
     if least < SMALLEST * size:
-        raise BadInput(f"a standard deviation of {least / factor:.3g} {name} cannot be meant: it "
+        raise BadInput(f"a standard deviation of {least / factor:.3g} {name} is implausible: it "
                        f"is below the round-off of {of}", place,
                        "Write what the instrument's data sheet says, at least "
                        f"{SMALLEST * size / factor:.2g} {name}" + f", or {nothing}" * bool(nothing))
     if most > largest * size:
-        raise BadInput(f"a standard deviation of {most / factor:.3g} {name} cannot be meant: it "
+        raise BadInput(f"a standard deviation of {most / factor:.3g} {name} is implausible: it "
                        f"tells nothing about {of}", place, "Check its unit; at most "
                        f"{largest * size / factor:.3g} {name}" + f", or {more}" * bool(more))

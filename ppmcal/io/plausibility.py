@@ -150,7 +150,7 @@ def _positions(mechanism: Mechanism, data: Dataset) -> list[str]:
     if far.any():
         out.append(f"{data.source}: {row_list(data.rows[far] - 1)}: measured "
                    f"{TOO_FAR:g} times the machine's reach of {reach:.4g} m and more away from "
-                   "the other rows; mend or delete them.")
+                   "the other rows; correct or delete them.")
     span = _span(values[~far])
     commanded = 0.0 if data.commanded is None else _span(data.commanded[:, :3])
     if span > TOO_FAR * reach:

@@ -104,7 +104,7 @@ def ros_csv(data: bytes, source: str, mechanism: Mechanism) -> Recording | None:
             "time": seconds([int(r[0]) for r in rows], [int(r[1]) for r in rows])}
         block = np.array([[float(c) for c in r[start:start + len(fields)]] for r in rows])
     except (ValueError, OverflowError) as error:
-        raise BadInput(f"a cell is no number ({error})", source,
+        raise BadInput(f"a cell is not a number ({error})", source,
                        "Record it again, or name the columns in a header line") from None
     columns |= dict(zip(fields, block.T, strict=True))
     return recording(source, columns, len(rows), {"time": "stamp", **dict(

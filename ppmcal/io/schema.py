@@ -44,7 +44,7 @@ def _finite(value: object) -> float:
     if not math.isfinite(number):
         raise refuse(f"{show(value)} is not a finite number", "Write a number such as 12.5")
     if abs(number) > LARGEST:
-        raise refuse(f"{show(value)} is too large to be true", "Write a number such as 12.5")
+        raise refuse(f"{show(value)} is out of range", "Write a number such as 12.5")
     return number
 
 

@@ -130,8 +130,7 @@ def _value(raw: Any, place: str) -> float:
                        "Write a positive number, or .inf for rigid")
     value = float(raw)
     if value != float("inf") and not SMALLEST <= value <= LARGEST:
-        size = "large" if value > 1.0 else "small"
-        raise BadInput(f"{show(raw)} is too {size} to be true", place,
+        raise BadInput(f"{show(raw)} is out of range", place,
                        "Write a number such as 5e7, or .inf for rigid")
     return value
 

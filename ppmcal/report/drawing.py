@@ -59,7 +59,7 @@ def check_target(path: Path, inputs: Sequence[str] = ()) -> None:
         raise BadInput(f"cannot be read ({getattr(error, 'strerror', None) or error})", str(path),
                        "Name another file for the drawing") from None
     if f'content="{GENERATOR}"' not in head:
-        raise BadInput("exists already and is no drawing of ppmcal's", str(path),
+        raise BadInput("already exists, and ppmcal did not draw it", str(path),
                        "Name another file for the drawing")
 
 

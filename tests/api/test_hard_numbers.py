@@ -408,7 +408,7 @@ def test_tolerances_of_nothing_leave_nothing_to_design_for():
                  lambda: face.tolerances(machine, accuracy=0.5, cores=1)):
         refused("no parameter is free", call)
     for value in (1e-300, 1e300):
-        refused("cannot be meant", lambda v=value: face.load(with_tolerance(v)))
+        refused("is implausible", lambda v=value: face.load(with_tolerance(v)))
 
 
 @pytest.mark.slow
@@ -429,11 +429,11 @@ def test_tolerances_of_everything_are_no_prior(bench, identified, tmp_path, tole
 
 @pytest.mark.parametrize(("call", "words"), [
     (lambda: face.tolerances(TREE, accuracy=0), "not the size"),
-    (lambda: face.tolerances(TREE, accuracy=1e-300), "cannot be meant"),
-    (lambda: face.tolerances(TREE, accuracy=1e-12), "cannot be meant"),
-    (lambda: face.tolerances(TREE, accuracy=1e6), "cannot be meant"),
+    (lambda: face.tolerances(TREE, accuracy=1e-300), "is implausible"),
+    (lambda: face.tolerances(TREE, accuracy=1e-12), "is implausible"),
+    (lambda: face.tolerances(TREE, accuracy=1e6), "is implausible"),
     (lambda: face.tolerances(TREE, accuracy=1e300), "not the size"),
-    (lambda: face.tolerances(TREE, rotation=1e-300), "cannot be meant"),
+    (lambda: face.tolerances(TREE, rotation=1e-300), "is implausible"),
     (lambda: face.tolerances(TREE, accuracy=0.5, share=1.0), "not a share"),
     (lambda: face.tolerances(TREE, accuracy=0.5, metric=1e300), "not a length"),
     (lambda: face.sensitivity(TREE, sigmas=1e300), "number of standard deviations"),
@@ -592,6 +592,6 @@ def test_a_batch_goes_on_after_numbers_that_cannot_be(tmp_path):
     found = batch(manifest, tmp_path / "out", cores=1)
     assert [r.exit_code for r in found.campaigns] == [
         found.campaigns[0].exit_code, 2, 2, 3] and found.campaigns[0].exit_code < 2
-    for record, words in zip(found.failed, ("cannot be meant", "at least 3", "singular at home"),
+    for record, words in zip(found.failed, ("is implausible", "at least 3", "singular at home"),
                              strict=True):
         assert words in record.message

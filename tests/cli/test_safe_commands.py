@@ -73,7 +73,7 @@ def test_a_model_that_misses_its_data_is_refused_with_exit_3(bench: Path, tmp_pa
     args = [str(model) if a == "MODEL" else a for a in line]
     run = ppmcal(*args, "--out", str(tmp_path / "o"), cwd=bench, expect=3)
     said = " ".join(run.err.split())
-    assert "misses the measurements that it was made from" in said
+    assert "does not fit its own calibration data" in said
     assert "times their noise" in said and "--regardless" in said and "--sigma estimated" in said
     assert not (tmp_path / "o").exists()
     # replacing files lifts nothing, and --force was both

@@ -38,7 +38,7 @@ from ppmcal.wording.progress import stage
 
 NOTHING = 1e-9
 """Errors and steps below this part of the reach, or of a radian, are arithmetic."""
-UNKNOWN = "how well the measurements know the machine there cannot be predicted"
+UNKNOWN = "the model's uncertainty there cannot be predicted"
 KINDS = {"position": "length", "rotation": "angle"}
 """Errors that are told, each by itself, and their quantity."""
 
@@ -270,8 +270,8 @@ def _unexplained(model: Model, nominal: Model, registration: Registration, full:
                                 strict=True):
             if off > IMPLAUSIBLE * size + least[i]:
                 yield n, (
-                    f"goes {off / factor:.4g} {unit} from the uncorrected command, where "
-                    f"the tolerances make {size / factor:.2g} {unit} (1 sigma): no machine "
+                    f"is {off / factor:.4g} {unit} from the uncorrected command, where the "
+                    f"tolerances explain {size / factor:.2g} {unit} (1 sigma): no machine "
                     f"within {IMPLAUSIBLE:.0f} tolerances is that far from its drawing; "
                     "if this one is, give its file larger tolerances (--regardless does not lift "
                     "this)")

@@ -25,7 +25,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
 
-UNREACHED = ("where it leads is not known: a machine that the measurements do not tell from this "
+UNREACHED = ("where it leads is not known: a machine that the measurements cannot tell from this "
              "one does not take these joint values")
 OWN = ("q", "command", "seen", "pose", "position_after", "rotation_after", "status", "reason")
 """What commands of another machine replace; nominal commands and uncertainties stay."""

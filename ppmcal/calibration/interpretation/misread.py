@@ -15,8 +15,8 @@ from ppmcal.units import SI, Units
 MENDS = {
     "other-machine": "Is this the right mechanism file? If the machine really is that far from "
                      "nominal, give larger tolerances, or --prior flat",
-    "shuffled": "No entry of the sidecar mends that: put the measurements in the order of the "
-                "joint values again, where they were recorded, or leave those rows out",
+    "shuffled": "No sidecar entry can correct that: put the measurements back into the order of "
+                "the joint values at their source, or leave those rows out",
     **{key.replace("_", "-"): f"Write into the sidecar: `{key}: unknown`"
        for key in ("frame", "target", "target_rotation")}}
 """What only the user can mend, by kind of mistake."""

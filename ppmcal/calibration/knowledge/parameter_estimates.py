@@ -248,5 +248,5 @@ def _times(e: Estimate, units: Units) -> str:
     unit = units.name(e.quantity) + "/unit" * e.per_unit
     times = abs(e.error) / tolerance
     weak = "" if e.expected is None or times > farthest(1) else (
-        f", of which these data would show {e.expected / factor:.2g}")
+        f", and these data would show only {e.expected / factor:.2g}")
     return f"{e.name} by {times:.2g} times its tolerance of {tolerance / factor:.4g} {unit}{weak}"

@@ -259,7 +259,7 @@ def _held_out(holdout: Any, machine: Mechanism) -> tuple[tuple[Dataset, ...], fl
     except (TypeError, ValueError):
         return datasets_of(machine, holdout), 0.0
     if not 0.0 <= fraction < 1.0:
-        raise BadInput(f"{holdout} is no part of the poses", "--holdout",
+        raise BadInput(f"{holdout} is not a fraction of the poses", "--holdout",
                        "Give a fraction from 0 to below 1, or a CSV")
     return (), fraction
 

@@ -137,7 +137,7 @@ def _offset(given: float | str | None) -> float | str | None:
     except ValueError:
         value = math.nan
     if not abs(value) < LONGEST:
-        raise BadInput(f"'{given}' is no number of seconds", "--clock-offset",
+        raise BadInput(f"'{given}' is not a number of seconds", "--clock-offset",
                        "Give what the points' clock is ahead by, s, or `find`")
     return value
 
@@ -212,7 +212,7 @@ def _joints(log: ForeignTable, block: ReadFile, mechanism: Mechanism, declared: 
     names = [f"q_{a}" for a in mechanism.actuators]
     missing = [n for n in names if n not in log.table.numbers]
     if missing:
-        raise BadInput(f"an offset is found from joint values, and there is no {missing[0]}",
+        raise BadInput(f"finding an offset needs joint values, and {missing[0]} is missing",
                        log.table.source, "Give the offset: --clock-offset S")
     units = {n: u for n in names if (u := log.units.get(n) or unit_of(n, block, place))}
     rest = ReadFile.model_construct(units=units, signs=block.signs,

@@ -183,7 +183,7 @@ def read_identification(path: Path, mend: str = WITHOUT) -> IdentificationRecord
 
 
 def _no_such(path: Path, mend: str) -> BadInput:
-    return BadInput("is no identification.json of this version of ppmcal", str(path), mend)
+    return BadInput("is not an identification.json of this version of ppmcal", str(path), mend)
 
 
 def _units(record: IdentificationRecord, path: Path) -> Units:
@@ -243,7 +243,7 @@ def _refuse_no_covariance(matrix: Array, names: Sequence[str], path: Path) -> No
     variance = np.diagonal(matrix)[known]
     block = matrix[np.ix_(known, known)]
     if np.any(variance < 0.0):
-        raise refusal(f"{variance.min():g} is no variance", int(known[np.argmin(variance)]))
+        raise refusal(f"{variance.min():g} is not a variance", int(known[np.argmin(variance)]))
     sigma = np.sqrt(variance)
     scale = np.outer(sigma, sigma)
     # where sigma is 0 so is the covariance; else it is a correlation times both

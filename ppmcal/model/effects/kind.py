@@ -296,8 +296,8 @@ class EffectKind:
                              f"columns are {', '.join(BY_NEED)}")
         if self.period and any(self.period not in [s.name for s in self.parameters(m) if s.scan]
                                for m in self.motions):
-            raise ValueError(f"effect '{self.name}': the period '{self.period}' is no parameter "
-                             "with a scan")
+            raise ValueError(f"effect '{self.name}': the period '{self.period}' is not a "
+                             "parameter with a scan")
 
     @property
     def label(self) -> str:
