@@ -40,9 +40,9 @@ MOST_STEPS = 4000
 """Steps that the fits of one search may try together: some times what any needs that ends by
 itself. Three freedoms and forty poses may need 500, a hexapod that wanders 900."""
 ENDED = (f"the search was stopped after {MOST_STEPS} steps, because its fits wander: what was "
-         "named so far is reported as its fit stood then; rivals, learned terms and what to measure "
-         "next may be missing; state what is known (stiffness, load) in the mechanism file, or "
-         "try fewer kinds")
+         "named so far is reported as its fit stood then; rivals, learned terms and what to "
+         "measure next may be missing; state what is known (stiffness, load) in the mechanism "
+         "file, or try fewer kinds")
 
 CUT = ("{} with further effects wandered and went no farther than " + str(REFIT_STEPS)
        + " steps: effects that only a longer one would show may be missing")

@@ -63,7 +63,7 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     where distances are between two platform positions. Temperatures are in K.
 
     Raises:
-        BadInput: anything wrong in either file, with file, place and mend.
+        BadInput: anything wrong in either file, with file, place and hint.
     """
     csv_path = Path(path)
     if csv_path.suffix in (".yaml", ".yml"):

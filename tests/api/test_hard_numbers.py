@@ -2,7 +2,7 @@
 
 Singular and nearly singular homes and poses, single and repeated ones, rotations of half a turn,
 machines of a micrometre and of a hundred metres, noise and tolerances from nothing to beyond
-everything, wrong rows. Refusals name place and mend; nothing warns, and no file holds infinities.
+everything, wrong rows. Refusals name place and hint; nothing warns, and no file holds infinities.
 """
 
 import copy

@@ -1,4 +1,4 @@
-"""The manifest of a batch: what it stands for, and what is refused with file, place and mend."""
+"""The manifest of a batch: what it stands for, and what is refused with file, place and hint."""
 
 from copy import deepcopy
 
