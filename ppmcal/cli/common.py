@@ -230,7 +230,7 @@ class Console:
         if self._rich is None:
             from rich.console import Console as Rich
 
-            # names may have brackets and colons, which are no mark-up
+            # names may have brackets and colons, which are not mark-up
             self._rich = Rich(width=WIDTH, soft_wrap=False, markup=False, emoji=False)
         return self._rich
 

@@ -68,7 +68,7 @@ class Result:
     def needs_a_look(self) -> bool:
         """Whether the command leaves with exit code 1.
 
-        A default that a machine's file leaves to the program is told, and is no fault.
+        A default that a machine's file leaves to the program is reported, and is not a fault.
         """
         return bool(self.row_failures) or any(f not in self._of_machine for f in self.findings)
 

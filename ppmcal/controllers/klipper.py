@@ -189,7 +189,7 @@ def _circle(points: Array) -> tuple[Array, float]:
 
 
 def reached(drive: KlipperDrive, geometry: DeltaGeometry, point: Array) -> Array:
-    """Return where the machine goes (N, 3) when Klipper is told ``point`` (N, 3), m.
+    """Return where the machine goes (N, 3) when Klipper gets ``point`` (N, 3), m.
 
     nan where the firmware or the machine does not get there.
     """

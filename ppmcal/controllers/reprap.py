@@ -72,7 +72,7 @@ def travel(delta: Delta, point: Array) -> Array:
 
 
 def reached(drive: KlipperDrive, delta: Delta, point: Array) -> Array:
-    """Return where the machine goes (N, 3) when the firmware is told ``point`` (N, 3), m."""
+    """Return where the machine goes (N, 3) when the firmware gets ``point`` (N, 3), m."""
     return driven(drive, travel(delta, point))
 
 

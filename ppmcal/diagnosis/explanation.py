@@ -47,8 +47,8 @@ class CausePlace:
 
     ``members``: those that are needed for 95 %, or would be at other priors, first the one of the
     family that leads, with all members in which it is; the others likeliest first. ``block``: of
-    the best set; ``leader``: what is told in its place; ``hypothesis``: what that stands for, None
-    if it is unknown.
+    the best set; ``leader``: what is reported in its place; ``hypothesis``: what that stands for,
+    None if it is unknown.
     ``only_misread``: whether all of the members are columns that are read wrongly.
     """
 

@@ -109,7 +109,7 @@ def clock_of_words(cells: Sequence[str], place: Callable[[int], str], dates: str
         zone: of the times that name none: ``UTC``, ``+02:00``, ``Europe/Berlin``.
 
     Raises:
-        BadInput: a cell that is no time, two kinds of times in one column, or a date whose day
+        BadInput: a cell that is not a time, two kinds of times in one column, or a date whose day
             and month could be exchanged.
     """
     found: list[tuple[int, re.Match[str]]] = []

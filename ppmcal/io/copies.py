@@ -190,7 +190,7 @@ def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
 
 
 def known_rows(data: Dataset, actuators: Sequence[str]) -> KnownRows:
-    """Return the rows by which copies of a data set are told when its table is gone.
+    """Return the rows by which copies of a data set are recognised when its table is gone.
 
     Joint values or commanded poses, and what was measured; :data:`KEPT` rows at most.
     """

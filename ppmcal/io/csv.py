@@ -27,7 +27,7 @@ LARGEST = 1e15
 class Table:
     """A CSV with N rows: ``numbers`` (N,) by column, nan where empty; ``text`` by column.
 
-    ``dialect`` is how the file was written, None for what is no CSV.
+    ``dialect`` is how the file was written, None for what is not a CSV.
     """
 
     source: str

@@ -45,7 +45,7 @@ class ForeignTable:
         remarks: lines above the table, which nothing is made of: perhaps they name units.
         origin: our own name -> from where it is known that the column is this one.
         clock: of the column ``time``, None without one.
-        form: what kind of file it is, where it is no plain table.
+        form: what kind of file it is, where it is not a plain table.
         units_from: our own name -> from where its unit is known, if not from its header.
     """
 

@@ -28,7 +28,7 @@ def klipper_log(data: bytes, source: str, mechanism: Mechanism) -> Recording | N
 
     Raises:
         BadInput: probed points only, drives that the machine does not have, or joint values of
-            the machine that are no lengths.
+            the machine that are not lengths.
     """
     if b"stepper:" not in data and b"probe at " not in data:
         return None

@@ -24,7 +24,7 @@ TURN = 2.0 * np.pi
 TOO_FAR = 3.0
 TOO_LITTLE = 1e-3
 MOST_FAR = 1.0 / 3.0
-"""More rows than this part that are too far away are no typos: the unit is wrong."""
+"""More rows than this part that are too far away are not typos: the unit is wrong."""
 
 
 def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> list[str]:

@@ -81,7 +81,7 @@ def ros_csv(data: bytes, source: str, mechanism: Mechanism) -> Recording | None:
     """Return what ``ros2 topic echo --csv`` wrote, which has no header; None for other files.
 
     Raises:
-        BadInput: rows of another length than the first, or a cell that is no number.
+        BadInput: rows of another length than the first, or a cell that is not a number.
     """
     first = data[:4096].removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0].decode("utf-8", "replace")
     shape = _shape(first.strip().split(","))

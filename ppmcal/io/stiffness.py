@@ -43,7 +43,7 @@ def read_stiffness(default: Any, raw: Sequence[Mapping[Any, Any]], limbs: Sequen
         one mapping for each limb; nothing at all where no limb has a spring.
 
     Raises:
-        BadInput: an unknown key, a joint that the kind does not have, a value that is no
+        BadInput: an unknown key, a joint that the kind does not have, a value that is not a
             stiffness, or limbs that share an actuator and disagree on its drive.
     """
     joints = dict.fromkeys(j for limb in limbs for j in joint_names(limb.kind))

@@ -88,7 +88,7 @@ class Canvas:
     def text(self, x: float, y: float, words: str, colour: str = INK, bold: bool = False,
              ha: Literal["left", "center", "right"] = "left", room: float | None = None,
              size: float = LETTERS, upright: bool = False) -> None:
-        """Write words at a place; those that are cut to their room are told on hovering."""
+        """Write words at a place; those that are cut to their room are shown on hovering."""
         shown = fitted(words, WIDTH - x - EDGE if room is None else room, bold, size)
         gid = None if shown == plain(words) else TOLD + plain(words)
         self.add(Text(x, y, shown, ha=ha, color=colour, size=size, gid=gid,

@@ -133,7 +133,7 @@ def look_at(data: ReportData) -> list[tuple[str, str]]:
         out += [(one.folder, f"the picture {p.file} is missing" if p.problem == "missing" else
                  f"the picture {p.file} cannot be shown: {p.problem}") for p in one.pictures
                 if p.problem and not p.problem.startswith("left out")]
-    if not out:    # a doubt that is no finding is none the less a doubt
+    if not out:    # a doubt that is not a finding is still a doubt
         out = [(v.of, f"{line.question} {line.word}. {line.text}") for v in verdicts(data)
                for line in v.lines if line.state != "ok"]
     return list(dict.fromkeys(out))

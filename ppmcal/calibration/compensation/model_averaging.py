@@ -47,7 +47,7 @@ class Reading:
 
     @property
     def bare(self) -> bool:
-        """Whether it is the machine without effects, which is no reading of its own."""
+        """Whether it is the machine without effects, which is not a model of its own."""
         return not self.effect and not self.instead
 
 

@@ -88,7 +88,7 @@ def is_open(data: Dataset, what: str) -> bool:
 
 
 def opened(data: Dataset, what: Sequence[str], only: bool = False) -> Dataset:
-    """Return a data set of which the registration fits ``what``, and with ``only`` nothing else."""
+    """Return a data set whose registration fits ``what``, and with ``only`` nothing else."""
     new = {}
     for word, name in FIELDS.items():
         unknown = getattr(data, name)
@@ -148,7 +148,8 @@ def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior
 def registration_hints(fit: Fit) -> tuple[RegistrationHint, ...]:
     """Return what files keep closed and the data ask to be open, best first.
 
-    A score test with the geometry free decides what is worth a fit; that fit, what is told. Each
+    A score test with the geometry free decides what is worth a fit; that fit, what is reported.
+    Each
     is judged with those before it open: of two files that disagree one is enough.
     """
     keep, problem = _with_outliers(fit), fit.problem

@@ -126,7 +126,7 @@ def _told(misreadings: Sequence[Misreading], mechanism: Mechanism) -> Iterator[s
 
 
 def _not_told(findings: Sequence[str], misreadings: Sequence[Misreading]) -> list[str]:
-    """Return findings without those on a column that is told to be outside its limits."""
+    """Return findings without those on a column that is reported to be outside its limits."""
     told = tuple(f"{m.source}: column {c}:" for m in misreadings for x in m.mistakes
                  if x.kind == "outside-limits" for c in x.columns)
     return [f for f in findings if not f.startswith(told)]

@@ -70,7 +70,7 @@ IMPLAUSIBLE = 8.0
 FAR = "farther from nominal than tolerances allow"
 """What is said of such parameters."""
 SHOWN = 3
-"""So many are told, the farthest first."""
+"""So many are reported, the farthest first."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Estimate:
     constant began at is only a start.
 
     ``sigma``: by the noise of rows, prior and held parameters included; ``by_noise``: half of the
-    95 % interval by noise of which the size is not known exactly, None: 1.96 sigma; ``half``: the
+    95 % interval by noise whose size is not known exactly, None: 1.96 sigma; ``half``: the
     same with what sessions differ by, None where only noise is known of; ``by_session``: label,
     value, sigma and half of the 95 % interval of each session's own fit; ``p_value`` of these
     being one value, and whether they ``disagree``. ``expected``: the error (one sigma) that such

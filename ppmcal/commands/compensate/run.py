@@ -117,7 +117,7 @@ class CompensationResult(Result):
         return [f"row {n} refused: {r}" for n, r in self.refused]
 
     def told(self) -> Iterator[Told]:
-        """Yield how many targets have commands, of which point, and the errors to expect."""
+        """Yield how many targets have commands, for which point, and the errors to expect."""
         yield self.headline()
         yield self.point()
         predicted = self.record.predicted

@@ -62,7 +62,7 @@ APART, FREEDOMS, MISSING, PATTERN, TOLERATED = (
     "whether instruments pull apart", "whether some parameters should be one",
     "which poses are missing", "whether residuals have a pattern",
     "whether the tolerances are kept")
-"""What is told beside a fit."""
+"""What is reported beside a fit."""
 
 
 def run(asked: IdentifyArguments) -> IdentificationResult:
@@ -228,7 +228,7 @@ def fitted_rows(problem: Problem, options: FitOptions, sigma: str
 
 
 def _estimated(problem: Problem, sigma: str) -> list[bool]:
-    """Return of which data sets the noise is estimated."""
+    """Return the data sets whose noise is estimated."""
     return [sigma == "estimated" or d.estimated for d in problem.datasets]
 
 

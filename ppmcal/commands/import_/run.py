@@ -28,7 +28,7 @@ ROBOTS = {
     "urdf": "it describes trees, and a parallel machine is a loop",
     "sdf": "its loops are joints between links, which say nothing of limbs, drives or home",
     "mjcf": "its loops are constraints of points, which say nothing of limbs, drives or home"}
-"""Models of robots, and why they are no mechanism."""
+"""Models of robots, and why they are not a mechanism."""
 LONGEST = 1e5
 """No rod is longer, and no radius, mm."""
 

@@ -112,7 +112,7 @@ def run(asked: ValidateArguments) -> ValidationResult:
 def _fitted_to(model: Machine | CalibratedMachine, others: Mapping[str, Mechanism],
                inputs: Mapping[str, str], datasets: Sequence[Dataset], mechanism: Mechanism
                ) -> list[str]:
-    """Return which of the measurements are no test of a machine, for it was fitted to them.
+    """Return which of the measurements do not test a machine, for it was fitted to them.
 
     ``others``: further machines by path.
     """

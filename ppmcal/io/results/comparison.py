@@ -27,7 +27,7 @@ SHOWN = 4
 FITS_DIFFER = 2.5
 """Two fits differ otherwise than a change says where they do by so many standard deviations."""
 ALIKE, HIDING = 0.3, 1.3
-"""Misfit that is alike, and noise over the stated one, are told from so much on."""
+"""Misfit that is alike, and noise over the stated one, are reported from so much on."""
 NOT_COMPARED = "not compared"
 
 

@@ -351,7 +351,7 @@ def known_in(record: IdentificationRecord, mechanism: Mechanism) -> tuple[KnownR
     """Return rows of the tables behind a calibration, SI; none in files of older versions.
 
     Raises:
-        ValueError: they are no numbers.
+        ValueError: they are not numbers.
     """
     try:
         return tuple(r.known(mechanism) for r in record.known_rows)
