@@ -139,7 +139,7 @@ NOISE = {
     "1e-300": ({"position": 1e-300, "rotation": 1e-300}, "is implausible"),
     "1e-15": ({"position": 1e-15, "rotation": 1e-15}, "is implausible"),
     "a rotation of 1e-15": ({"rotation": 1e-15}, "is implausible"),
-    "1e300": ({"position": 1e300, "rotation": 1e300}, "too large"),
+    "1e300": ({"position": 1e300, "rotation": 1e300}, "out of range"),
     "1e9": ({"position": 1e9}, "is implausible"),
     "drives of 1e-300": ({"actuator": 1e-300}, "is implausible"),
     "drives of 1e11": ({"actuator": 1e11}, "is implausible"),
@@ -188,7 +188,7 @@ def test_tolerances_of_any_size(bench, tmp_path, value, command):
     found = run(folder, command, "mine.yaml", *data, *more)
     words = " ".join(found.err.split())
     if TOLERANCES[value]:
-        assert found.code == 2 and ("cannot be" in words or "too large" in words), words
+        assert found.code == 2 and ("implausible" in words or "out of range" in words), words
     elif command in ("check", "identify"):
         assert found.code in (0, 1), words
 

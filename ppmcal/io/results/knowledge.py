@@ -250,14 +250,14 @@ def _refuse_no_covariance(matrix: Array, names: Sequence[str], path: Path) -> No
     bad = ~(np.abs(block) <= scale * (1.0 + ROUND_OFF)) | ~(
         np.abs(block - block.T) <= ROUND_OFF * scale)
     if bad.any():
-        raise refusal("the entries belong to no covariance", int(known[np.argwhere(bad)[0, 0]]))
+        raise refusal("the entries are not those of a covariance", int(known[np.argwhere(bad)[0, 0]]))
     free = sigma > 0.0
     if free.any():
         size = sigma[free]
         lowest, way = eigh(block[np.ix_(free, free)] / size / size[:, None])
         if lowest[0] < -ROUND_OFF * len(lowest):
             strongest = int(np.argmax(np.abs(way[:, 0])))
-            raise refusal("the entries together belong to no covariance",
+            raise refusal("the entries together are not a covariance",
                           int(known[np.flatnonzero(free)[strongest]]))
 
 
