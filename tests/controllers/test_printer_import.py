@@ -447,8 +447,8 @@ def test_what_reprapfirmware_saved_is_a_result(tmp_path: Path) -> None:
     ("RepRapFirmware height map", "my bed", "line 1"), ("xnum", "xn", "xnum"),
     (",3,3", ",3,4", "rows of heights"), ("0.010,", "0.010;", "line 4"),
     ("0.020", "0.O20", "line 5"), ("80.00,80.00,3", "80.00,0.00,3", "form a grid"),
-    (",3,3", ",1e9,3", "xnum is missing, or not a number up to"), (",3,3", ",1001,3", "form a grid"),
-    (",3,3", ",nan,3", "xnum")])
+    (",3,3", ",1e9,3", "xnum is missing, or not a number up to"),
+    (",3,3", ",1001,3", "form a grid"), (",3,3", ",nan,3", "xnum")])
 def test_a_broken_height_map_is_refused(tmp_path: Path, old: str, new: str, words: str) -> None:
     assert old in MAP
     (tmp_path / "config.g").write_text(CONFIG_G)

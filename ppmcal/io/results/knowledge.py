@@ -250,7 +250,8 @@ def _refuse_no_covariance(matrix: Array, names: Sequence[str], path: Path) -> No
     bad = ~(np.abs(block) <= scale * (1.0 + ROUND_OFF)) | ~(
         np.abs(block - block.T) <= ROUND_OFF * scale)
     if bad.any():
-        raise refusal("the entries are not those of a covariance", int(known[np.argwhere(bad)[0, 0]]))
+        raise refusal("the entries are not those of a covariance",
+                      int(known[np.argwhere(bad)[0, 0]]))
     free = sigma > 0.0
     if free.any():
         size = sigma[free]
