@@ -1,7 +1,7 @@
 """Are the numbers in the units that the files declare? Plain comparisons.
 
 A wrong unit shows as a factor: 1000 (mm against m), 57.3 (deg against rad), 25.4 (in against
-mm). Each finding is one sentence that names file and place, and says how to mend it.
+mm). Each finding is one sentence that names file and place, and says how to correct it.
 """
 
 from __future__ import annotations

@@ -243,7 +243,7 @@ def dotted(location: Sequence[int | str]) -> str:
 def translate(error: ValidationError, source: str,
               place: Callable[[Sequence[int | str]], str] | None = None,
               prefix: str = "") -> BadInput:
-    """Return a pydantic error in our own words: file, place, problem, mend."""
+    """Return a pydantic error in our own words: file, place, problem, hint."""
     problems = error.errors()
     first = problems[0]
     where = (place or dotted)(first["loc"])

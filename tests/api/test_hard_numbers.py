@@ -145,7 +145,7 @@ def had(result):
 
 
 def refused(words, call):
-    """Assert that a call is refused with these words, a mend, and exit code 2 or 3."""
+    """Assert that a call is refused with these words, a hint, and exit code 2 or 3."""
     with pytest.raises(PpmcalError, match=words) as found:
         call()
     assert found.value.mend and found.value.exit_code in (2, 3)

@@ -290,7 +290,7 @@ CAUSES = {"frame": "the instrument was moved", "target": "the target was moved",
 
 
 def hint_words(fit: Fit, hint: RegistrationHint) -> str:
-    """Return the mend and where it goes: ``frame: unknown in day2.yaml``."""
+    """Return the remedy and where it goes: ``frame: unknown in day2.yaml``."""
     return _words(fit, hint.dataset, hint.what)
 
 
@@ -300,7 +300,7 @@ def _words(fit: Fit, dataset: int, what: str) -> str:
 
 
 def hint_sentences(fit: Fit, hints: Sequence[RegistrationHint]) -> list[str]:
-    """Return what to say of each hint, with figures and mend."""
+    """Return what to say of each hint, with figures and remedy."""
     units, out = fit.problem.mechanism.units, []
     for h in hints:
         data = fit.problem.datasets[h.dataset]
