@@ -165,7 +165,7 @@ def _setting(words: Sequence[str], where: str) -> tuple[str, float]:
                        "Correct the line, or remove it")
     pin = parts[0].lower().removeprefix(_HEAD)
     if any(c in "$[" for c in "".join(parts)):
-        raise BadInput(f"'{parts[1][:40]}' stands for a value that is not at in this file", where,
+        raise BadInput(f"'{parts[1][:40]}' stands for a value that is not in this file", where,
                        f"Put the number itself behind {_HEAD}{pin[:40]}")
     if pin not in _PINS:
         near = difflib.get_close_matches(pin, _PINS, 1, 0.6)
