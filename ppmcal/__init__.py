@@ -12,7 +12,7 @@ True
 Files, data frames, mappings of columns and arrays are taken alike; tables are in the units of
 the mechanism file, attributes of results in SI. Every result has ``save(folder)``, ``to_frame()``
 and ``findings``. Refusals are :class:`BadInput` and :class:`NoResult`; their texts name file,
-place and mend.
+place and hint.
 """
 
 TYPE_CHECKING = False    # modules take milliseconds to load, in which Ctrl-C is a traceback

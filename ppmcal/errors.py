@@ -1,4 +1,4 @@
-"""One family of errors: what is wrong, where it stands, and how to mend it.
+"""One family of errors: what is wrong, where it stands, and how to correct it.
 
 Every refusal of the program is a :class:`PpmcalError`; the command line turns it into one
 message and an exit code. Code that looks something up by name uses :func:`unknown`, so

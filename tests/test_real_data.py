@@ -129,9 +129,9 @@ def test_calipers_that_contradict_good_touches_are_told(tmp_path: Path) -> None:
     import_config("klipper", path).save(tmp_path)
     run = ppmcal("identify", "machine.yaml", "heights.csv", "distances.csv", "--holdout", "0",
                  cwd=tmp_path, expect=1)
-    assert "heights and distances pull apart" in " ".join((run.out + run.err).split())
+    assert "heights and distances disagree" in " ".join((run.out + run.err).split())
     record = json.loads((tmp_path / "identified" / "identification.json").read_text())
-    assert any("pull apart" in f for f in record["findings"])
+    assert any("disagree" in f for f in record["findings"])
 
 
 def mesh_of(name: str) -> tuple[Path, dict[str, Any], dict[str, Any]]:

@@ -14,7 +14,7 @@ EXIT_CODES = """## Exit codes
 |---|---|---|
 | 0 | done | |
 | 1 | done, and something needs a look, such as rows left out | read the lines that begin with `!` |
-| 2 | bad input: nothing was written | one message names file, place and mend |
+| 2 | bad input: nothing was written | one message names file, place and hint |
 | 3 | no result, and nothing written but what says why | the message has what would help |
 | 130 | stopped with Ctrl-C | |
 

@@ -1,4 +1,4 @@
-"""A stranger's usual mistakes, each with the words by which the answer has to name cause and mend.
+"""A stranger's usual mistakes, each with the words by which the answer has to name cause and hint.
 
 A mistake is one edit of the files in `docs/stranger`, then one command.
 """

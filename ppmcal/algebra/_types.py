@@ -31,7 +31,7 @@ def as_array(value: ArrayLike, size: int, name: str) -> Array:
 def components(value: ArrayLike, size: int, name: str) -> Array:
     """Return a view of `(..., size)` with the components first, `(size, ...)`, to unpack.
 
-    It is the argument itself, so nothing may be written to it.  A contiguous copy is no gain:
+    It is the argument itself, so nothing may be written to it.  A contiguous copy gains nothing:
     fresh pages cost more than the strided reads of a product.
     """
     array = as_array(value, size, name)

@@ -93,7 +93,7 @@ def _main(entry: bool) -> int:
             code = getattr(stop, "exit_code", 130)
         if out.lost:
             refuse(f"Error: standard output cannot be written ({out.lost}); files in "
-                   "--out are not concerned. Check the space where it is redirected to.")
+                   "--out are not affected. Check the space where it is redirected to.")
         if (out.lost or err.lost) and code in (0, 1):
             code = 2
     return code

@@ -66,7 +66,7 @@ def console_options(function: F) -> F:
     @functools.wraps(function)
     def body(*args: Any, quiet: bool, verbose: int, as_json: bool, **options: Any) -> Any:
         if quiet and verbose:
-            raise click.UsageError("--quiet and --verbose say the opposite: give one of them.")
+            raise click.UsageError("--quiet and --verbose contradict each other: give one.")
         with _under_way(quiet, verbose):
             return function(*args, console=Console(quiet, as_json), **options)
 
@@ -205,16 +205,17 @@ class Console:
             self.say(part)
 
     def warn(self, findings: Sequence[str]) -> None:
-        """Print what the user must look at; of more than three of a kind one sentence."""
+        """Print what the user must look at, each fact once."""
         for finding in gathered(findings, "all with --json"):
             self.say(f"! {finding}")
 
     def warn_rows(self, findings: Sequence[str], rows: Sequence[str]) -> None:
-        """Print findings, then what is wrong with rows, of many the first three in one line."""
+        """Print findings, then what is wrong with rows: each reason once, of many three."""
         self.warn(findings)
-        many = len(rows) > MOST
-        for line in [f"{len(rows)} rows: {'; '.join(rows[:MOST])}; and {len(rows) - MOST} more, "
-                     "see status and reason"] if many else rows:
+        lines = gathered(rows, "see status and reason")
+        more = len(lines) - MOST
+        for line in [f"{len(rows)} rows: {'; '.join(lines[:MOST])}; and {more} more, see status "
+                     "and reason"] if more > 0 else lines:
             self.say(f"! {line}")
 
     def table(self, table: Table) -> None:
@@ -229,7 +230,7 @@ class Console:
         if self._rich is None:
             from rich.console import Console as Rich
 
-            # names may have brackets and colons, which are no mark-up
+            # names may have brackets and colons, which are not mark-up
             self._rich = Rich(width=WIDTH, soft_wrap=False, markup=False, emoji=False)
         return self._rich
 

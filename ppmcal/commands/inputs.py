@@ -61,7 +61,7 @@ def load(source: Machine) -> Mechanism:
             a mapping with the keys of a file; a mechanism is handed back as it is.
 
     Raises:
-        BadInput: anything wrong in the file, with file, place and mend.
+        BadInput: anything wrong in the file, with file, place and hint.
 
     >>> load(shipped("3-RPR"))
     <mechanism 3-RPR: planar, 3 limbs R(P)R, 12 free parameters>

@@ -11,12 +11,12 @@ from ppmcal.io.results.knowledge import read_basis
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 
-MEND = ("Look with `ppmcal diagnose` for what the model lacks; if the stated noise is too small, "
-        "use `identify --sigma estimated`; --regardless takes the model as it is")
-UNENDED = ("the fit of this model had not converged: its values are where the search stopped, and "
+MEND = ("Use `ppmcal diagnose` to find what the model lacks; if the stated noise is too small, "
+        "use `identify --sigma estimated`; --regardless uses the model as it is")
+UNENDED = ("the fit of this model did not converge: its values are where the search stopped, and "
            "commands may be far off")
 MEND_UNENDED = ("Run identify again without --iterations, or with more; measure poses that tell "
-                "the parameters apart, or free fewer; --regardless takes the model as it is")
+                "the parameters apart, or free fewer; --regardless uses the model as it is")
 
 
 def refuse_unfit(mechanism: Mechanism, knowledge: Path | None = None, regardless: bool = False
@@ -41,12 +41,12 @@ def refuse_unfit(mechanism: Mechanism, knowledge: Path | None = None, regardless
     if seen.converged is False:
         refusals.append((UNENDED, MEND_UNENDED))
     if seen.missed:
-        refusals.append((f"the model misses the measurements that it was made from: residuals are "
-                         f"{seen.sigma_ratio:.3g} times their noise", MEND))
+        refusals.append((f"the model does not fit its own calibration data: residuals are "
+                         f"{seen.sigma_ratio:.3g} times the noise", MEND))
     if refusals and not regardless:
         what, mend = refusals[0]
         raise NoResult(what, mechanism.source, mend)
-    return [f"{what}; taken all the same, with --regardless" for what, _ in refusals]
+    return [f"{what}; used anyway, because of --regardless" for what, _ in refusals]
 
 
 def _basis(mechanism: Mechanism, knowledge: Path | None) -> MeasurementBasis:

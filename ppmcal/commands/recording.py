@@ -41,7 +41,7 @@ def recording(function: str, options: dict[str, Any]) -> Iterator[None]:
 
 
 def refuse_seed(seed: object) -> None:
-    """Refuse what is no seed, or one that its own record could not hold.
+    """Refuse what is not a seed, or one that its own record could not hold.
 
     Raises:
         BadInput: not a whole number from 0 to 2^53.
@@ -54,7 +54,7 @@ def refuse_seed(seed: object) -> None:
 
 
 def refuse_words(name: str, kind: str, value: Any) -> None:
-    """Refuse what is no number where an argument takes nothing else.
+    """Refuse what is not a number where an argument takes nothing else.
 
     Args:
         name: of the argument.

@@ -155,7 +155,7 @@ class Arguments:
     """What a command takes: its subclasses are frozen dataclasses of these fields."""
 
     def misuse(self, typed: Collection[str]) -> str:
-        """Return why options do not go together, of which ``typed`` were given; empty if they do.
+        """Return why options do not go together, ``typed`` being those given; empty if they do.
 
         Of the command line alone, which knows what was given and what is a default.
         """

@@ -1,4 +1,4 @@
-"""How well a model is known over the poses of an export: what no controller's numbers can mend."""
+"""How well a model is known over the poses of an export: what no controller's numbers can help."""
 
 from __future__ import annotations
 

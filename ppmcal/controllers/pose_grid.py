@@ -108,7 +108,7 @@ def measured_part(mechanism: Mechanism, coordinate: int, low: float, high: float
 
 
 def refuse_open(mechanism: Mechanism, what: str, mend: str = "") -> None:
-    """Refuse a machine of which an actuator has no limits: ``what`` then has no end."""
+    """Refuse a machine with an actuator without limits: ``what`` then has no end."""
     open_ = [a for a, pair in zip(mechanism.actuators, mechanism.limits, strict=True)
              if not np.isfinite(pair).all()]
     if open_:

@@ -1,7 +1,7 @@
 """What errors of the geometry do to the tool: J_g and what follows from it.
 
 One line per leg gives every error's effect ([LIN] section 2.5): J_g = -A^-1 Bg, an outer
-product per leg. Carried to the tool point, of which position and rotation are looked at
+product per leg. Carried to the tool point, whose position and rotation are looked at
 apart. Shapes: N poses, S errors; the six rows of J_g are displacement and rotation in base
 axes, m and rad per m or rad of the error.
 """

@@ -56,16 +56,17 @@ def require_meet(mechanism: Mechanism) -> None:
     """
     place = f"{mechanism.source} with --method intersection"
     if mechanism.motion == "spatial" and not is_tripod(mechanism):
-        raise BadInput("the limbs' bodies have no meet in closed form: this machine is spatial, "
-                       "its platform turns, and only three limbs on a circle each (3-R(P)S) leave "
-                       "an equation in one unknown", place, "Use --method newton; planar machines, "
-                       "deltas of three parallelograms and tripods can be intersected")
+        raise BadInput("the limbs' surfaces have no intersection in closed form: this machine is "
+                       "spatial, its platform turns, and only three limbs on a circle each "
+                       "(3-R(P)S) leave an equation in one unknown", place,
+                       "Use --method newton; planar machines, deltas of three parallelograms and "
+                       "tripods can be intersected")
     offset = [limb.name for limb, values in zip(mechanism.limbs, Model(mechanism).limb_values,
                                                 strict=True) if limb.kind.turns(values)]
     if offset:
-        raise BadInput(f"the limbs' bodies have no meet in closed form: the axes of a universal "
-                       f"joint of {', '.join(offset)} do not meet, so its surface is no sphere",
-                       place, "Use --method newton")
+        raise BadInput("the limbs' surfaces have no intersection in closed form: the axes of a "
+                       f"universal joint of {', '.join(offset)} do not meet, so its surface is "
+                       "not a sphere", place, "Use --method newton")
     if mechanism.effects:
         kinds = ", ".join(dict.fromkeys(e.kind.name for e in mechanism.effects))
         raise BadInput(f"the intersection is of the geometry alone, and the file has effects "

@@ -38,7 +38,7 @@ from ppmcal.model.effects import (
 from ppmcal.model.mechanism import limbs_with_free
 from ppmcal.notes import NOTE, Note
 
-UNBORNE = "it shows only through what gives way to the load, of which the model has nothing"
+UNBORNE = "it shows only through compliance under load, and the model has none"
 STARTS = (np.arange(16) + 0.5) / 8.0 - 1.0
 """What a memory may have been before the first row, in parts of the most."""
 SEEN = 0.05

@@ -69,7 +69,7 @@ def _together(h: Hypothesis, value: Array, sigma: Array, prior: Array) -> Sized:
 
 
 def _seen(asked: Question, columns: Sequence[int]) -> Bools:
-    """Return of which columns (k,) the largest size shows as much as the smallest one does."""
+    """Return the columns (k,) whose largest size shows as much as the smallest one does."""
     given, which = asked.views[0].start, list(columns)
     whole = np.sum(given.columns.some(which) ** 2, axis=0)
     past = whole - np.sum(given.seen[which] ** 2, axis=1)

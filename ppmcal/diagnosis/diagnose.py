@@ -40,10 +40,10 @@ from ppmcal.wording.progress import begin
 MOST_STEPS = 4000
 """Steps that the fits of one search may try together: some times what any needs that ends by
 itself. Three freedoms and forty poses may need 500, a hexapod that wanders 900."""
-ENDED = (f"the search was ended after {MOST_STEPS} steps of its fits, which wander: what was named "
-         "by then is told as far as its fit had got, and rivals, learned terms and what to measure "
-         "next may be missing; state what is known (stiffness, load) in the mechanism file, or "
-         "try fewer kinds")
+ENDED = (f"the search was stopped after {MOST_STEPS} steps, because its fits wander: what was "
+         "named so far is reported as its fit stood then; rivals, learned terms and what to "
+         "measure next may be missing; state what is known (stiffness, load) in the mechanism "
+         "file, or try fewer kinds")
 
 CUT = ("{} with further effects wandered and went no farther than " + str(REFIT_STEPS)
        + " steps: effects that only a longer one would show may be missing")

@@ -3,9 +3,9 @@
 Sparse regression of what is left, free of geometry, named effects and the other terms, on forms of
 the term's own inputs (Brunton et al. 2016, SINDy). Sets of products are as probable as they explain
 the rows, each product by half a logarithm of the rows dearer (Schwarz 1978), one form of as many as
-there are, a kink at one of its places and in one of ten. An equation is told where its forms are
-surely in it, over all sets; it has to lie within the band of what was learned, and to predict the
-held-out poses as well.
+there are, a kink at one of its places and in one of ten. An equation is reported where its forms
+are surely in it, over all sets; it has to lie within the band of what was learned, and to predict
+the held-out poses as well.
 """
 
 from __future__ import annotations

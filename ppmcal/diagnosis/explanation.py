@@ -33,11 +33,11 @@ from ppmcal.model.effects import Setting
 ROUNDS = 4
 TRY = ("state what is known (stiffness, load, directions) in the mechanism file, or try fewer "
        "kinds (--kind)")
-ENDED = ("the search among sets of causes was given up before it came to its end: the likeliest "
-         f"set that it had come to is told, others may be likelier; {TRY}")
-UNSETTLED = (f"causes that were fitted, and asked for again at that fit, did not stay the same in "
-             f"{ROUNDS} rounds: those of the last round are told; {TRY}")
-UNFITTED = ("with {} there is no fit ({}): what is told is from the fit without, where their "
+ENDED = ("the search among sets of causes was stopped early: the likeliest set so far is reported, "
+         f"others may be likelier; {TRY}")
+UNSETTLED = (f"the causes did not settle in {ROUNDS} rounds of fitting and asking again: those of "
+             f"the last round are reported; {TRY}")
+UNFITTED = ("the fit with {} failed ({}): results are from the fit without, where their "
             f"derivatives may be far off; {TRY}")
 
 
@@ -47,8 +47,8 @@ class CausePlace:
 
     ``members``: those that are needed for 95 %, or would be at other priors, first the one of the
     family that leads, with all members in which it is; the others likeliest first. ``block``: of
-    the best set; ``leader``: what is told in its place; ``hypothesis``: what that stands for, None
-    if it is unknown.
+    the best set; ``leader``: what is reported in its place; ``hypothesis``: what that stands for,
+    None if it is unknown.
     ``only_misread``: whether all of the members are columns that are read wrongly.
     """
 

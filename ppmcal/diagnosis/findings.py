@@ -86,7 +86,7 @@ def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEf
 
 
 def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[str]:
-    """Return of which effects some joints lag their readings and some lead them: perhaps both do.
+    """Return the effects whose joints partly lag their readings and partly lead them.
 
     Which side is a convention as much as a place of the encoder, so no file is refused for it.
     """

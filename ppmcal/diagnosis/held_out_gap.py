@@ -4,7 +4,7 @@ No row is left out because one of the two models misses it: what the model under
 what the gap is to show. A gross error is missed by both of them. Of such a row only the difference
 between the two counts: its errors are scaled, both alike, until the smaller one is as large as the
 largest that chance gives; what they then have in common beyond the noise is taken out of both. It
-cannot outweigh all other rows, and is no reason to prefer either model.
+cannot outweigh all other rows, and does not favour either model.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
         return np.asarray(sums, dtype=np.float64)
 
     table = np.stack([per_pose(v) for v in (
-        # where a fit predicts nothing, its own doubt is no excuse
+        # where a fit predicts nothing, its own doubt does not excuse it
         *squares, *(np.minimum(v, own * count) for v in variances), new.count)])
     whole = table.sum(axis=1)
     sums = _bootstrap(table, seed)

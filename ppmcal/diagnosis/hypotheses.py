@@ -39,7 +39,7 @@ class Hypothesis:
         misread: how columns would have to be read for it; empty: as they are.
         stretch: of the system the rows in which they are, from the first to the one before the
             second; empty: all.
-        sessions: those in each of which it has a size of its own, columns session by session;
+        sessions: those where it has a size of its own in each, columns session by session;
             empty: it is the same in all.
         starts: where it has a memory, columns of what that may have been before the first row,
             each with the place among ``columns`` of the one whose coefficient, times a standard
@@ -92,7 +92,7 @@ class Hypothesis:
 
     @cached_property
     def family(self) -> str:
-        """What it is told apart as: the kind, the frozen slot, the shape's place, a misreading."""
+        """What distinguishes it: the kind, the frozen slot, the shape's place, a misreading."""
         if self.misread:
             return self.misread
         if self.anonymous:

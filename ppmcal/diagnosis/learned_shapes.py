@@ -27,7 +27,7 @@ KINK = 4.0
 """It looks kinked where its bend is at most so many times the rms bend."""
 LEAST_PERIODS, MOST_PERIODS = 1.5, 10.0
 NEAR, FEW = 0.8, 3
-"""Kinds of effect that do nearly the same have at least this cosine; so many are told."""
+"""Kinds of effect that do nearly the same have at least this cosine; so many are reported."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +154,7 @@ def _looks(curve: LearnedCurve, x: Array, value: Array) -> tuple[tuple[str, ...]
 
 
 def _period(x: Array, value: Array) -> float | None:
-    """Return the period of the one wave that most of a curve is, None if it is no wave."""
+    """Return the period of the one wave that most of a curve is, None if it is not a wave."""
     away = value - value.mean()
     total = float(np.sum(away**2)) or 1.0
     best, found = 0.0, None

@@ -1,8 +1,8 @@
 """What the likeliest unknown causes do, learned: functions that claim no cause.
 
 Which functions there are is asked beside all other causes; their values are the posterior of the
-same blocks, at the fits that are told, from the rows that belong. They go into the machine unless
-they surely predict held-out poses worse.
+same blocks, at the fits that are reported, from the rows that belong. They go into the machine
+unless they surely predict held-out poses worse.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from ppmcal.model.mechanism import Mechanism, with_effect
 
 def learned_beyond(asked: Round, found: Found, named: bool, whole: Fit, held: Sequence[Dataset],
                    options: DiagnosisOptions) -> LearnedTerms | None:
-    """Return what has no name, learned; None where it is no function, or predicts surely worse.
+    """Return what has no name, learned; None where it is not a function, or predicts surely worse.
 
     Args:
         asked: the last question and its answer.

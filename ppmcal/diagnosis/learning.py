@@ -155,7 +155,7 @@ def _shape(root: Array, by_rows: tuple[Array, Array], moved: tuple[Array, Array]
 
 
 def _gone(root: Array, whole: Array, left: Array) -> tuple[Array, Array]:
-    """Return the z (r, d) of which next to nothing is left, and how much (d, r) each z has of them.
+    """Return the z (r, d) that leave next to nothing, and how much (d, r) each z has of them.
 
     ``whole``, ``left`` (K, K): inner products of columns, and of what is left of them.
     """

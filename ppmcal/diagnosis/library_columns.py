@@ -1,6 +1,6 @@
 """The columns of a library: told one by one, made together.
 
-A column is told as the shifts that make it, as another one from a row on, or as a sum of others.
+A column is kept as the shifts that make it, as another one from a row on, or as a sum of others.
 What a slot moves is asked once; columns that differ only by how far it moves are one product.
 """
 
@@ -127,7 +127,7 @@ class LibraryColumns:
         return self._next()
 
     def sum_of(self, columns: Sequence[int]) -> int:
-        """Add the sum of columns that were added before, and are no sums; return where it is."""
+        """Add the sum of columns added before that are not sums themselves; return where it is."""
         self._sums[self.count] = columns
         return self._next()
 

@@ -128,7 +128,7 @@ class Recorded:
 
 @dataclass(frozen=True, eq=False)
 class ResidualGroup:
-    """Rows (N,) of which ``low`` <= value < ``high``."""
+    """Rows (N,) with ``low`` <= value < ``high``."""
 
     by: str
     value: str

@@ -1,4 +1,4 @@
-"""Files of which a column is not what it is read as, by the probabilities of causes."""
+"""Files with a column that is not what it is read as, by the probabilities of causes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ppmcal.diagnosis.hypotheses import Hypothesis
 
 
 def refuse_misread(last: Round) -> None:
-    """Refuse files of which a column is not what it is read as.
+    """Refuse files with a column that is not what it is read as.
 
     Beside something that has no name it is only what that looks like: nothing is known until all
     is explained.

@@ -25,7 +25,7 @@ TINY, SEEN = 1e-200, 1e-9
 FEWEST = 6
 """Rows of a stretch, and of what it leaves of a file."""
 LIKELY = 16
-"""Stretches of each effect of which more is asked: those that explain most past the geometry."""
+"""Stretches of each effect that are examined further: those that explain most past the geometry."""
 
 
 def misread_columns(to: Collector) -> list[Hypothesis]:

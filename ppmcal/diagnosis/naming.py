@@ -200,7 +200,7 @@ def _stage(asked: Round, rows: Container[tuple[int, int]], chosen: Sequence[Hypo
 
 
 def nearest(h: Hypothesis, some: Sequence[Hypothesis]) -> int | None:
-    """Return the number of the same hypothesis over other rows, of which grids are others.
+    """Return the number of the same hypothesis over other rows, whose grids differ.
 
     None where these rows do not tell it.
     """

@@ -200,7 +200,7 @@ def _settings(stage: Stage, n: int, rng: np.random.Generator) -> dict[str, Array
             way = out.get(f"dir_{name.removeprefix('vel_')}", np.repeat(signs, n))
             out[name] = way * np.repeat(np.where(levels > 0, speed.max(), speed.min()), n)
         elif name == "time":
-            # as the first few are: later ones tell more of a drift, and are told no surer
+            # as the first few are: later ones tell more of a drift, and are not more certain
             out[name] = np.repeat(after_last(seen, 4), n)
         else:
             ends = (seen.min(), seen.max())

@@ -1,7 +1,8 @@
 """Which of the platform's motions an instrument sees.
 
 Touches of a flat say nothing of where along it the platform is, one mark nothing of turns about it.
-A term that moves the platform that way is no finding, however well its small part across explains
+A term that moves the platform that way is not a finding, however well its small part across
+explains
 what is left: commands would carry all of it.
 """
 

@@ -46,7 +46,7 @@ def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, .
     out: list[Validated] = []
     for rest, own in other_sessions(problem.datasets, final.keep,
                                     rows_with_outliers(final)):
-        # heights and distances of one campaign are no days: neither tells of the other alone
+        # heights and distances of one campaign are not days: neither tells of the other alone
         days = [d.alone() for d in own if len(d) >= FEWEST and any(
             d.kind == r.kind for r in rest)]
         if not days:

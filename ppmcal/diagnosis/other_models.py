@@ -66,7 +66,7 @@ def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
 def others(what: Told) -> list[tuple[CausePlace, Member, float]]:
     """Return what may be in the place of what is named, likeliest first, and the odds against.
 
-    A set that has one cause in the place of several is told once.
+    A set that has one cause in the place of several is reported once.
     """
     out = [(place, m, place.members[0].probability / m.probability)
            for place, _ in what.effects for m in place.members[1:]]

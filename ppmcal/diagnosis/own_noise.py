@@ -46,7 +46,7 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
         return found, told
     begin("again with the noise that what was named leaves")
     again = diagnose_with_registration(replace(own, datasets=less.datasets), options)
-    # what less noise takes back is no reason to believe what it brings
+    # what less noise takes back is not a reason to believe what it brings
     return (again, sentences) if _names(found) <= _names(again) else (found, told)
 
 

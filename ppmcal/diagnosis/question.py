@@ -136,7 +136,7 @@ ROW_FAMILY = "row"
 FILE_FAMILY = "file"
 """The family of files none of whose rows belongs: they are another machine's, or nothing's."""
 NO_CAUSES = (ROW_FAMILY, FILE_FAMILY)
-"""Families that are no cause in the machine."""
+"""Families that are not a cause in the machine."""
 
 
 def rows(observed: Bools, first: int) -> Iterator[tuple[Block, WrongRows]]:
@@ -225,7 +225,7 @@ def _prior(h: Hypothesis) -> float:
 
 
 def _sort(h: Hypothesis) -> object:
-    """Return of which families it is one: slots of a sort, parts of a kind, forms of another."""
+    """Return the families that it is in: slots of a sort, parts of a kind, forms of another."""
     if h.effect is None:
         return (h.sort, h.anonymous)
     if h.part:

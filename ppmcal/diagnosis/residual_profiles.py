@@ -147,7 +147,7 @@ def _bin(mine: Bools, x: Array, before: Array, after: Array, row: Ints) -> list[
 
 
 def half_width(values: Array, row: Ints) -> float:
-    """Return half the 95 % interval of a mean of values of which some share a row."""
+    """Return half the 95 % interval of a mean of values, some of which share a row."""
     _, label = np.unique(row, return_inverse=True)
     sums = np.bincount(np.asarray(label).reshape(-1), weights=values - values.mean())
     rows = sums.size

@@ -14,9 +14,10 @@ from ppmcal.diagnosis.linear_system import INVISIBLE, System, Whitening, range_b
 from ppmcal.linalg import Array, column_lengths, without_range
 
 VISIBLE = 1e-4
-"""Directions of unit columns of which the geometry leaves less than this are swallowed by it."""
+"""Directions of unit columns are absorbed by the geometry where it leaves less than this of
+them."""
 WEAK_SURVIVAL = 0.2
-"""Effects of which the geometry leaves less than this are weakly testable."""
+"""Effects are weakly testable where the geometry leaves less than this of them."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,7 @@ MARGIN = 0.005
 BEYOND = 30.0
 """A pose coordinate is an input where its range is so many times what residuals amount to."""
 PASSING = ("time",)
-"""Inputs that no later command can have again: what follows them is told, and not learned."""
+"""Inputs that no later command can have again: what follows them is reported, and not learned."""
 
 
 @dataclass(frozen=True, eq=False)

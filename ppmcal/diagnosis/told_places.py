@@ -1,4 +1,4 @@
-"""What is told of what was found: effects, what has no name, every candidate, what is left."""
+"""What is reported of what was found: effects, what has no name, every candidate, what is left."""
 
 from __future__ import annotations
 

@@ -46,8 +46,8 @@ Made = tuple[str, Array, list[Array], bool, LearnedCurve | None, tuple[bool, ...
 class UnknownCause:
     """One block of columns ``number`` to ``number + width``, and what it looks like.
 
-    ``curve``, ``on``: the learned term that it would be, None of what is no function of an input.
-    ``remedy``: what to measure to tell it from others.
+    ``curve``, ``on``: the learned term that it would be, None where it is not a function of an
+    input. ``remedy``: what to measure to tell it from others.
     """
 
     label: str

@@ -45,7 +45,7 @@ class BlockSet:
 
     @property
     def causes(self) -> tuple[int, ...]:
-        """Those that are no rows."""
+        """Those that are not rows."""
         return self.question.apart_from_rows(self.chosen)[0]
 
     @property
@@ -105,7 +105,7 @@ class BlockSet:
         out[asked] = (more + linalg.logsumexp(
             [log_p + odds_of_some(own, asked) for log_p, own in every], axis=0))[asked]
         rows = {i: row.size for i, row in self.rows.items()}
-        for i in question.with_ratio:       # of which the other's size says how large it may be
+        for i in question.with_ratio:       # whose size is bounded by the other's
             if out[i] > self.log_p - NEGLIGIBLE:
                 out[i] = state(question, (*self.chosen, i), [n for n, _, _ in self.views],
                                rows=rows).log_p

@@ -22,7 +22,7 @@ class Block:
 
     Attributes:
         name: for people.
-        family: the cause that it stands for; what is told apart.
+        family: the cause that it stands for; what is distinguished.
         columns: their numbers, k of them.
         roots: one R (k, q) for each value of what lies on a grid, such that R z makes one sigma
             rms; empty: of each column alone, scaled so.

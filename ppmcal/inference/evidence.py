@@ -120,7 +120,7 @@ class BatchOdds:
         """Return the log odds (b, G, S) of some blocks, coefficients between their ends."""
         batch, out = self.batch, self.free[which] - self.batch.usual[which, None, None]
         ends = batch.bounded[which]
-        # what is no likelier wherever its coefficients are is not looked at closely
+        # what is not likelier wherever its coefficients are is not looked at closely
         close = self.most[which] > 0.0
         for mine, closely in ((ends & close, True), (ends & ~close, False)):
             some = which[mine]

@@ -66,7 +66,7 @@ class SetSearch:
 
     @property
     def scored(self) -> list[BlockSet]:
-        """Sets of which it is known how likely they are with each block more."""
+        """Sets whose probability with each further block is known."""
         return [at for at in (*self.states.values(), *self.replaced) if at.scored]
 
     def _state(self, chosen: tuple[int, ...], likely: Sequence[int]) -> BlockSet:
@@ -376,7 +376,7 @@ class SetSearch:
     def _scores(self, at: BlockSet) -> Array:
         """Return the scores of a set (B,), those that matter to any move or to the posterior.
 
-        Of the likeliest all do. Beside others what is no likelier than the set does not, unless
+        Of the likeliest all do. Beside others what is not likelier than the set does not, unless
         that is part of the likeliest and nearly as likely.
         """
         key, (best, log_p) = frozenset(at.chosen), self.best

@@ -46,7 +46,7 @@ MOST_GROSS = Prior(1 / 4, "where more than a quarter of the rows do not belong, 
 
 SHAPES = Prior(1 / 3, "of what nobody listed a third is one worn place, dent or kink of a travel")
 UNSETTLED = Prior(1 / 2, "a start that may change half of an effect is not known")
-SURE = Prior(0.95, "what is told as sure is right 19 times in 20, as an interval is")
+SURE = Prior(0.95, "what is called sure is right 19 times in 20, like an interval")
 COUNTS = Prior(1 / 100, "sets less probable than this change no prediction and no command")
 
 CORRELATIONS = (0.3, 0.5, 0.7, 0.85, 0.95)

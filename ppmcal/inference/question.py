@@ -71,7 +71,7 @@ class Question:
         values: y (n,), zero where ``observed`` (N, m) is not.
         geometry: Jacobian times the root of its prior (n, c).
         apart: rows from each to the next (N - 1,), 0 where another sequence begins.
-        alone: families of which none stands for several others: rows that do not belong.
+        alone: families that never stand for several others: rows that do not belong.
         known: values that the noise is known as from: degrees of freedom of its prior.
         measured: how many values are behind rows that were reduced to fewer; 0: none were.
     """
@@ -155,7 +155,7 @@ class Question:
             return alone
         count = len(self.groups[block.group])
         same = sum(self.blocks[j].group == block.group for j in like)
-        # any m of n are as likely as any others, in whatever order they are told
+        # any m of n are as likely as any others, in whatever order they are listed
         more = (np.log(float(FURTHER) * (len(like) + 1) * count / (count - same))
                 + block.log_prior - self._of_group[block.group])
         if not same:

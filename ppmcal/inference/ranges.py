@@ -12,7 +12,7 @@ SIZES = np.geomspace(float(SMALLEST_SIZE), float(LARGEST_SIZE), SIZE_STEPS)
 """Sizes s (S,), rms over the noise."""
 LEAST = 1e-300
 TINY = 1e-200
-"""Probabilities of which a quotient has lost its digits."""
+"""Probabilities whose quotient has lost its digits."""
 FAR = 1e12
 """Standard deviations beyond which the probability is less than LEAST."""
 

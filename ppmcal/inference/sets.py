@@ -88,7 +88,7 @@ class SetPosterior:
     def families(self, place: int) -> dict[str, float]:
         """Return the probability of each family in a place, wherever it acts, largest first.
 
-        "" is of nothing; where other sets have several in its place, these are told together.
+        "" is of nothing; where other sets have several in its place, these are reported together.
         """
         found: dict[str, float] = defaultdict(float)
         for member in self.members(place):

@@ -2,7 +2,7 @@
 
 Files are in the units that they declare, everything handed on is SI. pydantic lives here and
 nowhere else; every refusal is a :class:`ppmcal.errors.BadInput` that names the file, the place
-in it and the mend. Names are loaded on first use, so that ``--help`` stays fast.
+in it and the hint. Names are loaded on first use, so that ``--help`` stays fast.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ def read_manifest(path: str | os.PathLike[str]) -> tuple[CampaignJob, ...]:
     """Return the campaigns of a manifest, in its order, found ones by machine and date.
 
     Raises:
-        BadInput: anything wrong in the file, with file, place and mend; a pattern with
+        BadInput: anything wrong in the file, with file, place and hint; a pattern with
             ``{machine}`` or ``{date}`` that fits no file; two campaigns with one folder.
     """
     source, folder = str(path), Path(path).absolute().parent
@@ -98,7 +98,7 @@ def read_manifest(path: str | os.PathLike[str]) -> tuple[CampaignJob, ...]:
                                "Give one of them a `name`")
             out[one.name] = place, one
     if not out:
-        raise BadInput("there is no campaign", f"{source}: campaigns",
+        raise BadInput("no campaign is listed", f"{source}: campaigns",
                        f"Add one, such as `- {EXAMPLE}`")
     return tuple(campaign for _, campaign in out.values())
 

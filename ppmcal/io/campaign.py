@@ -55,7 +55,7 @@ def _resolve(data: Dataset, by_name: dict[str, Dataset]) -> Unknown:
                            "Write `frame: unknown`, or name another data set" + (
                                f": {', '.join(others)}" if others else ""))
         if frame.same_as not in by_name and not others:
-            raise BadInput(f"unknown data set '{frame.same_as}': there is no other one", place,
+            raise BadInput(f"unknown data set '{frame.same_as}': no other data set is given", place,
                            f"Give '{frame.same_as}' too, or write `frame: unknown`")
         if frame.same_as not in by_name:
             error = unknown("data set", frame.same_as, others, place)

@@ -109,7 +109,7 @@ def clock_of_words(cells: Sequence[str], place: Callable[[int], str], dates: str
         zone: of the times that name none: ``UTC``, ``+02:00``, ``Europe/Berlin``.
 
     Raises:
-        BadInput: a cell that is no time, two kinds of times in one column, or a date whose day
+        BadInput: a cell that is not a time, two kinds of times in one column, or a date whose day
             and month could be exchanged.
     """
     found: list[tuple[int, re.Match[str]]] = []
@@ -120,7 +120,7 @@ def clock_of_words(cells: Sequence[str], place: Callable[[int], str], dates: str
             continue
         match = usual.fullmatch(text) or next((m for f in _FORMS if (m := f.fullmatch(text))), None)
         if match is None:
-            raise BadInput(f"'{cell.strip()[:40]}' is no time", place(i), FORM)
+            raise BadInput(f"'{cell.strip()[:40]}' is not a time", place(i), FORM)
         usual = match.re
         found.append((i, match))
     if not found:
@@ -169,8 +169,8 @@ def _order(found: Sequence[tuple[int, re.Match[str]]], place: Callable[[int], st
     order = dates or next(iter(told), "")
     if not order:
         i, m = open_[0]
-        raise BadInput(f"'{m.string}' could be the {int(m['a'])}. of month {int(m['b'])} or the "
-                       f"{int(m['b'])}. of month {int(m['a'])}", place(i), "Write `read: {dates: "
+        raise BadInput(f"'{m.string}' could be day {int(m['a'])} of month {int(m['b'])} or day "
+                       f"{int(m['b'])} of month {int(m['a'])}", place(i), "Write `read: {dates: "
                        "day-first}` (or month-first) into the sidecar")
     return order
 
@@ -181,11 +181,11 @@ def _seconds(match: re.Match[str], order: str, zone: tzinfo | None, place: str) 
     hour = int(part["hour"])
     half = (part["half"] or "").lower()[:1]
     if half and not 1 <= hour <= 12:
-        raise BadInput(f"'{match.string}' has an hour that no half of a day has", place, FORM)
+        raise BadInput(f"'{match.string}' has an hour that does not go with am or pm", place, FORM)
     hour = hour % 12 + (12 if half == "p" else 0) if half else hour
     second = float(f"{part['second'] or 0}.{part['part'] or 0}")
     if hour > 23 or int(part["minute"]) > 59 or second >= 61.0:
-        raise BadInput(f"'{match.string}' is no time of a day", place, FORM)
+        raise BadInput(f"'{match.string}' is not a time of day", place, FORM)
     of_day = 3600.0 * hour + 60.0 * int(part["minute"]) + second
     shift = 0.0 if part["zone"] is None else _offset(part["zone"])
     if part.get("y") is None:
@@ -214,8 +214,8 @@ def _local(day: datetime, of_day: float, zone: tzinfo, text: str, place: str) ->
     away, other = (moment.replace(fold=f).utcoffset() for f in (0, 1))
     assert away is not None and other is not None
     if away != other:
-        raise BadInput(f"at '{text}' the clocks were put forward or back, so the time there is not "
-                       "told", place, "Export the times in UTC")
+        raise BadInput(f"at '{text}' the clocks were put forward or back, so the time is "
+                       "ambiguous", place, "Export the times in UTC")
     return away.total_seconds()
 
 
@@ -260,7 +260,7 @@ def on_clock_of(log: Clock, points: Clock, log_source: str, source: str) -> Arra
     """
     if log.counter != points.counter or (not log.counter and log.zoned != points.zoned):
         what = ("one counts seconds from a moment of its own, the other is a clock"
-                if log.counter != points.counter else "only one of the two says its zone")
+                if log.counter != points.counter else "only one of the two states its zone")
         raise BadInput(f"its times ({points.words}) cannot be compared with those of {log_source} "
                        f"({log.words}): {what}", source,
                        "Give what the points' clock is ahead by, --clock-offset S, or have it "

@@ -27,7 +27,7 @@ LARGEST = 1e15
 class Table:
     """A CSV with N rows: ``numbers`` (N,) by column, nan where empty; ``text`` by column.
 
-    ``dialect`` is how the file was written, None for what is no CSV.
+    ``dialect`` is how the file was written, None for what is not a CSV.
     """
 
     source: str
@@ -153,7 +153,7 @@ def refuse_absurd(numbers: Mapping[str, Array], source: str) -> None:
         if absurd.size:
             row = int(absurd[0])
             what = ("an infinite value cannot have been measured" if np.isinf(values[row])
-                    else f"{values[row]:g} is too large to be true")
+                    else f"{values[row]:g} is out of range")
             raise BadInput(what,
                            f"{source}: row {row + 1}, column {name}",
                            "Correct the cell, or leave it empty if it was not measured")

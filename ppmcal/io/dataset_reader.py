@@ -61,7 +61,7 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     where distances are between two platform positions. Temperatures are in K.
 
     Raises:
-        BadInput: anything wrong in either file, with file, place and mend.
+        BadInput: anything wrong in either file, with file, place and hint.
     """
     csv_path = Path(path)
     if csv_path.suffix in (".yaml", ".yml"):
@@ -230,8 +230,8 @@ def _contradicted(labels: NDArray[np.int64], groups: NDArray[np.int64], source: 
     earlier = int(first[inverse.reshape(-1)[other]])
     reused = "one label stands" if count == 1 else f"{count} of {first.size} labels stand"
     return [f"{source}, column pose: {reused} for different joint values (first at rows "
-            f"{earlier + 1} and {other + 1}); such rows are no repeats, and count as poses of "
-            "their own. Give each commanded pose a label of its own."]
+            f"{earlier + 1} and {other + 1}); such rows are not repeats, and count as separate "
+            "poses. Give each commanded pose its own label."]
 
 
 def _sessions(table: Table) -> tuple[str, ...] | None:

@@ -160,7 +160,7 @@ def reading() -> Iterator[Run]:
 
 @contextmanager
 def unnoted() -> Iterator[None]:
-    """Read in the block what is no input of the run that is under way, such as its own notes."""
+    """Read in the block what is not an input of the current run, such as its own notes."""
     token = _RUN.set(None)
     try:
         yield

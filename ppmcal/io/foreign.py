@@ -43,7 +43,7 @@ class ForeignTable:
         ignored: headers of the columns that are left alone.
         remarks: lines above the table, which nothing is made of: perhaps they name units.
         clock: of the column ``time``, None without one.
-        form: what kind of file it is, where it is no plain table.
+        form: what kind of file it is, where it is not a plain table.
     """
 
     table: Table

@@ -42,8 +42,8 @@ def read_bytes(path: Path, limit: Limit = TABLE_BYTES) -> bytes:
     """Return a file's bytes, and note it as an input of the run.
 
     Raises:
-        BadInput: it does not exist, is no file, cannot be read, is larger than ``limit``, changed
-            while it was read, or would be replaced.
+        BadInput: it does not exist, is not a file, cannot be read, is larger than ``limit``,
+            changed while it was read, or would be replaced.
     """
     note_read(path)
     try:
@@ -82,7 +82,7 @@ def first_bytes(path: Path, count: int) -> bytes:
 
 
 def refuse_no_file(found: os.stat_result, path: Path) -> None:
-    """Refuse what is no file: a pipe may end nowhere, and can be read once only.
+    """Refuse what is not a file: a pipe may end nowhere, and can be read once only.
 
     Raises:
         BadInput: with what it is.

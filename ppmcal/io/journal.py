@@ -42,7 +42,7 @@ def move_in(stage: Path, target: Path) -> None:
 
     Raises:
         OSError: something could not be moved; the journal is still there.
-        BadInput: it is no journal of ppmcal's.
+        BadInput: it is not a journal of ppmcal.
     """
     files, gone = read_journal(stage)
     for name in files:
@@ -111,4 +111,4 @@ def _keep(path: Path, old: Path) -> None:
 
 
 def _no_journal(path: Path) -> BadInput:
-    return BadInput("is no journal of ppmcal's", str(path), f"Delete {path.parent}")
+    return BadInput("is not a journal of ppmcal", str(path), f"Delete {path.parent}")

@@ -28,7 +28,7 @@ def klipper_log(data: bytes, source: str, mechanism: Mechanism) -> Recording | N
 
     Raises:
         BadInput: probed points only, drives that the machine does not have, or joint values of
-            the machine that are no lengths.
+            the machine that are not lengths.
     """
     if b"stepper:" not in data and b"probe at " not in data:
         return None
@@ -51,8 +51,8 @@ def klipper_log(data: bytes, source: str, mechanism: Mechanism) -> Recording | N
                                  mechanism.actuator_has_ratio, strict=True):
         if bare or quantity != "length":
             raise BadInput(f"Klipper says where the carriages are in mm, and q_{a} of this machine "
-                           "is no length", source, "Give a mechanism file without `ratio`, whose "
-                           "joint value is the carriage's height in mm")
+                           "is not a length", source, "Give a mechanism file without `ratio`, "
+                           "whose joint value is the carriage's height in mm")
     header = ("pose", *(f"q_{a} [mm]" for a in mechanism.actuators))
     numbers = {f"q_{a} [mm]": np.array([float(r[a]) for r in rows]) for a in mechanism.actuators}
     table = Table(source, header, {"pose": np.arange(1.0, len(rows) + 1.0), **numbers}, {},

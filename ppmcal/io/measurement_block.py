@@ -27,7 +27,7 @@ def read_registrations(file: MechanismFile, units: Units, source: str) -> dict[s
     """Return frame and target of each data set.
 
     Raises:
-        BadInput: a frame that is no pose of this motion.
+        BadInput: a frame that is not a pose of this motion.
     """
     out: dict[str, Registration] = {}
     if file.measurement is None:

@@ -39,7 +39,7 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
             as a mapping.
 
     Raises:
-        BadInput: anything wrong in the file, with file, place and mend.
+        BadInput: anything wrong in the file, with file, place and hint.
     """
     source = IN_MEMORY if isinstance(path, Mapping) else str(path)
     tree, inputs = read_merged(path)

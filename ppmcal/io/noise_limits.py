@@ -1,4 +1,4 @@
-"""Standard deviations that cannot be meant: next to nothing, or beyond the machine many times.
+"""Standard deviations that are implausible: next to nothing, or beyond the machine many times.
 
 A double holds sixteen digits. Noise below :data:`SMALLEST` of the machine's size is lost in the
 round-off of the joint values themselves, so that weights by it are weights by round-off; noise
@@ -22,7 +22,7 @@ LOOSEST = 1e9
 
 
 def refuse_noise(data: Dataset, mechanism: Mechanism, side: str) -> None:
-    """Refuse standard deviations of a data set that cannot be meant.
+    """Refuse standard deviations of a data set that are implausible.
 
     Raises:
         BadInput: with the limits, in the file's units.
@@ -78,11 +78,11 @@ def refuse_sigma(sigma: Array, quantity: str, mechanism: Mechanism, units: Units
     name, factor = units.name(quantity), units.factor(quantity)
     of = f"this machine of {size / factor:.3g} {name}" if quantity == "length" else "an angle"
     if least < SMALLEST * size:
-        raise BadInput(f"a standard deviation of {least / factor:.3g} {name} cannot be meant: it "
+        raise BadInput(f"a standard deviation of {least / factor:.3g} {name} is implausible: it "
                        f"is below the round-off of {of}", place,
                        "Write what the instrument's data sheet says, at least "
                        f"{SMALLEST * size / factor:.2g} {name}" + f", or {nothing}" * bool(nothing))
     if most > largest * size:
-        raise BadInput(f"a standard deviation of {most / factor:.3g} {name} cannot be meant: it "
+        raise BadInput(f"a standard deviation of {most / factor:.3g} {name} is implausible: it "
                        f"tells nothing about {of}", place, "Check its unit; at most "
                        f"{largest * size / factor:.3g} {name}" + f", or {more}" * bool(more))

@@ -46,7 +46,7 @@ def parquet_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) 
         UNPACKED_BYTES.refuse(sum(map(_unpacked, held.columns)), source)
         names = [str(n).strip() for n in held.column_names]
         cells = list(map(_values, held.columns))
-    # names and words that are no UTF-8 are met where they are taken out
+    # names and words that are not UTF-8 are met where they are taken out
     except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise BadInput(f"cannot be read as Parquet ({_first_line(error)})", source,
                        "Write the file again, or save the table as CSV") from None

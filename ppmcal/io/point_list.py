@@ -80,7 +80,7 @@ def with_header(data: bytes, source: str) -> tuple[bytes, tuple[str, ...]]:
         source: what messages call it.
 
     Raises:
-        BadInput: rows of numbers that are no name, x, y, z and time.
+        BadInput: rows of numbers that are not name, x, y, z and time.
     """
     lines = [line for line in cleaned(data, source).decode("utf-8").split("\n") if line.strip()]
     body = [i for i, line in enumerate(lines) if not _CLUTTER.match(line)]

@@ -199,6 +199,6 @@ def _as_given(table: Table) -> Given:
 
 
 def _may_be_text(name: str) -> bool:
-    """Whether a column may hold words: anything that is no pose, joint or velocity."""
+    """Whether a column may hold words: anything that is not a pose, joint or velocity."""
     return not (name in COORDINATES or name in QUATERNION or name in TWIST
                 or name.startswith("q_"))

@@ -148,7 +148,7 @@ def _as_vectors(table: Table, convention: str, mechanism: Mechanism, angle: floa
            else TURNS)
     lacking = [c for c in own if c not in table.numbers]
     if lacking:
-        raise BadInput(f"{convention} needs the columns {', '.join(own)}; there is no "
+        raise BadInput(f"{convention} needs the columns {', '.join(own)}; missing: "
                        f"{', '.join(lacking)}", place, "Name them under `columns`, or correct the "
                        "convention")
     raw = np.stack([table.numbers[c] for c in own], axis=-1)
@@ -167,7 +167,7 @@ def _refuse_no_rotation(raw: Array, table: Table, place: str) -> None:
             whole[:, None, None], matrices, 0.0)) < 0.0)))
     if bad.size:
         left = off[bad[0]] <= 1e-3
-        raise BadInput(f"the matrix is no rotation in row {bad[0] + 1}: "
+        raise BadInput(f"the matrix in row {bad[0] + 1} is not a rotation: "
                        + ("it is left-handed (its determinant is negative)" if left else
                           f"R R^T is {off[bad[0]]:.2g} from the unit matrix"),
                        f"{table.source}: row {bad[0] + 1}", "Check the order of the columns (row "
@@ -188,7 +188,7 @@ def _seen_right(table: Table, read: ReadFile, mechanism: Mechanism, angle: float
     needed = ("x", "y", "rz") if planar else (*AXES, *TURNS)
     lacking = [c for c in needed if c not in table.numbers]
     if read.pose == "inverse" and lacking:
-        raise BadInput(f"an inverse pose needs {', '.join(needed)}; there is no "
+        raise BadInput(f"an inverse pose needs {', '.join(needed)}; missing: "
                        f"{', '.join(lacking)}", f"{side}: read.pose", "Remove the line")
     blank = np.full(len(table), np.nan)
     position, turn = (np.stack([table.numbers.get(c, blank) for c in names], axis=-1)

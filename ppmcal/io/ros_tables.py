@@ -81,7 +81,7 @@ def ros_csv(data: bytes, source: str, mechanism: Mechanism) -> Recording | None:
     """Return what ``ros2 topic echo --csv`` wrote, which has no header; None for other files.
 
     Raises:
-        BadInput: rows of another length than the first, or a cell that is no number.
+        BadInput: rows of another length than the first, or a cell that is not a number.
     """
     first = data[:4096].removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0].decode("utf-8", "replace")
     shape = _shape(first.strip().split(","))
@@ -104,7 +104,7 @@ def ros_csv(data: bytes, source: str, mechanism: Mechanism) -> Recording | None:
             "time": seconds([int(r[0]) for r in rows], [int(r[1]) for r in rows])}
         block = np.array([[float(c) for c in r[start:start + len(fields)]] for r in rows])
     except (ValueError, OverflowError) as error:
-        raise BadInput(f"a cell is no number ({error})", source,
+        raise BadInput(f"a cell is not a number ({error})", source,
                        "Record it again, or name the columns in a header line") from None
     columns |= dict(zip(fields, block.T, strict=True))
     return recording(source, columns, len(rows), {"time": "stamp", **dict(

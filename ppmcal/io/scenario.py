@@ -41,7 +41,7 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
     """Return the scenario of a file, or of what such a file holds, everything in SI.
 
     Raises:
-        BadInput: anything wrong in the file, with file, place and mend.
+        BadInput: anything wrong in the file, with file, place and hint.
     """
     source, tree = (IN_MEMORY, dict(path)) if isinstance(path, Mapping) else (
         str(path), read_yaml(Path(path)))

@@ -45,7 +45,7 @@ def _finite(value: object) -> float:
     if not math.isfinite(number):
         raise refuse(f"{show(value)} is not a finite number", "Write a number such as 12.5")
     if abs(number) > LARGEST:
-        raise refuse(f"{show(value)} is too large to be true", "Write a number such as 12.5")
+        raise refuse(f"{show(value)} is out of range", "Write a number such as 12.5")
     return number
 
 
@@ -274,7 +274,7 @@ def dotted(location: Sequence[int | str]) -> str:
 def translate(error: ValidationError, source: str,
               place: Callable[[Sequence[int | str]], str] | None = None,
               prefix: str = "") -> BadInput:
-    """Return a pydantic error in our own words: file, place, problem, mend."""
+    """Return a pydantic error in our own words: file, place, problem, hint."""
     problems = error.errors()
     first = problems[0]
     where = (place or dotted)(first["loc"])

@@ -296,7 +296,7 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
     sigma_needs(file, source, mechanism.motion != "translational")
     frame = frame_of(file.frame, mechanism.motion, units, source)
     if frame.same_as is not None:
-        raise BadInput("a plan is for one instrument: there is no other data set", f"{source}: "
+        raise BadInput("a plan has one instrument, and no other data set to refer to", f"{source}: "
                        "frame.same_as", "Write unknown, known, or the pose")
     if kind == "distance":
         frame = _from_point(file, frame, mechanism, units, source)

@@ -43,7 +43,7 @@ def read_stiffness(default: Any, raw: Sequence[Mapping[Any, Any]], limbs: Sequen
         one mapping for each limb; nothing at all where no limb has a spring.
 
     Raises:
-        BadInput: an unknown key, a joint that the kind does not have, a value that is no
+        BadInput: an unknown key, a joint that the kind does not have, a value that is not a
             stiffness, or limbs that share an actuator and disagree on its drive.
     """
     joints = dict.fromkeys(j for limb in limbs for j in joint_names(limb.kind))
@@ -130,8 +130,7 @@ def _value(raw: Any, place: str) -> float:
                        "Write a positive number, or .inf for rigid")
     value = float(raw)
     if value != float("inf") and not SMALLEST <= value <= LARGEST:
-        size = "large" if value > 1.0 else "small"
-        raise BadInput(f"{show(raw)} is too {size} to be true", place,
+        raise BadInput(f"{show(raw)} is out of range", place,
                        "Write a number such as 5e7, or .inf for rigid")
     return value
 

@@ -45,7 +45,7 @@ def read_table(path: str | os.PathLike[str], text: Collection[str] = (),
     if data.startswith(EXCEL):
         table = excel_table(data, source, may_be_text, sheet)
     elif sheet is not None:
-        raise BadInput(f"has no sheet '{sheet}': it is no spreadsheet", source,
+        raise BadInput(f"has no sheet '{sheet}': it is not a spreadsheet", source,
                        "Take `sheet` out of the sidecar's `read`")
     else:
         make = parquet_table if data.startswith(MAGIC) else csv_table

@@ -33,7 +33,7 @@ part = numba.njit(error_model="numpy", nogil=True, forceinline=True)
 
 
 def compiled(function: Function) -> Function:
-    """Return a function compiled at its first call, which is told, and kept from then on."""
+    """Return a function compiled at its first call, which is announced, and kept from then on."""
     folder = _folder(function.__globals__["__file__"])
     settings: Any = numba.config
     before, settings.CACHE_DIR = settings.CACHE_DIR, folder

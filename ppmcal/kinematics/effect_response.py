@@ -260,7 +260,7 @@ def hopeless(change: Array, last: Array, limit: float, left: int, reach: float) 
         last: the same of the round before, inf in the first.
         limit: below which a row has settled, m.
         left: rounds.
-        reach: of the machine, m; of moves below the root of round-off no factor is told.
+        reach: of the machine, m; of moves below the root of round-off no factor is given.
     """
     if not left:
         return np.asarray(change > limit)

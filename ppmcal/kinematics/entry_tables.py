@@ -59,7 +59,7 @@ def entry_tables(closure: Closure, chains: Sequence[Sequence[DrivenChain]],
 
 
 def _twists(chains: Sequence[DrivenChain]) -> dict[str, list[tuple[int, Array]]]:
-    """Return the stages of which each slot is a part, with its twists there (L, 6)."""
+    """Return the stages that each slot is a part of, with its twists there (L, 6)."""
     out: dict[str, list[tuple[int, Array]]] = {}
     for k, chain in enumerate(chains):
         for behind, part in enumerate((chain.still, chain.carried)):

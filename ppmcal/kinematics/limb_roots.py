@@ -19,7 +19,7 @@ from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.limbs.chain import U
 
 FEW = 2000
-"""Poses of which several joint coordinates are tried at once."""
+"""Poses whose joint coordinates are tried several at once."""
 MOST_TURNS = 60
 """Steps in which the turn of an offset universal joint is found; mostly four or five."""
 TURNED = 1e-11

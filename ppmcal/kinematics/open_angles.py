@@ -1,4 +1,4 @@
-"""Poses of which some Euler angles or positions are left open, through gimbal lock.
+"""Poses with some Euler angles or positions left open, through gimbal lock.
 
 The open coordinates and the joints are solved for, and the named ones hold by construction: the
 turn of an open angle is a twist in every pose, also where the other two turn about one axis. So

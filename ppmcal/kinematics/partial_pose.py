@@ -1,4 +1,4 @@
-"""Platform poses of which only some coordinates are wanted, or wanted in another frame."""
+"""Platform poses with only some coordinates wanted, or wanted in another frame."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class PoseConvention:
 
 def inverse_partial(model: Model, coordinates: Array, rows: Environment | None = None,
                     convention: PoseConvention | None = None) -> Inverse:
-    """Return joint values of poses of which only some coordinates are wanted.
+    """Return joint values of poses with only some coordinates wanted.
 
     Args:
         model: the machine at its parameters.

@@ -1,4 +1,4 @@
-"""Poses about home, one coordinate after the other: what a machine does when it is told to move."""
+"""Poses about home, one coordinate after the other: what a machine does when commanded to move."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ SINGULAR = 0.02
 SINGULAR_HOME = 0.02
 """A home below this singular value needs a look; sound ones have 0.1 to 1."""
 LOST_HOME = SINGULAR * SINGULAR_HOME
-"""A home below this is no measure of other poses: it would count as singular itself."""
+"""A home below this does not measure other poses: it would count as singular itself."""
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ def interferences(limbs: Sequence[LimbSkeleton], near: float,
                   actuators: Sequence[int]) -> list[Interference]:
     """Return the pairs of limbs whose joints or links are nearer than ``near`` m somewhere.
 
-    Links that end in joints which are near count as those joints. Passive slides are no links, and
+    Links that end in joints which are near count as those joints. Passive slides are not links, and
     limbs of one actuator belong together.
 
     Args:

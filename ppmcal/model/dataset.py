@@ -273,7 +273,7 @@ class Environment:
 
 
 def unknown_environment(rows: int, joints: int) -> Environment:
-    """Return an environment of which nothing is known."""
+    """Return an environment that nothing is known about."""
     one, many = unknown(rows), unknown(rows, joints)
     return Environment(many, many, one, unknown(rows, 6), one, np.broadcast_to(np.inf, rows),
                        unknown(rows, 3))

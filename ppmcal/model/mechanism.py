@@ -267,7 +267,7 @@ def joint_quantity(mechanism: Mechanism, on: Sequence[bool]) -> str:
 
 def limbs_with_free(mechanism: Mechanism, slots: Sequence[str], free: Collection[int]
                     ) -> tuple[Limb, ...]:
-    """Return the limbs of which one of some slots is a parameter among ``free``."""
+    """Return the limbs that have a parameter among ``free`` in one of some slots."""
     return tuple(limb for limb in mechanism.limbs
                  if any(slot in slots and p in free for slot, p in limb.slots.direct))
 

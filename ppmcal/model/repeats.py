@@ -1,7 +1,7 @@
 """Which rows measure the same again: one commanded pose, and then one environment as well.
 
 A label says which rows are meant to be of one pose; the joints say which are. Rows of one pose
-differ by whatever acts on them (direction of approach, load, temperature), which is no noise:
+differ by whatever acts on them (direction of approach, load, temperature), which is not noise:
 what repeats are to tell of the noise, rows of one pose *and* one environment tell.
 """
 
@@ -16,7 +16,7 @@ from ppmcal.model.dataset import Dataset
 
 RESOLVED, TOUCHED = 1e-3, 1e-2
 """Joints of one pose agree within this part of their range over the file; the second of touches of
-a flat, of which the joints hold the noise."""
+a flat, whose noise is in the joints."""
 DIGITS = 1e-5
 """Joints that hardly move in the whole file agree within this part of their largest value."""
 NOISES = 6.0

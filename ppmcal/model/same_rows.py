@@ -19,7 +19,8 @@ MOST_STEPS, WHOLE = 1e11, 1e-3
 ROUND_OFF = 1e-9
 """What units make of a number is exact to this part of a column's largest."""
 KEPT, CARRIED = 1000, 5000
-"""Rows of a table by which a copy of it is told later on, and of all the tables behind a fit."""
+"""Rows of a table by which a copy of it is recognised later on, and of all the tables behind a
+fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,7 @@ class KnownRows:
 
 
 def step_of(values: Array) -> float:
-    """Return the largest step of which all differences of values (N,) are multiples, 0 for none.
+    """Return the largest step that all differences of values (N,) are multiples of, 0 for none.
 
     >>> step_of(np.array([0.5, 0.75, 1.5]))
     0.25

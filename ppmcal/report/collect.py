@@ -49,7 +49,7 @@ def collect(dirs: Sequence[Path]) -> ReportData:
 
 
 def _refuse_strange(folder: Path) -> None:
-    """Refuse a path that is no folder or holds none of the known files."""
+    """Refuse a path that is not a folder or holds none of the known files."""
     mend = "Name the output folder of an earlier command"
     try:
         if not folder.is_dir():

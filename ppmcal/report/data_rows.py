@@ -19,7 +19,7 @@ from ppmcal.units import Units
 OWN = ("row", "dataset", "used")
 """Columns of residuals.csv that say which row it is, not what held in it."""
 MOST = 18
-"""So many columns of the measurement file are told of a row, three in a line."""
+"""So many columns of the measurement file are shown of a row, three in a line."""
 MOST_HELD, MOST_RUNS = 20_000, 500
 """So many rows at most are held by each thinned plot, numbered through in so many pieces."""
 STAGES = ("before_", "after_", "sigma_")

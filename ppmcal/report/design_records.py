@@ -127,7 +127,7 @@ def png_size(content: bytes) -> tuple[tuple[int, int], str]:
     damaged does not leave a hole in the page.
     """
     if not content.startswith(_SIGNATURE):
-        return (0, 0), _left_out("it is no PNG")
+        return (0, 0), _left_out("it is not a PNG")
     at, first, size = len(_SIGNATURE), True, (0, 0)
     while at + 12 <= len(content):
         length = int.from_bytes(content[at:at + 4], "big")

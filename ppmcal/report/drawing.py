@@ -43,7 +43,7 @@ def check_target(path: Path, inputs: Sequence[str] = ()) -> None:
         inputs: files that are never replaced.
 
     Raises:
-        BadInput: a folder is there, an input, or a file that is no drawing of ppmcal's.
+        BadInput: a folder is there, an input, or a file that ppmcal did not draw.
     """
     head = f'content="{GENERATOR}"'
     try:
@@ -59,7 +59,7 @@ def check_target(path: Path, inputs: Sequence[str] = ()) -> None:
         raise BadInput(f"cannot be read ({getattr(error, 'strerror', None) or error})", str(path),
                        "Name another file for the drawing") from None
     if f'content="{GENERATOR}"' not in head:
-        raise BadInput("exists already and is no drawing of ppmcal's", str(path),
+        raise BadInput("already exists, and ppmcal did not draw it", str(path),
                        "Name another file for the drawing")
 
 
@@ -72,7 +72,7 @@ def write_drawing(path: Path, page: str, inputs: Sequence[str] = ()) -> None:
         inputs: files that are never replaced.
 
     Raises:
-        BadInput: it cannot be written, or would replace what is no drawing.
+        BadInput: it cannot be written, or would replace what is not a drawing.
     """
     check_target(path, inputs)
     output = Output(path.parent, loose=True)

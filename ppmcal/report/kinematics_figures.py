@@ -161,7 +161,7 @@ def _over_word(motion: Motion) -> str:
 
 
 def _period(motion: Motion, name: str) -> float:
-    """Return a whole turn in a column's unit, 0 where it is no angle."""
+    """Return a whole turn in a column's unit, 0 where it is not an angle."""
     return {"deg": 360.0, "rad": 2.0 * np.pi}.get(motion.record.units.get(name, ""), 0.0)
 
 
@@ -172,7 +172,7 @@ def _over(motion: Motion, values: Array, title: str, label: str, note: str = "",
     rows = _thin(motion)
     x, y = motion.at[rows], values[rows]
     if turns:
-        # a whole turn from one row to the next is no motion: no line there
+        # a whole turn from one row to the next is not a motion: no line there
         jump = np.flatnonzero(np.abs(np.diff(y)) > 0.5 * turns) + 1
         x, y = np.insert(x, jump, np.nan), np.insert(y, jump, np.nan)
     finite, up = values[np.isfinite(values)], axis or span(values)

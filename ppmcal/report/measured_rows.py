@@ -14,7 +14,7 @@ from ppmcal.report.records import Columns, Identified, MeasuredRows, Simulated
 from ppmcal.report.sources import read_columns
 
 NOT_SHOWN = ("q_", "q2_", "vel_", "sigma_", "cmd_")
-"""Columns that begin so are no conditions that a person looks for."""
+"""Columns that begin so are not conditions that a person looks for."""
 
 
 def is_place(column: str) -> bool:

@@ -152,7 +152,7 @@ def coordinate(rows: DataRows, name: str, unit: str) -> Drawing | None:
 def series(values: Array, kind: str, rows: DataRows | None = None, unit: str = "") -> list[Layer]:
     """Return dots; where there are too many, strokes from lowest to highest, and the largest.
 
-    Without ``rows`` the points are no rows of data, and called by their number.
+    Without ``rows`` the points are not rows of data, and called by their number.
     """
     def points(index: NDArray[np.integer[Any]]) -> Points:
         if rows is None:

@@ -1,7 +1,7 @@
 """Reading what the commands wrote; every refusal names file and place.
 
 Nothing here trusts the files: they may be cut off, edited by hand or written by another
-version. A missing key is no error, a value of the wrong kind is.
+version. A missing key is not an error, a value of the wrong kind is.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def _refuse_absurd(block: Array, where: str, start: int, name: str) -> None:
 
 
 def _floats(cells: tuple[str, ...], where: str, start: int, name: str) -> Array:
-    """Return one column's part (N,), nan where empty; refuse what is no number."""
+    """Return one column's part (N,), nan where empty; refuse what is not a number."""
     try:
         return np.fromiter(map(float, cells), dtype=float, count=len(cells))
     except ValueError:

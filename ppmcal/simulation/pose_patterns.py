@@ -63,7 +63,7 @@ def _random_commands(model: Model, shape: Random, scenario: Scenario, rng: np.ra
 
 
 def _refuse_hopeless(model: Model, shape: Random, scenario: Scenario) -> None:
-    """Refuse a box of which a sample holds no pose at all, before millions are drawn of it."""
+    """Refuse a box without a pose in a sample of it, before millions are drawn of it."""
     if shape.count <= SAMPLE:
         return
     draw = np.random.default_rng(0).uniform(-1.0, 1.0, (SAMPLE, 6))

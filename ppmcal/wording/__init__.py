@@ -8,6 +8,9 @@ from collections.abc import Sequence
 from typing import Any
 
 _QUOTED_OR_WORD = re.compile(r"'[^']*'|[^\s,;:()']+")
+_FILE = re.compile(r"\.\w{1,8}$")
+_NAME = "\0"
+"""What stands for a name in the form of a sentence."""
 
 
 def counted(count: int, what: str) -> str:
@@ -40,25 +43,62 @@ def some(names: Sequence[str], where: str = "", most: int = MOST, joint: str = "
     return f"{joint.join(names[:most])} and {len(names) - most} more{rest}"
 
 
-def _kind(found: re.Match[str]) -> str:
-    word = found[0]
-    return "#" if word[0] == "'" or any(c.isdigit() for c in word) else word
-
-
 def gathered(lines: Sequence[str], where: str) -> list[str]:
-    """Return sentences, of more than three of one kind one: a count, the first three, and where.
+    """Return sentences, those that state one fact of several files, rows or names as one.
 
-    Sentences are of one kind that differ in names in quotes, words with a digit, and numbers.
+    A fact of several files or rows names them before it: ``a.csv, b.csv: ...``. Of more than
+    three that differ elsewhere too the first stands for all, with what the others are about.
+    ``where``: where all of them can be read.
     """
-    kinds: dict[str, list[str]] = {}
-    for line in lines:
-        kinds.setdefault(_QUOTED_OR_WORD.sub(_kind, line), []).append(line)
+    kinds: dict[str, list[tuple[str, list[str]]]] = {}
+    for line in dict.fromkeys(lines):
+        form, names = _form(line.replace(_NAME, ""))
+        kinds.setdefault(form, []).append((line, names))
     out = []
-    for alike in kinds.values():
-        few = [line.rstrip(".") for line in alike[:MOST]]
-        out += alike if len(alike) <= MOST else [
-            f"{len(alike)} alike: {'; '.join(few)}; and {len(alike) - MOST} more ({where})"]
+    for form, alike in kinds.items():
+        out += _as_one(form, alike, where) or [line for line, _ in alike]
     return out
+
+
+def _form(line: str) -> tuple[str, list[str]]:
+    """Return a sentence without what it names, and that: files, quoted names, numbers."""
+    place, colon, _ = line.partition(": ")
+    first = len(place) if colon and (" " not in place or _FILE.search(place[-9:])) else 0
+    names = [line[:first]] * bool(first)
+
+    def _taken(found: re.Match[str]) -> str:
+        word = found[0]
+        if word[0] != "'" and not any(c.isdigit() for c in word):
+            return word
+        names.append(word)
+        return _NAME
+
+    return _NAME * bool(first) + _QUOTED_OR_WORD.sub(_taken, line[first:]), names
+
+
+def _as_one(form: str, alike: Sequence[tuple[str, list[str]]], where: str) -> list[str]:
+    """Return the sentence that stands for all of one form; none if they stay apart."""
+    names = [list(own) for own in zip(*(n for _, n in alike), strict=True)]
+    apart = [i for i, own in enumerate(names) if len(set(own)) > 1]
+    if not apart:
+        return []
+    text, at = form.split(_NAME), apart[0]
+    if len(apart) == 1 and text[at + 1].startswith((":", " refused:")):
+        before = text[at].replace("row ", "rows ") if text[at].endswith("row ") else text[at]
+        said = [_few(own, where) if i == at else own[0] for i, own in enumerate(names)]
+        return ["".join(a + b for a, b in zip([*text[:at], before, *text[at + 1:]], [*said, ""],
+                                              strict=True))]
+    if len(alike) <= MOST:
+        return []
+    line = alike[0][0].rstrip(".")
+    rows = "rows " * text[at].endswith("row ")
+    return [f"{line}; likewise {rows}{_few(names[at][1:], where)}"]
+
+
+def _few(names: Sequence[str], where: str) -> str:
+    few = list(dict.fromkeys(names))
+    more = len(few) - MOST
+    return ", ".join(few) if more <= 1 else f"{', '.join(few[:MOST])} and {more} more ({where})"
 
 
 def where(on: Sequence[Any], total: int) -> str:

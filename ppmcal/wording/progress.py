@@ -4,7 +4,7 @@ Work says ``with stage("fitting")``, or ``begin("fitting")`` for one step after 
 nobody watches that costs a microsecond. Say it for each pass over the rows, never for each row.
 
 A time left is given only where there is a basis: equal steps some of which are done, or stages
-whose shares of the whole were measured (:class:`course`), of which some are over.
+whose shares of the whole were measured (:class:`course`), some of them over.
 """
 
 from __future__ import annotations

@@ -157,7 +157,7 @@ def test_files_of_one_frame_are_each_looked_at_alone() -> None:
 
 
 @pytest.mark.parametrize(("own", "others", "words"), [
-    ("run2", (), "there is no other one"), ("run1", (), "names itself"),
+    ("run2", (), "no other data set is given"), ("run1", (), "names itself"),
     ("run3", ("run2",), "Did you mean 'run2'?")])
 def test_a_frame_is_another_data_sets(own: str, others: tuple[str, ...], words: str) -> None:
     one = replace(seen(own, joints(), TARGETS["A"]), frame=Unknown(True, np.zeros(6), "run1"))

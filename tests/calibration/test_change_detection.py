@@ -364,8 +364,8 @@ def test_it_is_said_what_is_how_many_times_what() -> None:
         {"noise": {"old": 5.64, "new": 1.0, "alike": 0.0, "same_poses": False}})
     assert noise_sentence(record) == (
         "After the fit the residuals scatter 5.64 times what the files state in the old "
-        "calibration: noise, or what the model misses. That is allowed for, in the test and in "
-        "every +- here; at the same poses in both, smaller changes would show.")
+        "calibration: noise, or model error. The test and every +- here allow for "
+        "it; at the same poses in both, smaller changes would show.")
 
 
 @pytest.mark.slow

@@ -57,7 +57,7 @@ def test_a_size_that_no_machine_has_is_told_with_its_tolerance(
     (said,) = (f for f in result.findings if FAR in f)
     assert f"{OFFSET} by {e.error / tau:.2g} times its tolerance of {1e3 * tau:g} mm" in said
     # the least that a machine within its tolerance would never show needs no more words
-    seen = f"of which these data would show {1e3 * (e.expected or 0.0):.2g}"
+    seen = f"and these data would show only {1e3 * (e.expected or 0.0):.2g}"
     assert (seen in said) == (e.error / tau < farthest(1))
     flags = {p.name: p.far for p in result.record.parameters}
     assert flags[OFFSET] and flags["leg1.platform.point.angle"] is None

@@ -49,7 +49,7 @@ def test_a_row_of_which_nobody_knows_how_sure_it_is_is_refused() -> None:
                            position=np.nan, rotation=0.0)
     found = commands(mechanism, replace(known, doubtful=(lost,)))
     assert [s == "ok" for s in found.status] == [True, True, False, True, True]
-    assert "how well the measurements know the machine" in found.reason[2]
+    assert "the model's uncertainty there" in found.reason[2]
     assert np.isnan(found.q[2]).all()
     # without a calibration nothing is known of any row, which is told and no refusal
     assert set(commands(mechanism, None).status) == {"ok"}

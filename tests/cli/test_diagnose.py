@@ -608,7 +608,7 @@ BAD: dict[str, tuple[list[str], list[str]]] = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input(made: Callable[[str], Path], tmp_path: Path, case: str) -> None:
-    """One message that names file, place and mend; nothing is written."""
+    """One message that names file, place and hint; nothing is written."""
     folder = shutil.copytree(made("none"), tmp_path / "c")
     table = rows(folder / DATA)
     table[3]["dir_leg1"] = "5"

@@ -163,8 +163,8 @@ def test_a_placeholder_in_force_is_not_said_to_be_another_printers(tmp_path: Pat
     assert "taken for a placeholder" in words and "never" not in words
 
 
-@pytest.mark.parametrize(("rods", "words"), [("34S", "34S"), ("-3", "no length"),
-                                             ("nan", "no length"), ("sigle", "single")])
+@pytest.mark.parametrize(("rods", "words"), [("34S", "34S"), ("-3", "not a rod length"),
+                                             ("nan", "not a rod length"), ("sigle", "single")])
 def test_rods_that_are_none_are_refused(tmp_path: Path, rods: str, words: str) -> None:
     written(tmp_path, config(REAL))
     run = ppmcal("import", "klipper", "printer.cfg", "--rods", rods, cwd=tmp_path, expect=2)
@@ -446,9 +446,9 @@ def test_what_reprapfirmware_saved_is_a_result(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("old", "new", "words"), [
     ("RepRapFirmware height map", "my bed", "line 1"), ("xnum", "xn", "xnum"),
     (",3,3", ",3,4", "rows of heights"), ("0.010,", "0.010;", "line 4"),
-    ("0.020", "0.O20", "line 5"), ("80.00,80.00,3", "80.00,0.00,3", "no grid"),
-    (",3,3", ",1e9,3", "no number xnum up to"), (",3,3", ",1001,3", "no grid"),
-    (",3,3", ",nan,3", "xnum")])
+    ("0.020", "0.O20", "line 5"), ("80.00,80.00,3", "80.00,0.00,3", "form a grid"),
+    (",3,3", ",1e9,3", "xnum is missing, or not a number up to"),
+    (",3,3", ",1001,3", "form a grid"), (",3,3", ",nan,3", "xnum")])
 def test_a_broken_height_map_is_refused(tmp_path: Path, old: str, new: str, words: str) -> None:
     assert old in MAP
     (tmp_path / "config.g").write_text(CONFIG_G)

@@ -1,4 +1,4 @@
-"""What may come of an input: it is read, or refused with place and mend, soon, in little space."""
+"""What may come of an input: it is read, or refused with place and hint, soon, in little space."""
 
 import re
 import resource

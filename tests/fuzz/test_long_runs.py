@@ -54,5 +54,5 @@ def test_blank_lines_of_a_configuration_cost_no_more_than_others(tmp_path):
 def test_sentences_of_one_kind_are_counted_whatever_stands_in_them():
     lines = [f"file '{i} a': row {i}, column x{i}: {'y' * LONG} is odd" for i in range(5)]
     assert not judged(lambda _: gathered(lines, "x.csv"), b"").fault
-    assert gathered(lines, "x.csv")[0].startswith("5 alike: ")
+    assert gathered(lines, "x.csv")[0].count("likewise") == 1
     assert len(gathered([*lines[:2], "another"], "x.csv")) == 3

@@ -1,4 +1,4 @@
-"""The manifest of a batch: what it stands for, and what is refused with file, place and mend."""
+"""The manifest of a batch: what it stands for, and what is refused with file, place and hint."""
 
 from copy import deepcopy
 
@@ -71,7 +71,7 @@ BROKEN = {
                        "Did you mean 'command'?"),
     "another format": (lambda c: c.update(format="ppmcal/scenario/1"), ": format",
                        "unknown format", "ppmcal/batch/1"),
-    "no campaign": (lambda c: c.update(campaigns=[]), ": campaigns", "there is no campaign",
+    "no campaign": (lambda c: c.update(campaigns=[]), ": campaigns", "no campaign is listed",
                     "Add one"),
     "a command that is none": (lambda c: c["campaigns"][0].update(command="simulate"),
                                ": campaigns[1].command", "unknown command", "identify, diagnose"),

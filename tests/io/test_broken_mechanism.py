@@ -1,4 +1,4 @@
-"""Every broken mechanism file is refused with file, place and mend; one edit each."""
+"""Every broken mechanism file is refused with file, place and hint; one edit each."""
 
 
 import pytest

@@ -36,12 +36,12 @@ def test_one_date_tells_the_order_of_all() -> None:
 
 
 @pytest.mark.parametrize(("cells", "says"), [
-    (["03/04/2026 12:00"], ["row 1", "3. of month 4", "dates: day-first"]),
+    (["03/04/2026 12:00"], ["row 1", "day 3 of month 4", "dates: day-first"]),
     (["13/01/2026 1:00", "01/13/2026 1:00"], ["another order"]),
-    (["12:00:00", "noon"], ["row 2", "'noon' is no time"]),
+    (["12:00:00", "noon"], ["row 2", "'noon' is not a time"]),
     (["12:00:00", "2026-03-04 12:00:00"], ["row 2", "only one has a date"]),
     (["2026-03-04 12:00:00", "2026-03-04 12:00:00Z"], ["only one has a zone"]),
-    (["25:00:00"], ["no time of a day"]), (["13:00 PM"], ["half of a day"]),
+    (["25:00:00"], ["not a time of day"]), (["13:00 PM"], ["am or pm"]),
     (["2026-02-30 12:00:00"], ["does not exist"]), (["", ""], ["no row has a time"])])
 def test_what_is_no_time_is_refused(cells: list[str], says: list[str]) -> None:
     with pytest.raises(BadInput) as refused:

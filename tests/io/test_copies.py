@@ -110,7 +110,7 @@ def test_twenty_copies_are_one_row(bench, tmp_path):
     data = read(bench, path)
     assert len(data) == len(plain)
     assert len(copies(data)) == len(plain) * (TIMES - 1)
-    assert any("a copy is no repeat" in f for f in data.findings)
+    assert any("a copy, not a repeat" in f for f in data.findings)
     one = ppmcal("identify", bench / "mine.yaml", once, "--out", tmp_path / "one", "--json").json
     many = ppmcal("identify", bench / "mine.yaml", path, "--out", tmp_path / "many", "--json",
                   expect=1).json
@@ -271,7 +271,7 @@ def test_a_file_given_twice_under_two_names_is_refused(bench):
 def test_diagnose_says_it_too_and_its_noise_is_that_of_rows_counted_once(bench, tmp_path):
     path = written(bench, [r for r in measured(bench) for _ in range(3)])
     found = ppmcal("diagnose", bench / "mine.yaml", path, "--out", tmp_path / "d", "--json").json
-    assert any("a copy is no repeat" in f for f in found["findings"])
+    assert any("a copy, not a repeat" in f for f in found["findings"])
 
 
 # --- what the intervals are worth ---------------------------------------------------------------

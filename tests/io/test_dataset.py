@@ -311,7 +311,7 @@ def test_numbers_that_are_only_repeated_may_be_large(tmp_path):
     path.write_text("x,y,rz,stamp\n1,2,3,1700000000000000000\n")
     assert read_poses(path, BENCH).extra["stamp"] == [1.7e18]
     path.write_text("x,y,rz,stamp\n1e16,2,3,4\n")
-    with pytest.raises(BadInput, match="row 1, column x: 1e\\+16 is too large"):
+    with pytest.raises(BadInput, match="row 1, column x: 1e\\+16 is out of range"):
         read_poses(path, BENCH)
 
 

@@ -423,7 +423,7 @@ BROKEN: list[tuple[str, str, Any, str, str]] = [
 @pytest.mark.parametrize(("name", "effects", "place", "says"),
                          [pytest.param(*case[1:], id=case[0]) for case in BROKEN])
 def test_refused(tmp_path: Path, name: str, effects: Any, place: str, says: str) -> None:
-    """Each with file, place and mend."""
+    """Each with file, place and hint."""
     with pytest.raises(BadInput) as caught:
         read(tmp_path, name, effects)
     message = f"{caught.value.what} {caught.value.mend}"

@@ -85,7 +85,7 @@ def test_words_empty_cells_and_blank_rows(tmp_path: Path) -> None:
     ([["x", None], [1, 2]], ["header", "column 2 has no name"]),
     ([[1.5, 2.5], [1, 2]], ["header", "numbers, not column names"]),
     ([["x"]], ["no rows"]), ([], ["the sheet is empty"]),
-    ([["x"], [1e18]], ["row 1", "too large"])])
+    ([["x"], [1e18]], ["row 1", "out of range"])])
 def test_what_is_wrong_is_told_with_its_place(tmp_path: Path, rows: list[list[Any]],
                                               says: list[str]) -> None:
     path = written(tmp_path / "d.xlsx", rows)

@@ -199,7 +199,7 @@ def test_a_strange_journal_moves_nothing(content: str, tmp_path: Path) -> None:
     (stage / "journal.json").write_text(content)
     (stage / "lock").write_text("")
     before = tree(tmp_path)
-    with pytest.raises(BadInput, match="no journal of ppmcal's"):
+    with pytest.raises(BadInput, match="not a journal of ppmcal"):
         settle(tmp_path / "out")
     assert {k: v for k, v in tree(tmp_path).items() if not k.endswith("lock")} == {
         k: v for k, v in before.items() if not k.endswith("lock")}

@@ -381,7 +381,7 @@ def test_covariances_that_are_none(tmp_path):
         matrix[0][1] = matrix[1][0] = 1e400
 
     covariance(tmp_path, lambda matrix: None)()
-    for change, said in ((negative, "no variance"), (not_alike, "no covariance"),
-                         (beyond_one, "no covariance"), (together, "together"),
+    for change, said in ((negative, "not a variance"), (not_alike, "of a covariance"),
+                         (beyond_one, "of a covariance"), (together, "together"),
                          (not_finite, "finite")):
         refused(covariance(tmp_path, change), "covariance.matrix", said)

@@ -47,7 +47,7 @@ def test_words_empty_cells_and_whole_numbers(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("cells", "place", "what"), [
     ({"x": [1.0, 2.0], "y": ["1", "two"]}, "row 2, column y", "'two' is not a number"),
-    ({"x": [1.0, 1e18]}, "row 2, column x", "too large"),
+    ({"x": [1.0, 1e18]}, "row 2, column x", "out of range"),
     ({"x": []}, "", "no rows")])
 def test_what_is_wrong_is_told_with_its_place(tmp_path: Path, cells: dict[str, list[object]],
                                               place: str, what: str) -> None:

@@ -246,9 +246,9 @@ REFUSED: dict[str, tuple[Mapping[str, Any], str, str, str]] = {
     "a sign of 2": ({"signs": {"x": 2}}, "2 is not a sign", "read.signs", "1 or -1"),
     "a convention of no name": ({"rotation": "euler-xyy"}, "euler-xyy", "read.rotation",
                                 "euler-xy"),
-    "a convention without columns": ({"rotation": "matrix"}, "no r11, r12", "read.rotation",
+    "a convention without columns": ({"rotation": "matrix"}, "missing: r11, r12", "read.rotation",
                                      "Name them under `columns`"),
-    "a quaternion without columns": ({"rotation": "quat-wxyz"}, "no quat_x", "read.rotation",
+    "a quaternion without columns": ({"rotation": "quat-wxyz"}, "missing: quat_x", "read.rotation",
                                      "Name them under `columns`"),
     "an axis of no name": ({"mirror": "w"}, "w", "read.mirror", "x"),
     "half a row": ({"shift": 0.5}, "not a number of rows", "read.shift", "whole number"),
@@ -299,7 +299,7 @@ def test_a_matrix_that_is_no_rotation_is_refused_with_its_row(
     path.write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(BadInput) as refused:
         read_dataset(with_read(path, {"rotation": "matrix"}), machine)
-    assert "no rotation in row 5" in refused.value.what
+    assert "the matrix in row 5 is not a rotation" in refused.value.what
     assert str(path) in refused.value.where and "row 5" in refused.value.where
     assert "read.rotation" in refused.value.mend
 
@@ -330,7 +330,7 @@ def test_an_inverse_pose_needs_its_rotation(tmp_path: Path, machine: Mechanism) 
     path = session(tmp_path, points, lambda text: text.replace("kind: pose", "kind: position"))
     with pytest.raises(BadInput) as refused:
         read_dataset(with_read(path, {"pose": "inverse"}), machine)
-    assert "there is no rx, ry, rz" in refused.value.what
+    assert "missing: rx, ry, rz" in refused.value.what
     assert "run.yaml" in refused.value.where and "read.pose" in refused.value.where
 
 

@@ -217,7 +217,7 @@ def test_an_offset_that_is_not_told_is_refused(tmp_path: Path) -> None:
                                                              strict=True))]))
     with pytest.raises(PpmcalError, match="no offset of the clocks"):
         ppmcal.read([one, few], MACHINE, clock_offset="find")
-    with pytest.raises(PpmcalError, match="no number of seconds"):
+    with pytest.raises(PpmcalError, match="not a number of seconds"):
         ppmcal.read([one, two], MACHINE, clock_offset="soon")
     far = tmp_path / "far.csv"
     far.write_text(lines[0] + "\n" + "\n".join(f"{float(x.split(',')[0]) + 9e4},"

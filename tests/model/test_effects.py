@@ -305,7 +305,7 @@ def test_traits_fit_together(kind: str) -> None:
 @pytest.mark.parametrize(("change", "words"), [
     ({"needs": ("humidity",)}, "needs humidity; columns are dir, vel, load"),
     ({"name": "geometry"}, "an error of slots already"),
-    ({"period": "gain"}, "the period 'gain' is no parameter with a scan")])
+    ({"period": "gain"}, "the period 'gain' is not a parameter with a scan")])
 def test_a_kind_that_makes_no_sense(change: dict[str, Any], words: str) -> None:
     """An unknown column, the name of the geometry, a period that no search tries."""
     with pytest.raises(ValueError, match=words):

@@ -225,7 +225,7 @@ def test_broken_table_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("content", "problem"), ids=range(10), argvalues=[
-    (b"", "no PNG"), (b"GIF89a", "no PNG"), (b"<svg onload='x'>", "no PNG"),
+    (b"", "not a PNG"), (b"GIF89a", "not a PNG"), (b"<svg onload='x'>", "not a PNG"),
     (png()[:-1], "cut off or damaged"), (png()[:20], "cut off or damaged"),
     (png()[:8], "cut off or damaged"), (png()[:45] + b"!" + png()[46:], "cut off or damaged"),
     (png()[:8] + chunk(b"IDAT", b"") + png()[8:], "cut off or damaged"),

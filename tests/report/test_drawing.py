@@ -222,5 +222,5 @@ def test_the_record_of_check_draws_too(tmp_path):
     assert result.scene.name == "3-RPR" and not result.findings
     assert result.draw(tmp_path / "a.html") == tmp_path / "a.html"
     (tmp_path / "b.html").write_text("not a drawing")
-    with pytest.raises(BadInput, match="is no drawing"):
+    with pytest.raises(BadInput, match="did not draw it"):
         result.draw(tmp_path / "b.html")

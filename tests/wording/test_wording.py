@@ -18,10 +18,22 @@ def test_nine_sentences_of_a_kind_are_one() -> None:
     limbs = [f"limb 'leg{i}' does not close at home: the gap is {0.1 * i:.1f} mm" for i in
              range(1, 10)]
     (text,) = gathered(limbs, "in the JSON")
-    assert text.startswith("9 alike: limb 'leg1'")
-    assert "leg3" in text
-    assert "leg4" not in text
-    assert text.endswith("and 6 more (in the JSON)")
+    assert text == ("limb 'leg1' does not close at home: the gap is 0.1 mm; likewise 'leg2', "
+                    "'leg3', 'leg4' and 5 more (in the JSON)")
+
+
+@pytest.mark.parametrize("lines, told", [
+    ([f"/a b/run{i}.csv: no column pose." for i in (1, 2)],
+     "/a b/run1.csv, /a b/run2.csv: no column pose."),
+    ([f"{d}: the noise is estimated" for d in ("morning", "evening")],
+     "morning, evening: the noise is estimated"),
+    ([f"row {i} refused: out of reach" for i in range(1, 10)],
+     "rows 1, 2, 3 and 6 more (x) refused: out of reach"),
+    ([f"row {i}: singular: q_leg{i} is at its end" for i in range(1, 5)],
+     "row 1: singular: q_leg1 is at its end; likewise rows 2, 3, 4"),
+    (["the fit had not converged"] * 2, "the fit had not converged")])
+def test_a_fact_of_several_files_or_rows_is_told_once(lines: list[str], told: str) -> None:
+    assert gathered(lines, "x") == [told]
 
 
 def test_sentences_of_other_kinds_stay_apart() -> None:

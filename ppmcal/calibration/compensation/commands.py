@@ -38,9 +38,9 @@ from ppmcal.wording.progress import stage
 
 NOTHING = 1e-9
 """Errors and steps below this part of the reach, or of a radian, are arithmetic."""
-UNKNOWN = "how well the measurements know the machine there cannot be predicted"
+UNKNOWN = "the model's uncertainty there cannot be predicted"
 KINDS = {"position": "length", "rotation": "angle"}
-"""Errors that are told, each by itself, and their quantity."""
+"""Errors that are reported, each by itself, and their quantity."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     good = refuse(_unexplained(model, nominal, registration, full, q_nominal, rows, before, good))
     sigma = pose_sigma(model, before_events, full, table.q, good, knowledge, dataset, rows)
     if knowledge is not None:
-        # of which it cannot be had how well they are known
+        # whose uncertainty cannot be computed
         good = refuse((n, UNKNOWN) for n in np.flatnonzero(
             ~(np.isfinite(sigma[0]) & np.isfinite(sigma[1]))).tolist())
     sigma_before = pose_sigma(model, before_events, reached, q_nominal,
@@ -263,15 +263,15 @@ def _unexplained(model: Model, nominal: Model, registration: Registration, full:
         return
     sigma = tolerance_sigma(nominal, registration, full[at], q_nominal[at])
     units, least = mechanism.units, NOTHING * np.array([mechanism.reach, 1.0])
-    # of a row that does both it is told that it turns too far
+    # a row that does both is said to turn too far
     for i, quantity in ((1, "angle"), (0, "length")):
         factor, unit = units.factor(quantity), units.name(quantity)
         for n, off, size in zip(at.tolist(), before[i][at].tolist(), sigma[i].tolist(),
                                 strict=True):
             if off > IMPLAUSIBLE * size + least[i]:
                 yield n, (
-                    f"goes {off / factor:.4g} {unit} from the uncorrected command, where "
-                    f"the tolerances make {size / factor:.2g} {unit} (1 sigma): no machine "
+                    f"is {off / factor:.4g} {unit} from the uncorrected command, where the "
+                    f"tolerances explain {size / factor:.2g} {unit} (1 sigma): no machine "
                     f"within {IMPLAUSIBLE:.0f} tolerances is that far from its drawing; "
                     "if this one is, give its file larger tolerances (--regardless does not lift "
                     "this)")

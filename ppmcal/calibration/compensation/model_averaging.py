@@ -25,7 +25,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
 
-UNREACHED = ("where it leads is not known: a machine that the measurements do not tell from this "
+UNREACHED = ("where it leads is not known: a machine that the measurements cannot tell from this "
              "one does not take these joint values")
 OWN = ("q", "command", "seen", "pose", "position_after", "rotation_after", "status", "reason")
 """What commands of another machine replace; nominal commands and uncertainties stay."""
@@ -47,7 +47,7 @@ class Reading:
 
     @property
     def bare(self) -> bool:
-        """Whether it is the machine without effects, which is no reading of its own."""
+        """Whether it is the machine without effects, which is not a model of its own."""
         return not self.effect and not self.instead
 
 

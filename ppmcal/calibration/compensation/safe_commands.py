@@ -54,7 +54,7 @@ def worse_rows(mechanism: Mechanism, found: Compensation) -> dict[int, str]:
     """Return the rows whose correction is predicted to be worse than none: index -> reason.
 
     By :data:`WORSE`, in position or in rotation; what is not known of the model is in the errors
-    with and without correction. A row of which it cannot be predicted what is left is among them.
+    with and without correction. A row whose remaining error cannot be predicted is among them.
     """
     unknown = np.flatnonzero(sent(found) & np.isnan(found.position_after))
     out = dict.fromkeys(unknown.tolist(), "what the correction leaves cannot be predicted: led "

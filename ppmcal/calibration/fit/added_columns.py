@@ -14,7 +14,7 @@ from ppmcal.inference.priors import WIDE
 from ppmcal.linalg import Array, Bools, reciprocals, subsample
 
 MOST = 20000
-"""Rows of which nothing more is asked, evenly spread."""
+"""At most so many rows are asked, evenly spread."""
 
 Group = Mapping[int, tuple[slice, Bools]]
 """Columns that act together: by data set which of the wider problem's, and in which rows (N,)."""

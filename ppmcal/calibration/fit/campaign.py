@@ -54,7 +54,7 @@ class WeakCampaign:
 
     Attributes:
         shapes: what is weak about it, in words.
-        unknown: parameters of which it leaves more than :data:`HALF` of their tolerance open.
+        unknown: parameters that it leaves open to more than :data:`HALF` of their tolerance.
         groups: the same in a few words.
         touches: whether it is touches that are measured.
         missing: the measurements that would tell.
@@ -73,7 +73,7 @@ def weak_shapes(fit: Fit) -> tuple[str, ...]:
 
 
 def geometry(fit: Fit) -> tuple[int, ...]:
-    """Return the free parameters of a fit that are no effect's."""
+    """Return the free parameters of a fit that belong to no effect."""
     effects = {p for e in fit.problem.mechanism.effects for p in e.parameters.values()}
     return tuple(p for p in fit.problem.free if p not in effects)
 

@@ -2,7 +2,7 @@
 
 The one place that makes an interval of a sigma. The variance of rows is a scaled inverse
 chi-squared about the stated one, which counts as :data:`LEAST` values; integrated out, an estimate
-of which no tolerance holds a part has Student's distribution (Gelman et al., Bayesian Data
+that no tolerance holds in part has Student's distribution (Gelman et al., Bayesian Data
 Analysis, 3.2).
 """
 

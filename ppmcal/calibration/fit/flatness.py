@@ -23,7 +23,7 @@ ENOUGH = 16
 HIGHEST = 6
 MOST_FREEDOM = 0.6
 SURVIVES = 0.03
-"""A shape of which the fit took all but this part tells nothing."""
+"""A shape that the fit took up but for this part tells nothing."""
 MOST = 3000
 """Shapes are fitted to at most so many touches, evenly spread."""
 

@@ -93,7 +93,7 @@ def _fitted(found: AddedColumns, some: Sequence[int]) -> Iterator[tuple[float, f
     whole = np.concatenate([rows, np.eye(size, rows.shape[1]) * found.held[:, None]])
     solved = linalg.pinv(whole, rcond=SEEN)
     step = solved @ np.concatenate([right, found.held * found.away])
-    # what the rows then miss; tolerances give way too, which is no noise
+    # what the rows then miss; tolerances give way too, which is not noise
     left = float(np.sum((right - rows @ step) ** 2))
     degrees = max(found.count - float(np.sum(rows * solved[:, :right.size].T)), 1.0)
     noise = max(1.0, left / degrees)

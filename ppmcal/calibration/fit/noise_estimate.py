@@ -302,7 +302,7 @@ def noise_parts(fit: Fit) -> tuple[float, float]:
 
 
 def against_tolerances(noise: Noise, fit: Fit) -> Noise:
-    """Return the check with its prior's part as of a fit of which the noise was mended."""
+    """Return the check with its prior's part as of a fit whose noise was corrected."""
     _, _, chi2, degrees = _split(fit)
     return replace(noise, prior_chi2=chi2, prior_degrees=degrees, prior_p=_chance(chi2, degrees))
 

@@ -113,7 +113,7 @@ def view(data: Dataset, registration: Registration, poses: Sequence[Array], moti
         stretch: the instrument shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
     """
     if data.kind == "plane":
-        stretch = None    # a touch is no reading: the flat's height is as it is given
+        stretch = None    # a touch is not a reading: the flat's height is as it is given
     stretch = in_scale(stretch, registration.scale)
     sights = [_six_coordinates(data, registration, pose, motion, about, stretch) for pose in poses]
     if data.kind == "distance":

@@ -44,7 +44,7 @@ class Distances:
         """Return the robust scale of the residuals over the stated noise (D,), at least 1.
 
         That of all rows; of a data set whose noise nobody stated its own where that is less: what
-        others show is no excuse there. One of which no row is in use shows nothing.
+        others show does not excuse it there. One without a row in use shows nothing.
         """
         own = [(alone and _times([d], [m], [k])) or np.inf for d, m, k, alone in
                zip(self.square, self.size, keep, self.estimated, strict=True)]
@@ -229,7 +229,7 @@ def find_gross_errors(fit: Fit, told: Fit | None = None) -> GrossErrors:
 
     Args:
         fit: with the stated noise, by which a row is judged.
-        told: with the noise that is left, whose values people are told; None: the same.
+        told: with the noise that is left, whose values are reported; None: the same.
     """
     covariance = prediction_covariance(fit)
     rows = tuple(_left_out(fit))

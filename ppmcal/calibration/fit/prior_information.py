@@ -112,7 +112,7 @@ class Posterior:
         inputs: content hash -> name of the measurement tables behind it.
         source: the file.
         session: what the data say beyond its parameters; None where a file does not hold it.
-        known: rows by which copies of those tables are told.
+        known: rows by which copies of those tables are recognised.
         step: from the value to the estimate (F,), SI; None: the value is the estimate.
     """
 

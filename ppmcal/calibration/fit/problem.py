@@ -117,7 +117,7 @@ class Problem:
         return [np.ones(len(d)) if d.weight is None else d.weight for d in self.datasets]
 
     def values(self, index: int, rows: Ints, each: Ints) -> float:
-        """Return how many values some rows (n,) are, of which each has so many, by weight."""
+        """Return how many values some rows (n,) are, each with so many, by weight."""
         weight = self.datasets[index].weight
         return int(each.sum()) if weight is None else float(weight[rows] @ each)
 
@@ -175,7 +175,7 @@ class Problem:
         """Return the starting state: present values, poses from home, aligned frames.
 
         Raises:
-            BadInput: a data set of which no row fits the machine, or too few for its frame.
+            BadInput: a data set without a row that fits the machine, or too few for its frame.
         """
         model = Model(self.mechanism)
         poses = tuple(self.reached(i, model) for i in range(len(self.datasets)))

@@ -134,7 +134,7 @@ def by_name(names: Sequence[str]) -> list[int]:
     [2, 0, 1]
     """
     def limb(i: int) -> list[tuple[bool, int, str]]:
-        # a word is no number, and comes behind
+        # a word is not a number, and comes after
         return [(not part.isdigit(), int(part) if part.isdigit() else 0, part)
                 for part in re.split(r"(\d+)", names[i].partition(".")[0])]
 

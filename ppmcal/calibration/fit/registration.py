@@ -168,7 +168,7 @@ def _misses(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64]
 
 
 def no_pose(mechanism: Mechanism, data: Dataset) -> BadInput:
-    """Return the refusal of a data set of which no row fits the machine.
+    """Return the refusal of a data set without a row that fits the machine.
 
     Raises:
         NoResult: home is singular, so that no way leads from it.

@@ -88,7 +88,7 @@ def is_open(data: Dataset, what: str) -> bool:
 
 
 def opened(data: Dataset, what: Sequence[str], only: bool = False) -> Dataset:
-    """Return a data set of which the registration fits ``what``, and with ``only`` nothing else."""
+    """Return a data set whose registration fits ``what``, and with ``only`` nothing else."""
     new = {}
     for word, name in FIELDS.items():
         unknown = getattr(data, name)
@@ -148,7 +148,8 @@ def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior
 def registration_hints(fit: Fit) -> tuple[RegistrationHint, ...]:
     """Return what files keep closed and the data ask to be open, best first.
 
-    A score test with the geometry free decides what is worth a fit; that fit, what is told. Each
+    A score test with the geometry free decides what is worth a fit; that fit, what is reported.
+    Each
     is judged with those before it open: of two files that disagree one is enough.
     """
     keep, problem = _with_outliers(fit), fit.problem
@@ -289,7 +290,7 @@ CAUSES = {"frame": "the instrument was moved", "target": "the target was moved",
 
 
 def hint_words(fit: Fit, hint: RegistrationHint) -> str:
-    """Return the mend and where it goes: ``frame: unknown in day2.yaml``."""
+    """Return the remedy and where it goes: ``frame: unknown in day2.yaml``."""
     return _words(fit, hint.dataset, hint.what)
 
 
@@ -299,7 +300,7 @@ def _words(fit: Fit, dataset: int, what: str) -> str:
 
 
 def hint_sentences(fit: Fit, hints: Sequence[RegistrationHint]) -> list[str]:
-    """Return what to say of each hint, with figures and mend."""
+    """Return what to say of each hint, with figures and remedy."""
     units, out = fit.problem.mechanism.units, []
     for h in hints:
         data = fit.problem.datasets[h.dataset]

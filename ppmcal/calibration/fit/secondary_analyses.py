@@ -1,4 +1,4 @@
-"""What is told beside a result: an analysis that fails is left out, and a note says so."""
+"""What is reported beside a result: an analysis that fails is left out, and a note says so."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ ALWAYS = 10
 """Where so many repeats or more, and all there are, equal the first of their pose, the noise is far
 below the steps or there is none: one of them tells what all do."""
 FEWEST = 3
-REASON = "equal to an earlier row in every digit: a copy is no repeat"
+REASON = "identical to an earlier row in every digit: a copy, not a repeat"
 
 
 def chance_of_equal(step: float, sigma: float) -> float:
@@ -147,7 +147,7 @@ def without_copies(data: Dataset) -> Dataset:
         return data
     if len(data) - out.sum() < FEWEST <= len(data):
         raise BadInput(f"the {len(data)} rows are {counted(len(data) - int(out.sum()), 'row')} "
-                       "copied: equal in every digit, they tell nothing more", data.source,
+                       "copied: identical in every digit, they add nothing", data.source,
                        "Measure more poses, and a pose again where it is to be a repeat")
     return _left_out(data, out, f"{data.source}: {row_list(data.rows[out] - 1)}: {REASON}; "
                                 "each counts once.")
@@ -182,13 +182,13 @@ def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
                                    "Give each measurement only once")
                 data = _left_out(data, again, (
                     f"{data.source}: {counted(int(again.sum()), 'row')} stand in {other.source} "
-                    "too, equal within their digits: copies are no repeats; each counts once."))
+                    "too, equal within their digits: copies are not repeats; each counts once."))
         done.append(data)
     return tuple(done)
 
 
 def known_rows(data: Dataset, actuators: Sequence[str]) -> KnownRows:
-    """Return the rows by which copies of a data set are told when its table is gone.
+    """Return the rows by which copies of a data set are recognised when its table is gone.
 
     Joint values or commanded poses, and what was measured; :data:`KEPT` rows at most.
     """

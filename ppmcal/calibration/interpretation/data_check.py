@@ -120,7 +120,7 @@ def _open_limbs(mechanism: Mechanism, gaps: Sequence[LimbGap]) -> Iterator[str]:
 
 
 def _told(misreadings: Sequence[Misreading], mechanism: Mechanism) -> Iterator[str]:
-    """Yield what is read wrongly, and its mend."""
+    """Yield what is read wrongly, and how to read it."""
     for m in misreadings:
         what = misreading_sentence(m, mechanism.units)
         yield f"{m.source}: {what}{'' if what.endswith('?') else '.'} {mend_of([m])}."

@@ -22,7 +22,7 @@ and a machine in an unknown frame may be renumbered in ways that only its errors
 LITTLE = 0.05
 """What is left of how far measurements go; in a unit that makes all small, noise explains all."""
 MOST = 0.5
-"""Of rows: more without a pose, or outside the limits, than this are no single mistakes."""
+"""Of rows: more without a pose, or outside the limits, than this are not single mistakes."""
 HARDLY_LESS = 0.05
 """A fit from far off is still on its way where it left less than this part of what there was."""
 FEWEST_PARAMETERS = 3

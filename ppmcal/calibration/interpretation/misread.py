@@ -1,4 +1,4 @@
-"""The refusal of files that were read wrongly: what is wrong, and the lines that mend it."""
+"""The refusal of files that were read wrongly: what is wrong, and the lines that correct it."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ppmcal.units import SI, Units
 MENDS = {
     "other-machine": "Is this the right mechanism file? If the machine really is that far from "
                      "nominal, give larger tolerances, or --prior flat",
-    "shuffled": "No entry of the sidecar mends that: put the measurements in the order of the "
-                "joint values again, where they were recorded, or leave those rows out",
+    "shuffled": "No sidecar entry can correct that: put the measurements back into the order of "
+                "the joint values at their source, or leave those rows out",
     **{key.replace("_", "-"): f"Write into the sidecar: `{key}: unknown`"
        for key in ("frame", "target", "target_rotation")}}
-"""What only the user can mend, by kind of mistake."""
+"""What only the user can correct, by kind of mistake."""
 PLAIN = ("stale", "outside-limits")
-"""Kinds that name their rows and are no other reading of them."""
+"""Kinds that name their rows and are not another reading of them."""
 
 
 NOISE = "times the noise"
@@ -49,7 +49,7 @@ class Misreading:
 
     Attributes:
         source: the CSV.
-        mistakes: what is wrong in it; ``block``: the sidecar's ``read`` that mends it, None
+        mistakes: what is wrong in it; ``block``: the sidecar's ``read`` that corrects it, None
             where only the user can.
         quantity: of ``before`` and ``after``, the median misses, m or rad, that tell most; nan
             where nothing was compared.
@@ -86,7 +86,7 @@ class Misread(NoResult):
 
     @classmethod
     def of(cls, found: Sequence[Misreading], units: Units) -> Misread:
-        """Return the refusal that names the mistakes and the lines that mend them."""
+        """Return the refusal that names the mistakes and the lines that correct them."""
         several = len({m.source for m in found}) > 1
         what = "; ".join(f"{m.source}: " * several + misreading_sentence(m, units) for m in found)
         error = cls(what, ", ".join(dict.fromkeys(m.source for m in found)), mend_of(found))

@@ -119,7 +119,7 @@ NEAR = 0.5
 
 
 def _struts(data: Dataset, mechanism: Mechanism) -> list[int]:
-    """Return the joints that are a limb's length, of which only the square is seen."""
+    """Return the joints that are a limb's length, which is seen squared only."""
     return [limb.actuator for limb in mechanism.limbs
             if data.commanded is None and limb.kind.actuator == "length"
             and not any(s.is_bar for s in limb.kind.slots)]

@@ -1,7 +1,7 @@
 """Are the numbers in the units that the files declare? Plain comparisons.
 
 A wrong unit shows as a factor: 1000 (mm against m), 57.3 (deg against rad), 25.4 (in against
-mm). Each finding is one sentence that names file and place, and says how to mend it.
+mm). Each finding is one sentence that names file and place, and says how to correct it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TURN = 2.0 * np.pi
 TOO_FAR = 3.0
 TOO_LITTLE = 1e-3
 MOST_FAR = 1.0 / 3.0
-"""More rows than this part that are too far away are no typos: the unit is wrong."""
+"""More rows than this part that are too far away are not typos: the unit is wrong."""
 
 
 def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
@@ -151,7 +151,7 @@ def _positions(mechanism: Mechanism, data: Dataset, side: str) -> list[str]:
     if far.any():
         out.append(f"{data.source}: {row_list(data.rows[far] - 1)}: measured "
                    f"{TOO_FAR:g} times the machine's reach of {reach:.4g} m and more away from "
-                   "the other rows; mend or delete them.")
+                   "the other rows; correct or delete them.")
     span = _span(values[~far])
     commanded = 0.0 if data.commanded is None else _span(data.commanded[:, :3])
     if span > TOO_FAR * reach:

@@ -246,7 +246,7 @@ def refuse_before_fit(problem: Problem, every_column: bool = False) -> None:
 
 
 def refuse_after_fit(fit: Fit) -> None:
-    """Refuse measurements of which the fit shows that they, or some rows, are read wrongly.
+    """Refuse measurements that the fit shows to be read wrongly, or some of their rows.
 
     Raises:
         Misread: with how they are to be read.

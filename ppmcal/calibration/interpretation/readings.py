@@ -1,9 +1,9 @@
-"""A way to read a measurement file: the data that it makes, what is wrong then, and its mend.
+"""A way to read a measurement file: the data that it makes, what is wrong then, and its correction.
 
 A measurement file is numbers under names. The same numbers read in another way are another
 campaign. Order of reading: columns, signs, units, convention of rotations, mirrored axis, inverse
-pose, shift of rows (contract, section 6). The mend is the block ``read`` of the sidecar as a whole:
-what it already says, and what was found.
+pose, shift of rows (contract, section 6). The correction is the block ``read`` of the sidecar as a
+whole: what it already says, and what was found.
 """
 
 from __future__ import annotations

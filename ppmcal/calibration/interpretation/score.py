@@ -142,7 +142,7 @@ class Look:
 
     @property
     def sound(self) -> list[Bools]:
-        """The others: values typed wrong are no sign of how a file is read, if they are few."""
+        """The others: values typed wrong say nothing of how a file is read, if they are few."""
         gross, posed = (sum(int(k.sum()) for k in keep) for keep in (self.gross, self.posed))
         if gross > float(MOST_GROSS) * posed:
             return self.posed

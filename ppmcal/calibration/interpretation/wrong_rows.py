@@ -46,7 +46,7 @@ from ppmcal.model.mechanism import POSE_COORDINATES
 from ppmcal.wording import counted
 
 SCREENED = 12
-"""Rows with which readings are compared first, of which half have to fit."""
+"""Rows with which readings are compared first; half of them have to fit."""
 
 
 def wrong_rows(fit: Fit) -> tuple[Misreading, ...]:

@@ -87,7 +87,7 @@ class Disagreement:
 
     @property
     def disagree(self) -> Bools:
-        """Parameters (F,) of which the clusters surely have several values."""
+        """Parameters (F,) whose values surely differ between the clusters."""
         return np.asarray(self.apart > float(SURE), dtype=bool)
 
 

@@ -70,7 +70,7 @@ IMPLAUSIBLE = 8.0
 FAR = "farther from nominal than tolerances allow"
 """What is said of such parameters."""
 SHOWN = 3
-"""So many are told, the farthest first."""
+"""So many are reported, the farthest first."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Estimate:
     constant began at is only a start.
 
     ``sigma``: by the noise of rows, prior and held parameters included; ``by_noise``: half of the
-    95 % interval by noise of which the size is not known exactly, None: 1.96 sigma; ``half``: the
+    95 % interval by noise whose size is not known exactly, None: 1.96 sigma; ``half``: the
     same with what sessions differ by, None where only noise is known of; ``by_session``: label,
     value, sigma and half of the 95 % interval of each session's own fit; ``p_value`` of these
     being one value, and whether they ``disagree``. ``expected``: the error (one sigma) that such
@@ -248,5 +248,5 @@ def _times(e: Estimate, units: Units) -> str:
     unit = units.name(e.quantity) + "/unit" * e.per_unit
     times = abs(e.error) / tolerance
     weak = "" if e.expected is None or times > farthest(1) else (
-        f", of which these data would show {e.expected / factor:.2g}")
+        f", and these data would show only {e.expected / factor:.2g}")
     return f"{e.name} by {times:.2g} times its tolerance of {tolerance / factor:.4g} {unit}{weak}"

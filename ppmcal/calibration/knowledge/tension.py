@@ -110,8 +110,8 @@ def _worst_row(fit: Fit, data: Clusters, rows: Sequence[tuple[int, int, int, Arr
         data.add(s, own, values)
     best = min(range(len(without)), key=lambda n: without[n].probability, default=None)
     if best is None or without[best].likely:
-        return ("; no single row explains it: one of them is off, or something is missing in the "
-                "model")
+        return ("; no single row explains it: one of them is off, or the model lacks "
+                "something")
     _, i, n, _, _ = rows[best]
     out = fit.problem.datasets[i]
     return (f"; they agree best without {out.name} row {int(out.rows[n])} (probability "
@@ -122,7 +122,7 @@ def _sentence(fit: Fit, data: Clusters, found: PulledApart) -> str:
     """Return what instruments say against each other, in units of the file."""
     each = ", ".join(f"{n} {s:.3g}" for n, s in zip(data.labels, found.noise.tolist(),
                                                     strict=True))
-    out = (f"{' and '.join(data.labels)} pull apart (probability {found.probability:.2g}): each "
+    out = (f"{' and '.join(data.labels)} disagree (probability {found.probability:.2g}): each "
            f"alone shows {each} times the stated noise, and together they show more")
     count, own = len(fit.problem.free), data.weighted(found.noise**-2)
     inverse = linalg.inv(own.matrix + np.diag(data.prior**2 + RIDGE))

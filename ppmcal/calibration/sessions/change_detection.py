@@ -5,7 +5,7 @@ for known (:mod:`session_knowledge`) are common columns, so that what is off ali
 change. What is left of the new rows, in the directions that the old ones and the tolerances
 predict, has covariance 1 if nothing changed, whatever parameters trade among each other. Which
 explanations are in it, or nothing, is a posterior (:mod:`explanations`); chi-squared of everything
-together is told beside it and decides nothing.
+together is reported beside it and decides nothing.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list
         candidates = explanations(mechanism, names, rows.candidates)
         return explained_by(candidates, [block(e) for e in candidates], rows.misfit, known)
 
-    # whether anything has changed is told without a name for it
+    # whether anything has changed is reported without a name for it
     found = secondary("what has changed", named, explained_by((), (), rows.misfit, known), notes)
     here = [new.places.index(p) for p in common]
     covariance = rows.covariance()[np.ix_(here, here)]

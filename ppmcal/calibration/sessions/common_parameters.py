@@ -68,7 +68,7 @@ def common_errors(errors: Sequence[Array]) -> list[CommonError | None]:
 
 
 def share_interval(count: int, total: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share of which ``count`` of ``total`` were seen.
+    """Return the 95 % interval of a share when ``count`` of ``total`` were seen.
 
     Source: Clopper, Pearson, Biometrika 26 (1934).
     """

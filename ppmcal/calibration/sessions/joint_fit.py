@@ -1,6 +1,7 @@
 """Two calibrations that had different parameters free, fitted anew with the same ones free.
 
-What the richer one fitted and the poorer one held is no change of the machine, and no linear step
+What the richer one fitted and the poorer one held is not a change of the machine, and no linear
+step
 leads from one to the other: in directions that a session hardly sees they may be hundreds of
 millimetres apart. So both sessions get all parameters that either had free, with their tolerances.
 One fit to the rows of both, as if nothing had changed, gives the point where both are linearised;

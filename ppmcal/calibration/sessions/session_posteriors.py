@@ -53,7 +53,7 @@ LEAST, NUMBERS = 5.0, 5000
 LEVERAGE = 0.05
 """A row counts as if the fit had left it this part of its own error at least."""
 MOST = 600
-"""Rows of which the rest is kept, evenly spread."""
+"""At most so many rows are kept, evenly spread."""
 
 
 def session_knowledge(fit: Fit) -> SessionKnowledge:

@@ -1,4 +1,4 @@
-"""95 % intervals of the figures that errors are told by: rms, 95 % point, differences of rms.
+"""95 % intervals of the figures that errors are reported by: rms, 95 % point, differences of rms.
 
 Rows at one commanded pose share what the model misses there, so poses are drawn, not rows. What a
 registration to the same rows took of the errors is given back by its degrees of freedom.
@@ -16,7 +16,7 @@ from ppmcal.inference.priors import SURE
 from ppmcal.linalg import Array, Ints
 
 FEWEST = 3
-"""Poses below which no interval is told."""
+"""Poses below which no interval is given."""
 DRAWS = 2000
 AT_ONCE = 1_000_000
 """Drawn poses that are held at once: draws of more are made anew for each machine."""
@@ -60,7 +60,7 @@ def quantile_interval(values: Array, groups: Ints, share: float) -> tuple[float,
     """
     poses = np.unique(groups).size
     tail = 0.5 * (1.0 - SURE.value)
-    # the binomial distribution, of which scipy.stats has the inverse but takes a second to load
+    # the binomial distribution: scipy.stats has its inverse but takes a second to load
     chance = bdtr(np.arange(poses + 1.0), poses, share)
     low, high = np.searchsorted(chance, [tail, 1.0 - tail]).tolist()
     ordered = np.sort(values)

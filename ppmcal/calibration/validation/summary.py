@@ -252,7 +252,7 @@ def _held(fit: Fit, options: FitOptions, holdout: float, seed: int, other: Seque
           ) -> tuple[Mapping[str, Mapping[str, float]], str]:
     """Return the figures on rows that a fit had not seen, and how they were had.
 
-    What was asked for by name is no extra: where it fails, so does the command.
+    What was asked for by name is not an extra: where it fails, so does the command.
     """
     if leave_out:
         return sessions_left_out(fit.problem, options, fit.keep, inflation)
@@ -315,7 +315,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
         out.append(f"the fit had not converged after {counted(fit.iterations, 'iteration')}: use "
                    "more --iterations, free fewer parameters, or measure poses that tell them "
                    "apart")
-    # the last: what is wrong with the rows is told below it
+    # the last: what is wrong with the rows is printed below it
     for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
         if reasons:
             out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, "

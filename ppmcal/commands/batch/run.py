@@ -81,7 +81,7 @@ class BatchResult(Result):
 
     @property
     def warnings(self) -> list[str]:
-        """Nothing: what failed is told with the campaigns."""
+        """Nothing: what failed is printed with the campaigns."""
         return []
 
     def told(self) -> Iterator[Told]:

@@ -34,5 +34,5 @@ COMMAND = Command(
            "see.",),
     examples=("ppmcal check mine.yaml --draw machine.html", "ppmcal check mine.yaml run1.csv"),
     result="CheckResult", files=True, recorded=False,
-    raises="BadInput: anything wrong in the files, with file, place and mend.",
+    raises="BadInput: anything wrong in the files, with file, place and hint.",
     shares={"reading the measurements": 0.4, "checking": 4.0})

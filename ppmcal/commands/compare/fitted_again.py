@@ -96,7 +96,7 @@ def _in_memory(options: Mapping[str, Any]) -> bool:
 def _path(places: Mapping[str, Path], path: str) -> str:
     """Return where an input is, as seen from here.
 
-    A path that is no recorded input is returned as it is, and so is one that still leads to it:
+    A path that is not a recorded input is returned as it is, and so is one that still leads to it:
     whoever runs this again, elsewhere, finds and names the same file.
     """
     there = places.get(path, Path(path))
@@ -110,7 +110,7 @@ def _method(run: RecordedRun) -> str:
 
 def _fitted(run: RecordedRun, places: Mapping[str, Path], machine: str, free: Sequence[int],
             names: Sequence[str]) -> Fit:
-    """Return a fit of a run's own rows, of which the inputs are at ``places``, with these free.
+    """Return a fit of a run's own rows, whose inputs are at ``places``, with these free.
 
     Raises:
         BadInput, NoResult: as ``identify``; or the machine's file has other parameters.

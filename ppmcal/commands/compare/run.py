@@ -122,7 +122,7 @@ def run(asked: CompareArguments) -> ComparisonResult:
     paths = [p.with_name("identification.json") for p in (first, second)]
     before, after = (read_posterior(p, mechanism) for p in paths)
     knowledge = read_knowledge(paths[0], mechanism)
-    # what either had free is no fixed value
+    # what either had free is not a fixed value
     both = replace(mechanism, free=tuple({*before.places, *after.places}))
     odd = same_machine(both, earlier, first)
     only = sorted(mechanism.names[p] for p in {*before.places} ^ {*after.places})

@@ -80,7 +80,7 @@ COMMAND = Command(
            "base axes.",
            "Rows outside limits, across singularities, far outside the measured volume, farther "
            "from the uncorrected command than tolerances explain, worse off with the correction "
-           "than without, or not to be come to safely from the row before are refused, each with "
+           "than without, or unsafe to reach from the previous row are refused, each with "
            "its reason. A model whose fit had not converged, or whose residuals are far beyond the "
            "noise of its own measurements, is refused as a whole. --regardless lifts that, and the "
            "refusal of rows worse off; what may break the machine stays refused. Writes "

@@ -112,7 +112,7 @@ class CompensationResult(Result):
         return [f"row {n} refused: {r}" for n, r in self.refused]
 
     def told(self) -> Iterator[Told]:
-        """Yield how many targets have commands, of which point, and the errors to expect."""
+        """Yield how many targets have commands, for which point, and the errors to expect."""
         yield self.headline()
         yield self.point()
         predicted = self.record.predicted
@@ -121,9 +121,9 @@ class CompensationResult(Result):
                 yield f"Predicted {kind} error: {size.words()}."
         if any(size.after is not None for size in predicted.values()):
             unexplained = self.knowledge is not None and any(self.knowledge.unexplained)
-            yield ("What is left is how well the measurements know the machine (1 sigma, in the "
-                   f"frame of {self.frame or 'its base'})"
-                   f"{', with what they leave unexplained' * unexplained}.")
+            yield (f"The remaining error is the model's own uncertainty (1 sigma, in the frame of "
+                   f"{self.frame or 'its base'})"
+                   f"{', with the unexplained residuals' * unexplained}.")
 
     def summary(self) -> Mapping[str, Any]:
         """Return what ``--json`` prints."""

@@ -137,7 +137,7 @@ def run(asked: DiagnoseArguments) -> DiagnosisResult:
         if kind != GEOMETRY and kind not in effect_kinds():
             raise unknown("effect", kind, [*effect_kinds(), GEOMETRY], "--kind")
     if not 0.0 <= holdout <= 0.9:
-        raise BadInput(f"{holdout:g} is no part of the poses", "--holdout", "Give 0 to 0.9")
+        raise BadInput(f"{holdout:g} is not a fraction of the poses", "--holdout", "Give 0 to 0.9")
     machine, datasets = prepared(asked.mechanism, asked.data, asked.free)
     if asked.leave_out and len(session_masks(datasets)) < 2:
         raise one_session()

@@ -98,7 +98,7 @@ class IdentificationResult(Result):
 
     @property
     def warnings(self) -> list[str]:
-        """Nothing: what needs a look is told above the rows that were left out."""
+        """Nothing: findings are printed above the rows that were left out."""
         return []
 
     def told(self) -> Iterator[Told]:

@@ -64,7 +64,7 @@ APART, FREEDOMS, MISSING, PATTERN, TOLERATED = (
     "whether instruments pull apart", "whether some parameters should be one",
     "which poses are missing", "whether residuals have a pattern",
     "whether the tolerances are kept")
-"""What is told beside a fit."""
+"""What is reported beside a fit."""
 
 
 def run(asked: IdentifyArguments) -> IdentificationResult:
@@ -230,7 +230,7 @@ def fitted_rows(problem: Problem, options: FitOptions, sigma: str
 
 
 def _estimated(problem: Problem, sigma: str) -> list[bool]:
-    """Return of which data sets the noise is estimated."""
+    """Return the data sets whose noise is estimated."""
     return [sigma == "estimated" or d.estimated for d in problem.datasets]
 
 
@@ -261,7 +261,7 @@ def _held_out(holdout: Any, machine: Mechanism) -> tuple[tuple[Dataset, ...], fl
     except (TypeError, ValueError):
         return datasets_of(machine, holdout), 0.0
     if not 0.0 <= fraction < 1.0:
-        raise BadInput(f"{holdout} is no part of the poses", "--holdout",
+        raise BadInput(f"{holdout} is not a fraction of the poses", "--holdout",
                        "Give a fraction from 0 to below 1, or a CSV")
     return (), fraction
 

@@ -25,7 +25,7 @@ ROBOTS = {
     "urdf": "it describes trees, and a parallel machine is a loop",
     "sdf": "its loops are joints between links, which say nothing of limbs, drives or home",
     "mjcf": "its loops are constraints of points, which say nothing of limbs, drives or home"}
-"""Models of robots, and why they are no mechanism."""
+"""Models of robots, and why they are not a mechanism."""
 LONGEST = 1e5
 """No rod is longer, and no radius, mm."""
 
@@ -119,7 +119,7 @@ def run(asked: ImportArguments) -> ImportResult:
         raise unknown("scale of distances", scale, SCALES, "--scale")
     length, chosen = _rods(asked.rods)
     if radius is not None and not SMALLEST <= radius < LONGEST:
-        raise BadInput(f"{radius} is no radius, mm", "--radius",
+        raise BadInput(f"{radius} is not a radius in mm", "--radius",
                        "Give it from the joints at a tower to those at the effector, such as "
                        "--radius 140")
     mesh = asked.mesh
@@ -149,6 +149,6 @@ def _rods(given: str | float | Sequence[str | float]) -> tuple[float | None, str
         except ValueError:
             raise unknown("way to take rods", one, RODS, "--rods") from None
         if not 0.0 < length < LONGEST:
-            raise BadInput(f"{one} is no length of a rod, mm", "--rods",
+            raise BadInput(f"{one} is not a rod length in mm", "--rods",
                            "Give it from bearing to bearing, such as --rods 345")
     return length, word

@@ -32,7 +32,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
 MOST = 200
-"""Rows from which what tolerances allow is told."""
+"""From so many rows on, what tolerances allow is reported."""
 Solve = Callable[[Model], Array]
 
 

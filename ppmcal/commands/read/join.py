@@ -139,7 +139,7 @@ def _offset(given: float | str | None) -> float | str | None:
     except ValueError:
         value = math.nan
     if not abs(value) < LONGEST:
-        raise BadInput(f"'{given}' is no number of seconds", "--clock-offset",
+        raise BadInput(f"'{given}' is not a number of seconds", "--clock-offset",
                        "Give what the points' clock is ahead by, s, or `find`")
     return value
 
@@ -214,7 +214,7 @@ def _joints(log: ForeignTable, block: ReadFile, mechanism: Mechanism, units: Uni
     names = [f"q_{a}" for a in mechanism.actuators]
     missing = [n for n in names if n not in log.table.numbers]
     if missing:
-        raise BadInput(f"an offset is found from joint values, and there is no {missing[0]}",
+        raise BadInput(f"finding an offset needs joint values, and {missing[0]} is missing",
                        log.table.source, "Give the offset: --clock-offset S")
     rest = ReadFile.model_construct(signs={p: s for p, s in block.signs.items()
                                            if p.startswith("q_")},

@@ -185,7 +185,7 @@ def run(asked: ReadArguments) -> ReadResult:
 def _refuse_to_replace(out: Path, inputs: Sequence[Path], force: bool) -> None:
     """Refuse to replace an input, or what is there."""
     if out.suffix != ".csv":
-        raise BadInput("is no name of a CSV", str(out), "Write --out run.csv")
+        raise BadInput("is not the name of a CSV file", str(out), "Write --out run.csv")
     for place in (out, out.with_suffix(".yaml")):
         if any(place.exists() and p.exists() and place.samefile(p) for p in inputs):
             raise BadInput("is an input of this run, and its results would replace it",
@@ -200,7 +200,7 @@ def _check_options(join: str | None, units: str | None, tolerance: float) -> Non
     if units is not None and units not in LENGTHS:
         raise unknown("length unit", units, LENGTHS, "--units")
     if not tolerance >= 0.0:
-        raise BadInput(f"{tolerance} is no time", "--tolerance", "Write seconds, 0 or more")
+        raise BadInput(f"{tolerance} is not a time", "--tolerance", "Write seconds, 0 or more")
 
 
 def _declared(together: Joined, files: Sequence[ForeignTable], block: ReadFile,
@@ -280,9 +280,9 @@ def _unsaid(table: Table, mechanism: Mechanism) -> tuple[dict[str, Any], list[st
                "instrument": {"kind": "pose" if turning else "position",
                               "sigma": {**sigma, "estimated": True}},
                "frame": "unknown", "target": "unknown"}
-    return content, [f"there is no sidecar: units without another are taken for {own.length} and "
-                     f"{own.angle}, frame and target for unknown, and the noise is estimated. "
-                     "Write into the YAML what you know."]
+    return content, [f"no sidecar: units that no header states are taken as {own.length} and "
+                     f"{own.angle}, frame and target as unknown, and the noise is estimated. "
+                     "Write what you know into the YAML."]
 
 
 def _rounded(value: float, units: Units, quantity: str) -> float:

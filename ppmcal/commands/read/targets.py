@@ -89,7 +89,7 @@ def _listed(names: Sequence[str]) -> str:
 
 def _split(points: Table, pose: Sequence[str] | None, target: Sequence[str], said: str
            ) -> tuple[Table, tuple[str, ...]]:
-    """Return points with a target each; as they are where names are no targets' or of one."""
+    """Return points with a target each; as they are where names are not targets' or of one."""
     count = Counter(target)
     if len(count) < 2 or 2 * len(count) > len(target):
         return points.without(("target",)), ()
@@ -127,7 +127,7 @@ def known_points(block: ReadFile, mechanism: Mechanism, units: Units, place: str
     """Return where targets are on the platform (3,), m, by name; only those that are known.
 
     Raises:
-        BadInput: what is no point.
+        BadInput: not a point.
     """
     every = {name: point_of(raw, mechanism.motion, units, place, f"read.targets.{name}")
              for name, raw in block.targets.items()}

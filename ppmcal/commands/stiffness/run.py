@@ -158,5 +158,5 @@ def _number(text: str, place: str, mend: str) -> float:
     except ValueError:
         raise BadInput(f"'{text.strip()}' is not a number", place, mend) from None
     if not math.isfinite(value) or abs(value) > LARGEST:
-        raise BadInput(f"{text.strip()} is too large to be true", place, mend)
+        raise BadInput(f"{text.strip()} is out of range", place, mend)
     return value

@@ -149,7 +149,7 @@ def _size(value: float | None, quantity: str, machine: Mechanism) -> float | Non
     largest = machine.reach if quantity == "length" else 1.0
     if not SMALLEST * largest <= size <= largest:
         unit, factor = machine.units.name(quantity), machine.units.factor(quantity)
-        raise BadInput(f"{value:g} {unit} cannot be meant", "--accuracy" if quantity == "length"
+        raise BadInput(f"{value:g} {unit} is implausible", "--accuracy" if quantity == "length"
                        else "--rotation", f"Write {SMALLEST * largest / factor:.2g} to "
                        f"{largest / factor:.3g} {unit}")
     return size
@@ -177,7 +177,7 @@ def _tasks(machine: Mechanism, asked: TolerancesArguments, tool: Array) -> tuple
     table = inverse_table(Model(machine), read_poses(asked.poses, machine).poses)
     good = np.array([s == "ok" for s in table.status], dtype=np.bool_)
     place = place_of(asked.poses, "poses")
-    notes = [f"{place}, row {n + 1}: {table.reason[n]}; it is no task pose then"
+    notes = [f"{place}, row {n + 1}: {table.reason[n]}; not used as a task pose"
              for n in np.flatnonzero(~good)]
     if not good.any():
         raise BadInput(f"none of the {len(good)} task poses can be reached "

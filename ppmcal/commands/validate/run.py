@@ -112,7 +112,7 @@ def run(asked: ValidateArguments) -> ValidationResult:
 def _fitted_to(model: Machine | CalibratedMachine, others: Mapping[str, Mechanism],
                inputs: Mapping[str, str], datasets: Sequence[Dataset], mechanism: Mechanism
                ) -> list[str]:
-    """Return which of the measurements are no test of a machine, for it was fitted to them.
+    """Return which of the measurements do not test a machine, for it was fitted to them.
 
     ``others``: further machines by path.
     """
@@ -126,8 +126,8 @@ def _fitted_to(model: Machine | CalibratedMachine, others: Mapping[str, Mechanis
     for name, path, machine in [*paths, *((p, Path(p), m) for p, m in others.items())]:
         if (beside := _calibration(path)) is not None:
             seen.append((name, seen_before(beside, inputs, datasets, machine)))
-    return [f"{table}: {name} was fitted to {rows}: they are no test of it, and its "
-            "errors look smaller than they are; validate on rows that no fit has seen"
+    return [f"{table}: {name} was fitted to {rows}: they do not test it, and its errors "
+            "look smaller than they are; validate on rows that no fit has seen"
             for name, these in seen for table, rows in these]
 
 

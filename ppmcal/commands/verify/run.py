@@ -93,7 +93,7 @@ def run(asked: VerifyArguments) -> VerificationResult:
     """
     folders, inputs = asked.folders, asked.inputs
     if inputs is not None and not Path(inputs).is_dir():
-        raise BadInput("is no folder", f"--inputs: {inputs}", "Name the folder of the inputs")
+        raise BadInput("is not a folder", f"--inputs: {inputs}", "Name the folder of the inputs")
     checks: list[RunCheck] = []
     for folder in folders:
         found = list(recorded_runs(Path(folder)))

@@ -141,7 +141,7 @@ def far_radius(given: float, active: float) -> list[str]:
 
 
 def tolerance(least: float, apart: float) -> float:
-    """Return a tolerance in which a printer's own answer is no surprise, mm, in 0.1 mm."""
+    """Return a tolerance in which a printer's own answer is not a surprise, mm, in 0.1 mm."""
     return max(least, math.ceil(20.0 * apart) / 10.0)
 
 

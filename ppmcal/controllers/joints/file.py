@@ -1,8 +1,8 @@
 """LinuxCNC's joint compensation files: lines of ``nominal forward reverse``, and nothing else.
 
 With ``COMP_FILE_TYPE = 0`` a line says where a joint is (forward: in positive travel, reverse: in
-negative travel) when it is told to be at nominal. LinuxCNC adds nominal - forward, interpolated
-between the nominals and constant beyond them, to what the motor is told. Numbers are in the
+negative travel) when commanded to nominal. LinuxCNC adds nominal - forward, interpolated
+between the nominals and constant beyond them, to the motor's command. Numbers are in the
 joint's own unit. It stops reading at the first line that does not begin with three numbers, a
 comment or an empty line included, and takes at most 256 lines, their nominals increasing
 (LinuxCNC, src/emc/motion/usrmotintf.cc usrmotLoadComp, command.c EMCMOT_SET_JOINT_COMP).

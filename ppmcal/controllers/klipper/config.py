@@ -183,7 +183,7 @@ def _pair(line: str, section: str, where: str) -> tuple[str, str]:
     if len(parts) < 2 or not parts[0].strip():
         if _MINE.fullmatch(section):
             raise BadInput(f"'{line.strip()[:40]}' is not a line of the form `key: value`",
-                           f"{where}: [{section}]", "Mend the line, or take it out")
+                           f"{where}: [{section}]", "Correct the line, or remove it")
         return "", ""
     return parts[0].strip().lower(), parts[1].strip()
 

@@ -57,7 +57,7 @@ def decoded(data: bytes, source: str) -> str:
     """Return a configuration file's text.
 
     Raises:
-        BadInput: it is no text.
+        BadInput: it is not text.
     """
     if b"\0" in data:
         raise BadInput("is not a text file", source, "Give the printer.cfg of a printer")

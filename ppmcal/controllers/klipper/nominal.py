@@ -91,7 +91,7 @@ def _body(config: Config) -> tuple[_Body, list[str]]:
         place = section, found["key"].lower()
         value, quiet = float(found["value"]), bool(found["out"])
         if not abs(value) <= LARGEST:
-            raise BadInput(f"{found['value'][:40]} is too large to be true",
+            raise BadInput(f"{found['value'][:40]} is out of range",
                            f"{config.source}: [{section}] {place[1]}", "Correct the number")
         if quiet and place in out and not out[place][1]:
             continue

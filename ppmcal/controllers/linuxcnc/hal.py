@@ -162,7 +162,7 @@ def _setting(words: Sequence[str], where: str) -> tuple[str, float]:
     parts = parts[1:] if parts[0].lower() == "setp" else parts
     if len(parts) != 2:
         raise BadInput(f"'{' '.join(words)[:60]}' is not of the form `setp pin value`", where,
-                       "Mend the line, or take it out")
+                       "Correct the line, or remove it")
     pin = parts[0].lower().removeprefix(_HEAD)
     if any(c in "$[" for c in "".join(parts)):
         raise BadInput(f"'{parts[1][:40]}' stands for a value that is not in this file", where,

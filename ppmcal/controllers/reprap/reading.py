@@ -133,8 +133,9 @@ def read_map(path: Path) -> tuple[Array, Array]:
         count = _first(named, path, f"{axis}num", f"num{number}", f"num_{axis}")
         space = _first(named, path, f"{axis}spacing", f"spacing{number}", "spacing")
         if count != int(count) or not 2 <= count <= LARGEST or not high > low or not space > 0.0:
-            raise BadInput(f"{count:g} points from {low:g} to {high:g} mm along {axis} are no "
-                           "grid", f"{path}: line 3", "Take the file as the firmware wrote it")
+            raise BadInput(f"{count:g} points from {low:g} to {high:g} mm along {axis} do not "
+                           "form a grid", f"{path}: line 3",
+                           "Take the file as the firmware wrote it")
         axes.append(low + space * np.arange(int(count)))
     wanted = (len(axes[1]), len(axes[0]))
     for n, row in enumerate(cells, 4):
@@ -162,5 +163,5 @@ def _first(named: dict[str, str], path: Path, *names: str) -> float:
     for name in names:
         if name in named and _number(named[name]):
             return float(named[name])
-    raise BadInput(f"there is no number {names[0]} up to {FARTHEST:g}", f"{path}: line 3",
+    raise BadInput(f"{names[0]} is missing, or not a number up to {FARTHEST:g}", f"{path}: line 3",
                    "Take the file as the firmware wrote it")

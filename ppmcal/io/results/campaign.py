@@ -24,7 +24,7 @@ class PoseRange(Part):
 class CampaignSummary(Part):
     """Poses that cannot tell what was fitted.
 
-    ``shapes``: what is weak; ``unknown``: parameters of which more than half the tolerance stays
+    ``shapes``: what is weak; ``unknown``: parameters where more than half the tolerance stays
     open, in groups, ``parameters`` by name; ``poses``: how many measurements would tell them, in
     ``file``; ``where``: the coordinates in which they go beyond the campaign.
     """

@@ -273,7 +273,7 @@ def decoded(kind: type[T], data: Any, path: Path, mend: str = AGAIN) -> T:
 
 
 def unsaid(kind: type[T]) -> T:
-    """Return a finding of which a file says nothing."""
+    """Return a finding that a file says nothing about."""
     found: T = reader_of_class(kind).read({}, False)
     return found
 

@@ -27,7 +27,7 @@ SHOWN = 4
 FITS_DIFFER = 2.5
 """Two fits differ otherwise than a change says where they do by so many standard deviations."""
 ALIKE, HIDING = 0.3, 1.3
-"""Misfit that is alike, and noise over the stated one, are told from so much on."""
+"""Misfit that is alike, and noise over the stated one, are reported from so much on."""
 NOT_COMPARED = "not compared"
 
 
@@ -278,14 +278,14 @@ def noise_sentence(r: ComparisonRecord) -> str:
         return ""
     parts = []
     if n.alike > ALIKE:
-        parts.append(f"{100.0 * n.alike:.0f} % of what the model misses is alike in both, and is "
-                     "no change.")
+        parts.append(f"{100.0 * n.alike:.0f} % of the model's error is common to both, so it is "
+                     "not a change.")
     times = [f"{v:.3g} times what the files state in the {label} calibration"
              for label, v in (("old", n.old), ("new", n.new)) if v > HIDING]
     if times:
         parts.append("After the fit the residuals scatter " + " and ".join(times)
-                     + ": noise, or what the model misses. That is allowed for, in the test and in "
-                     "every +- here" + ("." if n.same_poses else
+                     + ": noise, or model error. The test and every +- "
+                     "here allow for it" + ("." if n.same_poses else
                                         "; at the same poses in both, smaller changes would show."))
     return " ".join(parts)
 

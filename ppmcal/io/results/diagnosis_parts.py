@@ -271,7 +271,7 @@ def _parameters(result: Diagnosis, effect: NamedEffect) -> dict[str, EffectValue
 def _derived(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
     """Return what follows from an effect's parameters and where mid-stroke is, file units.
 
-    Empty for kinds of which the parameters say all; no mid-stroke where no figure is named for it.
+    Empty for kinds whose parameters say all; no mid-stroke where no figure is named for it.
     """
     found = derived(result.identification, effect.parameters)
     if found is None:

@@ -89,7 +89,7 @@ def rivals(record: DiagnosisRecord, effect: DiagnosedEffect) -> list[str]:
 
 
 def group_name(record: DiagnosisRecord, group: Group) -> str:
-    """Return ``backlash on leg2, leg5`` for effects that are told as one."""
+    """Return ``backlash on leg2, leg5`` for effects that are reported as one."""
     on = dict.fromkeys(a for e in group for a in e.on)
     return name_of(record, " ".join([group[0].called, *_geometry(group[0])]), list(on))
 
@@ -100,7 +100,7 @@ def stages(record: DiagnosisRecord) -> str:
 
 
 FEW = 2
-"""So many values of one effect are told one by one."""
+"""So many values of one effect are given one by one."""
 
 
 def own_values(record: DiagnosisRecord, group: Group) -> str:
@@ -148,7 +148,7 @@ def onset(effect: DiagnosedEffect) -> str:
 
 
 def side(group: Group) -> list[str]:
-    """Return where the encoders of effects that are told as one sit, from the values' signs.
+    """Return where the encoders of effects that are reported as one sit, from the values' signs.
 
     ``leg2: the joint lags its reading: its encoder sits before the play``, without the joint where
     all are alike; empty where an effect has no such sides.
@@ -190,7 +190,7 @@ def actuators(record: DiagnosisRecord) -> int:
 
 
 LIKELY, FEW_SETS = 0.01, 4
-"""Sets of effects that are told have at least this probability; so many are told."""
+"""Sets of effects that are reported have at least this probability; so many are reported."""
 
 
 def unknown_causes(record: DiagnosisRecord) -> str:

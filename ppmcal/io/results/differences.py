@@ -285,7 +285,7 @@ def _is_binary(content: bytes) -> bool:
 
 
 def _text(then: bytes, now: bytes, found: Tally) -> None:
-    """Count the lines that differ; of what is no text nothing."""
+    """Count the lines that differ; of what is not text nothing."""
     if _is_binary(then):
         return
     for n, (a, b) in enumerate(zip_longest(then.decode().splitlines(), now.decode().splitlines()),

@@ -172,7 +172,7 @@ class ExportRecord(Record):
         if len(many) <= MOST:
             return [f"{LACKS}{entry.words()}" for entry in self.not_expressed]
         first = "; ".join(e.words() for e in many[:MOST])
-        return [f"{LACKS}{first}; and {len(many) - MOST} more, of which each costs less (all in "
+        return [f"{LACKS}{first}; and {len(many) - MOST} more, each of which costs less (all in "
                 f"{self.FILE})"]
 
     def attention(self) -> list[str]:

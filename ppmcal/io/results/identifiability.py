@@ -117,7 +117,7 @@ class UnidentifiableSet(Part):
 
     @property
     def paths(self) -> dict[str, tuple[str, ...]]:
-        """Path within the limb -> the limbs that have it; nothing of what is no limb's."""
+        """Path within the limb -> the limbs that have it; nothing of what is not a limb's."""
         out: dict[str, tuple[str, ...]] = {}
         for slot in self.slots:
             limb, _, path = slot.partition(".")

@@ -61,7 +61,7 @@ class IdentificationRecord(Record):
     that are missing in next.csv; ``freedoms``: which optional ones were kept;
     ``measured_volume``: coordinate -> (low, high); ``earlier``: content hash -> name of the
     tables behind a calibration carried on; ``known_rows``: of all tables behind this one, by which
-    copies of them are told; ``column_units``: of the CSV files beside it, by file,
+    copies of them are recognised; ``column_units``: of the CSV files beside it, by file,
     empty for bare numbers.
     """
 

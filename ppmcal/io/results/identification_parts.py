@@ -103,7 +103,7 @@ class ParameterEstimate(Part):
 
 
 def combination_in_units(d: Dependence, mechanism: Mechanism) -> Dependence:
-    """Return a redundant quantity of which one file unit acts like these amounts of the others."""
+    """Return a redundant quantity; one file unit of it acts like these amounts of the others."""
     own = column_factor(mechanism, d.name)
     return Dependence(d.name, {n: v * own / column_factor(mechanism, n)
                                for n, v in d.depends_on.items()})
@@ -178,7 +178,7 @@ class RegistrationEntry(Part):
 
 
 class FittedDataset(Part):
-    """A data set of a fit: its file, ``rows`` of which so many were ``used``, where it stood."""
+    """A data set of a fit: its file, its ``rows``, how many were ``used``, where it stood."""
 
     name: Text = ""
     source: Text = ""

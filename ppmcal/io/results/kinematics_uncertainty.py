@@ -67,7 +67,7 @@ class ModelSigma:
     @classmethod
     def of(cls, mechanism: Mechanism, columns: Mapping[str, Array], source: str, frame: str
            ) -> ModelSigma:
-        """Return the uncertainty of a table; of tolerances the columns are told by size alone."""
+        """Return the uncertainty of a table; of tolerances the columns are listed by size alone."""
         units = unit_map(mechanism, list(columns))
         sizes = {name: SigmaSize(rms=_rms(values), unit=units.get(name, ""))
                  for name, values in columns.items()}

@@ -183,7 +183,7 @@ def read_identification(path: Path, mend: str = WITHOUT) -> IdentificationRecord
 
 
 def _no_such(path: Path, mend: str) -> BadInput:
-    return BadInput("is no identification.json of this version of ppmcal", str(path), mend)
+    return BadInput("is not an identification.json of this version of ppmcal", str(path), mend)
 
 
 def _units(record: IdentificationRecord, path: Path) -> Units:
@@ -243,21 +243,22 @@ def _refuse_no_covariance(matrix: Array, names: Sequence[str], path: Path) -> No
     variance = np.diagonal(matrix)[known]
     block = matrix[np.ix_(known, known)]
     if np.any(variance < 0.0):
-        raise refusal(f"{variance.min():g} is no variance", int(known[np.argmin(variance)]))
+        raise refusal(f"{variance.min():g} is not a variance", int(known[np.argmin(variance)]))
     sigma = np.sqrt(variance)
     scale = np.outer(sigma, sigma)
     # where sigma is 0 so is the covariance; else it is a correlation times both
     bad = ~(np.abs(block) <= scale * (1.0 + ROUND_OFF)) | ~(
         np.abs(block - block.T) <= ROUND_OFF * scale)
     if bad.any():
-        raise refusal("the entries belong to no covariance", int(known[np.argwhere(bad)[0, 0]]))
+        raise refusal("the entries are not those of a covariance",
+                      int(known[np.argwhere(bad)[0, 0]]))
     free = sigma > 0.0
     if free.any():
         size = sigma[free]
         lowest, way = eigh(block[np.ix_(free, free)] / size / size[:, None])
         if lowest[0] < -ROUND_OFF * len(lowest):
             strongest = int(np.argmax(np.abs(way[:, 0])))
-            raise refusal("the entries together belong to no covariance",
+            raise refusal("the entries together are not a covariance",
                           int(known[np.flatnonzero(free)[strongest]]))
 
 
@@ -351,7 +352,7 @@ def known_in(record: IdentificationRecord, mechanism: Mechanism) -> tuple[KnownR
     """Return rows of the tables behind a calibration, SI; none in files of older versions.
 
     Raises:
-        ValueError: they are no numbers.
+        ValueError: they are not numbers.
     """
     try:
         return tuple(r.known(mechanism) for r in record.known_rows)

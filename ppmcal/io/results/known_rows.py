@@ -1,4 +1,4 @@
-"""Part of identification.json: rows by which copies of its tables are told later on."""
+"""Part of identification.json: rows by which copies of its tables are recognised later on."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class RowsOfTable(Part):
         """Return the rows in SI.
 
         Raises:
-            ValueError: they are no numbers, too large, or more or fewer than there are columns.
+            ValueError: they are not numbers, too large, or more or fewer than there are columns.
         """
         table = np.array([[float(v) for v in row.split(",")] for row in self.rows], dtype=float)
         table = table.reshape(len(self.rows), len(self.columns))

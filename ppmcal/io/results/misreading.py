@@ -25,7 +25,7 @@ class MedianMiss(Part):
 class MisreadingEntry(Part):
     """One mistake in one file.
 
-    ``read``: the sidecar's block that mends all mistakes of that file; null where only the user
+    ``read``: the sidecar's block that corrects all mistakes of that file; null where only the user
     can; ``sigma``: entries of its ``instrument.sigma`` that belong to that, in its units.
     ``rows``: where not all.
     """

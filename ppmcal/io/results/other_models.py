@@ -96,7 +96,7 @@ def _read(model: Path, entry: OtherModel, mechanism: Mechanism, path: Path
           ) -> tuple[str, Mechanism]:
     name = entry.file
     if not name or Path(name).name != name:
-        raise BadInput(f"names '{name}', which is no file beside it", f"{path}: other_models",
+        raise BadInput(f"names '{name}', which is not a file beside it", f"{path}: other_models",
                        "Run diagnose again")
     file = model.with_name(name)
     other = read_mechanism(file)

@@ -171,7 +171,7 @@ class Record(Part):
         """
         found = super().checked(data, path, mend)
         if cls.FORMAT and found.format not in ("", cls.FORMAT, *cls.EARLIER):
-            raise BadInput(f"is no {cls.FILE} of this version of ppmcal", str(path), mend)
+            raise BadInput(f"is not the {cls.FILE} of this version of ppmcal", str(path), mend)
         return found
 
 

@@ -96,7 +96,7 @@ def recorded_runs(folder: Path) -> Iterator[RecordedRun]:
         BadInput: there is no such folder.
     """
     if not folder.is_dir():
-        raise BadInput("is no folder", str(folder), "Give a folder that a command wrote")
+        raise BadInput("is not a folder", str(folder), "Give a folder that a command wrote")
     own = list(runs_of(folder))
     yield from own
     if not any(run.whole for run in own):

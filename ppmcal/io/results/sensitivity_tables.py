@@ -25,7 +25,7 @@ LISTED = 15
 LINEARITY = "Linear against nonlinear model at home"
 
 EQUAL = 9
-"""Digits of a share that are told apart: equal legs stay in the file's order on any processor."""
+"""Digits of a share that count: equal legs stay in the file's order on any processor."""
 
 
 def rotates(found: Sensitivity) -> bool:

@@ -130,7 +130,7 @@ def _place(mechanism: Mechanism, found: Stiffnesses, row: int) -> str:
     for c in mechanism.dof:
         if c < 3 or turned:
             quantity = "length" if c < 3 else "angle"
-            # round-off of a coordinate that is solved for is no place
+            # round-off of a coordinate that is solved for is not a place
             small = ROUND_OFF * (mechanism.reach if c < 3 else 1.0)
             value = pose[c] if abs(pose[c]) > small else 0.0
             parts.append(f"{POSE_COORDINATES[c]} {mechanism.units.words(value, quantity)}")

@@ -204,7 +204,7 @@ def registered_sentence(data: ValidatedDataset) -> str:
 
 
 def noise_sentence(data: ValidatedDataset) -> str:
-    """Return the noise that a data set is judged by with its source, empty where none is told."""
+    """Return the noise that a data set is judged by with its source, empty where none is given."""
     used = data.noise
     if used is None or used.factor is None:
         return ""
@@ -221,7 +221,7 @@ def noise_sentence(data: ValidatedDataset) -> str:
 def model_sentence(data: ValidatedDataset) -> str:
     """Return how well the model predicts a data set.
 
-    Rows of another assembly mode are no residuals, nor is their error the model's.
+    Rows of another assembly mode are not residuals, nor is their error the model's.
     """
     first = data.errors[0] if data.errors else PredictedError()
     sizes = [_with_interval(s) for s in (first.position, first.rotation)

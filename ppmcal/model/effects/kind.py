@@ -20,7 +20,7 @@ from ppmcal.model.registry import Registry
 from ppmcal.units import Units
 
 GEOMETRY = "geometry"
-"""In the place of a kind: an error of slots, which is no effect but the machine itself."""
+"""In the place of a kind: an error of slots, which is not an effect but the machine itself."""
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ class EffectKind:
         period: name of the parameter that is a period of the travel.
         onset: name of the parameter that is the row from which on it holds, until the next of its
             kind.
-        instrument: whether it acts in the instrument: no controller is told of it.
+        instrument: whether it acts in the instrument: it is not sent to a controller.
         same_as: slots of the actuators' limbs with which, where they are free, it is one.
         by_sign: whether it knows but the load's sign, which a plan must not leave open.
         under_weight: whether it is an alternative where no load was recorded, by what a constant
@@ -244,7 +244,7 @@ class EffectKind:
         reversal: what its sign says of where the encoder sits, if anything.
         nuisance: whether it is of what the machine is measured against: a search names it for
             nothing, and tells it as an alternative to what it explains as well.
-        title: what people call it; empty: its name. Kinds made of one are told apart by it.
+        title: what people call it; empty: its name. Kinds made of one are distinguished by it.
         body: where one that is not of single actuators sits: ``base`` or ``platform``; empty: on
             no body of its own.
     """
@@ -296,8 +296,8 @@ class EffectKind:
                              f"columns are {', '.join(BY_NEED)}")
         if self.period and any(self.period not in [s.name for s in self.parameters(m) if s.scan]
                                for m in self.motions):
-            raise ValueError(f"effect '{self.name}': the period '{self.period}' is no parameter "
-                             "with a scan")
+            raise ValueError(f"effect '{self.name}': the period '{self.period}' is not a "
+                             "parameter with a scan")
 
     @property
     def label(self) -> str:

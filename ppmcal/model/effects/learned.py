@@ -100,7 +100,7 @@ def _from_file(given: Mapping[str, object], units: Units, joint: str) -> EffectK
     largest = float(np.abs(covariance).max())
     if (np.any(np.abs(covariance - covariance.T) > SYMMETRIC * largest)
             or linalg.eigvalsh(covariance).min() < -SYMMETRIC * largest):
-        raise BadInput("this is no covariance: not symmetric, or of a negative variance",
+        raise BadInput("this is not a covariance: asymmetric, or with a negative variance",
                        "covariance", "Copy it whole, or write zeros where the values are certain")
     found = LearnedCurve(source.name, nodes, values.ravel(), covariance, by == DIRECTION.name,
                          str(acts), joint, second.name if second else "", by_nodes)

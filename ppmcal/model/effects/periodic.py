@@ -47,7 +47,7 @@ def _periods(data: ScanRange) -> list[float]:
     """Return the stroke over 1.5, 1.9, ... periods, at most two for each pose; then finer pitches.
 
     Positions that are not evenly spaced tell finer waves as well. There are too many for a scan,
-    of which machines have few, and these are exact: a lead is within 1e-4.
+    machines have few of them, and these are exact: a lead is within 1e-4.
     """
     counts = np.arange(FEWEST_PERIODS, min(MOST_PERIODS, 2.0 * data.poses), STEP)
     finest = data.stroke / (counts[-1] + STEP / 2.0)

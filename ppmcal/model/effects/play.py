@@ -48,7 +48,7 @@ def _widths(data: ScanRange) -> list[float]:
 
 
 def _spread(widths: Sequence[float]) -> list[float]:
-    """Return rising widths of which none is near the one before."""
+    """Return rising widths, none of them near the one before."""
     out: list[float] = []
     for width in widths:
         if not out or width > APART * out[-1]:

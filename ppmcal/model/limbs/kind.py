@@ -95,7 +95,7 @@ class LimbKind:
         base, middle, platform: its chains.
         actuator: ``length`` or ``angle``, what the actuated joint measures.
         branch: name of the setting that chooses between two inverse roots, or None.
-        strut: whether the joint value is a distance, of which the larger root alone is one.
+        strut: whether the joint value is a distance: only the larger root is one.
         branch_sign: +1 if the setting's +1 is the larger root, -1 for the smaller.
         closes_when: the closure in words of the contract, for messages.
         source: paper and equation.
