@@ -98,6 +98,6 @@ def above_zero(value: float, place: str) -> float:
     """
     if value < SMALLEST:
         raise BadInput(f"{value:g} is not above 0" if value <= 0.0 else
-                       f"{value:g} is too small to be true", place,
+                       f"{value:g} is out of range", place,
                        "Write the value that the printer has")
     return value
