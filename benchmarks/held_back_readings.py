@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 
 import ppmcal
 from ppmcal import identify
-from ppmcal.calibration.interpretation import Misread
+from ppmcal.calibration.interpretation import InterpretationError
 from ppmcal.commands.inputs import load, shipped
 from ppmcal.errors import PpmcalError
 from ppmcal.linalg import Array
@@ -226,7 +226,7 @@ def judged(name: str, case: Case, seed: int) -> Line:
     try:
         record = identify(machine, data).record
         told = f"noise {record.noise.sigma_ratio or 0.0:.2f}"
-    except Misread as error:
+    except InterpretationError as error:
         sets = [{m.kind for m in found.mistakes} for found in error.found]
         kinds = sorted(set().union(*sets))
         ways = [{m.kind for m in way.mistakes} for found in error.found

@@ -50,7 +50,7 @@ from ppmcal.calibration.fit import (
     prediction_covariance,
     with_noise,
 )
-from ppmcal.calibration.knowledge import estimates, honest
+from ppmcal.calibration.knowledge import cluster_robust, estimates
 from ppmcal.calibration.validation.residual_vectors import register_only
 from ppmcal.calibration.validation.summary import rank_of
 from ppmcal.io import read_mechanism, read_scenario
@@ -157,7 +157,7 @@ def run(machine: str, setting: Setting, seed: int) -> Outcome:
     inflation = noise_check(fit).inflation
     fit = with_noise(fit, inflation, FitOptions())
     began = time.perf_counter()
-    sessions, blocks = honest(fit, inflation)
+    sessions, blocks = cluster_robust(fit, inflation)
     found = sessions or blocks
     seconds = time.perf_counter() - began
     free = list(mechanism.free)

@@ -98,7 +98,7 @@ def honest(fit: Fit) -> list[Estimate]:
     """Return the estimates with intervals that count what sessions and stretches differ by."""
     inflation = max(1.0, noise_check(fit).sigma_ratio)
     fit = with_noise(fit, inflation, FitOptions())
-    sessions, blocks = intervals.honest(fit, inflation)
+    sessions, blocks = intervals.cluster_robust(fit, inflation)
     return list(estimates(fit, rank_of(fit)[0], sessions or blocks,
                           intervals.by_noise(fit, FitOptions())))
 

@@ -41,7 +41,7 @@ from wild.catalogue import write  # noqa: E402
 from wild.machines import MACHINES  # noqa: E402
 
 from ppmcal import diagnose  # noqa: E402
-from ppmcal.calibration.interpretation import Misread  # noqa: E402
+from ppmcal.calibration.interpretation import InterpretationError  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 
 GROUPS = ("none", "gross", "event", "memory", "physics")
@@ -113,7 +113,7 @@ def run(job: Job) -> Line | None:
         start = time.perf_counter()
         try:
             found = diagnose(folder / "mechanism.yaml", [folder / "data.csv"]).record
-        except Misread as error:
+        except InterpretationError as error:
             kinds = " ".join(m.kind for f in error.found for m in f.mistakes)
             return _line(job, truth, {"verdict": f"misread {kinds}".strip()}, start)
         except PpmcalError as error:

@@ -35,7 +35,7 @@ from wild.machines import MACHINES
 
 from ppmcal import diagnose, identify
 from ppmcal.calibration.fit import Problem
-from ppmcal.calibration.interpretation import Misread, Misreading, plain_mistakes
+from ppmcal.calibration.interpretation import Interpretation, InterpretationError, plain_mistakes
 from ppmcal.calibration.interpretation.limits import TELLING
 from ppmcal.calibration.interpretation.score import score
 from ppmcal.commands.inputs import prepared
@@ -60,8 +60,8 @@ class Answer:
     was refused without naming a mistake; ``noise``, ``moved``: of its fit.
     """
 
-    found: tuple[Misreading, ...] = ()
-    beside: tuple[Misreading, ...] = ()
+    found: tuple[Interpretation, ...] = ()
+    beside: tuple[Interpretation, ...] = ()
     refused: str = ""
     noise: float = np.nan
     moved: float = np.nan
@@ -96,7 +96,7 @@ def ask_diagnosis(folder: Path) -> Answer:
     """Return what diagnosis says: mistakes of columns that only effects depend on show there."""
     try:
         result = diagnose(folder / "mechanism.yaml", [folder / "data.csv"])
-    except Misread as error:
+    except InterpretationError as error:
         return Answer(error.found, refused="" if error.found else str(error))
     except PpmcalError as error:
         return Answer(refused=str(error))
@@ -108,7 +108,7 @@ def ask(folder: Path) -> Answer:
     paths = folder / "mechanism.yaml", [folder / "data.csv"]
     try:
         machine, datasets = prepared(*paths)
-        found: tuple[Misreading, ...] = ()
+        found: tuple[Interpretation, ...] = ()
         refused, noise, moved = "", float("nan"), float("nan")
         try:
             record = identify(*paths).record
@@ -116,7 +116,7 @@ def ask(folder: Path) -> Answer:
             times = [p.error / p.tolerance for p in record.parameters
                      if p.status == "identified" and p.error is not None and p.tolerance]
             moved = float(np.sqrt(np.mean(np.square(times)))) if times else 0.0
-        except Misread as error:
+        except InterpretationError as error:
             found, refused = error.found, "" if error.found else str(error)
         beside = tuple(m for d in datasets for m in plain_mistakes(d, machine, found))
     except PpmcalError as error:

@@ -25,24 +25,24 @@ class PpmcalError(Exception):
     Args:
         what: the problem, one sentence.
         where: file and place in it (``bench.yaml: limbs.leg1.base``), empty if none.
-        mend: what to do about it, one sentence, empty if it is plain from ``what``.
+        hint: what to do about it, one sentence, empty if it is plain from ``what``.
     """
 
     exit_code = 2
 
-    def __init__(self, what: str, where: str = "", mend: str = "") -> None:
+    def __init__(self, what: str, where: str = "", hint: str = "") -> None:
         """Store the three parts; ``str(error)`` joins them to one message."""
-        self.what, self.where, self.mend = map(_shown, (what, where, mend))
-        what, where, mend = self.what, self.where, self.mend
+        self.what, self.where, self.hint = map(_shown, (what, where, hint))
+        what, where, hint = self.what, self.where, self.hint
         parts = [f"{where}: {what}" if where else what]
-        if mend:
-            parts.append(mend)
+        if hint:
+            parts.append(hint)
         super().__init__(" ".join(p if p.endswith((".", "?", "!")) else p + "." for p in parts))
 
     def at(self, where: str) -> PpmcalError:
         """Return the same error with ``where`` put in front of its place."""
         place = f"{where}: {self.where}" if self.where else where
-        return type(self)(self.what, place, self.mend)
+        return type(self)(self.what, place, self.hint)
 
 
 def _shown(text: str) -> str:

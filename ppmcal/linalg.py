@@ -39,7 +39,7 @@ TOO_FEW = "Look for poses that are all alike, or near a singularity of the machi
 
 def _not_finite(what: str) -> NoReturn:
     raise LinearAlgebraError(f"{what} could not be had: a number on the way is beyond any size, or "
-                             "none at all", mend=TOO_FAR)
+                             "none at all", hint=TOO_FAR)
 
 
 def finite(what: str, *matrices: Array) -> None:
@@ -76,7 +76,7 @@ def guarded(what: str, why: str = "the matrix behind it is singular") -> Iterato
 
 
 def _lost(what: str, why: str = "the matrix behind it is singular") -> LinearAlgebraError:
-    return LinearAlgebraError(f"{what} could not be had: {why}", mend=TOO_FEW)
+    return LinearAlgebraError(f"{what} could not be had: {why}", hint=TOO_FEW)
 
 
 # Each takes batches (..., m, n) as NumPy's own does, refuses what is not finite, and raises

@@ -81,7 +81,7 @@ def test_what_is_not_finite_is_refused_by_name(name, bad, batch):
     with pytest.raises(LinearAlgebraError, match="could not be had") as caught:
         call(matrix)
     assert isinstance(caught.value, NoResult) and caught.value.exit_code == 3
-    assert "sigmas" in caught.value.mend
+    assert "sigmas" in caught.value.hint
 
 
 @pytest.mark.parametrize("name", CALLS)

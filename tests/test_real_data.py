@@ -224,7 +224,7 @@ def test_two_days_of_the_rig_are_fitted_to_the_minimum() -> None:
     mechanism, days = real_sessions.rig(DATA / "stewart-jugglebot")
     fit = identify(Problem(mechanism, days, mechanism.free))
     assert fit.converged
-    assert normal_step(fit.problem, fit.state, fit.reduced, fit.prior).step()[1] < 1e-5
+    assert normal_step(fit.problem, fit.state, fit.information, fit.prior).step()[1] < 1e-5
 
 
 @pytest.mark.slow

@@ -28,8 +28,8 @@ CORE = {
     "diagnosis": (
         "diagnosis/cause_sizes.py", "diagnosis/explanation.py", "diagnosis/findings.py",
         "diagnosis/hypotheses.py", "diagnosis/linear_system.py", "diagnosis/naming.py",
-        "diagnosis/question.py", "diagnosis/refit.py", "diagnosis/remainder.py",
-        "diagnosis/stage.py"),
+        "diagnosis/question.py", "diagnosis/refit.py", "diagnosis/lack_of_fit.py",
+        "diagnosis/linearisation.py"),
 }
 """Files below ppmcal, by what they are of the theory."""
 

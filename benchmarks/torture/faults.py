@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ppmcal.io.folder import RECORD, read_record
-from ppmcal.io.stage import settle
+from ppmcal.io.stage import recover
 from torture.desk import NOTHING, Case, State, age, leftovers, states
 from torture.trace import TAKING, End, Runner, forked
 
@@ -181,7 +181,7 @@ def _judge(case: Case, start: Start, where: str, tally: Tally) -> None:
         case.work / f, now.get(f, {}), (start.before.get(f, {}), start.after.get(f, {})))]
     if mixed:
         tally.seen["finished when read"] += 1
-        forked(lambda: [settle(case.work / f) for f in mixed] and 0)
+        forked(lambda: [recover(case.work / f) for f in mixed] and 0)
         now = states(case.work)
         if any(now.get(f, {}) != start.after.get(f, {}) for f in mixed):
             tally.wrong.append(f"{where}: mixed: {mixed}")

@@ -16,7 +16,7 @@ import click
 
 from ppmcal.cli.display import aside, remarks, shortened, shown, wrapped
 from ppmcal.errors import printable
-from ppmcal.wording import MOST, gathered
+from ppmcal.wording import MOST, collapse_similar
 from ppmcal.wording.told import WIDTH, CommandLine, Findings, ShortTable, Told
 
 if TYPE_CHECKING:
@@ -206,13 +206,13 @@ class Console:
 
     def warn(self, findings: Sequence[str]) -> None:
         """Print what the user must look at, each fact once."""
-        for finding in gathered(findings, "all with --json"):
+        for finding in collapse_similar(findings, "all with --json"):
             self.say(f"! {finding}")
 
     def warn_rows(self, findings: Sequence[str], rows: Sequence[str]) -> None:
         """Print findings, then what is wrong with rows: each reason once, of many three."""
         self.warn(findings)
-        lines = gathered(rows, "see status and reason")
+        lines = collapse_similar(rows, "see status and reason")
         more = len(lines) - MOST
         for line in [f"{len(rows)} rows: {'; '.join(lines[:MOST])}; and {more} more, see status "
                      "and reason"] if more > 0 else lines:

@@ -14,15 +14,15 @@ from ppmcal.commands import command, folder, functions, names, work
 from ppmcal.commands.recording import as_json, recording, refuse_seed, refuse_words
 from ppmcal.commands.spec import CONSOLE, Arguments, Command, Face, Refusal, Taken, taken
 from ppmcal.errors import PpmcalError
-from ppmcal.wording.progress import heard, silent
+from ppmcal.wording.progress import no_progress, reports_progress
 
 WIDTH = 99
-PROGRESS = inspect.Parameter("progress", inspect.Parameter.KEYWORD_ONLY, default=silent,
+PROGRESS = inspect.Parameter("progress", inspect.Parameter.KEYWORD_ONLY, default=no_progress,
                              annotation="Progress")
 
 
-@heard
-def carry_out(spec: Command, asked: Arguments, *, progress: Any = silent) -> Any:
+@reports_progress
+def carry_out(spec: Command, asked: Arguments, *, progress: Any = no_progress) -> Any:
     """Do the work of a command, and return its result, which holds the arguments.
 
     Raises:
@@ -74,7 +74,7 @@ def function(name: str) -> Callable[..., Any]:
 
     def call(*args: Any, **given: Any) -> Any:
         bound = signature.bind(*args, **given).arguments
-        progress = bound.pop("progress", silent)
+        progress = bound.pop("progress", no_progress)
         asked = spec.arguments(**face.given, **{names_of.get(k, k): v for k, v in bound.items()})
         return carry_out(spec, asked, progress=progress)
 

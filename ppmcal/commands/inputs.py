@@ -21,7 +21,7 @@ from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.input_files import path_errors
 from ppmcal.io.read_block import ReadFile
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
-from ppmcal.io.stage import settle
+from ppmcal.io.stage import recover
 from ppmcal.io.tables import read_table
 from ppmcal.io.templates import find_template
 from ppmcal.kinematics.effect_response import environment_of, with_strokes
@@ -84,7 +84,7 @@ def _model_file(path: Path) -> Path:
     """Return the machine's file of a folder; a file as it is."""
     if not path.is_dir():
         return path
-    settle(path)
+    recover(path)
     for name in MODELS:
         if (path / name).is_file():
             return path / name

@@ -11,11 +11,11 @@ from ppmcal.io.results.knowledge import read_basis
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 
-MEND = ("Use `ppmcal diagnose` to find what the model lacks; if the stated noise is too small, "
+HINT = ("Use `ppmcal diagnose` to find what the model lacks; if the stated noise is too small, "
         "use `identify --sigma estimated`; --regardless uses the model as it is")
 UNENDED = ("the fit of this model did not converge: its values are where the search stopped, and "
            "commands may be far off")
-MEND_UNENDED = ("Run identify again without --iterations, or with more; measure poses that tell "
+HINT_UNENDED = ("Run identify again without --iterations, or with more; measure poses that tell "
                 "the parameters apart, or free fewer; --regardless uses the model as it is")
 
 
@@ -39,13 +39,13 @@ def refuse_unfit(mechanism: Mechanism, knowledge: Path | None = None, regardless
     seen = _basis(mechanism, knowledge)
     refusals = []
     if seen.converged is False:
-        refusals.append((UNENDED, MEND_UNENDED))
+        refusals.append((UNENDED, HINT_UNENDED))
     if seen.missed:
         refusals.append((f"the model does not fit its own calibration data: residuals are "
-                         f"{seen.sigma_ratio:.3g} times the noise", MEND))
+                         f"{seen.sigma_ratio:.3g} times the noise", HINT))
     if refusals and not regardless:
-        what, mend = refusals[0]
-        raise NoResult(what, mechanism.source, mend)
+        what, hint = refusals[0]
+        raise NoResult(what, mechanism.source, hint)
     return [f"{what}; used anyway, because of --regardless" for what, _ in refusals]
 
 

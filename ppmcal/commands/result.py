@@ -19,7 +19,7 @@ from ppmcal.errors import unknown
 from ppmcal.io import Output
 from ppmcal.io.csv_writer import Content
 from ppmcal.io.environment import one_thread
-from ppmcal.io.folder import current, note_read, running
+from ppmcal.io.folder import current, running, track_input
 from ppmcal.io.input_files import path_errors
 from ppmcal.io.results.batch import CampaignQuantity
 from ppmcal.model.mechanism import Mechanism
@@ -70,14 +70,14 @@ class Result:
         return [*self.findings, *self.row_failures]
 
     @property
-    def needs_a_look(self) -> bool:
+    def has_findings(self) -> bool:
         """Whether a remark is a finding."""
         return needs_a_look(self.remarks())
 
     @property
     def exit_code(self) -> int:
         """The exit code of the command."""
-        return int(self.needs_a_look)
+        return int(self.has_findings)
 
     @property
     def _of_machine(self) -> Sequence[str]:
@@ -118,7 +118,7 @@ class Result:
     def headline(self) -> str:
         """Return the result in a line."""
         record = self.record  # type: ignore[attr-defined]
-        first = str(record.said[0])
+        first = str(record.summary[0])
         return first if first.startswith(f"{record.name}: ") else f"{record.name}: {first}"
 
     def save(self, folder: str | os.PathLike[str], force: bool = False) -> list[Path]:
@@ -143,7 +143,7 @@ class Result:
         """Write as a run of the command, unless one is under way."""
         with nullcontext() if current().command else running(self.COMMAND, folder, force):
             for path in self.provenance.get("inputs", {}):
-                note_read(path)
+                track_input(path)
             current().source.update(self.provenance)
             yield
 
@@ -178,13 +178,13 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Return the headline, findings and the first rows of the main table for a notebook."""
-        from ppmcal.report.html import bullets, given, paragraph, table
+        from ppmcal.report.html import bullets, csv_cell, paragraph, table
 
         tables = self.tables()
         header, *rows = _rows(tables.get(self._main(tables), "")) or [[]]
         more = f"{len(rows) - SHOWN} more rows" if len(rows) > SHOWN else ""
         return (paragraph(f"ppmcal {self.COMMAND}: {self.headline()}") + bullets(self.findings)
-                + table("", header, [[given(c) for c in row] for row in rows[:SHOWN]])
+                + table("", header, [[csv_cell(c) for c in row] for row in rows[:SHOWN]])
                 + paragraph(more))
 
 

@@ -58,7 +58,7 @@ class Exported:
     Attributes:
         controller: the format's name; title: what people call it.
         files: file name -> text, read back and found equal before it gets here.
-        said: one sentence on what the controller holds of the machine.
+        summary: one sentence on what the controller holds of the machine.
         numbers: what is written, and what stood there before; old None where nothing did.
         over: over which commands the figures are, as the end of a sentence.
         before, after: errors of the machine driven by the controller's arithmetic with each, if
@@ -73,7 +73,7 @@ class Exported:
     controller: str
     title: str
     files: Mapping[str, str]
-    said: str
+    summary: str
     numbers: tuple[Number, ...]
     over: str
     before: ErrorSummary
@@ -146,7 +146,7 @@ def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> E
         parameters={n.name: n.new for n in exported.numbers},
         old={n.name: n.old for n in exported.numbers if n.old is not None},
         number_units={n.name: n.unit for n in exported.numbers},
-        title=exported.title, said=exported.said, over=exported.over,
+        title=exported.title, summary=exported.summary, over=exported.over,
         predicted=PredictedErrors(
             format=exported.after.rms_entry(), model=exported.uncertainty.entry(),
             before=before, after=after),

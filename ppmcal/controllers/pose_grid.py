@@ -107,7 +107,7 @@ def measured_part(mechanism: Mechanism, coordinate: int, low: float, high: float
     return inside if inside[1] - inside[0] > STILL * (high - low) else (low, high)
 
 
-def refuse_open(mechanism: Mechanism, what: str, mend: str = "") -> None:
+def refuse_open(mechanism: Mechanism, what: str, hint: str = "") -> None:
     """Refuse a machine with an actuator without limits: ``what`` then has no end."""
     open_ = [a for a, pair in zip(mechanism.actuators, mechanism.limits, strict=True)
              if not np.isfinite(pair).all()]
@@ -115,7 +115,7 @@ def refuse_open(mechanism: Mechanism, what: str, mend: str = "") -> None:
         have = "has" if len(open_) == 1 else "have"
         raise BadInput(f"{', '.join(open_)} {have} no limits, so {what} has no end",
                        f"{mechanism.source}: limits",
-                       f"Add `limits: {{{open_[0]}: [low, high]}}`{mend}")
+                       f"Add `limits: {{{open_[0]}: [low, high]}}`{hint}")
 
 
 @stage("correcting the grid")

@@ -94,7 +94,7 @@ def poses_to_tell(fit: Fit, slots: Sequence[str], seed: int) -> int | None:
     mechanism = fit.problem.mechanism
     free = tuple(sorted({*fit.problem.free, *(mechanism.names.index(s) for s in slots)}))
     problem = fit.problem.changed(free=free)
-    wider = replace(fit, problem=problem, reduced=qr_factor(problem, fit.state, fit.keep),
+    wider = replace(fit, problem=problem, information=qr_factor(problem, fit.state, fit.keep),
                     prior=prior_weights(problem, "prior"), scale=column_scale(problem))
     i = _like(fit)
     if i is None or not slots:
@@ -117,7 +117,7 @@ def poses_to_tell(fit: Fit, slots: Sequence[str], seed: int) -> int | None:
 
 def _known(fit: Fit) -> Array:
     """Return the information on the geometry (F, F) of data and tolerances, per tolerance."""
-    half = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(fit.prior * fit.scale)])
+    half = np.concatenate([fit.information.root * fit.scale, np.diag(fit.prior * fit.scale)])
     whole = half.T @ half
     own = np.isin(fit.problem.free, geometry(fit))
     here = np.concatenate([own, np.zeros(len(whole) - own.size, dtype=bool)])

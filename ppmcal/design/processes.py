@@ -233,10 +233,10 @@ def version() -> str:
 
 def _refuse_other_versions(client: Any, scheduler: str) -> None:
     """Refuse workers that would compute something else, or nothing."""
-    place, mend = f"--scheduler {scheduler}", f"Install ppmcal {__version__} where workers run"
+    place, hint = f"--scheduler {scheduler}", f"Install ppmcal {__version__} where workers run"
     try:
         others = set(client.run(version).values()) - {__version__}
     except Exception as error:
-        raise BadInput(f"workers do not run ppmcal ({error})", place, mend) from None
+        raise BadInput(f"workers do not run ppmcal ({error})", place, hint) from None
     if others:
-        raise BadInput(f"workers have ppmcal {', '.join(sorted(others))}", place, mend)
+        raise BadInput(f"workers have ppmcal {', '.join(sorted(others))}", place, hint)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
-from ppmcal.calibration.compensation import Knowledge, prediction_jacobian
+from ppmcal.calibration.compensation import ParameterCovariance, prediction_jacobian
 from ppmcal.calibration.fit import (
     Fit,
     FitOptions,
@@ -250,8 +250,8 @@ def predicted(setup: MeasurementSetup, q: Array, pose: Array) -> Array:
     """
     problem, mechanism = setup.problem, setup.mechanism
     name = problem.datasets[0].name
-    knowledge = Knowledge(problem.columns, setup.linear.covariance, {},
-                          {name: problem.opens[0].about}, {})
+    knowledge = ParameterCovariance(problem.columns, setup.linear.covariance, {},
+                                    {name: problem.opens[0].about}, {})
     rows = unknown_environment(*q.shape)
     jacobian = prediction_jacobian(Model(mechanism), setup.instrument.registration, pose, q,
                                    knowledge, name, rows)

@@ -25,7 +25,7 @@ def by_session(to: Collector) -> list[Hypothesis]:
     if len(sessions) < 2:
         return []
     return [found for h in to.hypotheses
-            if h.effect and not (h.scanned or h.effect.onset or h.leans or h.anonymous)
+            if h.effect and not (h.scanned or h.effect.onset or h.requires or h.anonymous)
             and h.shared and (found := _cut(to, h, sessions)) is not None]
 
 

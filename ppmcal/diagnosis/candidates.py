@@ -88,17 +88,17 @@ class _Kinds(Collector):
     def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float],
                     specs: Sequence[EffectParameter]) -> None:
         values = start_values(kind, self.motion) | constants
-        leans = None if kind.carried is None or self.bears or self.bearing is None else (
+        requires = None if kind.carried is None or self.bears or self.bearing is None else (
             self.bearing.name, tuple(self.actuators))
         low = tuple(-NEAR * constants[s.name] if s.scaling else lowest(s) for s in specs)
         high = tuple(NEAR * constants[s.name] if s.scaling else s.high for s in specs)
         usual = tuple(usual_range(s, self.grids.stroke) for s in specs)
-        usual, ratio = (usual, ()) if leans is None else ((), usual)
+        usual, ratio = (usual, ()) if requires is None else ((), usual)
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
         names = tuple(s.name for s in specs)
         of_kind = partial(Hypothesis, kind.name, strokes=strokes, effect=kind,
-                          part=names[0] if kind.one_by_one else "", leans=leans,
+                          part=names[0] if kind.one_by_one else "", requires=requires,
                           ratio=ratio)
 
         def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float],

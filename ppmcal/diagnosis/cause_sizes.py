@@ -55,7 +55,7 @@ def in_proportion(sized: Sequence[Sized]) -> list[Sized]:
         size[s.hypothesis.kind, s.hypothesis.on] += float(np.mean(s.value))
 
     def of(s: Sized) -> float:
-        return size[s.hypothesis.leans] if s.hypothesis.leans else 0.0
+        return size[s.hypothesis.requires] if s.hypothesis.requires else 0.0
 
     return [Sized(s.hypothesis, s.value / of(s), *(x / abs(of(s)) for x in (s.sigma, s.prior)))
             if of(s) else s for s in sized]

@@ -10,11 +10,11 @@ from ppmcal.calibration.interpretation import refuse_after_fit, refuse_other_mac
 from ppmcal.calibration.knowledge import far_from_nominal
 from ppmcal.calibration.validation import LeftOut, left_out, report
 from ppmcal.diagnosis.findings import (
+    absorbed_by_geometry,
     findings,
     next_step,
     refuse_unconverged,
     refuse_unredundant,
-    swallowed,
 )
 from ppmcal.diagnosis.learned_terms import learned_beyond
 from ppmcal.diagnosis.localization import localise
@@ -31,11 +31,11 @@ from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.refit import MOST_STEPS as REFIT_STEPS
 from ppmcal.diagnosis.result import LEARNED_AFTER, SILENT, Diagnosis, LearnedTerms, Onset
 from ppmcal.diagnosis.session_effects import with_sessions
-from ppmcal.diagnosis.told_places import candidates, effects, left, possible, unknown
+from ppmcal.diagnosis.told_places import candidates, effects, left, suspected, unknown
 from ppmcal.diagnosis.wrong_files import without, wrong_files
 from ppmcal.notes import about
-from ppmcal.wording import counted
-from ppmcal.wording.progress import begin
+from ppmcal.wording import pluralize
+from ppmcal.wording.progress import start_stage
 
 MOST_STEPS = 4000
 """Steps that the fits of one search may try together: some times what any needs that ends by
@@ -61,7 +61,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None) -> Diagn
     """
     with bounded(MOST_STEPS) as work:
         found = _diagnosed(problem, options or DiagnosisOptions())
-    said = [ENDED] if work.ended else [CUT.format(counted(work.cut, "fit"))] if work.cut else []
+    said = [ENDED] if work.ended else [CUT.format(pluralize(work.cut, "fit"))] if work.cut else []
     return replace(found, findings=(*found.findings, *said))
 
 
@@ -111,8 +111,8 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     notes += about(reported.findings, (LEFT_OUT,))
     listed = candidates(what, found, named)
     return Diagnosis(
-        held.verdict, own, possible(listed, held.verdict), rest, start, gap, places, listed,
-        found.last.library.untestable, swallowed(whole, final),
+        held.verdict, own, suspected(listed, held.verdict), rest, start, gap, places, listed,
+        found.last.library.untestable, absorbed_by_geometry(whole, final),
         before=reported.fit if final is whole and not terms else whole, identification=reported,
         found=found, proposal=proposed,
         findings=(*said, *apart, *worse_days(days), *([far] if far else []), *notes),
@@ -123,11 +123,11 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
 
 def _asked(problem: Problem, options: DiagnosisOptions) -> tuple[Fit, Told]:
     """Return the fit of the geometry, and what is in what it leaves."""
-    begin("fitting geometry")
+    start_stage("fitting geometry")
     whole = identify(problem, options.fit)
     refuse_unconverged(whole)
     refuse_after_fit(whole)
-    begin("asking which causes are in the data")
+    start_stage("asking which causes are in the data")
     return whole, told(whole, options.fit, options.kinds)
 
 
@@ -142,6 +142,6 @@ def _learned(what: Told, held: HeldOut, final: Fit, options: DiagnosisOptions, n
     """Return what is learned of what has no name, None where nothing is left to learn."""
     if held.verdict not in LEARNED_AFTER or not final.converged:
         return None
-    begin("learning what is left")
+    start_stage("learning what is left")
     return secondary("what is left, learned", partial(
         learned_beyond, what.last, held.found, held.named, final, held.poses, options), None, notes)

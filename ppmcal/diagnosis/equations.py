@@ -26,7 +26,7 @@ from ppmcal.diagnosis.equation_forms import (
     values_of,
 )
 from ppmcal.diagnosis.learning import Learned, Term
-from ppmcal.diagnosis.stage import WEAK_SURVIVAL
+from ppmcal.diagnosis.linearisation import WEAK_VISIBILITY
 from ppmcal.diagnosis.term_candidates import Visible, columns_from
 from ppmcal.inference.priors import SELDOM, SURE
 from ppmcal.linalg import Array, Bools, Ints, without_range
@@ -106,7 +106,7 @@ def _visible(seen: Visible, term: Term, products: Sequence[Product]
     columns = _columns(seen, term, products)
     free = without_range(columns, seen.basis)
     length = np.linalg.norm(free, axis=0)
-    seen_well = length > WEAK_SURVIVAL * np.linalg.norm(columns, axis=0)
+    seen_well = length > WEAK_VISIBILITY * np.linalg.norm(columns, axis=0)
     unit = free / np.where(length > 0.0, length, 1.0)
     kept: list[int] = []
     for i in np.flatnonzero(seen_well).tolist():

@@ -15,9 +15,9 @@ from ppmcal.diagnosis.cause_sizes import LINEAR, CauseSizes, between_points, siz
 from ppmcal.diagnosis.extended_model import Added, Sized, columns_added, extended
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import System, Whitening, build
+from ppmcal.diagnosis.linearisation import without
 from ppmcal.diagnosis.question import NO_CAUSES, Asked, Source, WrongRows, question
 from ppmcal.diagnosis.refit import with_mechanism
-from ppmcal.diagnosis.stage import without
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause, UnknownCauses

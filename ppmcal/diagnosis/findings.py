@@ -9,16 +9,16 @@ import numpy as np
 from ppmcal.calibration.fit import OVERSTATED, Fit
 from ppmcal.calibration.validation import LeftOut
 from ppmcal.diagnosis.held_out_gap import Gap
+from ppmcal.diagnosis.lack_of_fit import LackOfFit
+from ppmcal.diagnosis.linearisation import WEAK_VISIBILITY, Linearisation
 from ppmcal.diagnosis.naming import Told, nearest
 from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
 from ppmcal.diagnosis.other_models import others
-from ppmcal.diagnosis.remainder import Remainder
 from ppmcal.diagnosis.result import NAMED, Found, NamedEffect, Swallowed
-from ppmcal.diagnosis.stage import WEAK_SURVIVAL, Stage
 from ppmcal.diagnosis.unknown_causes import UnknownCause
 from ppmcal.errors import NoResult
 from ppmcal.inference.priors import SURE_SIGMAS
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 
 def refuse_unconverged(fit: Fit) -> None:
@@ -46,12 +46,12 @@ def refuse_unredundant(found: Found) -> None:
         return
     data = found.before.problem.datasets
     raise NoResult(
-        f"geometry explains each of these {counted(found.first.system.count, 'value')} exactly, "
+        f"geometry explains each of these {pluralize(found.first.system.count, 'value')} exactly, "
         "whatever is measured: nothing is left that could show a missing effect",
         ", ".join(d.source for d in data), "Measure more poses, or free fewer parameters (--free)")
 
 
-def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEffect],
+def findings(before: Fit, after: Fit, left: LackOfFit, effects: Sequence[NamedEffect],
              gap: Gap | None, out: LeftOut) -> list[str]:
     """Return what the user must look at."""
     said = [f for d in after.problem.datasets for f in d.findings]
@@ -62,7 +62,7 @@ def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEf
                         "residuals.csv for each reason")
         back = sorted(set(old) - set(reasons))
         if back:
-            said.append(f"{data.name}: {counted(len(back), 'row')} at first taken for outliers, "
+            said.append(f"{data.name}: {pluralize(len(back), 'row')} at first taken for outliers, "
                         "explained by the effects and back in use")
     if out.sentence:
         said.append(out.sentence)
@@ -73,7 +73,7 @@ def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEf
         said.append(f"residuals are only {left.ratio:.3g} times the {left.source} noise: sigma is "
                     "too large, in a wrong unit perhaps; correct it, it decides what geometry is "
                     "held to")
-    weak = [e.hypothesis.called for e in effects if e.survival < WEAK_SURVIVAL]
+    weak = [e.hypothesis.called for e in effects if e.visibility < WEAK_VISIBILITY]
     if weak:
         said.append(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
                     "testable), so its size is uncertain")
@@ -104,7 +104,7 @@ def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[str]:
             for kind, ways in joints.items() if len(ways) > 1]
 
 
-def swallowed(before: Fit, after: Fit) -> tuple[Swallowed, ...]:
+def absorbed_by_geometry(before: Fit, after: Fit) -> tuple[Swallowed, ...]:
     """Return the parameters that had moved by more than their tolerance to imitate effects."""
     out = []
     nominals = after.problem.mechanism.nominals
@@ -130,7 +130,8 @@ def advice(verdict: str, joints: int, gap: Gap | None = None) -> Proposal:
                    joints)
 
 
-def next_step(what: Told, stage: Stage, verdict: str, gap: Gap | None, seed: int) -> Proposal:
+def next_step(what: Told, stage: Linearisation, verdict: str, gap: Gap | None,
+              seed: int) -> Proposal:
     """Return measurements that tell the likeliest two apart, or what else to do."""
     every = stage.library.hypotheses
     for place, member, odds in others(what) if verdict in NAMED else ():

@@ -47,7 +47,7 @@ class Hypothesis:
         effect: the kind with its traits; None for a frozen slot or a shape without a cause.
         part: of a kind whose parameters are causes of their own, the one that it has; of a shape
             without a cause what moves along what.
-        leans: kind and actuators of what gives way to the load, which has to be chosen too; its
+        requires: kind and actuators of what gives way to the load, which has to be chosen too; its
             coefficient is the parameter times that of the other.
         ratio: of what leans, the range in which machines have the parameter, by column.
     """
@@ -68,7 +68,7 @@ class Hypothesis:
     choices: float = 0.0
     effect: EffectKind | None = None
     part: str = ""
-    leans: tuple[str, tuple[str, ...]] | None = None
+    requires: tuple[str, tuple[str, ...]] | None = None
     ratio: tuple[tuple[float, float], ...] = ()
     misread: str = ""
     sessions: tuple[str, ...] = ()

@@ -10,8 +10,8 @@ import numpy as np
 from ppmcal import linalg
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.learning import Term
+from ppmcal.diagnosis.linearisation import Linearisation
 from ppmcal.diagnosis.result import LearnedTerms
-from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.term_candidates import Visible, columns_of
 from ppmcal.linalg import Array
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
@@ -63,7 +63,7 @@ class LearnedShape:
     equation: Equation | None = None
 
 
-def shapes(found: LearnedTerms, stage: Stage) -> tuple[LearnedShape, ...]:
+def shapes(found: LearnedTerms, stage: Linearisation) -> tuple[LearnedShape, ...]:
     """Return what the learned terms look like.
 
     Args:
@@ -75,7 +75,7 @@ def shapes(found: LearnedTerms, stage: Stage) -> tuple[LearnedShape, ...]:
         found.learned.terms, found.learned.curves, known, strict=True))
 
 
-def _shape(seen: Visible, term: Term, curve: LearnedCurve, stage: Stage) -> LearnedShape:
+def _shape(seen: Visible, term: Term, curve: LearnedCurve, stage: Linearisation) -> LearnedShape:
     x = np.linspace(curve.nodes[0], curve.nodes[-1], POINTS)
     ends = _ends(seen, curve, term.on)
     by: list[Array | None] = [np.full(x.shape, e) for e in ends] or [None]
@@ -168,7 +168,8 @@ def _period(x: Array, value: Array) -> float | None:
     return found if best > MOSTLY else None
 
 
-def _near(stage: Stage, curve: LearnedCurve, on: Sequence[bool]) -> tuple[tuple[str, float], ...]:
+def _near(stage: Linearisation, curve: LearnedCurve, on: Sequence[bool]) -> tuple[tuple[str, float],
+                                                                                  ...]:
     """Return the kinds of effect that do nearly the same, best first."""
     seen = Visible(stage.system, stage.noise, stage.basis, stage.residual)
     columns = columns_of(seen, curve, on)

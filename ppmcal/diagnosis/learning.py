@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import linalg
+from ppmcal.diagnosis.linearisation import WEAK_VISIBILITY
 from ppmcal.diagnosis.observed_directions import ObservedMotion, observed_motion
 from ppmcal.diagnosis.question import at_nominal, noise_freedom
-from ppmcal.diagnosis.stage import WEAK_SURVIVAL
 from ppmcal.diagnosis.term_candidates import Visible, columns_of
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, roots, whole_kernels
 from ppmcal.errors import NoResult
@@ -163,7 +163,7 @@ def _gone(root: Array, whole: Array, left: Array) -> tuple[Array, Array]:
     metric = there + UNSEEN * float(linalg.eigvalsh(there)[-1]) * np.eye(len(there))
     gone = there - root.T @ left @ root
     part, z = linalg.eigh(0.5 * (gone + gone.T), metric=metric)
-    lost = z[:, part > 1.0 - WEAK_SURVIVAL**2]
+    lost = z[:, part > 1.0 - WEAK_VISIBILITY**2]
     return lost, lost.T @ metric
 
 

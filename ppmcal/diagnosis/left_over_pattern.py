@@ -17,7 +17,7 @@ from ppmcal.diagnosis.linear_system import INVISIBLE, System, build, range_basis
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.instruments import SCALARS
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 FEW = 3
 """So many degrees of freedom are few enough to name the directions that are left."""
@@ -51,7 +51,7 @@ class LeftOverPattern:
 
 def left_over_pattern(fit: Fit) -> LeftOverPattern | None:
     """Return what is left over; None where freedom is ample, or nothing exceeds the noise."""
-    if fit.reduced.count > len(fit.problem.columns) + 4 * FEW:
+    if fit.information.count > len(fit.problem.columns) + 4 * FEW:
         return None
     system = build(fit.problem, fit.state, fit.keep)
     seen = system.observed.reshape(-1)
@@ -119,7 +119,8 @@ def pattern_sentence(found: LeftOverPattern, more: int | None, touches: bool) ->
     """Return what to say; ``more``: measurements that would tell, None where none is planned."""
     wave = f", the {found.wave}-theta pattern about the middle," if found.wave else ""
     names = [*found.kinds[:SHOWN], *(["..."] if len(found.kinds) > SHOWN else [])]
-    text = (f"{counted(found.freedom, 'degree')} of freedom {'is' if found.freedom == 1 else 'are'}"
+    text = (
+        f"{pluralize(found.freedom, 'degree')} of freedom {'is' if found.freedom == 1 else 'are'}"
             f" left, and what is left over{wave} is {found.ratio:.3g} times the noise: ")
     what = f"{', '.join(names)} would each explain it" if names else (
         "no closed parameter and no effect explains it")

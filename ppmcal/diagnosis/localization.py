@@ -14,7 +14,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.fit import Problem
-from ppmcal.diagnosis.stage import Stage
+from ppmcal.diagnosis.linearisation import Linearisation
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools
 
@@ -35,7 +35,7 @@ class Place:
     rms_ratio_after: float | None = None
 
 
-def localise(before: Stage, after: Stage, seed: int) -> tuple[Place, ...]:
+def localise(before: Linearisation, after: Linearisation, seed: int) -> tuple[Place, ...]:
     """Return the residuals' strength group by group, strongest first within each kind.
 
     Args:
@@ -58,7 +58,8 @@ def _sorted(places: list[Place]) -> tuple[Place, ...]:
     return tuple(sorted(places, key=lambda p: (p.by, -p.rms_ratio)))
 
 
-def _strength(stage: Stage, where: Sequence[ResidualGroup], seed: int) -> list[Place | None]:
+def _strength(stage: Linearisation, where: Sequence[ResidualGroup],
+              seed: int) -> list[Place | None]:
     """Return the places of actuators and groups, None for groups without rows."""
     rng = np.random.default_rng(seed)
     shape = stage.system.residual.shape
@@ -83,7 +84,7 @@ def _place(by: str, value: str, figures: Array) -> Place:
     return Place(by, value, float(rms[0]) / noise if noise > 0.0 else 1.0, p)
 
 
-def _by_actuator(stage: Stage, cleaned: Array) -> list[Place]:
+def _by_actuator(stage: Linearisation, cleaned: Array) -> list[Place]:
     mechanism = stage.system.problem.mechanism
     k = len(mechanism.actuators)
     drive = np.zeros((*stage.system.residual.shape, k))
@@ -142,7 +143,7 @@ class ResidualGroup:
         return replace(self, rows=_between(table.values[self.by, self.name], self.low, self.high))
 
 
-def recorded(stage: Stage) -> Recorded:
+def recorded(stage: Linearisation) -> Recorded:
     """Return what groups are made of."""
     system = stage.system
     mechanism = system.problem.mechanism

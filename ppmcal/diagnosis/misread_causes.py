@@ -6,7 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.interpretation import NOISE, Misread, Misreading, Mistake, with_line
+from ppmcal.calibration.interpretation import (
+    NOISE,
+    FileFault,
+    Interpretation,
+    InterpretationError,
+    with_line,
+)
 from ppmcal.diagnosis.explanation import Round
 from ppmcal.diagnosis.hypotheses import Hypothesis
 
@@ -18,17 +24,17 @@ def refuse_misread(last: Round) -> None:
     is explained.
 
     Raises:
-        Misread: with the column, its files, and the rows if it is not all of them.
+        InterpretationError: with the column, its files, and the rows if it is not all of them.
     """
     if any(p.sure and p.hypothesis is None for p in last.places):
         return
     found = [m for p in last.places if p.sure and p.only_misread and p.hypothesis is not None
              for m in _misreadings(last, p.hypothesis)]
     if found:
-        raise Misread.of(found, last.fit.problem.mechanism.units)
+        raise InterpretationError.of(found, last.fit.problem.mechanism.units)
 
 
-def _misreadings(last: Round, h: Hypothesis) -> list[Misreading]:
+def _misreadings(last: Round, h: Hypothesis) -> list[Interpretation]:
     """Return how columns of an effect are read wrongly, for each file in which they are."""
     system, mechanism = last.asked.system, last.fit.problem.mechanism
     effect = replace(h, misread="", follows="").label
@@ -43,13 +49,13 @@ def _misreadings(last: Round, h: Hypothesis) -> list[Misreading]:
             rows = tuple(range(begin, end + 1))
         else:
             block = with_line(data, "signs", dict.fromkeys(names, -1))
-        mistake = Mistake("sign", names, f"{h.follows}: {', '.join(names)} has another sign "
-                          f"than in the other {'rows' if rows else 'files'}: {effect} then "
-                          "explains all of them alike", rows)
+        mistake = FileFault("sign", names, f"{h.follows}: {', '.join(names)} has another sign "
+                            f"than in the other {'rows' if rows else 'files'}: {effect} then "
+                            "explains all of them alike", rows)
     else:
         moved = last.asked.question.columns.some(h.columns).reshape(len(system.row), -1)
         files = np.unique(system.dataset[moved.any(axis=1)])
-        mistake = Mistake("unit", (h.misread,), f"{h.misread}: {effect} would have a size that "
-                          "no machine has")
-    return [Misreading(system.problem.datasets[i].source, (mistake,), block, NOISE, np.nan, np.nan,
-                       np.nan) for i in files.tolist()]
+        mistake = FileFault("unit", (h.misread,), f"{h.misread}: {effect} would have a size that "
+                            "no machine has")
+    return [Interpretation(system.problem.datasets[i].source, (mistake,), block, NOISE, np.nan,
+                           np.nan, np.nan) for i in files.tolist()]

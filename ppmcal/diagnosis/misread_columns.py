@@ -38,7 +38,7 @@ def misread_columns(to: Collector) -> list[Hypothesis]:
 
 def _of_other_units(to: Collector) -> Iterator[Hypothesis]:
     for h in to.hypotheses:
-        if h.effect is None or h.size != 1 or h.scanned or h.leans:
+        if h.effect is None or h.size != 1 or h.scanned or h.requires:
             continue
         names = dict.fromkeys(COLUMNS[n] for n in h.effect.needs if n in COLUMNS)
         what = h.effect.doubt or " and ".join(names)

@@ -22,12 +22,12 @@ from ppmcal.diagnosis.first_rows import without_first_rows
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap, training_part
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
+from ppmcal.diagnosis.linearisation import Linearisation, linearisation_of, without
 from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.predictive_check import predictions
 from ppmcal.diagnosis.question import Source, WrongRows
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.result import NAMED, Found, LeftOutBlocks
-from ppmcal.diagnosis.stage import Stage, stage_of, without
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY
 from ppmcal.errors import PpmcalError
 from ppmcal.inference.sets import Member
@@ -182,7 +182,7 @@ def _found(what: Told, training: Fit, options: DiagnosisOptions) -> Found:
 
 
 def _stage(asked: Round, rows: Container[tuple[int, int]], chosen: Sequence[Hypothesis | None]
-           ) -> Stage:
+           ) -> Linearisation:
     """Return the linear problem of a question without ``rows`` that do not belong.
 
     What was chosen has no place in it where the rows that are left do not tell it.
@@ -195,8 +195,8 @@ def _stage(asked: Round, rows: Container[tuple[int, int]], chosen: Sequence[Hypo
     found = library(system, asked.kinds, [asked.fit.problem.free[c] for c in asked.columns],
                     apart=True)
     there = [nearest(h, found.hypotheses) for h in chosen if h is not None]
-    return stage_of(system, found, [i for i in there if i is not None], asked.whitening,
-                    asked.columns)
+    return linearisation_of(system, found, [i for i in there if i is not None], asked.whitening,
+                            asked.columns)
 
 
 def nearest(h: Hypothesis, some: Sequence[Hypothesis]) -> int | None:

@@ -17,7 +17,7 @@ from ppmcal.calibration.fit import State, WeakCampaign
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
-from ppmcal.diagnosis.stage import Stage, without
+from ppmcal.diagnosis.linearisation import Linearisation, without
 from ppmcal.inference.priors import SURE_ODDS, SURE_SIGMAS
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of
@@ -26,7 +26,7 @@ from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import SCALARS
-from ppmcal.wording import counted, shorter
+from ppmcal.wording import pluralize, shorten_label
 
 POSES = 150
 WIDER = 0.25
@@ -75,7 +75,7 @@ def with_poses(proposal: Proposal, campaign: WeakCampaign | None) -> Proposal:
                     missing.q, missing.pose)
 
 
-def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) -> Proposal:
+def propose(stage: Linearisation, a: Hypothesis, b: Hypothesis, odds: float, seed: int) -> Proposal:
     """Return measurements that tell two hypotheses apart, ``a`` being likelier by ``odds``."""
     mechanism = stage.system.problem.mechanism
     rng = np.random.default_rng(seed)
@@ -92,9 +92,9 @@ def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) 
     picked, gain = _pick(old, new, value_a, value_b, goal)
     unlucky = gain - 2.0 * SURE_SIGMAS * np.sqrt(gain)
     after = float(np.exp(np.clip((unlucky - start) / 2.0, 0.0, 300.0)))
-    label = " and ".join(shorter(f.label, len(mechanism.actuators)) for f in (a, b))
+    label = " and ".join(shorten_label(f.label, len(mechanism.actuators)) for f in (a, b))
     if gain < goal:
-        many = (counted(len(picked), "further measurement") if picked
+        many = (pluralize(len(picked), "further measurement") if picked
                 else "further measurements alone")
         return Proposal(f"{many} would not tell {label} apart: {_remedy(a, b)}",
                         np.zeros((0, data.q.shape[1])), np.zeros((0, 6)), {}, odds, after)
@@ -105,7 +105,7 @@ def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) 
         needed["time"] = after_last(seen[np.isfinite(seen)], len(rows))
     pose = pose_vector(pose_motor(np.nan_to_num(np.concatenate(
         [data.position, data.rotation], axis=1)[rows])))
-    reason = f"{counted(len(picked), 'measurement')} to tell {label} apart"
+    reason = f"{pluralize(len(picked), 'measurement')} to tell {label} apart"
     measured = np.concatenate([d.q for d in stage.system.problem.datasets])
     # nothing has been seen of either out there: told apart is what they should be, not how far
     if np.any((data.q[rows] < measured.min(axis=0)) | (data.q[rows] > measured.max(axis=0))):
@@ -134,7 +134,7 @@ def _remedy(a: Hypothesis, b: Hypothesis) -> str:
     return hints[0] if hints else "record what the two depend on separately"
 
 
-def possible_rows(stage: Stage, rng: np.random.Generator) -> Dataset | None:
+def possible_rows(stage: Linearisation, rng: np.random.Generator) -> Dataset | None:
     """Return poses within and around the measured range, each under several settings.
 
     No nearer to a singularity than measured poses, but for as much as they may be farther out.
@@ -175,13 +175,13 @@ def possible_rows(stage: Stage, rng: np.random.Generator) -> Dataset | None:
                    target_rotation=first.target_rotation, extra=first.extra)
 
 
-def _template(stage: Stage) -> int:
+def _template(stage: Linearisation) -> int:
     """Return which data set new rows are like: not distances between two platform positions."""
     single = [i for i, d in enumerate(stage.system.problem.datasets) if d.to_q is None]
     return single[0] if single else 0
 
 
-def _settings(stage: Stage, n: int, rng: np.random.Generator) -> dict[str, Array]:
+def _settings(stage: Linearisation, n: int, rng: np.random.Generator) -> dict[str, Array]:
     """Return settings at the ends of what was recorded, four of them for each of n poses."""
     data = stage.system.problem.datasets[_template(stage)]
     out: dict[str, Array] = {}
@@ -224,7 +224,7 @@ def after_last(time: Array, count: int) -> Array:
 Blocks = tuple[Array, Array, Array]
 
 
-def _old_blocks(stage: Stage, a: Hypothesis, b: Hypothesis) -> Blocks:
+def _old_blocks(stage: Linearisation, a: Hypothesis, b: Hypothesis) -> Blocks:
     """Return geometry (N, m, c) and the columns of both hypotheses, of the rows measured."""
     shape = (*stage.system.residual.shape, -1)
     geometry = stage.noise.apply(stage.system.jacobian, stage.system)
@@ -232,7 +232,7 @@ def _old_blocks(stage: Stage, a: Hypothesis, b: Hypothesis) -> Blocks:
             stage.some(b.columns).reshape(shape))
 
 
-def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Blocks | None:
+def _new_blocks(stage: Linearisation, a: Hypothesis, b: Hypothesis, data: Dataset) -> Blocks | None:
     """Return the same of possible rows; None where a pose or a hypothesis does not exist there."""
     i = _template(stage)
     # rows that are only proposed have no past

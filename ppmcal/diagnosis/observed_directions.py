@@ -16,7 +16,7 @@ import numpy as np
 from ppmcal import linalg
 from ppmcal.calibration.knowledge import as_pose
 from ppmcal.diagnosis.linear_system import System
-from ppmcal.diagnosis.stage import WEAK_SURVIVAL
+from ppmcal.diagnosis.linearisation import WEAK_VISIBILITY
 from ppmcal.linalg import Array
 
 HALF = 0.5
@@ -41,7 +41,7 @@ class ObservedMotion:
 
     def joint_seen(self, on: Sequence[bool]) -> bool:
         """Whether an error of these joints shows: a joint moves the platform as its legs do."""
-        return bool((self.joints[np.array(on)] > WEAK_SURVIVAL).all())
+        return bool((self.joints[np.array(on)] > WEAK_VISIBILITY).all())
 
     def place_seen(self, coordinate: int) -> bool:
         """Whether a displacement of the platform along a coordinate is mostly seen."""
@@ -85,7 +85,7 @@ def _seen(system: System, metric: Array) -> Array:
     """Return the projector (6, 6) on the directions in which measured values look.
 
     Each value looks along one, however exact it is. A direction that is met at
-    :data:`WEAK_SURVIVAL` of what the best one is, or less, is blind.
+    :data:`WEAK_VISIBILITY` of what the best one is, or less, is blind.
     """
     total = np.zeros((6, 6))
     dof = np.isin(np.arange(6), system.problem.mechanism.dof)
@@ -96,5 +96,5 @@ def _seen(system: System, metric: Array) -> Array:
         looks = looks / np.where(length > 0.0, length, 1.0)
         total += looks.T @ looks
     w, v = linalg.eigh(total)
-    use = w > WEAK_SURVIVAL**2 * max(float(w[-1]), 1e-300)
+    use = w > WEAK_VISIBILITY**2 * max(float(w[-1]), 1e-300)
     return np.asarray(v[:, use] @ v[:, use].T)

@@ -24,7 +24,7 @@ from ppmcal.errors import PpmcalError
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.sessions import session_masks
-from ppmcal.wording.progress import begin
+from ppmcal.wording.progress import start_stage
 
 
 def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, ...]:
@@ -41,7 +41,7 @@ def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, .
     problem = final.problem
     if len(session_masks(problem.datasets)) < 2:
         return ()
-    begin("predicting each session from the others")
+    start_stage("predicting each session from the others")
     machine = problem.mechanism.with_values(final.state.g)
     out: list[Validated] = []
     for rest, own in other_sessions(problem.datasets, final.keep,

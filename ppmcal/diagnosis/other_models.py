@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.compensation import Reading
+from ppmcal.calibration.compensation import CandidateModel
 from ppmcal.calibration.fit import Fit, bounded, left_out_note
 from ppmcal.calibration.knowledge import registered
 from ppmcal.diagnosis.explanation import (
@@ -35,7 +35,7 @@ MOST_READINGS = 8
 
 
 def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
-              notes: list[str]) -> tuple[Reading, ...]:
+              notes: list[str]) -> tuple[CandidateModel, ...]:
     """Return the machine under each other set of causes at odds that count, and without any.
 
     ``notes``: to which those are added that have no machine; commands do not count with them.
@@ -58,9 +58,10 @@ def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
                 continue
             named = place.hypothesis.label if place.hypothesis is not None else ""
             kept = [h.label for h in what.hypotheses(member)]
-            out.append(Reading(label, named, odds, fitted(fit),
-                               (*kept, *([label] if UNKNOWN_FAMILY in member.family else []))))
-    return (*out, Reading("", "", 1.0, fitted(whole)))
+            out.append(CandidateModel(label, named, odds, fitted(fit),
+                                      (*kept,
+                                       *([label] if UNKNOWN_FAMILY in member.family else []))))
+    return (*out, CandidateModel("", "", 1.0, fitted(whole)))
 
 
 def others(what: Told) -> list[tuple[CausePlace, Member, float]]:

@@ -13,7 +13,7 @@ from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.wrong_files import without
-from ppmcal.wording.progress import begin
+from ppmcal.wording.progress import start_stage
 
 LESS = 0.95
 """The noise is less where it falls below this part of what it was."""
@@ -44,7 +44,7 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
         replace(without(problem, gone), mechanism=machine, free=machine.free), options.fit)
     if not _quieter(less, own):
         return found, told
-    begin("again with the noise that what was named leaves")
+    start_stage("again with the noise that what was named leaves")
     again = diagnose_with_registration(replace(own, datasets=less.datasets), options)
     # what less noise takes back is not a reason to believe what it brings
     return (again, sentences) if _names(found) <= _names(again) else (found, told)

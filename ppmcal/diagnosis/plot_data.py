@@ -13,10 +13,10 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit, Problem, least_squares, prior_weights
 from ppmcal.diagnosis.linear_system import build
+from ppmcal.diagnosis.linearisation import Linearisation
 from ppmcal.diagnosis.residual_profiles import ProfileErrors, gather
 from ppmcal.diagnosis.residual_series import OfUnit, Series, all_series
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.diagnosis.stage import Stage
 from ppmcal.errors import PpmcalError
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.units import Quantity
@@ -127,7 +127,7 @@ def _steps(result: Diagnosis) -> tuple[SelectionStep, ...]:
     return tuple(out)
 
 
-def _by_gain(stage: Stage) -> list[int]:
+def _by_gain(stage: Linearisation) -> list[int]:
     """Return the named hypotheses, each time the one that then explains most."""
     left, order = list(stage.chosen), list[int]()
     while left:
@@ -137,13 +137,13 @@ def _by_gain(stage: Stage) -> list[int]:
     return order
 
 
-def _ratio(stage: Stage, hypotheses: Sequence[int], reference: float) -> float:
+def _ratio(stage: Linearisation, hypotheses: Sequence[int], reference: float) -> float:
     """Return rms over the noise with geometry and some effects, to first order."""
     freedom = max(stage.system.count - stage.explained(hypotheses).shape[1], 1)
     return float(np.sqrt(np.sum(stage.left(hypotheses) ** 2) / freedom)) / reference
 
 
-def _as_given(stage: Stage, reference: float) -> float | None:
+def _as_given(stage: Linearisation, reference: float) -> float | None:
     """Return rms over the noise of the machine as its file has it, only frames fitted.
 
     None where it cannot be had: no pose at the rows' joint values.

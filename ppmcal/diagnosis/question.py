@@ -190,7 +190,7 @@ def blocks(library: Library, least: float = 0.0
                 block = _block(h, family, each[family, form, h.scanned]
                                + one * float(np.log(goes)), least)
                 yield block, h
-                if h.effect is not None and _one_sign(h) and not (h.scanned or h.leans):
+                if h.effect is not None and _one_sign(h) and not (h.scanned or h.requires):
                     yield _opposite(block)
     for h in library.misread:
         right = replace(h, misread="", follows="")
@@ -241,7 +241,7 @@ def _block(h: Hypothesis, family: str, log_prior: float, least: float) -> Block:
                  where="" if h.anonymous or h.misread else " ".join(h.on),
                  # what leans is in proportion to one size, not to several that differ
                  gives=_place(h.kind, h.on) if h.shared and not h.sessions else "",
-                 needs=_place(*h.leans) if h.leans else "", ratio=h.ratio,
+                 needs=_place(*h.requires) if h.requires else "", ratio=h.ratio,
                  reads=_inputs(h), way=f"{h.misread} {h.follows}".rstrip())
 
 

@@ -24,7 +24,7 @@ from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.inference.priors import SURE_ODDS
 from ppmcal.linalg import finite_rows
-from ppmcal.wording.progress import begin
+from ppmcal.wording.progress import start_stage
 
 AS_GOOD = 2.0 * np.log(SURE_ODDS)
 """What explains as much may have a BIC that is worse by this."""
@@ -50,7 +50,7 @@ def diagnose_with_registration(problem: Problem, options: DiagnosisOptions) -> D
     told = tuple(hint_sentences(found.before, hints))
     worse = _worse(found, hints[-1]) if found.effects else np.inf
     if worse > AS_GOOD:
-        begin("again with " + " and ".join(hint_words(found.before, h) for h in hints))
+        start_stage("again with " + " and ".join(hint_words(found.before, h) for h in hints))
         found = diagnose(replace(hints[-1].opened, pivots=None, given=None), options)
     elif worse > -AS_GOOD:
         label = hint_words(found.before, hints[0])

@@ -7,18 +7,18 @@ from typing import Annotated
 
 import numpy as np
 
-from ppmcal.calibration.compensation import Reading
+from ppmcal.calibration.compensation import CandidateModel
 from ppmcal.calibration.fit import ENOUGH_REPEATS, Z95, Fit
 from ppmcal.calibration.validation import Identification, Validated
 from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
+from ppmcal.diagnosis.lack_of_fit import LackOfFit, pure_error
 from ppmcal.diagnosis.learning import Learned
+from ppmcal.diagnosis.linearisation import Linearisation
 from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.next_experiment import Proposal
-from ppmcal.diagnosis.remainder import Remainder, pure_error
-from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.term_candidates import Visible
 from ppmcal.inference.priors import SURE_SIGMAS
 from ppmcal.linalg import Array
@@ -68,7 +68,7 @@ class SessionEffect:
 class NamedEffect:
     """One effect that the data ask for.
 
-    ``parameters``: names in the model; ``survival``: the part that geometry leaves;
+    ``parameters``: names in the model; ``visibility``: the part that geometry leaves;
     ``probability`` that it is there and nothing else in its place; ``alternatives``: labels of what
     may be in its place, with their ``probabilities``; ``hypothesis``: the one that it came from,
     which may have a value for each of several actuators; ``onset``: of an event, the row where it
@@ -78,7 +78,7 @@ class NamedEffect:
     kind: str
     on: tuple[str, ...]
     parameters: tuple[str, ...]
-    survival: float
+    visibility: float
     probability: float
     alternatives: tuple[str, ...]
     probabilities: tuple[float, ...]
@@ -109,13 +109,13 @@ class NamedEffect:
 class Candidate:
     """One hypothesis of the library and what became of it.
 
-    ``probability`` that it is there; ``survival``: the part that geometry leaves, nan of what the
+    ``probability`` that it is there; ``visibility``: the part that geometry leaves, nan of what the
     rows in use do not tell; ``status``: named, alternative, weak, not needed.
     """
 
     hypothesis: Hypothesis
     probability: float
-    survival: float
+    visibility: float
     status: str
     alternatives: tuple[str, ...] = ()
 
@@ -189,8 +189,8 @@ class Found:
 
     before: Fit
     after: Fit
-    first: Stage
-    last: Stage
+    first: Linearisation
+    last: Linearisation
     added: tuple[Added, ...]
 
     @property
@@ -229,7 +229,7 @@ class Diagnosis:
         remainder: what is left; start: of the fit without effects.
         gap: on held-out poses, None where none could be held out.
         localised: where residuals are, without and with the effects.
-        candidates, untestable, swallowed: tables.
+        candidates, untestable, absorbed_by_geometry: tables.
         before: fit to all rows without the effects; identification: with them.
         found: fits and tests on the training rows.
         proposal: what to measure next.
@@ -247,20 +247,20 @@ class Diagnosis:
 
     verdict: str
     effects: tuple[NamedEffect, ...]
-    possible: tuple[Candidate, ...]
-    remainder: Remainder
-    start: Remainder
+    suspected: tuple[Candidate, ...]
+    remainder: LackOfFit
+    start: LackOfFit
     gap: Gap | None
     localised: tuple[Place, ...]
     candidates: tuple[Candidate, ...]
     untestable: tuple[Untestable, ...]
-    swallowed: tuple[Swallowed, ...]
+    absorbed_by_geometry: tuple[Swallowed, ...]
     before: Fit
     identification: Identification
     found: Found
     proposal: Proposal
     findings: tuple[str, ...]
-    others: tuple[Reading, ...] = ()
+    others: tuple[CandidateModel, ...] = ()
     learned: LearnedTerms | None = None
     days: tuple[Validated, ...] = ()
     nothing: float = np.nan

@@ -20,7 +20,7 @@ from ppmcal.inference.differences import differing
 from ppmcal.inference.priors import SURE, UNKNOWN
 from ppmcal.linalg import Array, Bools, subsample
 from ppmcal.model.sessions import session_masks
-from ppmcal.wording import where
+from ppmcal.wording import actuator_list
 
 SEEN = 1e-10
 """An effect is not seen in a session that holds less than this of its squared column."""
@@ -47,7 +47,7 @@ def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
                 f"{label}" for label, value, half in zip(
                     sizes.labels, sizes.value[:, 0], sizes.times * sizes.sigma[:, 0],
                     strict=True))
-            place = where(effect.on, len(mechanism.actuators))
+            place = actuator_list(effect.on, len(mechanism.actuators))
             # one hypothesis may have a value for each of several actuators
             kind = effect.hypothesis.label.partition(" on ")[0].removesuffix(UNLIKE)
             name = f"{kind} on {place}" if place else kind
@@ -102,7 +102,7 @@ def _cut(fit: Fit, system: System, own: Sequence[int], masks: Sequence[Bools],
     left = len(rest)
     step = (inverse @ gradient)[left:].reshape(len(seen), len(own))
     degrees = residual_freedom(fit)
-    noise = max(1.0, fit.reduced.square / degrees)
+    noise = max(1.0, fit.information.square / degrees)
     covariance = inverse[left:, left:] * noise
     apart = _apart(step, covariance)
     size = scale[list(own)]
@@ -111,7 +111,7 @@ def _cut(fit: Fit, system: System, own: Sequence[int], masks: Sequence[Bools],
     sigma = np.sqrt(np.diagonal(covariance)).reshape(step.shape) * size
     return SessionEffect(tuple(labels[s] for s in seen),
                          tuple(fit.problem.mechanism.names[p] for p in parameters), value, sigma,
-                         apart, coverage_of(variances(fit.reduced.square / noise, degrees)))
+                         apart, coverage_of(variances(fit.information.square / noise, degrees)))
 
 
 def _apart(step: Array, covariance: Array) -> float:

@@ -12,15 +12,15 @@ from ppmcal.diagnosis.explanation import (
     Round,
 )
 from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.lack_of_fit import LackOfFit, lack_of_fit, pure_error
+from ppmcal.diagnosis.linearisation import Linearisation
 from ppmcal.diagnosis.naming import Told, nearest
-from ppmcal.diagnosis.remainder import Remainder, pure_error, remainder
 from ppmcal.diagnosis.result import (
     Candidate,
     Found,
     NamedEffect,
     UnknownFound,
 )
-from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY
 from ppmcal.inference.priors import SURE
 
@@ -52,42 +52,42 @@ def candidates(what: Told, found: Found, named: bool) -> tuple[Candidate, ...]:
         status = ("named" if there else "alternative" if named and best.family in families
                   else "not needed")
         out.append(Candidate(
-            best, min(sum(p for p, _ in some), 1.0), _survival(found.last, best), status,
+            best, min(sum(p for p, _ in some), 1.0), _visibility(found.last, best), status,
             () if place is None else tuple(what.label(m, place) for m in place.members[1:])))
     return tuple(sorted(out, key=lambda c: (c.status != "named", -c.probability)))
 
 
-def possible(listed: Sequence[Candidate], verdict: str) -> tuple[Candidate, ...]:
+def suspected(listed: Sequence[Candidate], verdict: str) -> tuple[Candidate, ...]:
     """Return what may be there but is too weak to be named."""
     if verdict != "weak":
         return ()
     return tuple(replace(c, status="weak") for c in listed if c.probability >= 1.0 - SURE.value)[:3]
 
 
-def _survival(stage: Stage, h: Hypothesis) -> float:
+def _visibility(stage: Linearisation, h: Hypothesis) -> float:
     """Return the part of a hypothesis that the geometry of a stage leaves, nan of what it lacks."""
     own = stage.library.hypotheses
     at = nearest(h, own)
-    return np.nan if at is None else stage.survival(own[at].columns)
+    return np.nan if at is None else stage.visibility(own[at].columns)
 
 
-def left(stage: Stage, asked: Round) -> Remainder:
+def left(stage: Linearisation, asked: Round) -> LackOfFit:
     """Return what a stage leaves, and the probability that none of it has an unknown cause."""
     places = asked.unnamed
     chance = float(np.prod([1.0 - sum(m.probability for m in p.members
                                       if UNKNOWN_FAMILY in m.family) for p in places]))
-    return remainder(stage, pure_error(stage.system), places[0].label if places else "", chance)
+    return lack_of_fit(stage, pure_error(stage.system), places[0].label if places else "", chance)
 
 
-def effects(what: Told, stage: Stage) -> tuple[NamedEffect, ...]:
+def effects(what: Told, stage: Linearisation) -> tuple[NamedEffect, ...]:
     """Return what has a name, one entry for each effect that was added."""
     out = []
     for place, added in what.effects:
         first, *others = place.members
         assert place.hypothesis is not None
-        survival = _survival(stage, place.hypothesis)
+        visibility = _visibility(stage, place.hypothesis)
         out += [NamedEffect(
-            place.hypothesis.kind, a.on, a.parameters, survival, first.probability,
+            place.hypothesis.kind, a.on, a.parameters, visibility, first.probability,
             tuple(what.label(m, place) for m in others),
             tuple(m.probability for m in others), place.hypothesis) for a in added]
     return tuple(out)

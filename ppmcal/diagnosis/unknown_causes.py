@@ -73,8 +73,8 @@ class UnknownCauses:
         self.causes: list[UnknownCause] = []
         inputs = [*self._of_inputs(everywhere), *self._of_places(), *self._of_ways(),
                   *self._of_loads()]
-        courses = list(self._of_time())
-        groups = [g for g in (inputs, courses) if g]
+        trends = list(self._of_time())
+        groups = [g for g in (inputs, trends) if g]
         for group in groups:
             weights = {alike: sum(_simple(m) for m in group if m[3] == alike)
                        for alike in (False, True)}

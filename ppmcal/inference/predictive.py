@@ -85,7 +85,7 @@ def _left_out(own: Array, past: Array) -> tuple[Array, Array, Array, float, int]
     told, turn = linalg.eigh(np.eye(min(k, r)) - (own @ own.T if k <= r else own.T @ own))
     if told.size and told[0] <= 0.0:
         raise LinearAlgebraError("how well rows are predicted could not be had: the others say "
-                                 "exactly what they are", mend=linalg.TOO_FEW)
+                                 "exactly what they are", hint=linalg.TOO_FEW)
     part = turn * np.sqrt(np.maximum(1.0 - told, 0.0)) if k <= r else own @ turn
     error = past + part @ ((part.T @ past) / told)
     lost = told * UNPREDICTED <= 1.0

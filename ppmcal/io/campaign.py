@@ -59,7 +59,7 @@ def _resolve(data: Dataset, by_name: dict[str, Dataset]) -> Unknown:
                            f"Give '{frame.same_as}' too, or write `frame: unknown`")
         if frame.same_as not in by_name:
             error = unknown("data set", frame.same_as, others, place)
-            raise BadInput(error.what, place, f"{error.mend} Give the other file too")
+            raise BadInput(error.what, place, f"{error.hint} Give the other file too")
         if frame.same_as in seen:
             raise BadInput(f"the data sets refer to each other in a circle "
                            f"({' -> '.join([*seen, frame.same_as])})", place,

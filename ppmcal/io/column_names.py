@@ -8,7 +8,7 @@ from difflib import get_close_matches
 
 from ppmcal.errors import BadInput
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
-from ppmcal.io.schema import hint
+from ppmcal.io.schema import did_you_mean
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.mechanism import Mechanism
 
@@ -72,7 +72,7 @@ def check_columns(header: Sequence[str], mechanism: Mechanism, source: str) -> N
             raise BadInput(f"unknown column '{name}'", f"{source}: header",
                            f"Rename or remove it; the actuators are "
                            f"{', '.join(mechanism.actuators)}."
-                           f"{hint(name, known)}")
+                           f"{did_you_mean(name, known)}")
 
 
 def is_nobodys(name: str, known: Collection[str]) -> bool:

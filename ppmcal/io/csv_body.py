@@ -241,14 +241,14 @@ class _Reader:
 
 def _no_number(cell: str, name: str, where: str, point: bool) -> BadInput:
     """Return the refusal of a cell; ``point``: whether decimals have points."""
-    mend = "Write a number, or leave the cell empty if it was not measured"
+    hint = "Write a number, or leave the cell empty if it was not measured"
     if point and re.fullmatch(r"[-+]?\d+,\d+", cell):
-        mend = "Write a decimal point instead of the comma"
+        hint = "Write a decimal point instead of the comma"
     if cell == name:
-        mend = ("The header stands again in this row, as where files were put together: "
+        hint = ("The header stands again in this row, as where files were put together: "
                 "take the line out")
     shown = cell if len(cell) <= 40 else cell[:37] + "..."
-    return BadInput(f"'{shown}' is not a number", where, mend)
+    return BadInput(f"'{shown}' is not a number", where, hint)
 
 
 def _ragged(row: list[str], index: int, header: tuple[str, ...], source: str) -> BadInput:

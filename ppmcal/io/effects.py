@@ -151,7 +151,7 @@ def _made(one: EffectFile, kind: EffectKind, joint: str, machine: Machine, place
     try:
         return kind.from_file.make(further, machine.units, joint)
     except BadInput as error:
-        raise BadInput(error.what, f"{place}.{error.where}", error.mend) from None
+        raise BadInput(error.what, f"{place}.{error.where}", error.hint) from None
 
 
 def _not_free_already(mechanism: Mechanism, kind: EffectKind, on: Sequence[bool],

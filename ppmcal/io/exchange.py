@@ -27,8 +27,8 @@ Fill = Callable[[Path], None]
 """Writes the new files into a folder."""
 
 
-def put(stage: Staging, fill: Fill, files: Sequence[str], gone: Sequence[str], command: str
-        ) -> None:
+def install(stage: Staging, fill: Fill, files: Sequence[str], gone: Sequence[str], command: str
+            ) -> None:
     """Put files into the folder of a stage, all or none.
 
     Args:
@@ -45,7 +45,7 @@ def put(stage: Staging, fill: Fill, files: Sequence[str], gone: Sequence[str], c
         if _as_a_whole(stage, fill, {*files, *gone}):
             return
         with staged(stage.target, command, inside=True) as inner:
-            put(inner, fill, files, gone, command)
+            install(inner, fill, files, gone, command)
         return
     stage.clear()
     stage.new.mkdir()

@@ -20,11 +20,11 @@ from pathlib import Path
 from typing import Any
 
 from ppmcal.errors import BadInput
-from ppmcal.io.stage import Staging, settle, staged
+from ppmcal.io.stage import Staging, recover, staged
 
 RECORD = ".ppmcal.json"
 FORM = "ppmcal/folder/1"
-MEND = "Name another folder in --out, or replace with {}"
+HINT = "Name another folder in --out, or replace with {}"
 SHOWN = 3
 Identity = tuple[int, int]
 
@@ -96,8 +96,8 @@ class Run:
         force: whether it may replace what it did not write.
         read: device and inode -> path of every file read so far.
         sums: path -> SHA-256 of what was read of it.
-        doomed: device and inode -> path of the files that it wrote into ``--out`` before, and
-            will write again.
+        to_be_overwritten: device and inode -> path of the files that it wrote into ``--out``
+            before, and will write again.
         typed: the command line that does the same  [default: that of the process].
         stage: where its files are prepared, which keeps other runs out of ``--out``.
         source: provenance of what it writes, as far as that is known.
@@ -109,7 +109,7 @@ class Run:
     typed: str = ""
     read: dict[Identity, str] = field(default_factory=dict)
     sums: dict[str, str] = field(default_factory=dict)
-    doomed: dict[Identity, str] = field(default_factory=dict)
+    to_be_overwritten: dict[Identity, str] = field(default_factory=dict)
     stage: Staging | None = None
     source: dict[str, Any] = field(default_factory=dict)
     option: str = "--force"
@@ -136,7 +136,7 @@ def running(command: str, folder: Path | None, force: bool = False, typed: str =
             check_folder(folder, run)
             for name, written in (read_record(folder) or {}).items():
                 if written.command == command and (identity := _identity(folder / name)):
-                    run.doomed[identity] = str(folder / name)
+                    run.to_be_overwritten[identity] = str(folder / name)
         token = _RUN.set(run)
         try:
             yield run
@@ -159,7 +159,7 @@ def reading() -> Iterator[Run]:
 
 
 @contextmanager
-def unnoted() -> Iterator[None]:
+def untracked() -> Iterator[None]:
     """Read in the block what is not an input of the current run, such as its own notes."""
     token = _RUN.set(None)
     try:
@@ -173,7 +173,7 @@ def current() -> Run:
     return _RUN.get() or Run()
 
 
-def note_read(path: str | os.PathLike[str]) -> None:
+def track_input(path: str | os.PathLike[str]) -> None:
     """Remember a file that will be read as an input of the run that is under way, if there is one.
 
     What a killed run was moving into its folder is moved in first.
@@ -181,13 +181,13 @@ def note_read(path: str | os.PathLike[str]) -> None:
     Raises:
         BadInput: the run would replace it, or it is one of files that are half old, half new.
     """
-    settle(Path(path).parent)
+    recover(Path(path).parent)
     run, identity = _RUN.get(), _identity(Path(path))
     if run is None or identity is None:
         return
     run.read[identity] = str(path)
-    if identity in run.doomed:
-        raise _own_input(run.doomed[identity])
+    if identity in run.to_be_overwritten:
+        raise _own_input(run.to_be_overwritten[identity])
 
 
 def note_content(path: str | os.PathLike[str], data: bytes) -> None:
@@ -229,15 +229,15 @@ def check_folder(folder: Path, run: Run) -> None:
     known, owners = read_record(folder), owners_of(folder)
     if known is None and held:
         raise BadInput(f"holds files that ppmcal did not write, or an older version of it "
-                       f"({_some(held)})", str(folder), MEND.format(run.option))
+                       f"({_some(held)})", str(folder), HINT.format(run.option))
     if held and owners and run.command not in owners:
         raise BadInput(f"holds results of another command, {', '.join(owners)} ({_some(held)})",
-                       str(folder), MEND.format(run.option))
+                       str(folder), HINT.format(run.option))
     edited = [n for n, w in (known or {}).items() if w.command == run.command
               and _is_there(folder / n) and digest_of(folder / n) != w.digest]
     if edited:
         raise BadInput(f"{_some(edited)} {'were' if len(edited) > 1 else 'was'} edited since "
-                       "ppmcal wrote it", str(folder), MEND.format(run.option))
+                       "ppmcal wrote it", str(folder), HINT.format(run.option))
 
 
 def check_files(folder: Path, names: Iterable[str], run: Run) -> None:
@@ -253,10 +253,10 @@ def check_files(folder: Path, names: Iterable[str], run: Run) -> None:
         written = known.get(name)
         if written is None:
             raise BadInput("was there before, and ppmcal did not write it", str(folder / name),
-                           MEND.format(run.option))
+                           HINT.format(run.option))
         if written.command != run.command:
             raise BadInput(f"was written by another command, {written.command}",
-                           str(folder / name), MEND.format(run.option))
+                           str(folder / name), HINT.format(run.option))
 
 
 def refuse_inputs(folder: Path, names: Iterable[str], run: Run) -> list[str]:

@@ -62,24 +62,24 @@ def read_grid(text: str | None, mechanism: Mechanism, levels: int = LEVELS[2]) -
 
 def _span(span: str, name: str, part: str) -> tuple[tuple[float, float] | None, int | None]:
     """Return the ends and the count of one coordinate, None where not given."""
-    mend = f"Write {name}=LOW:HIGH or {name}=LOW:HIGH:COUNT, for example {name}=-100:100:41"
+    hint = f"Write {name}=LOW:HIGH or {name}=LOW:HIGH:COUNT, for example {name}=-100:100:41"
     if not span:
         return None, None
     pieces = span.split(":")
     if len(pieces) not in (2, 3):
-        raise BadInput(f"'{part}' is not a range", PLACE, mend)
+        raise BadInput(f"'{part}' is not a range", PLACE, hint)
     try:
         low, high = float(pieces[0]), float(pieces[1])
         count = int(pieces[2]) if len(pieces) == 3 else None
     except ValueError:
-        raise BadInput(f"'{part}' holds what is not a number", PLACE, mend) from None
+        raise BadInput(f"'{part}' holds what is not a number", PLACE, hint) from None
     for end in (low, high):
         if not -1e12 < end < 1e12:
-            raise BadInput(f"{end:g} in '{part}' is not between -1e12 and 1e12", PLACE, mend)
+            raise BadInput(f"{end:g} in '{part}' is not between -1e12 and 1e12", PLACE, hint)
     if low >= high:
-        raise BadInput(f"'{part}' does not go from a lower to a higher value", PLACE, mend)
+        raise BadInput(f"'{part}' does not go from a lower to a higher value", PLACE, hint)
     if count is not None and count < 2:
-        raise BadInput(f"'{part}' has fewer than 2 levels", PLACE, mend)
+        raise BadInput(f"'{part}' has fewer than 2 levels", PLACE, hint)
     return (low, high), count
 
 

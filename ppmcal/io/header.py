@@ -18,7 +18,7 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io.column_names import known_columns, recorders_names
 from ppmcal.io.csv import Table
 from ppmcal.io.read_block import HOMOGENEOUS, MATRIX, UNITS, ReadFile
-from ppmcal.io.schema import hint
+from ppmcal.io.schema import did_you_mean
 from ppmcal.model.mechanism import Mechanism
 
 T = TypeVar("T")
@@ -158,7 +158,7 @@ def _split(header: str, place: str, known: Collection[str]) -> tuple[str, str]:
     ours = name in known or name.startswith("temperature_")
     if ours and unit not in BARE:
         error = unknown("unit", unit, UNITS)
-        raise BadInput(error.what, f"{place}, column {header}", error.mend)
+        raise BadInput(error.what, f"{place}, column {header}", error.hint)
     return (name, "") if ours else (header, "")
 
 
@@ -201,7 +201,7 @@ def _renamed(columns: Columns, read: ReadFile, known: Collection[str], source: s
     for own, header in read.columns.items():
         if header not in there:
             raise BadInput(f"{source} has no column '{header}'", f"{place}.{own}",
-                           f"Its columns are {', '.join(there)}.{hint(header, there)}")
+                           f"Its columns are {', '.join(there)}.{did_you_mean(header, there)}")
         if own not in known and not own.startswith("temperature_"):
             raise unknown("column", own, known, place)
     names = {header: own for own, header in read.columns.items()}
@@ -212,7 +212,7 @@ def _renamed(columns: Columns, read: ReadFile, known: Collection[str], source: s
     for name in read.ignore:
         if name not in there:
             raise BadInput(f"{source} has no column '{name}'", f"{side}: read.ignore",
-                           f"Remove it there.{hint(name, there)}")
+                           f"Remove it there.{did_you_mean(name, there)}")
     for h in there:
         if h not in read.ignore and h not in names and h in read.columns:
             raise BadInput(f"'{read.columns[h]}' and '{h}' both are {h}", f"{place}.{h}",
@@ -257,7 +257,7 @@ def _by_column(table: Table, declared: Mapping[str, T], place: str) -> dict[str,
         names = [n for n in table.header if fnmatchcase(n, pattern)]
         if not names:
             raise BadInput(f"no column is called '{pattern}'", f"{place}.{pattern}", "The columns "
-                           f"are {', '.join(table.header)}.{hint(pattern, table.header)}")
+                           f"are {', '.join(table.header)}.{did_you_mean(pattern, table.header)}")
         for name in names:
             if name in table.text:
                 raise BadInput(f"the column '{name}' holds words", f"{place}.{pattern}",

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import note_content, note_read
+from ppmcal.io.folder import note_content, track_input
 from ppmcal.io.limits import TABLE_BYTES, Limit
 
 _KINDS = ((stat.S_ISDIR, "is a folder"), (stat.S_ISFIFO, "is a pipe"),
@@ -45,7 +45,7 @@ def read_bytes(path: Path, limit: Limit = TABLE_BYTES) -> bytes:
         BadInput: it does not exist, is not a file, cannot be read, is larger than ``limit``,
             changed while it was read, or would be replaced.
     """
-    note_read(path)
+    track_input(path)
     try:
         handle = os.open(path, _FLAGS)
         with os.fdopen(handle, "rb") as stream:

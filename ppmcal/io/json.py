@@ -29,7 +29,7 @@ def read_text(path: Path) -> str:
         raise BadInput(f"is not UTF-8 text (byte {error.start})", str(path), AGAIN) from None
 
 
-def read_object(path: Path, mend: str = AGAIN) -> dict[str, Any]:
+def read_object(path: Path, hint: str = AGAIN) -> dict[str, Any]:
     """Return the JSON object in a file.
 
     Raises:
@@ -50,19 +50,19 @@ def read_object(path: Path, mend: str = AGAIN) -> dict[str, Any]:
     try:
         content = json.loads(text, parse_int=_whole, parse_float=number, parse_constant=number)
         if not isinstance(content, dict):
-            raise BadInput("holds no JSON object", str(path), mend)
+            raise BadInput("holds no JSON object", str(path), hint)
     except json.JSONDecodeError as error:
         raise BadInput(f"is not valid JSON ({error.msg}); it may be cut off",
-                       f"{path}: line {error.lineno}, column {error.colno}", mend) from None
+                       f"{path}: line {error.lineno}, column {error.colno}", hint) from None
     except ValueError as error:
         raise BadInput(f"cannot be read as JSON ({str(error).partition(';')[0]})", str(path),
-                       mend) from None
+                       hint) from None
     except RecursionError:
         raise JSON_DEPTH.error(str(path)) from None
     _refuse_deep(content, path)
     if odd:
         place = _place_of_odd(content)
-        raise BadInput("should be a number that is finite", f"{path}: {place}", mend)
+        raise BadInput("should be a number that is finite", f"{path}: {place}", hint)
     return content
 
 

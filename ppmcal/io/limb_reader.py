@@ -101,7 +101,7 @@ class LimbReader:
             if key not in tree:
                 error = unknown("key", key, [*settings, *tree])
                 raise BadInput(f"{error.what} for the kind {self.kind.name}", self.at(""),
-                               error.mend)
+                               error.hint)
             if not tree[key]:
                 out[key] = value
                 continue

@@ -19,13 +19,13 @@ class Limit:
     Attributes:
         most: the largest number that is taken.
         what: of what, in the plural.
-        mend: the way round it, one sentence.
+        hint: the way round it, one sentence.
         where: in which files or options it counts.
     """
 
     most: int
     what: str
-    mend: str
+    hint: str
     where: str
 
     def refuse(self, found: int, place: str) -> None:
@@ -40,7 +40,7 @@ class Limit:
     def error(self, place: str, found: str = "") -> BadInput:
         """Return the refusal of what is above the limit at ``place``."""
         has = f"has {found} {self.what}" if found else f"has too many {self.what}"
-        return BadInput(f"{has}, and {grouped(self.most)} are the limit", place, self.mend)
+        return BadInput(f"{has}, and {grouped(self.most)} are the limit", place, self.hint)
 
 
 def grouped(number: int) -> str:
@@ -107,7 +107,7 @@ def refuse_long_lines(data: bytes, source: str) -> None:
         if end < 0:
             line = data.count(b"\n", 0, start) + 1
             raise BadInput(f"the line is longer than {grouped(most)} bytes, the limit",
-                           f"{source}: line {line}", LINE_BYTES.mend)
+                           f"{source}: line {line}", LINE_BYTES.hint)
         start = end + 1
 
 

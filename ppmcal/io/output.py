@@ -20,17 +20,17 @@ from ppmcal import __version__
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import Content, encoded
 from ppmcal.io.environment import environment
-from ppmcal.io.exchange import put
+from ppmcal.io.exchange import install
 from ppmcal.io.folder import (
     RECORD,
     Run,
     check_files,
     content_of,
     current,
-    note_read,
     record_text,
     refuse_inputs,
     stale_files,
+    track_input,
 )
 from ppmcal.io.stage import Staging, not_written, staged
 from ppmcal.notes import Note
@@ -121,8 +121,8 @@ class Output:
             if not self.loose:
                 _written(folder / RECORD, record_text(self.directory, digests, run, stale))
 
-        put(stage, fill, [*self.files] if self.loose else [*self.files, RECORD], stale,
-            run.command)
+        install(stage, fill, [*self.files] if self.loose else [*self.files, RECORD], stale,
+                run.command)
 
     def __enter__(self) -> Self:
         """Begin to collect."""
@@ -188,7 +188,7 @@ def provenance(inputs: Sequence[str | os.PathLike[str]], command: str, seed: int
     """
     sums, run = {}, current()
     for path in inputs:
-        note_read(path)
+        track_input(path)
         sums[str(path)] = content_of(path, run)
         if not sums[str(path)]:
             raise BadInput("is not there any more, or cannot be read", str(path),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
 from ppmcal.errors import BadInput
-from ppmcal.io.schema import hint
+from ppmcal.io.schema import did_you_mean
 from ppmcal.io.slots import SlotFile
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind
@@ -185,7 +185,8 @@ def check_patterns(made: Sequence[Parameter], drafts: Sequence[Draft], patterns:
                                f"{source}: free",
                                f"Add `axis: [1, 0, 0]` under `{axis.partition('.')[0]}` of {limb}")
         raise BadInput(f"the pattern '{missed[0]}' names no parameter", f"{source}: free",
-                       f"Parameters are called {', '.join(names[:8])}, ...{hint(missed[0], names)}")
+                       f"Parameters are called {', '.join(names[:8])}, ..."
+                       f"{did_you_mean(missed[0], names)}")
     return [Note(f"{source}: free: the pattern '{pattern}' names only fixed parameters; give one a "
                  "tolerance to free it.", NOTE) for pattern in patterns
             if all(p.fixed for p in made if p.matches(pattern))]

@@ -88,7 +88,7 @@ def pose_from_map(data: object, allowed: Sequence[str], units: Units, source: st
         turning = name in QUATERNION and "rx" in allowed
         if name not in allowed and not turning:
             error = unknown("pose coordinate", name, allowed, place)
-            raise BadInput(f"this pose has no coordinate '{name}'", place, error.mend)
+            raise BadInput(f"this pose has no coordinate '{name}'", place, error.hint)
     if quaternion:
         _put_quaternion(out, given, place)
     for i, name in enumerate(COORDINATES):

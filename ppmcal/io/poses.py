@@ -22,7 +22,7 @@ from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.io.reading import in_own_units
 from ppmcal.io.remarks import remark_table
 from ppmcal.io.rotations import EULER, under_vector_names
-from ppmcal.io.schema import hint
+from ppmcal.io.schema import did_you_mean
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -129,7 +129,7 @@ def _enough_columns(table: Table, own: list[str], mechanism: Mechanism) -> None:
     open_ = mechanism.equations - len(mechanism.actuators)
     if len(lacking) > open_:
         strangers = [c for c in table.header if c not in own]
-        near = [c for c in strangers if hint(c, lacking)]
+        near = [c for c in strangers if did_you_mean(c, lacking)]
         raise BadInput(f"there is no column {', '.join(lacking)}", f"{table.source}: header",
                        f"A pose of this machine is {', '.join(mechanism.coordinates)}."
                        + (f" Is '{near[0]}' meant for one of them?" if near else ""))
@@ -150,7 +150,7 @@ def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
     if missing:
         raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",
                        f"Give one column for each actuator: {', '.join(names)}."
-                       f"{hint(missing[0], table.header)}")
+                       f"{did_you_mean(missing[0], table.header)}")
     units = mechanism.units
     q = stacked(table, names) * mechanism.joint_factors(units)
     return JointTable(q=q, given=_as_given(table), **_beside(table, names, mechanism))

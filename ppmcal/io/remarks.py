@@ -8,7 +8,7 @@ from ppmcal.io.csv import Table
 from ppmcal.io.sidecar import SidecarFile
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 SHOWN = 24
 log = logging.getLogger(__package__)
@@ -22,7 +22,7 @@ def remark_machine(machine: Mechanism) -> None:
     default = "" if machine.free_patterns is not None else " (those with a tolerance, by default)"
     effects = ", ".join(e.kind.name for e in machine.effects) or "none"
     log.info("%s: %s, %s %s, units %s and %s; %d of %d parameters free%s; effects: %s",
-             machine.source, machine.motion, counted(len(machine.limbs), "limb"), kinds,
+             machine.source, machine.motion, pluralize(len(machine.limbs), "limb"), kinds,
              machine.units.length, machine.units.angle, len(machine.free),
              len(machine.parameters), default, effects)
 
@@ -30,8 +30,8 @@ def remark_machine(machine: Mechanism) -> None:
 def remark_table(table: Table) -> None:
     """Log rows and columns of a table."""
     names = [*table.header[:SHOWN], *(["..."] if len(table.header) > SHOWN else [])]
-    log.info("%s: %s, %s: %s", table.source, counted(len(table), "row"),
-             counted(len(table.header), "column"), ", ".join(names))
+    log.info("%s: %s, %s: %s", table.source, pluralize(len(table), "row"),
+             pluralize(len(table.header), "column"), ", ".join(names))
 
 
 def remark_data(data: Dataset, table: Table, file: SidecarFile, side: str) -> None:

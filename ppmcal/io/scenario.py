@@ -16,7 +16,7 @@ from ppmcal.io.noise_limits import refuse_sigma
 from ppmcal.io.pose_fields import COORDINATES, pose_from_map
 from ppmcal.io.poses import read_poses
 from ppmcal.io.scenario_schema import PosesFile, ScenarioFile
-from ppmcal.io.schema import LARGEST, check, hint, show
+from ppmcal.io.schema import LARGEST, check, did_you_mean, show
 from ppmcal.io.sidecar import actuator_noise, frame_of, point_of, rotation_of
 from ppmcal.io.yaml import read_yaml
 from ppmcal.io.yaml_merge import IN_MEMORY
@@ -130,7 +130,7 @@ def _errors(raw: object, mechanism: Mechanism, units: Units, source: str
             raise BadInput(f"unknown parameter '{name}'", place,
                            f"Parameters are called {', '.join(list(by_name)[:6])}, ...; joint "
                            "frame components exist where the limb gives them or `free` names "
-                           f"them.{hint(name, by_name)}")
+                           f"them.{did_you_mean(name, by_name)}")
         else:
             out[by_name[name].name] = _error(value, by_name[name], units, f"{place}.{name}")
     return out, scale

@@ -25,9 +25,9 @@ from ppmcal.units import ANGLES, LENGTHS, Units
 T = TypeVar("T", bound=BaseModel)
 
 
-def refuse(what: str, mend: str = "") -> PydanticCustomError:
+def refuse(what: str, hint: str = "") -> PydanticCustomError:
     """Return the error by which a validator refuses a value."""
-    return PydanticCustomError("ppmcal", "{what}", {"what": what, "mend": mend})
+    return PydanticCustomError("ppmcal", "{what}", {"what": what, "mend": hint})
 
 
 def show(value: object) -> str:
@@ -51,12 +51,12 @@ def _finite(value: object) -> float:
 
 def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        mend = "Write a number such as 12.5"
+        hint = "Write a number such as 12.5"
         if isinstance(value, str) and "," in value:
-            mend = "Write a decimal point instead of the comma"
+            hint = "Write a decimal point instead of the comma"
         elif isinstance(value, dict | list):
-            mend = "Write one number here, such as 12.5"
-        raise refuse(f"{show(value)} is not a number", mend)
+            hint = "Write one number here, such as 12.5"
+        raise refuse(f"{show(value)} is not a number", hint)
     return float(value)
 
 
@@ -105,14 +105,14 @@ def _flag(value: object) -> bool:
     return value
 
 
-def numbers(accepts: Callable[[float], bool], what: str, mend: str, make: type[Any] = float
+def numbers(accepts: Callable[[float], bool], what: str, hint: str, make: type[Any] = float
             ) -> Callable[[object], Any]:
     """Return a check of numbers, whole ones where ``make`` is int; ``what`` one that it refuses."""
     kinds = int if make is int else int | float
 
     def check(value: object) -> Any:
         if isinstance(value, bool) or not isinstance(value, kinds) or not accepts(value):
-            raise refuse(f"{show(value)} is not {what}", mend)
+            raise refuse(f"{show(value)} is not {what}", hint)
         return make(value)
 
     return check
@@ -186,7 +186,7 @@ class AllowedWords:
         """Return the word, or refuse it."""
         if value not in self.allowed:
             error = unknown(self.what, value, self.allowed)
-            raise refuse(error.what, error.mend)
+            raise refuse(error.what, error.hint)
         return value
 
 
@@ -195,9 +195,9 @@ def choice(what: str, *allowed: str) -> AllowedWords:
     return AllowedWords(what, allowed)
 
 
-def hint(name: object, allowed: Iterable[object]) -> str:
+def did_you_mean(name: object, allowed: Iterable[object]) -> str:
     """Return `` Did you mean 'x'?`` for the nearest of ``allowed``, empty if none is near."""
-    near = unknown("", name, allowed).mend.rpartition(" Did you mean")
+    near = unknown("", name, allowed).hint.rpartition(" Did you mean")
     return f" Did you mean{near[2]}" if near[1] else ""
 
 
@@ -220,7 +220,7 @@ class Strict(BaseModel):
         for key in data:
             if key not in names and cls.model_config.get("extra") != "allow":
                 error = unknown("key", key, names)
-                raise refuse(error.what, error.mend)
+                raise refuse(error.what, error.hint)
         for name, field in cls.model_fields.items():
             key = field.alias or name
             if field.is_required() and key not in data:
@@ -281,10 +281,10 @@ def translate(error: ValidationError, source: str,
     where = ".".join(p for p in (prefix, where) if p)
     context = first.get("ctx", {})
     if first["type"] == "ppmcal":
-        what, mend = str(context["what"]), str(context["mend"])
+        what, hint = str(context["what"]), str(context["mend"])
     else:
         what = f"{show(first.get('input'))} cannot be used here ({first['msg']})"
-        mend = "Change the value there"
+        hint = "Change the value there"
     if len(problems) > 1:
-        mend = f"{mend.rstrip('.')} (+{len(problems) - 1} more)"
-    return BadInput(what, f"{source}: {where}" if where else source, mend)
+        hint = f"{hint.rstrip('.')} (+{len(problems) - 1} more)"
+    return BadInput(what, f"{source}: {where}" if where else source, hint)

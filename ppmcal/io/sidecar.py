@@ -278,7 +278,7 @@ def _list(raw: object, sizes: tuple[int, ...]) -> list[float] | None:
 def _neither(raw: object, place: str, form: str) -> BadInput:
     if isinstance(raw, str):
         error = unknown("word", raw, ("unknown", "known"), place)
-        return BadInput(error.what, place, f"{error.mend} Or give {form}")
+        return BadInput(error.what, place, f"{error.hint} Or give {form}")
     return BadInput(f"{show(raw)} cannot be used here", place,
                     f"Write unknown, known, or {form}")
 

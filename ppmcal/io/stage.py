@@ -158,7 +158,7 @@ def _prepared(folder: Path, command: str, beside: str, inside: bool) -> Staging:
     return stage
 
 
-def settle(folder: Path) -> None:
+def recover(folder: Path) -> None:
     """Move in what a killed run was moving into a folder, before something is read from it.
 
     Raises:
@@ -188,7 +188,7 @@ def settle(folder: Path) -> None:
                            ) from None
 
 
-def sweep(folder: Path) -> None:
+def clean_up(folder: Path) -> None:
     """Finish or throw away what a killed run left for a folder, where nothing runs for it again."""
     target = Path(os.path.realpath(folder))
     for place in (target.parent / hidden(target.name), target / INSIDE):

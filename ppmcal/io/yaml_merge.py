@@ -76,7 +76,7 @@ def _laid_over(tree: dict[str, Any], path: Path, above: tuple[Path, ...], files:
     try:
         under = _read(path.parent / other, above, files)
     except BadInput as error:
-        raise BadInput(error.what, f"{path}: extends: {error.where}", error.mend) from None
+        raise BadInput(error.what, f"{path}: extends: {error.where}", error.hint) from None
     if "units" in tree and tree["units"] != under.get("units"):
         raise BadInput(f"the units {show(tree['units'])} differ from those of {other}, "
                        f"{show(under.get('units'))}", f"{path}: units",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ppmcal.linalg import Array, Bools, Ints, row_by_row, taken, ways
 from ppmcal.model.history import History, history_of, straight
 from ppmcal.units import SI, Units
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 KINDS = ("pose", "position", "plane", "distance")
 
@@ -150,7 +150,7 @@ class Dataset:
 
     def __repr__(self) -> str:
         """Return name, kind of instrument and number of rows."""
-        return f"<data set {self.name}: {self.kind}, {counted(len(self), 'row')}>"
+        return f"<data set {self.name}: {self.kind}, {pluralize(len(self), 'row')}>"
 
     def __len__(self) -> int:
         """Return the number of rows N."""

@@ -16,7 +16,7 @@ from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.parameters import Parameter, SlotMap, free_indices, with_values
 from ppmcal.model.registration import Registration
 from ppmcal.units import Units
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 POSE_COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 MOTIONS = {"planar": (0, 1, 5), "translational": (0, 1, 2), "spatial": (0, 1, 2, 3, 4, 5)}
@@ -110,8 +110,8 @@ class Mechanism:
         """Return name, motion, limbs and how many parameters may change."""
         kinds = ", ".join(dict.fromkeys(limb.kind.name for limb in self.limbs))
         effects = "".join(f"; {k}" for k in dict.fromkeys(e.kind.name for e in self.effects))
-        return (f"<mechanism {self.name}: {self.motion}, {counted(len(self.limbs), 'limb')} "
-                f"{kinds}, {counted(len(self.free), 'free parameter')}{effects}>")
+        return (f"<mechanism {self.name}: {self.motion}, {pluralize(len(self.limbs), 'limb')} "
+                f"{kinds}, {pluralize(len(self.free), 'free parameter')}{effects}>")
 
     @property
     def dof(self) -> tuple[int, ...]:

@@ -12,14 +12,14 @@ import numpy as np
 from ppmcal.calibration.fit import secondary
 from ppmcal.calibration.knowledge import farthest
 from ppmcal.calibration.validation import DEFINITION
-from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord, needing_a_look
+from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord, with_findings
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes
 from ppmcal.plotting.plot import row_y, rows_plot, span
 from ppmcal.report.batch_changes import changes, effect_changes
 from ppmcal.report.batch_common import common_effects, common_parameters, common_sentences
 from ppmcal.report.format import count, listed, typeset
-from ppmcal.report.html import Cell, amount, figures, paragraph, table, words
+from ppmcal.report.html import Cell, figures, number_cell, paragraph, table, text_cell
 from ppmcal.report.section import Section, chapter, filled, page
 from ppmcal.units import LENGTHS
 
@@ -52,7 +52,7 @@ def batch_page(records: Sequence[CampaignRecord]) -> str:
         "what machines have in common", partial(common_sentences, some), [], left_out)]
     lead += dict.fromkeys(left_out)
     return page(title=f"Batch: {count(machines, 'machine')}", lead=[*lead, *common],
-                look=[typeset(t) for t in needing_a_look(records)],
+                look=[typeset(t) for t in with_findings(records)],
                 folders=count(len(own), "campaign"), chapters=chapters)
 
 
@@ -113,11 +113,12 @@ def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord]
         after = _error(r, q.name, "after")
         noise = next((n.value for n in reversed(r.of_kind("noise")) if n.parameter == "after"),
                      None)
-        rows.append([_link(r, r.machine), amount(i, str(i)), words(r.date), words(r.command),
+        rows.append([_link(r, r.machine), number_cell(i, str(i)), text_cell(r.date),
+                     text_cell(r.command),
                      _amount(before), _amount(after), _amount(_error(r, q.name, "holdout")),
-                     words(f"{q.unit} {q.name}".strip()), amount(noise),
-                     *_farthest(r), words(_named(r.machine, latest), "wrap"),
-                     words("to look at" if r.exit_code else "", "warn" if r.exit_code else "")])
+                     text_cell(f"{q.unit} {q.name}".strip()), number_cell(noise),
+                     *_farthest(r), text_cell(_named(r.machine, latest), "wrap"),
+                     text_cell("to look at" if r.exit_code else "", "warn" if r.exit_code else "")])
     heads = ["machine", "rank", "date", "by", "rms error before", "after", "on unseen poses", "of",
              "after / noise", "farthest parameter", "tolerances off", "effects", "status"]
     note = ("Ranked by what is left: the rms error on poses that the fit has not seen, else on its "
@@ -129,13 +130,13 @@ def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord]
 
 
 def _amount(q: CampaignQuantity | None) -> Cell:
-    return amount(None if q is None else q.value)
+    return number_cell(None if q is None else q.value)
 
 
 def _link(record: CampaignRecord, text: str) -> Cell:
     """Return a cell that leads to the folder of the results, beside the page, if there are any."""
     if record.failed:
-        return words(text)
+        return text_cell(text)
     return Cell(f'<a href="{escape(quote(record.campaign))}/">{escape(text)}</a>')
 
 
@@ -144,9 +145,9 @@ def _farthest(record: CampaignRecord) -> tuple[Cell, Cell]:
     found = [(abs(q.value - q.nominal) / q.tolerance, q.name) for q in record.of_kind("parameter")
              if q.value is not None and q.nominal is not None and q.tolerance]
     if not found:
-        return words(""), amount(None)
+        return text_cell(""), number_cell(None)
     most, name = max(found)
-    return words(name), amount(most, bad=most > farthest(len(found)))
+    return text_cell(name), number_cell(most, bad=most > farthest(len(found)))
 
 
 def _named(machine: str, latest: Sequence[CampaignRecord]) -> str:
@@ -184,7 +185,8 @@ def _picture(ranked: Sequence[CampaignRecord]) -> Drawing | None:
 
 def _failed(failed: Sequence[CampaignRecord]) -> Section | None:
     """Return who failed, with message and the command to try alone."""
-    rows = [[words(r.campaign), amount(r.exit_code, str(r.exit_code)), words(r.message, "wrap"),
+    rows = [[text_cell(r.campaign), number_cell(r.exit_code, str(r.exit_code)),
+             text_cell(r.message, "wrap"),
              Cell(f"<code>{escape(r.typed)}</code>", kind="wrap")] for r in failed]
     note = "The command alone does the same from the manifest's folder."
     return Section("Failed", table("", ["campaign", "exit code", "message", "alone"], rows)
@@ -193,8 +195,8 @@ def _failed(failed: Sequence[CampaignRecord]) -> Section | None:
 
 def _campaigns(records: Sequence[CampaignRecord]) -> Section:
     """Return all campaigns, folded away."""
-    rows = [[_link(r, r.campaign), words(r.date), amount(r.exit_code, str(r.exit_code)),
-             words(r.verdict), words(typeset(r.message), "wrap")] for r in records]
+    rows = [[_link(r, r.campaign), text_cell(r.date), number_cell(r.exit_code, str(r.exit_code)),
+             text_cell(r.verdict), text_cell(typeset(r.message), "wrap")] for r in records]
     return Section("All campaigns", "", parts=(Section(
         count(len(rows), "campaign"), table(
             "", ["campaign", "date", "exit code", "verdict", "result"], rows, sort=True),

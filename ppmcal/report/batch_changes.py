@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from ppmcal.calibration.fit import half_or
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
 from ppmcal.report.format import listed, sig, to_sigma, typeset
-from ppmcal.report.html import paragraph, table, words
+from ppmcal.report.html import paragraph, table, text_cell
 from ppmcal.report.section import Section
 
 APART = 3.0
@@ -22,8 +22,8 @@ def changes(compared: Sequence[CampaignRecord]) -> Section | None:
         what = "; ".join(_change(q) for q in r.of_kind("change"))
         if not what:
             what = typeset(r.message) if r.failed or r.verdict == "changed" else ""
-        rows.append([words(r.machine), words(r.date),
-                     words(r.verdict, "warn" if r.exit_code else ""), words(what, "wrap")])
+        rows.append([text_cell(r.machine), text_cell(r.date),
+                     text_cell(r.verdict, "warn" if r.exit_code else ""), text_cell(what, "wrap")])
     note = ("The last two identifications of each machine; what compare says of them is "
             "in the folder of the later date.")
     return Section("Geometry since last time",
@@ -45,8 +45,8 @@ def effect_changes(records: Sequence[CampaignRecord]) -> Section | None:
     for r in sorted(records, key=lambda r: r.date):
         if r.command == "diagnose" and not r.failed:
             own.setdefault((r.machine, r.campaign.rpartition("/")[2]), []).append(r)
-    rows = [[words(new.machine), words(old.date), words(new.date),
-             words("; ".join(found) or "the same effects", "wrap" if found else "wrap soft")]
+    rows = [[text_cell(new.machine), text_cell(old.date), text_cell(new.date),
+             text_cell("; ".join(found) or "the same effects", "wrap" if found else "wrap soft")]
             for *_, old, new in (o for o in own.values() if len(o) > 1)
             for found in [list(differences(old, new))]]
     rows.sort(key=lambda row: "soft" in row[3].kind)

@@ -20,7 +20,7 @@ from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Points, Strokes, Zero
 from ppmcal.plotting.plot import row_y, rows_plot, span
 from ppmcal.report.format import count, listed, probability, sig
-from ppmcal.report.html import amount, dotted, figures, paragraph, table, words
+from ppmcal.report.html import figures, name_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.section import Section
 
 MOST = 0.5
@@ -109,10 +109,11 @@ def common_effects(records: Sequence[CampaignRecord]) -> Section | None:
     rows = []
     for e in shared_effects(records):
         share = f"{100.0 * e.low:.0f} to {100.0 * e.high:.0f} %"
-        rows.append([words(e.kind), amount(len(e.machines), f"{len(e.machines)} of {e.of}"),
-                     amount(e.low, share), words(e.whose, "warn" if e.low > MOST else ""),
-                     words("; ".join(_size(*s) for s in e.sizes), "wrap"),
-                     words(listed(e.machines), "wrap")])
+        rows.append([text_cell(e.kind),
+                     number_cell(len(e.machines), f"{len(e.machines)} of {e.of}"),
+                     number_cell(e.low, share), text_cell(e.whose, "warn" if e.low > MOST else ""),
+                     text_cell("; ".join(_size(*s) for s in e.sizes), "wrap"),
+                     text_cell(listed(e.machines), "wrap")])
     note = ("An effect that most machines have is the design's, not the unit's: certain where the "
             "95 % interval of the share lies above one half. One that all share may also be of an "
             "instrument that measured them all.")
@@ -133,10 +134,10 @@ def common_parameters(records: Sequence[CampaignRecord]) -> Section | None:
         return None
     heads = ["parameter", "machines", "mean error", "95 %", "unit", "spread of units", "chance",
              "whose"]
-    rows = [[dotted(name), amount(f.machines, str(f.machines)), amount(f.mean),
-             amount(f.half, f"± {sig(f.half, 2)}"), words(unit), amount(f.spread),
-             amount(f.p_value, probability(f.p_value)),
-             words("the design's" if f.of_design else "", "warn" if f.of_design else "")]
+    rows = [[name_cell(name), number_cell(f.machines, str(f.machines)), number_cell(f.mean),
+             number_cell(f.half, f"± {sig(f.half, 2)}"), text_cell(unit), number_cell(f.spread),
+             number_cell(f.p_value, probability(f.p_value)),
+             text_cell("the design's" if f.of_design else "", "warn" if f.of_design else "")]
             for name, unit, _, f in found]
     sure = sum(f.of_design for *_, f in found)
     first = rows[:max(sure, 8)]

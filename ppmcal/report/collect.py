@@ -11,7 +11,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.folder import digest_of
-from ppmcal.io.stage import settle
+from ppmcal.io.stage import recover
 from ppmcal.report.kind import Folder
 from ppmcal.report.kinds import KINDS, KNOWN
 from ppmcal.report.measured_rows import with_measured
@@ -36,7 +36,7 @@ def collect(dirs: Sequence[Path]) -> ReportData:
     unique = list({Path(d).absolute(): Path(d) for d in dirs}.values())
     parts: dict[str, Any] = {kind.place: () for kind in KINDS}
     for path in unique:
-        settle(path)
+        recover(path)
         _refuse_strange(path)
         folder = Folder(path)
         for kind in KINDS:
@@ -50,21 +50,21 @@ def collect(dirs: Sequence[Path]) -> ReportData:
 
 def _refuse_strange(folder: Path) -> None:
     """Refuse a path that is not a folder or holds none of the known files."""
-    mend = "Name the output folder of an earlier command"
+    hint = "Name the output folder of an earlier command"
     try:
         if not folder.is_dir():
             what = "is a file, not a folder" if folder.exists() else "does not exist"
-            raise BadInput(what, str(folder), mend)
+            raise BadInput(what, str(folder), hint)
         names = {p.name for p in folder.iterdir()}
         inner = sorted(p.name for p in folder.iterdir()
                        if p.is_dir() and any((p / k).is_file() for k in KNOWN))
     except OSError as error:
-        raise BadInput(f"cannot be read ({error.strerror or error})", str(folder), mend) from None
+        raise BadInput(f"cannot be read ({error.strerror or error})", str(folder), hint) from None
     if names.isdisjoint(KNOWN):
-        mend = f"Looked for: {', '.join(KNOWN)}."
+        hint = f"Looked for: {', '.join(KNOWN)}."
         if inner:
-            mend += f" Did you mean its folders {', '.join(inner[:8])}?"
-        raise BadInput("holds no output of a ppmcal command", str(folder), mend)
+            hint += f" Did you mean its folders {', '.join(inner[:8])}?"
+        raise BadInput("holds no output of a ppmcal command", str(folder), hint)
 
 
 def _with_copies(one: Simulated, identified: Sequence[Identified]) -> Simulated:

@@ -23,7 +23,7 @@ from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes, Zero
 from ppmcal.plotting.plot import row_y, rows_plot, span
 from ppmcal.report.format import count, listed, number, probability, sig, to_sigma, typeset
-from ppmcal.report.html import Cell, amount, dotted, figures, paragraph, table, words
+from ppmcal.report.html import Cell, figures, name_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.records import Held, ReportData
 from ppmcal.report.section import Section
@@ -49,7 +49,7 @@ def verdict(r: ComparisonRecord) -> str:
     return typeset(verdict_sentence(r))
 
 
-def attention(r: ComparisonRecord) -> list[str]:
+def findings(r: ComparisonRecord) -> list[str]:
     """Return what the user must look at."""
     if r.verdict == NOT_COMPARED:
         return [f"whether the machine has changed between the two calibrations cannot be told: "
@@ -68,10 +68,10 @@ def _changes(r: ComparisonRecord) -> str:
         for i, n in enumerate(c.numbers):
             wide = n.wide
             name = f"{c.name}: {n.name}" if n.name else c.name
-            rows.append([dotted(name), amount(n.value, to_sigma(n.value, n.sigma)),
-                         amount(wide, f"± {sig(wide, 2)}"), words(n.unit),
-                         amount(c.probability, sig(c.probability, 3) or "–"),
-                         words("" if i else listed(c.instead) or "nothing else", "wrap")])
+            rows.append([name_cell(name), number_cell(n.value, to_sigma(n.value, n.sigma)),
+                         number_cell(wide, f"± {sig(wide, 2)}"), text_cell(n.unit),
+                         number_cell(c.probability, sig(c.probability, 3) or "–"),
+                         text_cell("" if i else listed(c.instead) or "nothing else", "wrap")])
     said = [remainder_sentence(r), apart_sentence(r), noise_sentence(r), anew_sentence(r)]
     return table("The likeliest changes that explain it",
                  ["what", "changed by", "95 %", "unit", "probability", "or"], rows) + "".join(
@@ -98,14 +98,14 @@ def _likeliest(rows: Sequence[ParameterDifference]) -> str:
 
 def _row(p: ParameterDifference) -> list[Cell]:
     wide = p.wide
-    return [dotted(p.name), amount(p.old, to_sigma(p.old, p.sigma)),
-            amount(p.new, to_sigma(p.new, p.sigma)),
-            amount(p.difference, to_sigma(p.difference, p.sigma)),
-            amount(wide, f"± {sig(wide, 2)}"), words(p.unit),
-            amount(p.p_alone, probability(p.p_alone) or "–"),
-            amount(p.explained, to_sigma(p.explained, p.sigma) if p.explained else ""),
-            words("" if p.status == "unchanged" else p.status,
-                  "warn" if p.status == "changed" else "")]
+    return [name_cell(p.name), number_cell(p.old, to_sigma(p.old, p.sigma)),
+            number_cell(p.new, to_sigma(p.new, p.sigma)),
+            number_cell(p.difference, to_sigma(p.difference, p.sigma)),
+            number_cell(wide, f"± {sig(wide, 2)}"), text_cell(p.unit),
+            number_cell(p.p_alone, probability(p.p_alone) or "–"),
+            number_cell(p.explained, to_sigma(p.explained, p.sigma) if p.explained else ""),
+            text_cell("" if p.status == "unchanged" else p.status,
+                      "warn" if p.status == "changed" else "")]
 
 
 def differences(rows: Sequence[ParameterDifference]) -> Drawing | None:
@@ -186,5 +186,5 @@ COMPARE: Kind[Held[ComparisonRecord]] = Kind(
                   for one in data.compared],
     _shown,
     lambda one: [("compare", one.record)], lambda one, _: [
-        (one.folder, text) for text in (*attention(one.record), *one.record.findings)],
+        (one.folder, text) for text in (*findings(one.record), *one.record.findings)],
     lambda one, _: [verdict(one.record)])

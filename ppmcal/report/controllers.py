@@ -16,7 +16,16 @@ from ppmcal.plotting.bars import Chart, Row
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.style import SMALLEST
 from ppmcal.report.format import count, number, sig
-from ppmcal.report.html import MAX_ROWS, amount, bullets, dotted, figures, paragraph, table, words
+from ppmcal.report.html import (
+    MAX_ROWS,
+    bullets,
+    figures,
+    name_cell,
+    number_cell,
+    paragraph,
+    table,
+    text_cell,
+)
 from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.records import Held
 from ppmcal.report.section import Section, filled
@@ -39,8 +48,8 @@ def export_section(one: Held[ExportRecord]) -> Section:
 def _said(r: ExportRecord) -> str:
     head = f"{r.name or r.called}: "
     written = f" Written: {', '.join(r.files)}." if r.files else ""
-    if r.said:
-        return f"{head}{r.said.rstrip('.')}.{written}"
+    if r.summary:
+        return f"{head}{r.summary.rstrip('.')}.{written}"
     return (f"{head}written for {r.called}, which holds {'all' if r.exact else 'most'} of it."
             f"{written}")
 
@@ -51,9 +60,9 @@ def _numbers(r: ExportRecord) -> str:
     for name, new in r.parameters.items():
         was, now = number(r.old.get(name)), number(new)
         change = None if was is None or now is None else now - was
-        rows.append([dotted(name), amount(was, fixed(was)), amount(now, fixed(now)),
-                     amount(change, fixed(change, plus=True)),
-                     words(r.number_units.get(name, ""))])
+        rows.append([name_cell(name), number_cell(was, fixed(was)), number_cell(now, fixed(now)),
+                     number_cell(change, fixed(change, plus=True)),
+                     text_cell(r.number_units.get(name, ""))])
     more = (f"the first {MAX_ROWS} of {len(rows)}, export.json has them all"
             if len(rows) > MAX_ROWS else "")
     caption = "; ".join(t for t in ("What is written, in the controller's own numbers", more) if t)
@@ -68,14 +77,15 @@ def _gain(r: ExportRecord) -> Section | None:
             part = _errors(r, stage, kind)
             values = [getattr(part, key) for key, _ in ERRORS]
             if any(number(v) is not None for v in values):
-                rows.append([words(f"{kind}, {name}, model exact"),
-                             words(part.unit),
-                             *(amount(v, error_size(v, part.unit) or "–") for v in values)])
+                rows.append([text_cell(f"{kind}, {name}, model exact"),
+                             text_cell(part.unit),
+                             *(number_cell(v, error_size(v, part.unit) or "–") for v in values)])
     for label, whole in (("old", r.predicted.before), ("new", r.predicted.after)):
         for kind, size in (("position", whole), ("rotation", whole.rotation)):
             if size is not None and number(size.rms) is not None:
-                rows.append([words(f"{kind}, {label}, expected"), words(size.unit),
-                             amount(size.rms, error_size(size.rms, size.unit)), amount(None, "")])
+                rows.append([text_cell(f"{kind}, {label}, expected"), text_cell(size.unit),
+                             number_cell(size.rms, error_size(size.rms, size.unit)),
+                             number_cell(None, "")])
     if not rows:
         return None
     over = f", over {r.over.rstrip('.')}" if r.over else ""
@@ -109,8 +119,8 @@ def _not_expressed(r: ExportRecord) -> Section | None:
     """Return what the controller cannot express, and what that alone costs."""
     if not r.not_expressed:
         return None
-    rows = [[words(entry.what, "wrap"), words(", ".join(entry.parameters), "wrap"),
-             words((entry.cost and entry.cost.words()) or "not known", "wrap")]
+    rows = [[text_cell(entry.what, "wrap"), text_cell(", ".join(entry.parameters), "wrap"),
+             text_cell((entry.cost and entry.cost.words()) or "not known", "wrap")]
             for entry in r.not_expressed]
     return Section(f"{count(len(rows), 'thing')} that {r.called} cannot express", table(
         "Cost: the error that it alone leaves", ["what", "parameters", "cost"], rows))
@@ -144,4 +154,4 @@ EXPORT: Kind[Held[ExportRecord]] = Kind(
                   for one in data.exported],
     lambda one, _: {"folder": one.folder, "export": one.record.entries()},
     lambda one: [("export", one.record)],
-    lambda one, _: [(one.folder, text) for text in one.record.attention()])
+    lambda one, _: [(one.folder, text) for text in one.record.all_findings()])

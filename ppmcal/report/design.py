@@ -14,7 +14,7 @@ from ppmcal.notes import FINDING, level_of
 from ppmcal.plotting.style import with_palette
 from ppmcal.report.design_records import DESIGN_FILES, designed
 from ppmcal.report.format import count, exact, number, sig
-from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
+from ppmcal.report.html import Cell, bullets, name_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.kind import Chapter, Kind
 from ppmcal.report.other import scalars
 from ppmcal.report.records import Designed, Picture, ReportData
@@ -36,9 +36,9 @@ def design_section(one: Designed, folded: bool = False) -> Section:
     """Return everything about one design: what it says, its tables, pictures and findings."""
     r = one.record
     out = [paragraph(_source(one), "note")]
-    out += [paragraph(s, "big" if i == 0 else "") for i, s in enumerate(r.said)]
+    out += [paragraph(s, "big" if i == 0 else "") for i, s in enumerate(r.summary)]
     out.append(bullets(r.findings))
-    if not r.said:
+    if not r.summary:
         out.append(scalars({k: v for k, v in r.entries().items() if k != "name"}))
     of = f" of {r.name}" if r.name else ""
     return Section(f"{title(one)}{of}", "".join(out), parts=filled(
@@ -53,7 +53,7 @@ def title(one: Designed) -> str:
 
 def design_headline(one: Designed) -> str:
     """Return what a design says first, empty where it says nothing."""
-    return f"{title(one)}: {one.record.said[0]}" if one.record.said else ""
+    return f"{title(one)}: {one.record.summary[0]}" if one.record.summary else ""
 
 
 def _source(one: Designed) -> str:
@@ -89,23 +89,23 @@ def _column(values: list[Any]) -> list[Cell]:
     while broken and all(s.endswith("0") for s in broken):
         broken = [s[:-1] for s in broken]
         shown = {i: s[:-1] if "." in s else s for i, s in shown.items()}
-    return [amount(v, shown[i].rstrip(".")) if i in shown else _cell(v)
+    return [number_cell(v, shown[i].rstrip(".")) if i in shown else _cell(v)
             for i, v in enumerate(values)]
 
 
 def _cell(value: Any) -> Cell:
     """Return one cell; words that are a number stand as such."""
     if isinstance(value, bool):
-        return words("yes" if value else "no")
+        return text_cell("yes" if value else "no")
     if value is None or isinstance(value, int):
-        return amount(value, "–" if value is None else exact(value))
+        return number_cell(value, "–" if value is None else exact(value))
     try:
         plain = float(value)
     except ValueError:
-        return dotted(value) if len(value) <= WIDE else words(value, "wrap")
+        return name_cell(value) if len(value) <= WIDE else text_cell(value, "wrap")
     if math.isfinite(plain):
-        return amount(plain, str(value).strip().replace("-", "−"))
-    return amount(None, "–" if math.isnan(plain) else "−∞" if plain < 0.0 else "∞")
+        return number_cell(plain, str(value).strip().replace("-", "−"))
+    return number_cell(None, "–" if math.isnan(plain) else "−∞" if plain < 0.0 else "∞")
 
 
 def _pictures(one: Designed) -> str:

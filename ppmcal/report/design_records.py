@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import note_read
+from ppmcal.io.folder import track_input
 from ppmcal.io.json import AGAIN
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.sensitivity import SensitivityRecord
@@ -112,7 +112,7 @@ def _picture(folder: Path, name: str, caption: str) -> Picture:
             return without("missing")
         if path.stat().st_size > LARGEST_FILE:
             return without(_left_out(f"larger than {LARGEST_FILE // 1_000_000} MB"))
-        note_read(path)
+        track_input(path)
         content = path.read_bytes()
     except OSError as error:
         return without(f"cannot be read ({error.strerror or error})")

@@ -11,10 +11,10 @@ from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
     another_day,
+    confounded,
     effect_name,
     gap_closed,
     headline,
-    imitated,
     lead,
     learned,
     learned_gap,
@@ -37,14 +37,23 @@ from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_format import amounts, in_unit, odds_to
 from ppmcal.report.diagnosis_tables import ladder, next_poses, tried
 from ppmcal.report.format import count, number, probability, sig
-from ppmcal.report.html import Cell, amount, bullets, dotted, figures, paragraph, table, words
+from ppmcal.report.html import (
+    Cell,
+    bullets,
+    figures,
+    name_cell,
+    number_cell,
+    paragraph,
+    table,
+    text_cell,
+)
 from ppmcal.report.identified import calibrations, is_fit
 from ppmcal.report.kind import Chapter, Folder, Kind
 from ppmcal.report.records import Columns, Diagnosed, ReportData
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
 from ppmcal.report.section import Section, filled
 from ppmcal.report.validation import days
-from ppmcal.wording import where
+from ppmcal.wording import actuator_list
 
 
 def diagnosis_section(d: Diagnosed) -> Section:
@@ -57,7 +66,7 @@ def diagnosis_section(d: Diagnosed) -> Section:
     return Section("The missing effect", body, d.folder, parts=filled([
         Section("What the residuals follow, before and after", figures(shown)),
         Section("What these data cannot tell apart", figures(drawn.get("alternatives", []))),
-        _days(r), _next(d), _refused(d), _swallowed(r), _places(r),
+        _days(r), _next(d), _refused(d), _absorbed(r), _places(r),
         Section("Residuals", figures([
             *residual_figures(d.residuals, r.units, d.folder),
             *coordinate_figures(d.residuals, r.units, fit=d.folder)]),
@@ -87,15 +96,17 @@ def _effects(r: DiagnosisRecord) -> str:
         # values of one hypothesis are one line
         for some in [group] if one else [[e] for e in group]:
             e, on = some[0], [a for e in some for a in e.on]
-            survival = number(e.survival)
+            visibility = number(e.visibility)
             own = one or "; ".join(f"{name} {text}".strip()
                                    for name, text in amounts(e) or [("", "–")])
             rows.append([
-                words(e.called), words(where(on, actuators(r)) or "machine"), words(own, "wrap"),
-                amount(e.p_value if e.probability is None else e.probability,
-                       probable(e.probability) or probability(e.p_value) or "–"),
-                amount(survival, "–" if survival is None else f"{survival:.0%}".replace("%", " %")),
-                words(_rivals(r, e), "wrap")])
+                text_cell(e.called), text_cell(actuator_list(on, actuators(r)) or "machine"),
+                text_cell(own, "wrap"),
+                number_cell(e.p_value if e.probability is None else e.probability,
+                            probable(e.probability) or probability(e.p_value) or "–"),
+                number_cell(visibility,
+                            "–" if visibility is None else f"{visibility:.0%}".replace("%", " %")),
+                text_cell(_rivals(r, e), "wrap")])
     sides = [f"{effect_name(r, g[0]) if len(g) == 1 else g[0].called}: {text}"
              for g in together(r) for text in side(g)]
     told = bullets(sides) + paragraph(unknown_causes(r)) + paragraph(tried_sets(r))
@@ -126,7 +137,7 @@ def _refused(d: Diagnosed) -> Section:
 def _suspects(r: DiagnosisRecord) -> str:
     """Return what may be there but cannot be named."""
     lines = []
-    for e in r.possible:
+    for e in r.suspected:
         p = probable(e.probability)
         lines.append(f"{name_of(r, e.called, e.on)}: suspected, too weak to be named"
                      + (f" ({p})." if p else "."))
@@ -154,23 +165,25 @@ def _learned(r: DiagnosisRecord) -> str:
     return bullets([*learned(r), learned_gap(r)]) if r.learned else ""
 
 
-def _swallowed(r: DiagnosisRecord) -> Section | None:
+def _absorbed(r: DiagnosisRecord) -> Section | None:
     """Return the parameters that had moved to imitate an effect."""
-    rows = [[dotted(s.name), *(amount(v, in_unit(v, s.unit))
-                               for v in (s.before, s.after, s.tolerance))] for s in r.swallowed]
+    rows = [[name_cell(s.name), *(number_cell(v, in_unit(v, s.unit))
+                                  for v in (s.before, s.after, s.tolerance))]
+            for s in r.absorbed_by_geometry]
     if not rows:
         return None
     return Section(
         "Geometry that had imitated the effect",
-        paragraph(f"{imitated(r)} Their errors from nominal:", "note")
+        paragraph(f"{confounded(r)} Their errors from nominal:", "note")
         + table("", ["parameter", "error without effects", "error with effects", "tolerance"],
                 rows, sort=True), count(len(rows), "parameter"), folded=True)
 
 
 def _places(r: DiagnosisRecord) -> Section | None:
     """Return where residuals exceed what noise gives there."""
-    rows = [[words(p.by), words(p.value), amount(p.rms_ratio), amount(p.rms_ratio_after),
-             amount(p.p_value, probability(p.p_value) or "–")] for p in r.localised]
+    rows = [[text_cell(p.by), text_cell(p.value), number_cell(p.rms_ratio),
+             number_cell(p.rms_ratio_after),
+             number_cell(p.p_value, probability(p.p_value) or "–")] for p in r.localised]
     if not rows:
         return None
     body = table("rms of the residuals of that group over what noise gives in it; p: how often "
@@ -182,7 +195,7 @@ def _places(r: DiagnosisRecord) -> Section | None:
 
 def _untestable(r: DiagnosisRecord) -> str:
     """Return the kinds of effect that could not be tested, and the columns they lack."""
-    rows = [[words(u.kind), words(", ".join(u.missing) or u.reason, "wrap")]
+    rows = [[text_cell(u.kind), text_cell(", ".join(u.missing) or u.reason, "wrap")]
             for u in r.not_testable]
     return table("Not testable: record these columns to test for the effect",
                  ["effect", "columns missing"], rows)

@@ -26,7 +26,7 @@ from ppmcal.report.diagnosis_format import finer, left_out, odds_to
 from ppmcal.report.diagnosis_inputs import input_pictures
 from ppmcal.report.format import number, sig
 from ppmcal.report.learned_figures import term_pictures
-from ppmcal.wording import shorter
+from ppmcal.wording import shorten_label
 
 LONG_ODDS = 150.0
 """Beyond these an alternative is in the set only for what it can imitate."""
@@ -135,7 +135,7 @@ def confusion(record: DiagnosisRecord) -> Drawing | None:
     total, rows = actuators(record), []
     for name, pairs in groups:
         rows.append(Row(name, strong=True))
-        rows += [Row("or " + shorter(other, total), ((value, "alternative"),),
+        rows += [Row("or " + shorten_label(other, total), ((value, "alternative"),),
                      f"{odds_to(value)} : 1") for other, value in pairs]
     all_odds = [o for _, pairs in groups for _, o in pairs]
     high = max([LONG_ODDS] + [min(o, 1e6) for o in all_odds])

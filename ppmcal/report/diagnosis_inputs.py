@@ -15,7 +15,7 @@ from ppmcal.plotting.layers import Intervals, Layer, Points, Zero
 from ppmcal.plotting.plot import CLASS_ROOM, Plot, span
 from ppmcal.report.diagnosis_format import INPUTS, finer, left_out
 from ppmcal.report.format import number, with_label
-from ppmcal.wording import where
+from ppmcal.wording import actuator_list
 
 APART = 2.5
 """Before and after are plotted so many points to each side of their place."""
@@ -95,7 +95,7 @@ def _what(series: Series, total: int) -> str:
     if series.coordinate:
         return f"measured {series.coordinate}"
     on = series.on
-    return where(on, total) if len(on) < 4 or len(on) == total else f"{len(on)} actuators"
+    return actuator_list(on, total) if len(on) < 4 or len(on) == total else f"{len(on)} actuators"
 
 
 def _title(record: DiagnosisRecord, series: Series, what: str) -> str:

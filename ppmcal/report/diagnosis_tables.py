@@ -7,9 +7,9 @@ import numpy as np
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.report.diagnosis_figures import step_name
 from ppmcal.report.format import number, sig, whole
-from ppmcal.report.html import amount, given, paragraph, table, words
+from ppmcal.report.html import csv_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.records import Columns
-from ppmcal.wording import where
+from ppmcal.wording import actuator_list
 
 TRIED = 60
 """Hypotheses that are shown, the likeliest; effects.csv has them all."""
@@ -34,9 +34,9 @@ def ladder(record: DiagnosisRecord) -> str:
     rows = []
     for n, (step, value) in enumerate(steps):
         gone = excess[n - 1] - excess[n] if n else None
-        rows.append([words(step_name(record, step)), amount(value, f"{sig(value)} ×"),
-                     amount(gone, _share(gone, excess[0])),
-                     amount(gone, _share(gone, fitted) if step.what == "effect" else "–")])
+        rows.append([text_cell(step_name(record, step)), number_cell(value, f"{sig(value)} ×"),
+                     number_cell(gone, _share(gone, excess[0])),
+                     number_cell(gone, _share(gone, fitted) if step.what == "effect" else "–")])
     return table("The gap, step by step", [
         "the model", "residuals over noise, rms", "closes of the whole gap",
         "of what geometry leaves"], rows) + paragraph(
@@ -59,10 +59,10 @@ def tried(effects: Columns | None) -> str:
     order = np.argsort(np.where(np.isfinite(p), -p, np.inf), kind="stable")[:TRIED]
     names, on, form, status = (effects.words(c) for c in ("kind", "on", "form", "status"))
     total = len({a for text in on for a in text.split()})
-    rows = [[words(names[i]), words(where(on[i].split(), total) or "machine"),
-             words(form[i]), amount(float(p[i]), sig(float(p[i]), 2) if p[i] >= LEAST else
-                                    f"< {LEAST:g}" if p[i] >= 0.0 else "–"),
-             words(status[i])] for i in order]
+    rows = [[text_cell(names[i]), text_cell(actuator_list(on[i].split(), total) or "machine"),
+             text_cell(form[i]), number_cell(float(p[i]), sig(float(p[i]), 2) if p[i] >= LEAST else
+                                             f"< {LEAST:g}" if p[i] >= 0.0 else "–"),
+             text_cell(status[i])] for i in order]
     more = f"; the first {TRIED} of {whole(effects.size)}" if effects.size > TRIED else ""
     return table(f"Every hypothesis, the likeliest first{more}; effects.csv has them all",
                  ["effect", "on", "values", "probability", "what became of it"], rows, sort=True)
@@ -72,7 +72,7 @@ def next_poses(poses: Columns | None) -> str:
     """Return the first poses of next.csv."""
     if poses is None or not poses.size:
         return ""
-    rows = [[given(_cell(poses, h, i)) for h in poses.header]
+    rows = [[csv_cell(_cell(poses, h, i)) for h in poses.header]
             for i in range(min(poses.size, POSES))]
     more = (f"The first {POSES} of {whole(poses.size)} rows; next.csv has them all"
             if poses.size > POSES else "next.csv")

@@ -16,7 +16,7 @@ from ppmcal.report.records import (
     Identified,
     ReportData,
 )
-from ppmcal.wording import some
+from ppmcal.wording import abbreviate_list
 
 IN_THE_FIT = "in the fit"
 
@@ -84,7 +84,7 @@ def headline(one: Identified, data: ReportData) -> list[str]:
         return []
     rows = sum(d.rows or 0 for d in one.record.datasets)
     used = sum(d.used or 0 for d in one.record.datasets)
-    names = some([d.name for d in one.record.datasets if d.name])
+    names = abbreviate_list([d.name for d in one.record.datasets if d.name])
     source = f" from {whole(used)} of {whole(rows)} measurements" if rows else ""
     source += f" ({names})" if source and names else ""
     first = f"{one.name} was calibrated{source}"
@@ -110,5 +110,6 @@ def other_machine(c: ComparedMachines) -> str:
     """Return that the model is not the machine simulated, empty where it is."""
     many = len(c.other)
     return (f"the model identified is not the machine simulated: {count(many, 'nominal value')} "
-            f"{'differs' if many == 1 else 'differ'} ({some(c.other)}); true errors count from the "
+            f"{'differs' if many == 1 else 'differ'} ({abbreviate_list(c.other)}); true errors "
+            "count from the "
             "model's own nominal values, which its tolerances may not allow for") if many else ""

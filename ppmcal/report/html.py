@@ -32,29 +32,29 @@ class Cell:
     kind: str = ""
 
 
-def words(text: object, kind: str = "") -> Cell:
+def text_cell(text: object, kind: str = "") -> Cell:
     """Return a cell of plain text."""
     return Cell(escape("" if text is None else str(text)), None, kind)
 
 
-def dotted(name: object) -> Cell:
+def name_cell(name: object) -> Cell:
     """Return a cell with a name that may break after its dots."""
     return Cell(escape("" if name is None else str(name)).replace(".", ".<wbr>"))
 
 
-def amount(value: Any, text: str | None = None, bad: bool = False) -> Cell:
+def number_cell(value: Any, text: str | None = None, bad: bool = False) -> Cell:
     """Return a cell with a number, shown as ``text`` or with three digits."""
     return Cell(escape(sig(value) if text is None else text), number(value),
                 "n bad" if bad else "n")
 
 
-def given(text: str) -> Cell:
+def csv_cell(text: str) -> Cell:
     """Return a cell of a CSV as it stands there, shortened if it is a number."""
     try:
         value = number(float(text))
     except ValueError:
-        return words(text)
-    return amount(value, exact(value) if len(text) < 8 else sig(value, 6))
+        return text_cell(text)
+    return number_cell(value, exact(value) if len(text) < 8 else sig(value, 6))
 
 
 def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[Cell]],

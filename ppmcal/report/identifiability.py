@@ -9,7 +9,15 @@ from ppmcal.io.results.gross_errors import GrossErrorSummary
 from ppmcal.io.results.identifiability import flat_sentences
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.report.format import exact, number, typeset
-from ppmcal.report.html import MAX_ROWS, amount, bullets, dotted, paragraph, table, words
+from ppmcal.report.html import (
+    MAX_ROWS,
+    bullets,
+    name_cell,
+    number_cell,
+    paragraph,
+    table,
+    text_cell,
+)
 from ppmcal.report.rows import row_key
 from ppmcal.report.section import Section
 
@@ -24,15 +32,15 @@ def identifiability_section(record: IdentificationRecord) -> Section | None:
 def gross_error_section(found: GrossErrorSummary, units: Mapping[str, str], index: int
                         ) -> Section | None:
     """Return what the rows left out said, and what they would have done to the parameters."""
-    rows = [[words(r.dataset), amount(r.row, exact(r.row)), words(r.coordinate),
-             amount(r.value, _digits(r.value)), amount(r.predicted, _digits(r.predicted)),
-             words(r.unit), amount(r.times)] for r in found.rows]
+    rows = [[text_cell(r.dataset), number_cell(r.row, exact(r.row)), text_cell(r.coordinate),
+             number_cell(r.value, _digits(r.value)), number_cell(r.predicted, _digits(r.predicted)),
+             text_cell(r.unit), number_cell(r.times)] for r in found.rows]
     out = table(_first("What those rows say, and what all others say of them", len(rows)),
                 ["data set", "row", "number", "measured", "the others say", "unit",
                  "times the noise"], rows[:MAX_ROWS], sort=True,
                 keys=[row_key(index, r.dataset, r.row or 0) for r in found.rows[:MAX_ROWS]])
-    body = [[dotted(name), amount(e.now, _digits(e.now)),
-             amount(e.with_them, _digits(e.with_them)), words(units.get(name, ""))]
+    body = [[name_cell(name), number_cell(e.now, _digits(e.now)),
+             number_cell(e.with_them, _digits(e.with_them)), text_cell(units.get(name, ""))]
             for name, e in found.would_be.items()
             if e.now is not None and e.with_them is not None]
     out += table(_first("What parameters would be with them", len(body)),

@@ -32,14 +32,14 @@ from ppmcal.report.headlines import figure
 from ppmcal.report.html import (
     MAX_ROWS,
     Cell,
-    amount,
     definitions,
-    dotted,
     error_bar,
     figures,
+    name_cell,
+    number_cell,
     paragraph,
     table,
-    words,
+    text_cell,
 )
 from ppmcal.report.identifiability import gross_error_section, identifiability_section
 from ppmcal.report.records import Identified
@@ -47,7 +47,7 @@ from ppmcal.report.residual_figures import coordinate_figures, residual_figures
 from ppmcal.report.residuals import quantity_of, used
 from ppmcal.report.rows import row_key, rows_section
 from ppmcal.report.section import Section, filled
-from ppmcal.wording import MOST, some
+from ppmcal.wording import MOST, abbreviate_list
 
 STAGES = (("before", "before"), ("after", "after"), ("holdout", "held out"))
 COLUMNS = ("mean", "rms", "p95", "max")
@@ -79,8 +79,8 @@ def accuracy(one: Identified) -> Section | None:
         for stage, name in STAGES:
             part = figure(one, stage, kind)
             if any(getattr(part, c) is not None for c in COLUMNS):
-                rows.append([words(f"{kind}, {name}"), words(part.unit),
-                             *(amount(getattr(part, c)) for c in COLUMNS)])
+                rows.append([text_cell(f"{kind}, {name}"), text_cell(part.unit),
+                             *(number_cell(getattr(part, c)) for c in COLUMNS)])
     if not rows:
         return None
     notes = [one.record.holdout_note, before_words(residual.before_is).strip()]
@@ -156,7 +156,8 @@ def parameters(r: IdentificationRecord) -> Section | None:
     note = " ".join([note, *(f"{t}." for t in short_intervals(r.method))])
     out = paragraph(note, "note") + table("", heads, [_row(p) for p in free], sort=True)
     if fixed:
-        rows = [[dotted(p.name), amount(p.value, exact(p.value)), words(p.unit)] for p in fixed]
+        rows = [[name_cell(p.name), number_cell(p.value, exact(p.value)), text_cell(p.unit)]
+                for p in fixed]
         name = f"{count(len(fixed), 'parameter')} held fixed"
         out += (f"<details><summary>{name}</summary>"
                 + table("", ["parameter", "value", "unit"], rows) + "</details>")
@@ -171,26 +172,27 @@ def _row(p: ParameterEstimate) -> list[Cell]:
         low, high = value - p.half, value + p.half
     interval = "–" if low is None and high is None else (
         f"{to_sigma(low, sigma)} … {to_sigma(high, sigma)}")
-    return [dotted(p.name), words(p.unit), amount(p.nominal, exact(p.nominal)),
-            amount(value, to_sigma(value, sigma)), amount(low, interval),
-            amount(p.error, to_sigma(p.error, sigma), bad=bool(p.far)),
-            amount(p.tolerance, exact(p.tolerance)),
+    return [name_cell(p.name), text_cell(p.unit), number_cell(p.nominal, exact(p.nominal)),
+            number_cell(value, to_sigma(value, sigma)), number_cell(low, interval),
+            number_cell(p.error, to_sigma(p.error, sigma), bad=bool(p.far)),
+            number_cell(p.tolerance, exact(p.tolerance)),
             Cell(error_bar(p.error, p.tolerance, p.half),
                  number(p.tolerances)),
-            amount(sigma, sig(sigma, 2)), amount(p.sigma_data, sig(p.sigma_data, 2)),
-            words(p.status + ", sessions disagree" * bool(p.disagree),
-                  "warn" if p.status == "redundant" or p.disagree else "")]
+            number_cell(sigma, sig(sigma, 2)), number_cell(p.sigma_data, sig(p.sigma_data, 2)),
+            text_cell(p.status + ", sessions disagree" * bool(p.disagree),
+                      "warn" if p.status == "redundant" or p.disagree else "")]
 
 
 def redundant(r: IdentificationRecord) -> Section | None:
     """Return the unidentifiable combinations, one line for each redundant quantity."""
-    rows = [[dotted(c.name or "?"), words(typeset(combination(c)), "wrap")] for c in r.redundant]
+    rows = [[name_cell(c.name or "?"), text_cell(typeset(combination(c)), "wrap")]
+            for c in r.redundant]
     if not rows:
         return None
     note = ("A change of the quantity and this change of the others act alike: only their "
             "combination can be identified, and predictions do not depend on how it is split; the "
             "prior splits it by the tolerances. Coefficients are in the file's units.")
-    names = some([c.name or "?" for c in r.redundant])
+    names = abbreviate_list([c.name or "?" for c in r.redundant])
     said = "" if len(rows) <= MOST else paragraph(
         f"{len(rows)} parameters are only identified in combination with others: {names}.")
     if r.unidentifiable:
@@ -206,7 +208,7 @@ def correlations(r: IdentificationRecord) -> Section | None:
     """Return the strongest correlations."""
     found = sorted(((-abs(c.value), c) for c in r.correlations if c.value is not None),
                    key=lambda f: f[0])
-    rows = [[dotted(c.a), dotted(c.b), amount(c.value)] for _, c in found[:12]]
+    rows = [[name_cell(c.a), name_cell(c.b), number_cell(c.value)] for _, c in found[:12]]
     if not rows:
         return None
     more = f"the strongest 12 of {len(found)}" if len(found) > 12 else ""
@@ -234,7 +236,7 @@ def excluded(one: Identified, index: int) -> Section | None:
     entries = excluded_rows(one)
     if not entries:
         return None
-    rows = [[words(e.dataset), amount(e.row, exact(e.row)), words(e.reason, "wrap")]
+    rows = [[text_cell(e.dataset), number_cell(e.row, exact(e.row)), text_cell(e.reason, "wrap")]
             for e in entries[:MAX_ROWS]]
     more = (f"the first {MAX_ROWS} of {whole(len(entries))}; residuals.csv has them all"
             if len(entries) > MAX_ROWS else "")

@@ -23,7 +23,7 @@ from ppmcal.report.records import Identified, ReportData
 from ppmcal.report.residuals import used, white
 from ppmcal.report.section import Section, chapter, filled
 from ppmcal.report.sources import with_parameters
-from ppmcal.wording import some
+from ppmcal.wording import abbreviate_list
 
 FEW = 3
 """So many parts of a calibration are open where there are several calibrations."""
@@ -117,7 +117,7 @@ def _of_fields(record: IdentificationRecord) -> list[str]:
         out.append("the fit had not converged")
     far = [p.name for p in record.parameters if p.far]
     if far:
-        out.append(f"{FAR}: {some(far, 'parameters.csv')}")
+        out.append(f"{FAR}: {abbreviate_list(far, 'parameters.csv')}")
     return out
 
 

@@ -26,7 +26,7 @@ from ppmcal.report.measured_rows import recorded_inputs
 from ppmcal.report.records import Columns, Identified
 from ppmcal.report.residuals import used
 from ppmcal.report.rows import row_key
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 POINTS, WORST = 2000, 200
 """So many rows are drawn at most; so many of them are the worst, and as many left out ones."""
@@ -106,7 +106,7 @@ def _chosen(table: Columns, most: int) -> tuple[Ints, str]:
     rows = np.unique(np.concatenate([worst, out, even]))
     return rows, (f"{rows.size} of {table.size} rows are drawn: every "
                   f"{max(2, round(table.size / max(rest, 1)))}th or so, the {part} worst, and "
-                  f"{counted(int(out.size), 'row')} left out.")
+                  f"{pluralize(int(out.size), 'row')} left out.")
 
 
 def _read(one: Identified, entry: FittedDataset, mechanism: Mechanism) -> Dataset:
@@ -159,7 +159,7 @@ def _of_dataset(table: Columns, rows: Ints, data: Dataset, entry: FittedDataset,
               zip(STAGES, (before, after), strict=True)]
     notes: tuple[str, ...] = ()
     if lost:
-        notes = (f"{counted(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} no "
+        notes = (f"{pluralize(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} no "
                  "pose of this machine or no joint values.",)
     if data.kind == "distance":
         notes += (f"Errors of {entry.name} are along the measured distance.",)

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from ppmcal.io.results.scene import Scene, SceneFrame
 from ppmcal.report.html import script_json as script_json
 from ppmcal.report.html import template_macro, template_text
-from ppmcal.wording import counted, number
+from ppmcal.wording import number, pluralize
 
 LIBRARY = "vendor/plotly.min.js"
 """Draws in 2D and 3D; a page holds one copy."""
@@ -28,7 +28,7 @@ def scene_html(scene: Scene, index: int | str = "") -> str:
         index: of the identification on the page, by which its rows are known.
     """
     order = slider_order(scene)
-    return template_macro("machine_scene.html", "drawing", scene, index, order, look(scene),
+    return template_macro("machine_scene.html", "drawing", scene, index, order, findings(scene),
                           _notes(scene), script_json({**_content(scene), "order": order}))
 
 
@@ -76,7 +76,7 @@ def _moved(frame: SceneFrame) -> str:
     return frame.label.split(" ")[0]
 
 
-def look(scene: Scene) -> list[str]:
+def findings(scene: Scene) -> list[str]:
     """Return what needs a look, in words: at home, and how often at the other poses."""
     frames = scene.machines[0].frames
     out = [f"At home {mark.text}." for mark in frames[0].marks if mark.kind != "shared"]
@@ -88,7 +88,7 @@ def look(scene: Scene) -> list[str]:
                 elsewhere.setdefault((mark.kind, mark.limbs), []).append((frame.label, mark.text))
     for found in elsewhere.values():
         label, text = found[0]
-        more = f", and at {counted(len(found) - 1, 'other pose')}" if len(found) > 1 else ""
+        more = f", and at {pluralize(len(found) - 1, 'other pose')}" if len(found) > 1 else ""
         out.append(f"At {label}{more}: {text}.")
     return out
 

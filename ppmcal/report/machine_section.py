@@ -22,7 +22,7 @@ from ppmcal.report.machine_rows import POINTS, PlacedRows, placed_rows
 from ppmcal.report.machine_scene import scene_html
 from ppmcal.report.next_poses import with_next
 from ppmcal.report.records import Diagnosed, Identified
-from ppmcal.wording import number, where
+from ppmcal.wording import actuator_list, number
 
 MODELS = ("model.yaml", "identified.yaml")
 """Files that hold the machine of a folder, the one with effects first."""
@@ -172,7 +172,7 @@ def _limbs(mechanism: Mechanism, on: Sequence[str]) -> tuple[int, ...]:
 
 
 def _name(mechanism: Mechanism, effect: Effect, on: Sequence[str]) -> str:
-    place = where(on, len(mechanism.actuators)) if effect.kind.per_actuator else ""
+    place = actuator_list(on, len(mechanism.actuators)) if effect.kind.per_actuator else ""
     return f"{effect.kind.label} on {place}" if place else effect.kind.label
 
 

@@ -17,13 +17,13 @@ from ppmcal.report.format import count, sig, whole
 from ppmcal.report.headlines import finding_text
 from ppmcal.report.html import (
     MAX_ROWS,
-    amount,
     bullets,
+    csv_cell,
     figures,
-    given,
+    number_cell,
     paragraph,
     table,
-    words,
+    text_cell,
 )
 from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.kinematics_figures import kinematics_figures
@@ -59,9 +59,9 @@ def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> Sect
             if not np.isfinite(values).any():
                 continue
             values = values[np.isfinite(values)]
-            stats.append([words(f"{kind}, {stage}"), words(lengths.get(quantity, "")),
-                          amount(float(values.mean())), amount(_rms(values)),
-                          amount(float(values.max()))])
+            stats.append([text_cell(f"{kind}, {stage}"), text_cell(lengths.get(quantity, "")),
+                          number_cell(float(values.mean())), number_cell(_rms(values)),
+                          number_cell(float(values.max()))])
     out.append(table("Error predicted, accepted targets; corrected: the model's own uncertainty, "
                      "1 sigma", ["error", "unit", "mean", "rms", "max"], stats))
     if not any(np.isfinite(predicted(t, kind)["corrected"][good]).any()
@@ -85,16 +85,16 @@ def _commands(t: Columns, rows: Sequence[int] | np.ndarray[Any, Any]) -> Section
         heads += [s, f"Δ {s}"] if f"{s}_nominal" in t.numbers else [s]
     body = []
     for i in rows[:SHOWN]:
-        cells = [amount(float(i) + 1.0, f"{i + 1}")]
-        cells += [given(t.text[h][i]) if h in t.text else amount(t.numbers[h][i],
+        cells = [number_cell(float(i) + 1.0, f"{i + 1}")]
+        cells += [csv_cell(t.text[h][i]) if h in t.text else number_cell(t.numbers[h][i],
                                                                 sig(float(t.numbers[h][i]), 6))
                   for h in asked]
         for s in sent:
             value = float(t.numbers[s][i])
-            cells.append(amount(value, sig(value, 7)))
+            cells.append(number_cell(value, sig(value, 7)))
             if f"{s}_nominal" in t.numbers:
-                cells.append(amount(value - float(t.numbers[f"{s}_nominal"][i])))
-        cells += [amount(float(t.numbers[e][i])) for e in errors]
+                cells.append(number_cell(value - float(t.numbers[f"{s}_nominal"][i])))
+        cells += [number_cell(float(t.numbers[e][i])) for e in errors]
         body.append(cells)
     more = (f"the first {SHOWN} of {whole(len(rows))} accepted targets; commands.csv has all digits"
             if len(rows) > SHOWN else "rounded; commands.csv has all digits")
@@ -111,7 +111,8 @@ def refused(rows: ResidualRows) -> Section | None:
     if t is None or not rows.flagged:
         return None
     status, reason = t.words("status"), t.words("reason")
-    body = [[amount(float(i + 1), f"{i + 1}"), words(status[i]), words(reason[i], "wrap")]
+    body = [[number_cell(float(i + 1), f"{i + 1}"), text_cell(status[i]),
+             text_cell(reason[i], "wrap")]
             for i in rows.flagged[:MAX_ROWS]]
     more = (f"the first {MAX_ROWS} of {whole(len(rows.flagged))}; {rows.kind}.csv has them all"
             if len(rows.flagged) > MAX_ROWS else "")
@@ -154,9 +155,9 @@ def scalars(record: Mapping[str, Any]) -> str:
             continue
         if isinstance(value, str | int | float) and not isinstance(value, bool):
             shown = sig(value, 6) if isinstance(value, float) else str(value)
-            pairs.append([words(key.replace("_", " ")), words(shown, "wrap")])
+            pairs.append([text_cell(key.replace("_", " ")), text_cell(shown, "wrap")])
         elif isinstance(value, bool):
-            pairs.append([words(key.replace("_", " ")), words("yes" if value else "no")])
+            pairs.append([text_cell(key.replace("_", " ")), text_cell("yes" if value else "no")])
     return table("", ["what", "value"], pairs)
 
 

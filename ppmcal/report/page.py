@@ -8,12 +8,12 @@ from typing import Any
 from ppmcal import __version__
 from ppmcal.io.output import plain
 from ppmcal.report.format import exact, typeset
-from ppmcal.report.html import amount, definitions, table, words
+from ppmcal.report.html import definitions, number_cell, table, text_cell
 from ppmcal.report.kinds import IN_ORDER, KINDS
 from ppmcal.report.records import ReportData
 from ppmcal.report.section import Section, chapter, page
 from ppmcal.report.verdict import verdicts
-from ppmcal.wording import gathered
+from ppmcal.wording import collapse_similar
 from ppmcal.wording.progress import stage
 
 MOST_LOOKED_AT = 60
@@ -26,7 +26,7 @@ def to_html(data: ReportData) -> str:
     chapters = [chapter(name, make) for kind in IN_ORDER for name, make in kind.chapters(data)]
     chapters.append(chapter("Where this comes from", lambda: _provenance(data)))
     return page(title=title(data), lead=[] if verdict else summary(data), verdicts=verdict,
-                look=_look(data), chapters=chapters, folders=", ".join(data.folders))
+                look=_findings(data), chapters=chapters, folders=", ".join(data.folders))
 
 
 def title(data: ReportData) -> str:
@@ -62,21 +62,22 @@ def look_at(data: ReportData) -> list[tuple[str, str]]:
     return list(dict.fromkeys(out))
 
 
-def _look(data: ReportData) -> list[str]:
+def _findings(data: ReportData) -> list[str]:
     """Return what the user must look at."""
     items = look_at(data)
     several = len({where for where, _ in items}) > 1
     lines = [f"{where}: {text}" if several else text for where in dict.fromkeys(w for w, _ in items)
-             for text in gathered([t for w, t in items if w == where], "all in the JSON file")]
+             for text in collapse_similar([t for w, t in items if w == where],
+                                          "all in the JSON file")]
     more = len(lines) - MOST_LOOKED_AT
     return lines[:MOST_LOOKED_AT] + ([f"and {more} more, in the JSON files"] if more > 0 else [])
 
 
 def _datasets(record: Mapping[str, Any]) -> str:
     """Return the data sets of a fit."""
-    rows = [[words(d.get("name")), words(d.get("kind")), words(d.get("source")),
-             amount(d.get("rows"), exact(d.get("rows"))),
-             amount(d.get("used"), exact(d.get("used")))]
+    rows = [[text_cell(d.get("name")), text_cell(d.get("kind")), text_cell(d.get("source")),
+             number_cell(d.get("rows"), exact(d.get("rows"))),
+             number_cell(d.get("used"), exact(d.get("used")))]
             for d in record.get("datasets") or () if isinstance(d, Mapping)]
     return table("", ["data set", "instrument", "file", "rows", "used"], rows)
 
@@ -92,7 +93,7 @@ def _provenance(data: ReportData) -> Section:
         facts += [(k.capitalize(), str(p[k])) for k in
                   ("version", "seed", "numpy", "scipy", "python") if p.get(k) is not None]
         facts.append(("Method", str(record.get("method") or "")))
-        inputs = [[words(f), words(h, "hash")] for f, h in (p.get("inputs") or {}).items()]
+        inputs = [[text_cell(f), text_cell(h, "hash")] for f, h in (p.get("inputs") or {}).items()]
         sums = table("", ["input", "SHA-256"], inputs)
         if sums or any(v for _, v in facts):
             out.append(Section(name, definitions(facts, "Command") + _datasets(record) + sums,

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ppmcal.linalg import Array
 from ppmcal.report.format import exact, whole, with_label
-from ppmcal.report.html import amount, paragraph, table, words
+from ppmcal.report.html import number_cell, paragraph, table, text_cell
 from ppmcal.report.records import Columns, Identified
 from ppmcal.report.residuals import coordinates, groups, used
 from ppmcal.report.section import Section
@@ -64,10 +64,11 @@ def rows_section(one: Identified, index: int) -> Section | None:
         heads += [with_label(f"{g.name} before", unit), with_label(f"{g.name} after", unit)]
     names, reasons = t.words("dataset"), t.words("reason")
     number = t.number("row")
-    body = [[amount(number[i], exact(float(number[i]))), words(names[i]), amount(float(ratio[i])),
-             *(amount(float(v[i])) for g in parts for v in (g.before, g.after)),
-             words("used" if keep[i] else f"left out: {reasons[i]}".rstrip(": "),
-                   "wrap" if keep[i] else "wrap warn")] for i in order]
+    body = [[number_cell(number[i], exact(float(number[i]))), text_cell(names[i]),
+             number_cell(float(ratio[i])),
+             *(number_cell(float(v[i])) for g in parts for v in (g.before, g.after)),
+             text_cell("used" if keep[i] else f"left out: {reasons[i]}".rstrip(": "),
+                       "wrap" if keep[i] else "wrap warn")] for i in order]
     more = (f"The {SHOWN} of {whole(t.size)} rows that miss most; residuals.csv has them all. "
             if t.size > SHOWN else "")
     note = more + ("Noise: root mean square of a row's residuals over their sigma. Click a "

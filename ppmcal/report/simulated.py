@@ -13,7 +13,7 @@ from ppmcal.io.folder import digest_of
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.report.format import count, sig, to_sigma
 from ppmcal.report.headlines import other_machine
-from ppmcal.report.html import Cell, amount, dotted, figures, paragraph, table, words
+from ppmcal.report.html import Cell, figures, name_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.kind import Chapter, Folder, Kind
 from ppmcal.report.measured_rows import is_condition, is_place
 from ppmcal.report.records import ComparedMachines, ReportData, Simulated
@@ -21,7 +21,7 @@ from ppmcal.report.residual_figures import truth_figures
 from ppmcal.report.section import Section
 from ppmcal.report.sources import read_columns
 from ppmcal.report.truth import stray_note
-from ppmcal.wording import sentence, some
+from ppmcal.wording import abbreviate_list, sentence
 
 
 def simulation_section(s: Simulated, note: str = "") -> Section:
@@ -36,11 +36,11 @@ def truth_section(c: ComparedMachines) -> Section:
     """Return the errors put in against those found."""
     body: list[list[Cell]] = []
     for r in c.rows:
-        body.append([dotted(r.name), amount(r.true, to_sigma(r.true, r.sigma)),
-                     amount(r.found, to_sigma(r.found, r.sigma)),
-                     amount(r.found - r.true, to_sigma(r.found - r.true, r.sigma)),
-                     amount(r.sigma, sig(r.sigma, 2)), words(r.unit),
-                     amount(r.z, sig(r.z, 2), bad=abs(r.z or 0.0) > 4.0), words(r.status)])
+        body.append([name_cell(r.name), number_cell(r.true, to_sigma(r.true, r.sigma)),
+                     number_cell(r.found, to_sigma(r.found, r.sigma)),
+                     number_cell(r.found - r.true, to_sigma(r.found - r.true, r.sigma)),
+                     number_cell(r.sigma, sig(r.sigma, 2)), text_cell(r.unit),
+                     number_cell(r.z, sig(r.z, 2), bad=abs(r.z or 0.0) > 4.0), text_cell(r.status)])
     z = np.array([r.z for r in c.rows if r.z is not None])
     text = ""
     if z.size:
@@ -78,7 +78,7 @@ def _chapters(data: ReportData) -> Iterator[Chapter]:
 def _look(s: Simulated, _: ReportData) -> list[tuple[str, str]]:
     gone = () if s.truth is None else s.truth.left_out
     return [(s.folder, f"{count(len(gone), 'pose')} could not be simulated: "
-             + some(gone, "truth.json, left_out"))] if gone else []
+             + abbreviate_list(gone, "truth.json, left_out"))] if gone else []
 
 
 def _of_truth(c: ComparedMachines) -> list[str]:
@@ -87,7 +87,7 @@ def _of_truth(c: ComparedMachines) -> list[str]:
     far = [r.name for r in sorted(c.rows, key=lambda r: -abs(r.z or 0.0))
            if r.z is not None and abs(r.z) > 4.0]
     return [f"{count(len(far), 'identified error')} more than 4 sigma from the simulated truth: "
-            + some(far, "the table of errors true and found")] if far else []
+            + abbreviate_list(far, "the table of errors true and found")] if far else []
 
 
 def _shown(s: Simulated, data: ReportData) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import note_read
+from ppmcal.io.folder import track_input
 from ppmcal.io.input_files import refuse_no_file
 from ppmcal.io.json import AGAIN
 from ppmcal.io.limits import TABLE_BYTES, TABLE_COLUMNS, refuse_shape
@@ -71,7 +71,7 @@ def read_columns(path: Path, whole: bool = True, wanted: Callable[[str], bool] |
         numeric: which columns hold numbers, the others are kept as text.
     """
     source = str(path)
-    note_read(path)
+    track_input(path)
     try:
         with open(path, encoding="utf-8-sig", newline="", opener=_opened) as stream:
             found = os.fstat(stream.fileno())

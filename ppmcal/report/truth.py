@@ -11,7 +11,7 @@ from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.report.format import number
 from ppmcal.report.records import ComparedMachines, Identified, Simulated, TruthRow
 from ppmcal.units import ANGLES, LENGTHS, Units
-from ppmcal.wording import some
+from ppmcal.wording import abbreviate_list
 
 PER_UNIT = "/unit"
 """Ends the unit of a drive's ratio."""
@@ -81,7 +81,8 @@ def compared(folder: str, one: Identified, truth: TruthRecord) -> ComparedMachin
             other.append(p.name)
         if p.status != "fixed" or true != 0.0:
             rows.append(TruthRow(p.name, p.unit, true, found, p.sigma, p.status, p.half))
-    note = [f"{what[0].upper()}{what[1:]}: {some(names)}." for what, names in lacking.items()]
+    note = [f"{what[0].upper()}{what[1:]}: {abbreviate_list(names)}." for what,
+            names in lacking.items()]
     return ComparedMachines(folder, one.folder, tuple(rows), " ".join(note), tuple(other))
 
 

@@ -22,7 +22,7 @@ from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Layer, Marks, Points, Strokes
 from ppmcal.plotting.plot import Axis, row_y, rows_plot, span
 from ppmcal.report.format import sig, typeset
-from ppmcal.report.html import Cell, amount, figures, paragraph, table, words
+from ppmcal.report.html import Cell, figures, number_cell, paragraph, table, text_cell
 from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.records import Held
 from ppmcal.report.section import Section
@@ -66,11 +66,13 @@ def _row(e: PredictedError) -> list[Cell]:
     """Return a machine's line."""
     size = e.position or e.rotation or ErrorSize()
     between = _between(e.low, e.high, 2) if e.verdict else ""
-    more = [amount(e.rotation.rms)] if e.position and e.rotation else []
-    return [words(e.model), amount(size.rms), amount(size.rms_low, _between(size.rms_low,
-            size.rms_high)), amount(size.p95), amount(size.max), *more,
-            amount(e.closer, sig(e.closer, 2) if e.verdict else ""), amount(e.low, between),
-            words(e.verdict, "warn" if e.verdict == "worse" else "")]
+    more = [number_cell(e.rotation.rms)] if e.position and e.rotation else []
+    return [text_cell(e.model), number_cell(size.rms),
+            number_cell(size.rms_low, _between(size.rms_low,
+            size.rms_high)), number_cell(size.p95), number_cell(size.max), *more,
+            number_cell(e.closer, sig(e.closer, 2) if e.verdict else ""),
+            number_cell(e.low, between),
+            text_cell(e.verdict, "warn" if e.verdict == "worse" else "")]
 
 
 def _between(low: float | None, high: float | None, digits: int = 3) -> str:

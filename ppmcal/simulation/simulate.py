@@ -200,7 +200,7 @@ def _environment(mechanism: Mechanism, direction: Array, velocity: Array, payloa
 
 def _recorded(with_effects: Mechanism, rows: Environment, scenario: Scenario) -> None:
     """Refuse effects that depend on what the scenario does not set."""
-    mend = {"payload": "conditions: {payload: [0, 20]}",
+    hint = {"payload": "conditions: {payload: [0, 20]}",
             "temperature": "conditions: {temperature: {mean: 20, swing: 4}}"}
     missing = missing_columns(with_effects, rows)
     if ORDER in missing:
@@ -208,7 +208,7 @@ def _recorded(with_effects: Mechanism, rows: Environment, scenario: Scenario) ->
                        "open", f"{scenario.source}: approach", f"Write `{ORDER}`")
     if missing:
         raise BadInput(f"an effect depends on {missing[0]}, which the scenario does not set",
-                       f"{scenario.source}: conditions", f"Add `{mend[missing[0]]}`")
+                       f"{scenario.source}: conditions", f"Add `{hint[missing[0]]}`")
 
 
 def _speeds(scenario: Scenario, shape: tuple[int, ...], rng: np.random.Generator) -> Array:

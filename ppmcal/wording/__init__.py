@@ -13,7 +13,7 @@ _NAME = "\0"
 """What stands for a name in the form of a sentence."""
 
 
-def counted(count: int, what: str) -> str:
+def pluralize(count: int, what: str) -> str:
     """Return ``1 row``, ``2 rows``."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 
@@ -35,7 +35,8 @@ MOST = 3
 """So many of a kind are named; the others are counted, and said to be where they are."""
 
 
-def some(names: Sequence[str], where: str = "", most: int = MOST, joint: str = ", ") -> str:
+def abbreviate_list(names: Sequence[str], where: str = "", most: int = MOST,
+                    joint: str = ", ") -> str:
     """Return ``a, b, c`` of few; of many ``a, b, c and 4 more (all in FILE)``."""
     if len(names) <= most + 1:    # "and 1 more" is as long as the one
         return joint.join(names)
@@ -43,12 +44,12 @@ def some(names: Sequence[str], where: str = "", most: int = MOST, joint: str = "
     return f"{joint.join(names[:most])} and {len(names) - most} more{rest}"
 
 
-def gathered(lines: Sequence[str], where: str) -> list[str]:
+def collapse_similar(lines: Sequence[str], where: str) -> list[str]:
     """Return sentences, those that state one fact of several files, rows or names as one.
 
     A fact of several files or rows names them before it: ``a.csv, b.csv: ...``. Of more than
     three that differ elsewhere too the first stands for all, with what the others are about.
-    ``where``: where all of them can be read.
+    ``actuator_list``: where all of them can be read.
     """
     kinds: dict[str, list[tuple[str, list[str]]]] = {}
     for line in dict.fromkeys(lines):
@@ -101,18 +102,18 @@ def _few(names: Sequence[str], where: str) -> str:
     return ", ".join(few) if more <= 1 else f"{', '.join(few[:MOST])} and {more} more ({where})"
 
 
-def where(on: Sequence[Any], total: int) -> str:
+def actuator_list(on: Sequence[Any], total: int) -> str:
     """Return ``leg1, leg2`` or ``all 6 actuators``; empty for the whole machine."""
     if total > 1 and len(on) == total:
         return f"all {total} actuators"
     return ", ".join(str(a) for a in on)
 
 
-def shorter(label: str, total: int) -> str:
+def shorten_label(label: str, total: int) -> str:
     """Return a label, ``gain on leg1, leg2``, in which a list of all actuators is one word."""
     kind, _, place = label.partition(" on ")
     names = place.split(", ") if place else []
-    return f"{kind} on {where(names, total)}" if names else kind
+    return f"{kind} on {actuator_list(names, total)}" if names else kind
 
 
 def causes(label: str) -> str:

@@ -1,7 +1,8 @@
 """What is under way, and how far it is: said from any layer, shown by whoever watches.
 
-Work says ``with stage("fitting")``, or ``begin("fitting")`` for one step after the other; where
-nobody watches that costs a microsecond. Say it for each pass over the rows, never for each row.
+Work says ``with stage("fitting")``, or ``start_stage("fitting")`` for one step after the other;
+where nobody watches that costs a microsecond. Say it for each pass over the rows, never for each
+row.
 
 A time left is given only where there is a basis: equal steps some of which are done, or stages
 whose shares of the whole were measured (:class:`course`), some of them over.
@@ -64,7 +65,7 @@ class Watch:
             found = stages[i].left(now, inner, found)
         return found
 
-    def told(self) -> None:
+    def notify(self) -> None:
         """Say to the listener what is new."""
         if self.listen is not None:
             self.listen(self.line())
@@ -105,7 +106,7 @@ class stage(ContextDecorator):
                 self.shares = self._watch.shares[self.name]
             self._watch.stages = (*self._watch.stages, self)
             if self.name:
-                self._watch.told()
+                self._watch.notify()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
@@ -148,7 +149,7 @@ class stage(ContextDecorator):
         """Say what is being done within it."""
         if self._watch is not None:
             self.text = f"{self.name}: {text}" if self.name else text
-            self._watch.told()
+            self._watch.notify()
 
     def left(self, now: float, inner: stage | None, inner_left: float | None) -> float | None:
         """Return how many seconds it still takes, None where there is no basis.
@@ -213,8 +214,8 @@ class course(stage):
         self.shares = shares or {"": 1.0}
 
 
-def begin(name: str) -> None:
-    """Say what is done from now on, until the next ``begin`` or the end of the stage around it."""
+def start_stage(name: str) -> None:
+    """Say what is done from now on, until the next ``start_stage`` or the outer stage's end."""
     watch = _WATCH.get()
     if watch is None:
         return
@@ -253,19 +254,19 @@ def watched() -> Watch | None:
     return _WATCH.get()
 
 
-def silent(text: str) -> None:
+def no_progress(text: str) -> None:
     """Take progress and show nothing."""
 
 
-def heard(function: Callable[P, R]) -> Callable[P, R]:
+def reports_progress(function: Callable[P, R]) -> Callable[P, R]:
     """Let a function's argument ``progress`` hear what the layers below it say.
 
     What the function began last ends with it.
     """
     @wraps(function)
     def listening(*args: P.args, **kwargs: P.kwargs) -> R:
-        progress = kwargs.get("progress", silent)
-        if progress is not silent and callable(progress):
+        progress = kwargs.get("progress", no_progress)
+        if progress is not no_progress and callable(progress):
             with watching(Watch(progress)):
                 return function(*args, **kwargs)
         found = function(*args, **kwargs)

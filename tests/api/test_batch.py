@@ -325,7 +325,7 @@ def test_a_fault_of_the_program_ends_one_campaign_alone(tmp_path, monkeypatch):
     assert "ZeroDivisionError: by chance" in ends[first].message
     assert not ends[second].failed
     assert set(ends) == {first, second}     # nothing to compare with
-    assert found.needs_a_look
+    assert found.has_findings
 
 
 @pytest.mark.slow

@@ -149,7 +149,7 @@ def test_plan_without_its_comparisons(break_):
     bare = ppmcal.plan(BENCH, count=4, seed=1)
     assert bare.plan.chosen == whole.plan.chosen
     assert len(left_out(bare.findings)) == 1
-    assert "plan.json" in bare.files() and not any("nan" in s for s in bare.record.said)
+    assert "plan.json" in bare.files() and not any("nan" in s for s in bare.record.summary)
 
 
 @pytest.mark.slow

@@ -148,7 +148,7 @@ def refused(words, call):
     """Assert that a call is refused with these words, a hint, and exit code 2 or 3."""
     with pytest.raises(PpmcalError, match=words) as found:
         call()
-    assert found.value.mend and found.value.exit_code in (2, 3)
+    assert found.value.hint and found.value.exit_code in (2, 3)
     return found.value
 
 
@@ -217,7 +217,7 @@ def test_targets_at_and_beyond_a_singularity_are_refused(unlimited, rz, why):
     found = had(face.compensate(model, seen([(500, 288.675, 30), (500, 288.675, rz)])))
     assert found.compensation.status == ("ok", "refused")
     assert why in found.compensation.reason[1]
-    assert np.isnan(found.compensation.q[1]).all() and found.needs_a_look
+    assert np.isnan(found.compensation.q[1]).all() and found.has_findings
 
 
 @pytest.mark.parametrize("rz", [0.0, 1e-6, 180.0])
@@ -355,9 +355,9 @@ def test_campaigns_of_any_size(identified, bench, tmp_path, factor):
         (identified, data(bench)), (model, data((side, table), machine)))]
     assert judged[1].noise == pytest.approx(judged[0].noise, rel=1e-5)
     model.save(tmp_path / "a")
-    assert not had(face.compare(tmp_path / "a", tmp_path / "a")).needs_a_look
+    assert not had(face.compare(tmp_path / "a", tmp_path / "a")).has_findings
     (tmp_path / "p.csv").write_text(f"x,y,rz\n{500 * factor!r},{288.675 * factor!r},30\n")
-    assert not had(face.export("grid", tmp_path / "a", poses=tmp_path / "p.csv")).needs_a_look
+    assert not had(face.export("grid", tmp_path / "a", poses=tmp_path / "p.csv")).has_findings
 
 
 # --- noise, tolerances, options -----------------------------------------------------------------
@@ -424,7 +424,7 @@ def test_tolerances_of_everything_are_no_prior(bench, identified, tmp_path, tole
     assert np.abs(a.q - b.q).max() < 1e-4
     had(face.validate(model, data(bench)))
     model.save(tmp_path / "a")
-    assert not had(face.compare(tmp_path / "a", tmp_path / "a")).needs_a_look
+    assert not had(face.compare(tmp_path / "a", tmp_path / "a")).has_findings
 
 
 @pytest.mark.parametrize(("call", "words"), [
@@ -510,7 +510,7 @@ def test_validate_says_that_rows_are_of_another_machine(bench, identified):
         x, y = limb["base"]["point"]
         limb["base"]["point"] = [x + 30 * i, y - 20 * i]
     found = face.validate(identified, data(measured(other, plan(), seed=5)))
-    assert had(found).needs_a_look
+    assert had(found).has_findings
     assert any("another machine" in f for f in found.findings), found.findings
     own = face.validate(identified, data(bench))
     assert len(own.findings) == 1 and "was fitted to these measurements" in own.findings[0]
@@ -523,7 +523,7 @@ def test_compare_of_the_same_data_finds_no_difference(bench, identified, saved, 
     for i, model in enumerate((face.identify(TREE, data(bench), holdout=0.2), identified)):
         model.save(tmp_path / str(i))
         found = had(face.compare(saved, tmp_path / str(i)))
-        assert not found.comparison.changed and not found.needs_a_look
+        assert not found.comparison.changed and not found.has_findings
         assert "nothing has changed" in found.headline()
     other = tree()
     other["limbs"][1]["base"]["point"][0] += 3.0
@@ -546,7 +546,7 @@ def test_grids_of_poses_that_cannot_be(saved, tmp_path, rows, words):
 @pytest.mark.slow
 def test_grids_and_tables_that_can(saved, tmp_path):
     (tmp_path / "p.csv").write_text("x,y,rz\n" + "500,288.675,30\n" * 4 + "500,288.675,0\n")
-    assert had(face.export("grid", saved, poses=tmp_path / "p.csv")).needs_a_look
+    assert had(face.export("grid", saved, poses=tmp_path / "p.csv")).has_findings
     had(face.export("joints", saved))
 
 

@@ -415,7 +415,7 @@ def test_a_folder_of_everything_is_not_searched_for_ever(tmp_path: Path,
         (tmp_path / f"{n}").mkdir()
     with pytest.raises(BadInput, match="too many folders") as caught:
         face.verify(tmp_path)
-    assert str(tmp_path) in caught.value.where and "results itself" in caught.value.mend
+    assert str(tmp_path) in caught.value.where and "results itself" in caught.value.hint
     (tmp_path / "5").rmdir()
     with pytest.raises(BadInput, match="no results"):
         face.verify(tmp_path)

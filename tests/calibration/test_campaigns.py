@@ -120,7 +120,7 @@ def test_days_are_sessions(why: str) -> None:
     assert np.array_equal(datasets[1].numbers(), np.arange(1, ROWS + 1) + ROWS)
     labels = pose_labels(datasets)
     assert not set(labels[0]) & set(labels[1])
-    assert "several days" in one_session().mend
+    assert "several days" in one_session().hint
 
 
 def test_heights_and_distances_of_a_printer_are_one_session() -> None:

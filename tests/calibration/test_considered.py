@@ -11,7 +11,7 @@ from helpers.commands import ppmcal
 from helpers.instruments import data_of, joints
 from helpers.paths import ROOT
 
-from ppmcal.calibration.compensation.commands import Knowledge, prediction_jacobian
+from ppmcal.calibration.compensation.commands import ParameterCovariance, prediction_jacobian
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
@@ -102,7 +102,7 @@ def test_promises_count_what_was_held_as_far_as_nothing_made_up_for_it() -> None
         real = pose_vector(forward(Model(mechanism, g), wanted).pose)
         square[0] += np.mean(np.sum((real - pose)[:, :3] ** 2, axis=1))
         whole = kept.beside(prediction_covariance(fit))
-        knowledge = Knowledge((*fit.problem.columns, *kept.names), whole, {}, {}, {})
+        knowledge = ParameterCovariance((*fit.problem.columns, *kept.names), whole, {}, {}, {})
         jacobian = prediction_jacobian(model, Registration(), pose, wanted, knowledge, "",
                                        unknown_environment(*wanted.shape))
         bare, own = whole.copy(), len(fit.problem.columns)

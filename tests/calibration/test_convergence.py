@@ -13,13 +13,13 @@ from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior
 from ppmcal.calibration.fit.fitting import identify, loss
 from ppmcal.calibration.fit.linearisation import normal_step, parameter_scale
 from ppmcal.calibration.fit.problem import Problem, squares_by_noise_of, white_squares
-from ppmcal.calibration.fit.registration_freedoms import fall, opened
+from ppmcal.calibration.fit.registration_freedoms import opened, significant_improvement
 from ppmcal.calibration.validation.frozen_models import _worth
 from ppmcal.io import read_mechanism, read_scenario
 
 
 def left_to_gain(fit: Fit) -> float:
-    return normal_step(fit.problem, fit.state, fit.reduced, fit.prior).step()[1]
+    return normal_step(fit.problem, fit.state, fit.information, fit.prior).step()[1]
 
 
 def bent(seed: int) -> Problem:
@@ -87,4 +87,5 @@ def test_registrations_are_compared_by_one_noise(seed: int) -> None:
     least = white_squares(*other, rows)[0]
     assert white_squares(*one, rows)[0] < least
     assert squares_by_noise_of(one, other, rows) > 1.5 * least
-    assert fall(squares_by_noise_of(one, other, rows), least) > 0.2 and _worth(narrow, wide)
+    assert significant_improvement(squares_by_noise_of(one, other, rows),
+                                   least) > 0.2 and _worth(narrow, wide)

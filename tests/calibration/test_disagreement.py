@@ -14,7 +14,7 @@ from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.noise_estimate import noise_check, with_noise
 from ppmcal.calibration.fit.problem import Problem
-from ppmcal.calibration.knowledge import disagreement as module
+from ppmcal.calibration.knowledge import session_variance as module
 from ppmcal.calibration.knowledge.intervals import by_blocks
 from ppmcal.calibration.knowledge.session_clusters import Clusters, Components
 from ppmcal.calibration.validation.summary import Identification, report

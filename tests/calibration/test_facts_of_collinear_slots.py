@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppmcal.calibration.fit.linearisation import QRFactor
+from ppmcal.calibration.fit.linearisation import SquareRootInformation
 from ppmcal.calibration.knowledge import identifiability_report as identifiability
 from ppmcal.calibration.knowledge.identifiability_report import (
     CALIPER,
@@ -35,7 +35,8 @@ def found(monkeypatch: pytest.MonkeyPatch, rows: Array, columns: dict[str, dict[
     fit: Any = SimpleNamespace(
         problem=SimpleNamespace(free=tuple(range(count)), mechanism=None), prior=weights,
         stated=np.zeros(count),
-        scale=np.ones(count), reduced=QRFactor(np.linalg.qr(rows)[1], np.zeros(count), 0.0, 99))
+        scale=np.ones(count),
+        information=SquareRootInformation(np.linalg.qr(rows)[1], np.zeros(count), 0.0, 99))
     known = np.linalg.inv(rows.T @ rows + np.diag(weights**2)) if after is None else after
     monkeypatch.setattr(identifiability, "posterior", lambda fit: known)
     monkeypatch.setattr(identifiability, "kinds_of", lambda mechanism, free: columns)

@@ -11,16 +11,16 @@ import pytest
 from numpy.typing import NDArray
 
 from ppmcal.calibration.knowledge import intervals
-from ppmcal.calibration.knowledge.disagreement import Disagreement
 from ppmcal.calibration.knowledge.intervals import (
     BLOCKS,
     LEAST_ROWS,
     by_blocks,
     by_sessions,
-    honest,
+    cluster_robust,
     in_words,
     spatial_blocks,
 )
+from ppmcal.calibration.knowledge.session_variance import SessionVariance
 
 Array = NDArray[np.float64]
 
@@ -43,10 +43,10 @@ def fit_of(*files: Array, keep: list[NDArray[np.bool_]] | None = None, free: tup
 
 
 def answer(half: tuple[float, float], labels: tuple[str, ...] = ("a 1", "a 2"),
-           **more: Any) -> Disagreement:
+           **more: Any) -> SessionVariance:
     none = np.zeros((2, 1))
-    return Disagreement(labels, np.eye(2), np.array(half), 0.0, none, none, np.ones(1),
-                        np.zeros(1), {}, **more)
+    return SessionVariance(labels, np.eye(2), np.array(half), 0.0, none, none, np.ones(1),
+                           np.zeros(1), {}, **more)
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
     monkeypatch.setattr(intervals, "clusters", clusters)
     monkeypatch.setattr(intervals, "differs", lambda fit, labels, inflation: True)
-    monkeypatch.setattr(intervals, "disagreement", lambda fit, labels, *more: answer(
+    monkeypatch.setattr(intervals, "session_variance", lambda fit, labels, *more: answer(
         (2.0, 0.0) if labels[0].startswith("order") else (1.0, 999.0), tuple(labels)))
     return seen
 
@@ -115,7 +115,7 @@ def test_neighbours_are_halved_where_they_are_widest() -> None:
 def test_intervals_of_sessions_hold_those_of_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(intervals, "by_sessions", lambda fit, inflation: answer((3.0, 4.0)))
     monkeypatch.setattr(intervals, "by_blocks", lambda fit, inflation: answer((5.0, 1.0)))
-    sessions, blocks = honest(fit_of(), 1.0)
+    sessions, blocks = cluster_robust(fit_of(), 1.0)
     assert sessions is not None
     assert blocks is not None
     assert (sessions.half.tolist(), blocks.half.tolist()) == ([5.0, 4.0], [5.0, 1.0])

@@ -12,7 +12,7 @@ from helpers.posteriors import sigma_of
 from numpy.typing import NDArray
 
 import ppmcal
-from ppmcal.calibration.compensation.commands import Knowledge, compensate, model_sigma
+from ppmcal.calibration.compensation.commands import ParameterCovariance, compensate, model_sigma
 from ppmcal.calibration.fit.linearisation import (
     NormalStep,
     SummedStep,
@@ -20,7 +20,7 @@ from ppmcal.calibration.fit.linearisation import (
     parameter_scale,
     prior_weights,
 )
-from ppmcal.calibration.fit.prior_information import Earlier, Posterior, of_data
+from ppmcal.calibration.fit.prior_information import Posterior, PriorInformation, of_data
 from ppmcal.calibration.fit.rank import analyse, observability, pivoted
 from ppmcal.calibration.knowledge.extrapolation import FAR_OUTSIDE, STILL
 from ppmcal.calibration.knowledge.identifiability_report import CALIPER, Scale
@@ -172,7 +172,7 @@ def test_earlier_rows_and_their_slope() -> None:
     rng = np.random.default_rng(6)
     value = np.array([0.3, 2e7, -0.1])
     matrix, right = rng.normal(size=(5, 3)) / np.abs(value), rng.normal(size=5)
-    earlier = Earlier((2, 0, 1), matrix[:, [2, 0, 1]], right, value[[2, 0, 1]])
+    earlier = PriorInformation((2, 0, 1), matrix[:, [2, 0, 1]], right, value[[2, 0, 1]])
     mechanism: Any = SimpleNamespace(parameters=[
         SimpleNamespace(reciprocal=r) for r in (False, True, False)])
     g = value * np.array([1.1, 0.7, 0.9])
@@ -270,9 +270,9 @@ def test_commands_take_the_machine_to_where_it_is_wanted() -> None:
     assert np.isnan(found.sigma_position).all()
 
 
-def knowledge(mechanism: Mechanism, sigma: float, **more: Any) -> Knowledge:
+def knowledge(mechanism: Mechanism, sigma: float, **more: Any) -> ParameterCovariance:
     names = tuple(mechanism.names[p] for p in mechanism.free[:3])
-    return Knowledge(names, sigma**2 * np.eye(3), more.pop("volume", {}), {}, {}, **more)
+    return ParameterCovariance(names, sigma**2 * np.eye(3), more.pop("volume", {}), {}, {}, **more)
 
 
 def test_the_uncertainty_of_commands_is_that_of_the_parameters() -> None:

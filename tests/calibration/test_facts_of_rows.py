@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppmcal.calibration.compensation import Knowledge, compensate
+from ppmcal.calibration.compensation import ParameterCovariance, compensate
 from ppmcal.calibration.fit import linearisation as least_squares
 from ppmcal.calibration.fit.linearisation import qr_factor
 from ppmcal.calibration.fit.observation import pivot
@@ -49,8 +49,8 @@ def test_one_triangle_is_all_rows_and_the_earlier_ones(monkeypatch: pytest.Monke
     a = np.concatenate([*(p.reshape(-1, 4)[:, :3] for p in pieces),
                         np.column_stack([before[:, :2], np.zeros(7)])])
     b = np.concatenate([*(p.reshape(-1, 4)[:, 3] for p in pieces), before[:, 2]])
-    np.testing.assert_allclose(found.triangle.T @ found.triangle, a.T @ a, atol=1e-9)
-    np.testing.assert_allclose(found.triangle.T @ found.right, a.T @ b, atol=1e-9)
+    np.testing.assert_allclose(found.root.T @ found.root, a.T @ a, atol=1e-9)
+    np.testing.assert_allclose(found.root.T @ found.right, a.T @ b, atol=1e-9)
     assert found.square == pytest.approx(float(b @ b))
     assert found.count == b.size
     problem.earlier = None
@@ -110,7 +110,7 @@ def test_a_row_that_is_refused_already_keeps_its_reason() -> None:
     wanted[:, 0] += [100.0, 1e-3]
     wanted[:, 1] += 1e-3
     volume = {"x": (-1.0, -0.9), "y": (-1.0, -0.9)}
-    known = Knowledge((), np.zeros((0, 0)), volume, {}, {})
+    known = ParameterCovariance((), np.zeros((0, 0)), volume, {}, {})
     found = compensate(mechanism, wanted, Registration(), known)
     assert found.status == ("refused", "refused")
     assert "measured volume" not in found.reason[0]

@@ -77,7 +77,7 @@ def test_two_plain_steps_go_through_a_curved_valley(monkeypatch: pytest.MonkeyPa
     np.testing.assert_allclose(at.x, [1.0, 1.0], atol=1e-12)
     assert found.converged
     assert (found.iterations, found.summed) == (2, 1)
-    assert found.reduced is not None
+    assert found.information is not None
     assert search.costs == 2
 
 
@@ -90,7 +90,7 @@ def test_ill_conditioned_sums_are_left_for_the_triangle(monkeypatch: pytest.Monk
 
 def test_a_rough_search_makes_no_triangle(monkeypatch: pytest.MonkeyPatch) -> None:
     found = Search(monkeypatch, valley, valley_slope).run(-1.2, 1.0, rough=True)
-    assert found.reduced is None
+    assert found.information is None
     assert (found.converged, found.summed) == (True, found.iterations)
 
 
@@ -123,7 +123,7 @@ def test_no_way_down_is_a_minimum_where_next_to_nothing_was_promised(
     assert at.x.tolist() == [0.0]
     assert found.converged is level
     assert found.iterations == 1
-    assert found.reduced is not None
+    assert found.information is not None
 
 
 @pytest.mark.parametrize(("left", "near"), [(1e-2, True), (1.0, True), (10.0, False)])

@@ -90,7 +90,7 @@ def test_the_scale_is_found_with_its_sigma(kind: str) -> None:
     assert sigma < 3e-3 and abs(found - SCALE) < 2e-3 + 4.0 * sigma
     frozen = identify(Problem(mechanism, (replace(data, scale=Unknown(False, np.ones(1))),),
                               lengths), FitOptions(robust=False))
-    assert fit.reduced.square < frozen.reduced.square
+    assert fit.information.square < frozen.information.square
 
 
 def test_forward_and_back_agree() -> None:

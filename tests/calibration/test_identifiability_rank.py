@@ -281,10 +281,10 @@ def test_repeated_and_permuted_runs_agree(name: str) -> None:
 def test_units_of_the_file_do_not_change_the_choice(name: str) -> None:
     fit = fit_of(setup(name), "position", True)
     count = len(fit.problem.free)
-    first = analyse(fit.reduced.triangle, count, fit.scale[:count])
+    first = analyse(fit.information.root, count, fit.scale[:count])
     unit = np.array([1e3 if p.quantity == "length" else 57.3 for p in
                      (fit.problem.mechanism.parameters[i] for i in fit.problem.free)])
-    columns = fit.reduced.triangle.copy()
+    columns = fit.information.root.copy()
     columns[:, :count] /= unit
     again = analyse(columns, count, fit.scale[:count] * unit)
     assert (again.kept, again.dropped) == (first.kept, first.dropped)
@@ -294,7 +294,7 @@ def test_units_of_the_file_do_not_change_the_choice(name: str) -> None:
 def test_a_redundant_parameter_acts_like_what_it_depends_on(name: str) -> None:
     fit = fit_of(setup(name), "pose", False)
     columns = list(fit.problem.columns)
-    triangle = fit.reduced.triangle
+    triangle = fit.information.root
     largest = float(np.linalg.norm(triangle * fit.scale, axis=0).max())
     redundant = rank_of(fit)[2]
     assert redundant

@@ -18,7 +18,7 @@ from helpers.machines import KINDS, delta, full, read_text, spread
 from helpers.paths import ROOT
 from numpy.typing import NDArray
 
-from ppmcal.calibration.compensation.commands import Knowledge, compensate
+from ppmcal.calibration.compensation.commands import ParameterCovariance, compensate
 from ppmcal.calibration.fit.fit_result import Fit, FitOptions, posterior
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.observation import coordinates
@@ -333,7 +333,7 @@ def test_missing_values_are_left_out_and_nothing_else(name: str) -> None:
     fit = identify(replace(made.problem, datasets=(data,)))
     assert_exact(fit, made)
     seen = np.concatenate([position, rotation], axis=1)[:, coordinates(data, mechanism.motion)]
-    assert fit.reduced.count == int(np.isfinite(seen).sum())
+    assert fit.information.count == int(np.isfinite(seen).sum())
 
 
 @pytest.mark.parametrize("noise", [0.0, 3e-6], ids=["", "joint-noise"])
@@ -396,9 +396,9 @@ def test_damped_scheme_converges_on_the_papers_machine() -> None:
     assert fit.converged and small.converged
     assert small.iterations < fit.iterations
     # both end in the same place, with all rows weighted alike: near the least chi-squared
-    assert fit.reduced.square == pytest.approx(small.reduced.square, abs=0.2)
+    assert fit.information.square == pytest.approx(small.information.square, abs=0.2)
     flat = identify(made.problem, FitOptions("flat", robust=False))
-    assert flat.reduced.square <= fit.reduced.square < 1.2 * flat.reduced.square
+    assert flat.information.square <= fit.information.square < 1.2 * flat.information.square
 
 
 def test_damped_scheme_that_has_not_converged_says_so() -> None:
@@ -540,10 +540,10 @@ def test_per_file_homing_finds_the_shift_of_the_zeros() -> None:
     assert [c for c in problem.columns if c.startswith("homing.")] == [
         f"homing.leg{i} of b2" for i in (1, 2, 3)]
     np.testing.assert_allclose(registrations[1].homing, shift, rtol=0.0, atol=1e-6)
-    assert np.sqrt(fit.reduced.square / fit.reduced.count) < 1.0, again.data.name
+    assert np.sqrt(fit.information.square / fit.information.count) < 1.0, again.data.name
     tied = replace(moved, homing="shared")
     blind = identify(replace(problem, datasets=(first.data, tied)), FitOptions(robust=False))
-    assert blind.reduced.square > 1e6
+    assert blind.information.square > 1e6
 
 
 def test_a_shared_frame_is_fitted_once() -> None:
@@ -562,7 +562,7 @@ def test_a_shared_frame_is_fitted_once() -> None:
     flipped = identify(replace(problem, datasets=(same, first.data)))
     assert [c for c in flipped.problem.columns if c.startswith("frame.")] == [
         f"frame.{c} of a" for c in ("x", "y", "rz")]
-    assert flipped.converged and flipped.reduced.square < flipped.reduced.count
+    assert flipped.converged and flipped.information.square < flipped.information.count
     np.testing.assert_allclose(flipped.state.g, fit.state.g, rtol=0.0, atol=1e-8)
 
 
@@ -675,8 +675,8 @@ def measured(mechanism: Mechanism, registration: Registration, pose: Array) -> A
 def assert_led(made: Run, result: Any, wanted: Array, true_registration: Registration,
                named: Sequence[int] | None = None) -> None:
     opens = result.fit.problem.opens
-    knowledge = Knowledge(result.columns, result.covariance, {}, {"a": opens[0].about},
-                          result.before_registrations)
+    knowledge = ParameterCovariance(result.columns, result.covariance, {}, {"a": opens[0].about},
+                                    result.before_registrations)
     done = compensate(result.mechanism, wanted, result.mechanism.registrations["a"], knowledge, "a")
     assert set(done.status) == {"ok"}, done.reason
     model = Model(made.mechanism, made.truth.g)

@@ -27,7 +27,7 @@ from ppmcal.model.mechanism import Mechanism
 PACKAGE = Path(ppmcal.__file__).parent
 KNOWN = {
     "calibration/fit/coverage.py": "the one place",
-    "calibration/knowledge/disagreement.py":
+    "calibration/knowledge/session_variance.py":
         "a tolerance, which is stated; the default of no noise",
     "calibration/knowledge/parameter_estimates.py": "the sigma that is as wide as an interval",
     "calibration/knowledge/identifiability_report.py": "before a fit the noise is as stated",

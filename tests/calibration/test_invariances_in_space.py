@@ -87,8 +87,8 @@ def answer(one, words=PLAIN):
     return Answer(
         {"rank": found.rank, "redundant": len(found.redundant), "sets": sets, "check": seen,
          "left out": left_out, "noise failed": found.noise.failed,
-         "needs a look": result.needs_a_look, "findings": len(result.findings),
-         "sent": [tuple(sent.compensation.status), sent.needs_a_look]},
+         "needs a look": result.has_findings, "findings": len(result.findings),
+         "sent": [tuple(sent.compensation.status), sent.has_findings]},
         errors, covariances,
         {"noise": found.noise.sigma_ratio, "chi2": found.noise.chi2,
          "before": float(result.record.residual.before["position"].rms * length),

@@ -32,7 +32,7 @@ from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.interpretation.data_check import check
-from ppmcal.calibration.interpretation.misread import Misread
+from ppmcal.calibration.interpretation.interpretation_error import InterpretationError
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes, stale
 from ppmcal.calibration.interpretation.read_rightly import (
     misfit,
@@ -41,13 +41,13 @@ from ppmcal.calibration.interpretation.read_rightly import (
     refuse_misread,
     refuse_other_machine,
 )
-from ppmcal.calibration.interpretation.readings import FileReading
+from ppmcal.calibration.interpretation.readings import ColumnInterpretation
 from ppmcal.calibration.interpretation.wrong_rows import wrong_parts, wrong_rows
 from ppmcal.calibration.validation.residual_vectors import held_out, residuals
 from ppmcal.commands.inputs import load, prepared, read_data, shipped
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.errors import BadInput
-from ppmcal.io.results.misreading import misreading_entries
+from ppmcal.io.results.interpretation import misreading_entries
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.pose_readings import understood, written
 from ppmcal.kinematics.rotations import ORDERS
@@ -131,7 +131,7 @@ def mended(path: Path, block: object) -> None:
 def test_a_mistake_is_named_and_its_mend_mends(tmp_path: Path, name: str) -> None:
     change, kinds = WRONG[name]
     path = session(tmp_path, change)
-    with pytest.raises(Misread) as refused:
+    with pytest.raises(InterpretationError) as refused:
         refuse_misread(problem_of(path))
     (found,) = refused.value.found
     assert {m.kind for m in found.mistakes} == kinds
@@ -143,9 +143,9 @@ def test_a_mistake_is_named_and_its_mend_mends(tmp_path: Path, name: str) -> Non
 @pytest.mark.slow
 def test_the_mend_of_the_message_can_be_copied(tmp_path: Path) -> None:
     path = session(tmp_path, both(swapped, euler("xyz")))
-    with pytest.raises(Misread) as refused:
+    with pytest.raises(InterpretationError) as refused:
         refuse_misread(problem_of(path))
-    line = re.search(r"`read: (.*)`", refused.value.mend)
+    line = re.search(r"`read: (.*)`", refused.value.hint)
     assert line is not None
     mended(path, yaml.safe_load(line[1]))
     assert misfit(problem_of(path)).nominal < 1.0
@@ -158,9 +158,9 @@ def test_sigma_goes_with_the_unit_of_the_whole_file(tmp_path: Path, unit: str) -
     right = problem_of(session(tmp_path / "right")).datasets[0]
     path = session(tmp_path / "wrong", None, lambda text: text.replace(
         "length: mm", f"length: {unit}"))
-    with pytest.raises(Misread) as refused:
+    with pytest.raises(InterpretationError) as refused:
         refuse_misread(problem_of(path))
-    lines = [yaml.safe_load(line) for line in re.findall(r"`(.*?)`", refused.value.mend)]
+    lines = [yaml.safe_load(line) for line in re.findall(r"`(.*?)`", refused.value.hint)]
     assert [list(line) for line in lines] == [["read"], ["instrument"]]
     mended(path, lines[0]["read"])
     sidecar = path.with_suffix(".yaml")
@@ -178,17 +178,17 @@ def test_sigma_goes_with_the_unit_of_the_whole_file(tmp_path: Path, unit: str) -
 def test_a_sigma_that_is_right_stays(tmp_path: Path) -> None:
     """Positions in inches, and the tracker's sigma as its maker states it, mm."""
     path = session(tmp_path, scaled(("x", "y", "z"), 1.0 / 25.4))
-    with pytest.raises(Misread) as refused:
+    with pytest.raises(InterpretationError) as refused:
         refuse_misread(problem_of(path))
     assert [m.sigma for m in refused.value.found] == [{}]
-    assert "sigma" not in refused.value.mend
+    assert "sigma" not in refused.value.hint
 
 
 @pytest.mark.slow
 def test_a_second_mistake_is_added_to_what_the_sidecar_says_already(tmp_path: Path) -> None:
     path = session(tmp_path, both(swapped, scaled(("x", "y", "z"), 1e-3)))
     mended(path, {"units": {"x": "m", "y": "m", "z": "m"}})
-    with pytest.raises(Misread) as refused:
+    with pytest.raises(InterpretationError) as refused:
         refuse_misread(problem_of(path))
     block = refused.value.found[0].block
     assert block == {"columns": {"q_leg2": "q_leg3", "q_leg3": "q_leg2"},
@@ -208,7 +208,7 @@ def test_a_radius_for_a_diameter(tmp_path: Path, scale: float, end: str, word: s
     wrong.write_text(yaml.safe_dump(content), encoding="utf-8")
     machine = load(wrong)
     path = session(tmp_path / "data")
-    with pytest.raises(Misread) as refused:
+    with pytest.raises(InterpretationError) as refused:
         refuse_misread(Problem(machine, read_data(machine, path), machine.free))
     (found,) = refused.value.found
     assert found.mistakes[0].kind == "radius" and found.block is None
@@ -375,10 +375,10 @@ def test_a_planar_machine_is_searched_too() -> None:
     machine = load(shipped("3-RPR"))
     pose = np.random.default_rng(2).uniform(-1.0, 1.0, (40, 3)) * [60.0, 60.0, 0.3]
     data = _planar_data(machine, pose)
-    plain = FileReading.as_declared(machine, data)
+    plain = ColumnInterpretation.as_declared(machine, data)
     read_so = replace(plain, joints=replace(plain.joints, order=(1, 0, 2)),
                       turns=replace(plain.turns, signs=(1, 1, -1))).of(data)
-    with pytest.raises(Misread) as refused:
+    with pytest.raises(InterpretationError) as refused:
         refuse_misread(Problem(machine, (read_so,), machine.free))
     assert {m.kind for m in refused.value.found[0].mistakes} == {"permuted", "sign"}
 
@@ -386,7 +386,7 @@ def test_a_planar_machine_is_searched_too() -> None:
 def test_a_planar_machine_is_told_of_columns_that_it_has() -> None:
     machine = load(shipped("3-RPR"))
     data = _planar_data(machine, np.zeros((3, 3)))
-    plain = FileReading.as_declared(machine, data)
+    plain = ColumnInterpretation.as_declared(machine, data)
     inches = replace(plain, places=replace(plain.places, units=("in",) * 3),
                      turns=replace(plain.turns, units=("rad",) * 3))
     assert [m.columns for m in inches.mistakes(data)] == [("x", "y"), ("rz",)]
@@ -423,12 +423,12 @@ def test_a_unit_that_makes_everything_small_explains_nothing(tmp_path: Path, cas
 def test_another_zero_is_named_where_no_row_has_a_pose(tmp_path: Path, machine: str) -> None:
     problem = campaign(tmp_path, "outside-limits", machine)
     truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
-    with pytest.raises(Misread) as refused:
+    with pytest.raises(InterpretationError) as refused:
         refuse_misread(problem)
     (mistake,) = refused.value.found[0].mistakes
     assert (mistake.kind, list(mistake.columns)) == (
         "outside-limits", truth["mistakes"][0]["columns"])
-    assert "Correct the zero of" in refused.value.mend
+    assert "Correct the zero of" in refused.value.hint
 
 
 def test_limits_are_not_told_beside_what_explains_them(tmp_path: Path) -> None:
@@ -443,15 +443,16 @@ def test_limits_are_not_told_beside_what_explains_them(tmp_path: Path) -> None:
 def test_a_diameter_is_named_where_home_cannot_be_reached(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="cannot be reached") as refused:
         misfit(campaign(tmp_path, "radius-base", "3-RRR"))
-    assert "base points are twice as far out" in refused.value.mend
-    assert "a diameter for a radius?" in refused.value.mend
+    assert "base points are twice as far out" in refused.value.hint
+    assert "a diameter for a radius?" in refused.value.hint
 
 
 @pytest.mark.slow
 def test_a_diameter_that_tolerances_hide_is_named_by_what_the_fit_leaves(tmp_path: Path) -> None:
     problem = campaign(tmp_path, "radius-platform", "crank-hexapod", 120)
     assert not misfit(problem).misread
-    with pytest.raises(Misread, match="the platform points are twice as far out") as refused:
+    with pytest.raises(InterpretationError,
+                       match="the platform points are twice as far out") as refused:
         refuse_after_fit(identify(problem))
     assert refused.value.found[0].block is None
 
@@ -473,7 +474,7 @@ def test_what_happens_in_mid_run_is_no_misreading(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_geometry_that_absorbs_another_machine_is_refused(tmp_path: Path) -> None:
     problem = campaign(tmp_path, "other-machine", "delta-linear")
-    with pytest.raises(Misread, match="Is this the right mechanism file"):
+    with pytest.raises(InterpretationError, match="Is this the right mechanism file"):
         refuse_other_machine(identify(problem))
 
 
@@ -487,7 +488,7 @@ def test_commands_refuse_the_file_of_another_machine(tmp_path: Path) -> None:
     for entries in (checked, json.loads(done.out)["misreadings"]):
         assert [e["kind"] for e in entries if e["kind"] != "outside-limits"] == ["other-machine"]
     assert "Is this the right mechanism file?" in " ".join(done.err.split())
-    with pytest.raises(Misread, match="Is this the right mechanism file"):
+    with pytest.raises(InterpretationError, match="Is this the right mechanism file"):
         diagnose(problem, DiagnosisOptions())
     # who says that tolerances are none is believed
     flat = ppmcal("identify", *paths, "--out", tmp_path / "o", "--prior", "flat")
@@ -497,7 +498,7 @@ def test_commands_refuse_the_file_of_another_machine(tmp_path: Path) -> None:
 @pytest.mark.parametrize("machine", ["delta-linear", "hexapod"])
 def test_rows_that_hold_each_others_measurements_are_told(tmp_path: Path, machine: str) -> None:
     problem = campaign(tmp_path, "shuffled", machine)
-    with pytest.raises(Misread, match="rows are in another order") as refused:
+    with pytest.raises(InterpretationError, match="rows are in another order") as refused:
         refuse_after_fit(identify(problem))
     (mistake,) = refused.value.found[0].mistakes
     assert mistake.kind == "shuffled" and refused.value.found[0].block is None
@@ -520,7 +521,7 @@ def test_a_mistake_in_a_stretch_is_told_with_its_rows(tmp_path: Path, case: str,
                                                       ) -> None:
     campaign(tmp_path, case, machine)
     (true,) = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))["mistakes"]
-    with pytest.raises(Misread) as refused:
+    with pytest.raises(InterpretationError) as refused:
         api_identify(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"])
     (found,) = refused.value.found
     assert [m.kind for m in found.mistakes] == [true["kind"]] and found.block is None

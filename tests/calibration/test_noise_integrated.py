@@ -70,7 +70,9 @@ def test_what_is_held_does_not_grow_with_the_noise(stage: Mechanism) -> None:
     """
     options = FitOptions("flat", robust=False)
     fit, _ = fitted(stage, 1, 1.0, options)
-    fit = replace(fit, reduced=replace(fit.reduced, count=fit.reduced.count - noise_parts(fit)[1]))
+    fit = replace(fit,
+                  information=replace(fit.information,
+                                      count=fit.information.count - noise_parts(fit)[1]))
     assert noise_parts(fit)[1] == 0
     column, rng = int(np.argmin(np.diagonal(posterior(fit)))), np.random.default_rng(5)
     variance = float(np.diagonal(posterior(fit))[column])

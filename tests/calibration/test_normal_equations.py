@@ -176,8 +176,8 @@ def test_compiled_sums_are_those_of_the_rows(name: str) -> None:
         squares = row_squares(problem, state, 0, keep[0])
     np.testing.assert_allclose(squares, by_rows, rtol=1e-10)
     np.testing.assert_allclose(few, by_rows, rtol=1e-10)
-    matrix = reduced.triangle.T @ reduced.triangle
-    gradient = reduced.triangle.T @ reduced.right
+    matrix = reduced.root.T @ reduced.root
+    gradient = reduced.root.T @ reduced.right
     size = np.sqrt(np.diagonal(matrix))
     floor = 1e-3 * size.max()
     for found in (plain, fast):
@@ -201,7 +201,7 @@ def test_drives_that_scatter_are_in_the_sums_of_many_rows_too() -> None:
         reduced = qr_factor(problem, state, keep, weights)
     with rows_from(1):
         fast = normal_sums(problem, state, keep, weights)
-    matrix = reduced.triangle.T @ reduced.triangle
+    matrix = reduced.root.T @ reduced.root
     np.testing.assert_allclose(fast.matrix, matrix, rtol=0.0, atol=1e-10 * matrix.max())
     assert fast.square == pytest.approx(reduced.square, rel=1e-10)
 
@@ -252,7 +252,7 @@ def same_fit(one: Fit, other: Fit) -> None:
     assert np.abs((one.state.g - other.state.g)[free] / sigma).max() < 1e-7
     assert np.abs((one.state.g - other.state.g)[free]).max() < 1e-11
     assert one.iterations == other.iterations
-    assert one.reduced.square == pytest.approx(other.reduced.square, rel=1e-9)
+    assert one.information.square == pytest.approx(other.information.square, rel=1e-9)
     np.testing.assert_allclose(np.diagonal(posterior(other)), np.diagonal(posterior(one)),
                                rtol=1e-9)
 

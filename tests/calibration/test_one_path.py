@@ -13,7 +13,7 @@ import yaml
 
 import ppmcal
 from ppmcal import check, identify
-from ppmcal.calibration.interpretation.misread import Misread
+from ppmcal.calibration.interpretation.interpretation_error import InterpretationError
 from ppmcal.commands.inputs import load, shipped
 from ppmcal.kinematics.pose_readings import written
 from ppmcal.model.dataset import Dataset, Unknown
@@ -59,7 +59,7 @@ def a_row_late(data: Dataset) -> Dataset:
 
 def said(machine: Mechanism, *data: Dataset) -> list[list[tuple[str, str]]]:
     """Return source and kind of each mistake, as check and as identify tell them."""
-    with pytest.raises(Misread) as refused:
+    with pytest.raises(InterpretationError) as refused:
         identify(machine, list(data))
     return [[(m.source, x.kind) for m in found for x in m.mistakes]
             for found in (check(machine, list(data)).misreadings, refused.value.found)]
@@ -73,12 +73,12 @@ def test_what_the_sidecar_says_of_where_it_was_measured_is_doubted(
         kind: str, change: Callable[[Dataset], Dataset], name: str, mend: str) -> None:
     machine, data = measured(kind)
     data = change(data)
-    with pytest.raises(Misread) as refused:
+    with pytest.raises(InterpretationError) as refused:
         identify(machine, data)
     found = check(machine, data)
     for some in (found.misreadings, refused.value.found):
         assert [x.kind for m in some for x in m.mistakes] == [name]
-    assert mend in " ".join(found.findings) and mend in refused.value.mend
+    assert mend in " ".join(found.findings) and mend in refused.value.hint
 
 
 @pytest.mark.slow

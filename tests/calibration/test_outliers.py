@@ -134,7 +134,7 @@ def test_a_zero_that_moved_has_the_interval_of_an_estimated_noise() -> None:
     """Noise stated twice too small: its size is what few redundant values show, Student's t."""
     mechanism, data = two_sessions(2, 3e-3, 6)
     fit = fitted(mechanism, data.take(np.arange(60) >= 48).noisier(0.5), robust=False)
-    values = fit.reduced.count - len(fit.problem.columns) - len(mechanism.actuators)
+    values = fit.information.count - len(fit.problem.columns) - len(mechanism.actuators)
     least = stdtrit(LEAST + values + len(fit.problem.free), 0.975)
     found = list(homing_shifts(fit))
     assert "leg2" in [s.actuator for s in found]

@@ -15,15 +15,19 @@ from wild import catalogue
 
 from ppmcal.calibration.fit import Problem
 from ppmcal.calibration.interpretation.candidates import joint_readings, pose_readings
+from ppmcal.calibration.interpretation.interpretation_error import (
+    FileFault,
+    Interpretation,
+    interpretation_sentence,
+)
 from ppmcal.calibration.interpretation.limits import TELLING
-from ppmcal.calibration.interpretation.misread import Misreading, Mistake, misreading_sentence
 from ppmcal.calibration.interpretation.read_rightly import _chosen, find_misreading
-from ppmcal.calibration.interpretation.readings import FileReading
+from ppmcal.calibration.interpretation.readings import ColumnInterpretation
 from ppmcal.calibration.interpretation.score import Score, all_rows, first_order_scores, score
 from ppmcal.calibration.interpretation.search import Way
 from ppmcal.calibration.interpretation.wrong_rows import _best_stretch
 from ppmcal.commands.inputs import prepared
-from ppmcal.io.results.misreading import misreading_entries
+from ppmcal.io.results.interpretation import misreading_entries
 from ppmcal.model.dataset import Dataset
 from ppmcal.units import SI
 
@@ -60,7 +64,7 @@ def test_a_score_counts_noise_and_a_bent_geometry_alike() -> None:
 
 def test_a_shift_on_a_dense_path_has_the_least_score_to_first_order() -> None:
     machine, data = made(MISREAD["a row late, dense"], 5)
-    plain = FileReading.as_declared(machine, data)
+    plain = ColumnInterpretation.as_declared(machine, data)
     readings = [replace(plain, shift=s) for s in (0, 1, -1, 2, -2)]
     found = first_order_scores(Problem(machine, (data,), machine.free), readings)
     assert np.argmin(found) == 1 and found[1] < 0.5 * np.delete(found, 1).min()
@@ -69,7 +73,7 @@ def test_a_shift_on_a_dense_path_has_the_least_score_to_first_order() -> None:
 def test_scores_to_first_order_do_not_depend_on_where_the_files_frame_is() -> None:
     machine, data = made(MISREAD["a row late, dense"], 5)
     moved = replace(data, position=data.position + np.array([3.0, -2.0, 5.0]))
-    plain = FileReading.as_declared(machine, data)
+    plain = ColumnInterpretation.as_declared(machine, data)
     readings = [replace(plain, shift=s) for s in (0, 1)]
     there, here = (first_order_scores(Problem(machine, (d,), machine.free), readings)
                    for d in (moved, data))
@@ -119,24 +123,25 @@ def test_joints_of_a_file_of_matrices_are_searched_too() -> None:
     """Its rotations are read in one way only: the sidecar has no line for another one."""
     machine, data = made(MISREAD["joints 1 to 3 in a ring"], 11)
     data = replace(data, convention="matrix")
-    plain = FileReading.as_declared(machine, data)
+    plain = ColumnInterpretation.as_declared(machine, data)
     assert {(r.turns, r.rotation) for r in pose_readings(plain, data)} == {(plain.turns, "")}
     found = find_misreading(Problem(machine, (data,), machine.free), 0)
     assert found is not None and [m.kind for m in found.mistakes] == ["permuted"]
 
 
 def test_what_explains_a_file_as_well_is_said_beside_it() -> None:
-    one, other = Mistake("mirrored", ("z",), "z is mirrored"), Mistake("sign", ("z",), "z is down")
-    found = Misreading("run.csv", (one,), quantity="length", before=3.0, after=1.0,
-                       alternatives=((other,),))
-    assert misreading_sentence(found, SI).startswith("z is mirrored, or: z is down: ")
+    one, other = FileFault("mirrored", ("z",), "z is mirrored"), FileFault("sign", ("z",),
+                                                                           "z is down")
+    found = Interpretation("run.csv", (one,), quantity="length", before=3.0, after=1.0,
+                           alternatives=((other,),))
+    assert interpretation_sentence(found, SI).startswith("z is mirrored, or: z is down: ")
     assert [e.text for e in misreading_entries([found], SI)] == ["z is mirrored, or: z is down"]
 
 
 def test_what_a_turn_of_the_frame_makes_alike_is_one_way_and_others_are_alternatives() -> None:
     """Three ways that leave the same, the last one by round-off less; a fourth leaves otherwise."""
     def way(kind: str, parts: float = 1.0) -> Way:
-        return Way((Mistake(kind, (), kind),), parts, problem)
+        return Way((FileFault(kind, (), kind),), parts, problem)
 
     machine, data = made(RIGHT["right"], 5)
     problem = Problem(machine, (data,), machine.free)

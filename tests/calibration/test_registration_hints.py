@@ -16,10 +16,10 @@ from ppmcal.calibration.fit.fit_result import Fit
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.fit.registration_freedoms import (
-    fall,
     hint_sentences,
     odds_of_opening,
     registration_hints,
+    significant_improvement,
     surely,
 )
 from ppmcal.commands.inputs import load, shipped
@@ -66,7 +66,7 @@ def test_what_was_changed_between_days_is_told(what: str) -> None:
     mend, second = CASES[what]
     fit = fitted(day(1, "day1"), second())
     hints = registration_hints(fit)
-    assert [h.mend for h in hints] == [mend]
+    assert [h.remedy for h in hints] == [mend]
     assert hints[0].after < 1.3 < hints[0].before
     (said,) = hint_sentences(fit, hints)
     assert f"`{mend} in day2.yaml`" in said
@@ -86,8 +86,8 @@ def test_two_days_that_agree_say_nothing() -> None:
 
 
 def test_chance_and_what_is_worth_nothing_do_not_count() -> None:
-    assert fall(100.0, 98.0) == 0.0      # worth nothing
-    assert fall(4000.0, 1000.0) == pytest.approx(0.5)
+    assert significant_improvement(100.0, 98.0) == 0.0      # worth nothing
+    assert significant_improvement(4000.0, 1000.0) == pytest.approx(0.5)
     fit = fitted(day(1, "day1"), day(2, "day2"))
     possible = [(1, what) for what in ("rotation", "homing")]
     odds = odds_of_opening(fit.problem, fit.state, fit.keep, fit.prior, possible)

@@ -46,11 +46,11 @@ def campaign(hexapod: Mechanism, seed: int) -> Dataset:
 
 
 def test_mean_square_of_residuals_over_their_freedom_is_the_noise(fits: list) -> None:
-    variance = np.mean([f.reduced.square / residual_freedom(f) for f in fits])
+    variance = np.mean([f.information.square / residual_freedom(f) for f in fits])
     values = sum(residual_freedom(f) for f in fits)
     assert variance == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / values))
     # columns as they are would make the noise look larger than it is
-    columns = np.mean([f.reduced.square / (f.reduced.count - f.scale.size) for f in fits])
+    columns = np.mean([f.information.square / (f.information.count - f.scale.size) for f in fits])
     assert columns > 1.0 + 8.0 * np.sqrt(2.0 / values)
 
 
@@ -64,7 +64,7 @@ def test_values_fitted_are_the_trace_of_the_hat_matrix() -> None:
 
 def test_both_ways_to_solve_agree(fits: list) -> None:
     fit = fits[0]
-    own = fit.reduced.count - residual_freedom(fit)
+    own = fit.information.count - residual_freedom(fit)
     for by_sums in (True, False):
         small = linearised(fit.problem, fit.state, fit.keep, fit.prior, by_sums=by_sums).small
         assert values_fitted(*small.seen(), fit.prior) == pytest.approx(own, rel=1e-6)

@@ -70,8 +70,8 @@ def test_a_weight_is_a_larger_noise_of_the_row(campaign: tuple[Problem, Fit]) ->
             for p in (problem.weighted([weight]), noisy)]
     np.testing.assert_allclose(ends[0].state.g, ends[1].state.g, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(*(prediction_covariance(e) for e in ends), rtol=1e-6, atol=1e-18)
-    assert ends[0].reduced.count == pytest.approx(3.0 * weight.sum())
-    assert ends[0].reduced.square == pytest.approx(ends[1].reduced.square)
+    assert ends[0].information.count == pytest.approx(3.0 * weight.sum())
+    assert ends[0].information.square == pytest.approx(ends[1].information.square)
     assert residual_freedom(ends[0]) == pytest.approx(3.0 * weight.sum() - values_taken(ends[1]))
 
 

@@ -434,4 +434,4 @@ def test_a_model_that_misses_its_own_data_is_refused_as_a_whole(ratio: float, p:
         with pytest.raises(NoResult, match=r"misses the measurements.*--regardless"):
             run()
         forced = run(regardless=True)
-        assert any("--regardless" in n for n in forced.findings) and forced.needs_a_look
+        assert any("--regardless" in n for n in forced.findings) and forced.has_findings

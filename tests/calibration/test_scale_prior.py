@@ -80,9 +80,9 @@ def test_check_and_identify_count_it_as_seen() -> None:
     mechanism, data, _ = session("6-UPS", "pose", 30, 5, SIGMA)
     fit = fitted(mechanism, data, near(1.0, 1e-3), "prior")
     # rows that tell nothing of the scale: what the file says is all
-    blind = fit.reduced.triangle.copy()
+    blind = fit.information.root.copy()
     blind[:, -1] = 0.0
-    open_ = replace(fit, reduced=replace(fit.reduced, triangle=blind))
+    open_ = replace(fit, information=replace(fit.information, root=blind))
     closed = replace(open_, prior=fit.prior - fit.stated)
     assert rank_of(open_)[1] == rank_of(closed)[1] + 1
     assert posterior(open_)[-1, -1] == pytest.approx(1e-6) and np.isinf(posterior(closed)[-1, -1])

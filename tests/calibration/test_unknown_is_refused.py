@@ -10,8 +10,13 @@ import pytest
 from helpers.paths import ROOT
 
 import ppmcal
-from ppmcal.calibration.compensation.commands import Compensation, Knowledge, compensate
-from ppmcal.calibration.compensation.model_averaging import Reading, Readings, Targets, averaged
+from ppmcal.calibration.compensation.commands import Compensation, ParameterCovariance, compensate
+from ppmcal.calibration.compensation.model_averaging import (
+    CandidateModel,
+    Readings,
+    Targets,
+    averaged,
+)
 from ppmcal.calibration.compensation.safe_commands import sent
 from ppmcal.calibration.validation.left_out_rows import DoubtfulStretch
 from ppmcal.io.effects import with_effects
@@ -32,12 +37,12 @@ def targets(mechanism: Mechanism) -> Array:
     return mechanism.home_pose + away
 
 
-def knowledge(mechanism: Mechanism) -> Knowledge:
+def knowledge(mechanism: Mechanism) -> ParameterCovariance:
     names = tuple(mechanism.names[i] for i in mechanism.free)
-    return Knowledge(names, 1e-12 * np.eye(len(names)), {}, {}, {})
+    return ParameterCovariance(names, 1e-12 * np.eye(len(names)), {}, {}, {})
 
 
-def commands(mechanism: Mechanism, known: Knowledge | None) -> Compensation:
+def commands(mechanism: Mechanism, known: ParameterCovariance | None) -> Compensation:
     return compensate(mechanism, targets(mechanism), Registration(), known)
 
 
@@ -66,7 +71,7 @@ def test_a_row_that_a_rival_machine_cannot_reach_is_refused() -> None:
         for slot, place in limb.slots.direct:
             if slot == "distal":
                 g[place] -= 0.08
-    rival = Reading("backlash", "", 2.0, mechanism.with_values(g))
+    rival = CandidateModel("backlash", "", 2.0, mechanism.with_values(g))
     result, _ = averaged(mechanism, found, Readings((rival,), None), known,
                          Targets(targets(mechanism), "", {}))
     assert 0 < sent(result).sum() < len(result.status)
@@ -84,7 +89,7 @@ def test_a_rival_that_needs_velocities_counts_as_at_rest(effect: dict[str, Any])
     known = knowledge(mechanism)
     found = commands(mechanism, known)
     first, joint = f"{effect['kind']} on one", mechanism.actuators[0]
-    rival = Reading(first, "", 2.0, with_effects(
+    rival = CandidateModel(first, "", 2.0, with_effects(
         mechanism, [{**effect, "on": [joint]}], SI, "test"), (first,))
     columns = {f"dir_{a}": np.ones(5) for a in mechanism.actuators}
     result, notes = averaged(mechanism, found, Readings((rival,), None), known,

@@ -58,7 +58,7 @@ def test_a_fit_without_a_step_left_ends_where_it_is():
     with bounded(1) as work:
         short = identify(problem, FitOptions())
     assert work.ended and not short.converged and whole.converged
-    assert short.reduced.square > whole.reduced.square
+    assert short.information.square > whole.information.square
 
 
 @pytest.mark.slow

@@ -12,7 +12,11 @@ import pytest
 from helpers.commands import ppmcal, rows
 from helpers.paths import ROOT
 
-from ppmcal.calibration.interpretation.misread import Misread, Misreading, Mistake
+from ppmcal.calibration.interpretation.interpretation_error import (
+    FileFault,
+    Interpretation,
+    InterpretationError,
+)
 from ppmcal.cli import cli
 from ppmcal.commands import names
 from ppmcal.units import SI
@@ -141,7 +145,8 @@ def test_rows_left_out_are_told_below_the_finding_that_counts_them(bench: Path) 
 
 def test_a_file_with_two_mistakes_is_named_once() -> None:
     """Joints outside their limits are a mistake each."""
-    found = [Misreading("a.csv", (Mistake("outside-limits", (q,), f"{q} is outside its limits"),),
-                        None, "length", np.nan, np.nan, np.nan) for q in ("q_leg1", "q_leg2")]
-    said = str(Misread.of(found, SI))
+    found = [Interpretation("a.csv",
+                            (FileFault("outside-limits", (q,), f"{q} is outside its limits"),),
+                            None, "length", np.nan, np.nan, np.nan) for q in ("q_leg1", "q_leg2")]
+    said = str(InterpretationError.of(found, SI))
     assert said.startswith("a.csv: q_leg1 is outside its limits; q_leg2 is outside its limits")

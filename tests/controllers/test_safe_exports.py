@@ -57,7 +57,7 @@ def test_a_listed_pose_far_outside_what_was_measured_has_no_command(tmp_path) ->
     found = ppmcal.export("grid", mechanism, poses=tmp_path / "p.csv")
     assert found.record.rows == 2
     assert found.record.left_out == {"far outside the measured volume": 1}
-    assert found.needs_a_look
+    assert found.has_findings
 
 
 def test_joint_tables_end_a_little_beyond_the_measured_joints() -> None:

@@ -343,7 +343,7 @@ def test_every_kind_is_planned_or_refused_with_a_reason():
             try:
                 refuse(mechanism, asked)
             except BadInput as error:
-                assert error.mend
+                assert error.hint
                 continue
             done.add(kind)
             with_effects = with_kinds(mechanism, asked, q)

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from ppmcal.diagnosis.hypotheses import SHAPES, Hypothesis, shapes
 from ppmcal.diagnosis.linear_system import System, SystemPart, Whitening, _groups
-from ppmcal.diagnosis.stage import Stage
+from ppmcal.diagnosis.linearisation import Linearisation
 
 Array = NDArray[np.float64]
 
 
-def made(geometry: Array, columns: Array, residual: Array) -> Stage:
+def made(geometry: Array, columns: Array, residual: Array) -> Linearisation:
     """Return a stage of n values in one file, each column a hypothesis."""
     n = len(residual)
     every = tuple(Hypothesis(f"kind{c}", (), True, ("c",), (-np.inf,), (np.inf,), (c,))
@@ -24,7 +24,7 @@ def made(geometry: Array, columns: Array, residual: Array) -> Stage:
     system: Any = SimpleNamespace(observed=np.ones((n, 1), dtype=bool), count=n,
                                   apart=np.ones(n - 1, dtype=int))
     library: Any = SimpleNamespace(hypotheses=every, some=lambda which: columns[:, None, which])
-    return Stage(system, library, Whitening(), np.linalg.qr(geometry)[0], residual, ())
+    return Linearisation(system, library, Whitening(), np.linalg.qr(geometry)[0], residual, ())
 
 
 @pytest.mark.parametrize("chosen", [(), (0,), (2, 0), (3, 1, 4)])
@@ -52,17 +52,17 @@ def test_a_column_within_the_geometry_explains_nothing() -> None:
     columns = np.column_stack([columns, columns[:, 0] + columns[:, 2]])
     stage = made(geometry, columns, rng.normal(size=60))
     np.testing.assert_allclose(stage.left((1,)), stage.left(()), atol=1e-9)
-    assert stage.survival((1,)) == pytest.approx(0.0, abs=1e-9)
+    assert stage.visibility((1,)) == pytest.approx(0.0, abs=1e-9)
     assert stage.explained((0, 2, 3)).shape == (60, 6)
 
 
 def test_what_the_geometry_leaves_of_a_column_is_its_sine() -> None:
     columns = np.array([[3.0, 0.0, 4.0, 0.0], [0.0, 0.0, 0.0, 2.0], [1.0, 1.0, 0.0, 1e-9]]).T
     stage = made(np.eye(4)[:, :2], columns, np.array([9.0, 9.0, 1.0, 2.0]))
-    assert stage.survival([0]) == pytest.approx(0.8)
-    assert stage.survival([1]) == pytest.approx(1.0)
-    assert stage.survival([2]) == pytest.approx(0.0, abs=1e-8)
-    assert stage.survival([0, 1]) == pytest.approx(np.sqrt((0.64 + 1.0) / 2.0))
+    assert stage.visibility([0]) == pytest.approx(0.8)
+    assert stage.visibility([1]) == pytest.approx(1.0)
+    assert stage.visibility([2]) == pytest.approx(0.0, abs=1e-8)
+    assert stage.visibility([0, 1]) == pytest.approx(np.sqrt((0.64 + 1.0) / 2.0))
     assert float(np.sum(stage.left(()) ** 2)) == pytest.approx(5.0)
 
 

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import binom, chi2, norm
 
-from ppmcal.diagnosis import remainder as module
+from ppmcal.diagnosis import lack_of_fit as module
+from ppmcal.diagnosis.lack_of_fit import PureError, lack_of_fit, pure_error
 from ppmcal.diagnosis.linear_system import Whitening
-from ppmcal.diagnosis.remainder import PureError, pure_error, remainder
 from ppmcal.diagnosis.term_candidates import _varies
 from ppmcal.inference.priors import NOISE_FREEDOM, SURE, SURE_SIGMAS
 
@@ -35,7 +35,7 @@ def against(left: Array, pure: PureError | None = None, rho: float = 0.0, off: f
         system=SimpleNamespace(residual=left, count=count, problem=SimpleNamespace(datasets=())),
         noise=Whitening(rho, off), chosen=(), left=lambda chosen: left.reshape(-1),
         explained=lambda chosen: np.zeros((left.size, count - (freedom or left.size))))
-    found = remainder(stage, pure, "", 1.0)
+    found = lack_of_fit(stage, pure, "", 1.0)
     return found.ratio, found.excess, found.reference, found.source
 
 

@@ -9,11 +9,11 @@ import pytest
 
 from ppmcal.diagnosis.findings import advice, findings
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.remainder import Remainder
+from ppmcal.diagnosis.lack_of_fit import LackOfFit
 
 
-def remainder(ratio: float = 1.0, excess: float = 0.0) -> Remainder:
-    return Remainder(ratio, excess, 1.0, "stated", "", 1.0)
+def remainder(ratio: float = 1.0, excess: float = 0.0) -> LackOfFit:
+    return LackOfFit(ratio, excess, 1.0, "stated", "", 1.0)
 
 
 def fit_with(reasons: dict[int, str], converged: bool = True) -> Any:
@@ -56,7 +56,7 @@ def test_what_geometry_imitates_is_said_once() -> None:
     fit: Any = SimpleNamespace(problem=SimpleNamespace(datasets=(), mechanism=machine), reasons=(),
                                converged=True, state=SimpleNamespace(g=None))
     out: Any = SimpleNamespace(sentence="")
-    effects: Any = [SimpleNamespace(kind=k, survival=s, side=lambda machine: "",
+    effects: Any = [SimpleNamespace(kind=k, visibility=s, side=lambda machine: "",
                                           hypothesis=SimpleNamespace(called=k)) for k, s in
                     (("gain", 0.1), ("gain", 0.19), ("lag", 0.21), ("play", 0.01))]
     said, = findings(fit, fit, remainder(), effects, None, out)

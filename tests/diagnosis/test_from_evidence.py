@@ -84,7 +84,7 @@ def test_nothing_hidden_is_nothing_said(tmp_path: Path) -> None:
     found = result.record
     assert found.verdict == "none" and result.diagnosis.nothing > 0.5
     assert found.nothing == pytest.approx(result.diagnosis.nothing)
-    assert not (found.effects or found.unknown or found.possible)
+    assert not (found.effects or found.unknown or found.suspected)
 
 
 @pytest.mark.slow
@@ -124,8 +124,8 @@ def test_what_is_not_linear_leaves_nothing_that_has_a_name(tmp_path: Path) -> No
 @pytest.mark.parametrize(("carried", "ratio"), [(2.0, 0.5), (0.0, 1.0), (None, 1.0)])
 def test_in_proportion_to_nothing_is_no_number(carried: float | None, ratio: float) -> None:
     """An effect that another leans on may have no size, or no place in the set."""
-    base = SimpleNamespace(kind="base_compliance", on=(), leans=None)
-    wrong = SimpleNamespace(kind="tilt", on=(), leans=("base_compliance", ()))
+    base = SimpleNamespace(kind="base_compliance", on=(), requires=None)
+    wrong = SimpleNamespace(kind="tilt", on=(), requires=("base_compliance", ()))
     given: Any = [Sized(wrong, np.ones(1), np.full(1, 3.0), np.full(1, 5.0))]
     if carried is not None:
         given.append(Sized(base, np.full(1, carried), np.ones(1), np.ones(1)))

@@ -11,7 +11,7 @@ import pytest
 from hidden import Options, hide
 
 from ppmcal.calibration.fit import FitOptions, Problem, identify
-from ppmcal.calibration.interpretation import Misread
+from ppmcal.calibration.interpretation import InterpretationError
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
@@ -48,8 +48,8 @@ def told(asked: Asked, mechanism: Mechanism, *causes: Hypothesis | None) -> Any:
         problem=SimpleNamespace(mechanism=mechanism)))
 
 
-def refused(asked: Asked, mechanism: Mechanism, h: Hypothesis) -> Misread:
-    with pytest.raises(Misread) as error:
+def refused(asked: Asked, mechanism: Mechanism, h: Hypothesis) -> InterpretationError:
+    with pytest.raises(InterpretationError) as error:
         refuse_misread(told(asked, mechanism, h))
     return error.value
 

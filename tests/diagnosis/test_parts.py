@@ -17,9 +17,9 @@ from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.explanation import Round
 from ppmcal.diagnosis.grids import usual_range
 from ppmcal.diagnosis.hypotheses import Library
+from ppmcal.diagnosis.lack_of_fit import pure_error
 from ppmcal.diagnosis.linear_system import System, Whitening, build
-from ppmcal.diagnosis.remainder import pure_error
-from ppmcal.diagnosis.stage import stage_of
+from ppmcal.diagnosis.linearisation import linearisation_of
 from ppmcal.model.effects import EffectParameter, effect_kinds
 
 SMALL = hidden.Options(poses=30)
@@ -102,7 +102,7 @@ def test_a_strong_slow_effect_is_not_whitened_away() -> None:
 def test_sensor_scale_and_gain_of_all_encoders_are_not_told_apart() -> None:
     """A larger machine and a longer ruler are the same to every measured pose."""
     system, found = system_of("6-UPS", 9, ("sensor_scale",), 1.0, SMALL)
-    stage = stage_of(system, found, (), Whitening())
+    stage = linearisation_of(system, found, (), Whitening())
     scale, gain = (next(h for h in found.hypotheses if h.kind == kind and h.shared
                         and len(h.on) != 1) for kind in ("sensor_scale", "gain"))
     a, b = (stage.past(h.columns)[0][:, 0] for h in (scale, gain))

@@ -7,7 +7,7 @@ from functools import cache
 import hidden
 import pytest
 
-from ppmcal.calibration.compensation.model_averaging import Reading, probabilities
+from ppmcal.calibration.compensation.model_averaging import CandidateModel, probabilities
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.commands.compensate.run import Readings
 from ppmcal.diagnosis.diagnose import diagnose
@@ -29,7 +29,7 @@ def diagnosed(machine: str, seed: int, kinds: tuple[str, ...], eta: float = 1.5,
 
 def test_probabilities_add_up_to_one() -> None:
     machine = campaign("3-RPR", 1, ("backlash",), 1.5, 30).mechanism
-    others = [Reading("gain", "lag", 4.0, machine), Reading("", "lag", 2.0, machine)]
+    others = [CandidateModel("gain", "lag", 4.0, machine), CandidateModel("", "lag", 2.0, machine)]
     assert probabilities(others) == pytest.approx([4 / 7, 1 / 7, 2 / 7])
     assert not any(r.bare for r in Readings(tuple(others), None).others)
 

@@ -224,7 +224,7 @@ def test_people_are_told_which_of_two_kinds_of_one_name(capsys: pytest.CaptureFi
         mechanism=machine, estimates=(), fit=None))
     effect = DiagnosedEffect.of(result, named)
     assert (effect.kind, effect.label) == ("base_compliance", "base_compliance about base")
-    record = DiagnosisRecord(verdict="named", effects=(effect,), possible=(suspected,))
+    record = DiagnosisRecord(verdict="named", effects=(effect,), suspected=(suspected,))
     page = " ".join(unescape(html_of(diagnosis_section(Diagnosed("d", record, None)))).split())
     for said in (wording.headline(record), effects(record)[0], page):
         assert "base_compliance about base" in said

@@ -89,7 +89,7 @@ def test_what_runs_afterwards_changes_no_verdict_and_no_name(monkeypatch: pytest
     monkeypatch.setattr(diagnose, "with_sessions", lambda fit, effects: (effects, []))
     monkeypatch.setattr(learned_terms, "equations", lambda seen, terms: (None,) * len(terms.terms))
     without = diagnose.diagnose(problem)
-    assert without.verdict == whole.verdict and without.possible == whole.possible
+    assert without.verdict == whole.verdict and without.suspected == whole.suspected
     assert without.effects == tuple(replace(e, sessions=None) for e in whole.effects)
 
 

@@ -26,7 +26,7 @@ def test_a_mistake_is_answered_with_its_cause_and_its_mend(mistake, tmp_path):
     told = " ".join(ran.text.split())
     assert ran.code == mistake.code, told
     assert re.search(mistake.cause, told), told
-    assert re.search(mistake.mend, told), told
+    assert re.search(mistake.hint, told), told
 
 
 def test_the_page_shows_every_mistake():

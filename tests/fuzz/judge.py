@@ -78,7 +78,7 @@ def judged(function, data, seconds=SECONDS):
 def _lacking(error):
     """Return what a refusal lacks, empty where it has everything."""
     text = str(error)
-    if not error.what or not error.where or not error.mend:
+    if not error.what or not error.where or not error.hint:
         return f"a refusal without {'place' if not error.where else 'mend'}: {bare(error.what)}"
     if len(text) > LONGEST:
         return f"a refusal of {len(text) // 1000}000 characters"

@@ -4,7 +4,7 @@ import pytest
 
 from fuzz.judge import judged
 from fuzz.readers import readers
-from ppmcal.wording import gathered
+from ppmcal.wording import collapse_similar
 
 LONG = 120_000
 """Bytes: a line may have 200,000, and a cell what the csv module takes."""
@@ -53,6 +53,6 @@ def test_blank_lines_of_a_configuration_cost_no_more_than_others(tmp_path):
 
 def test_sentences_of_one_kind_are_counted_whatever_stands_in_them():
     lines = [f"file '{i} a': row {i}, column x{i}: {'y' * LONG} is odd" for i in range(5)]
-    assert not judged(lambda _: gathered(lines, "x.csv"), b"").fault
-    assert gathered(lines, "x.csv")[0].count("likewise") == 1
-    assert len(gathered([*lines[:2], "another"], "x.csv")) == 3
+    assert not judged(lambda _: collapse_similar(lines, "x.csv"), b"").fault
+    assert collapse_similar(lines, "x.csv")[0].count("likewise") == 1
+    assert len(collapse_similar([*lines[:2], "another"], "x.csv")) == 3

@@ -8,8 +8,8 @@ from ppmcal.calibration.fit import Fit, FitOptions, Problem, identify
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.explanation import Round, explained
 from ppmcal.diagnosis.linear_system import Whitening, build
+from ppmcal.diagnosis.linearisation import Linearisation, linearisation_of
 from ppmcal.diagnosis.recorded import with_whole_rows
-from ppmcal.diagnosis.stage import Stage, stage_of
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -20,7 +20,7 @@ def last_round(mechanism: Mechanism, data: Dataset) -> Round:
     return explained(fit, FitOptions())[-1]
 
 
-def stage_at(fit: Fit, kinds: Sequence[str] | None = None) -> Stage:
+def stage_at(fit: Fit, kinds: Sequence[str] | None = None) -> Linearisation:
     """Return the linear problem of a fit, noise white, nothing chosen."""
     system = build(fit.problem, fit.state, fit.keep)
-    return stage_of(system, library(system, kinds), (), Whitening())
+    return linearisation_of(system, library(system, kinds), (), Whitening())

@@ -130,7 +130,7 @@ def test_what_is_refused(case: str) -> None:
         edited(kind, keys, **more)
     assert place in refused.value.where
     assert what in refused.value.what
-    assert mend in refused.value.mend
+    assert mend in refused.value.hint
 
 
 def test_a_home_within_the_offset_is_refused() -> None:

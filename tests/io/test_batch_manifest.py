@@ -112,7 +112,7 @@ def test_what_is_wrong_is_named_with_file_place_and_mend(folder, change, place, 
         read_manifest(path)
     assert refused.value.where == f"{path}{place}"
     assert what in refused.value.what
-    assert mend in refused.value.mend
+    assert mend in refused.value.hint
 
 
 def test_a_date_within_a_path_is_checked_too(folder):

@@ -94,7 +94,7 @@ def test_refused(tmp_path, file, old, new, place, says):
     assert "run.csv" in message or "run.yaml" in message
     assert place in message
     assert says in message
-    assert caught.value.mend
+    assert caught.value.hint
 
 
 @pytest.mark.parametrize(("content", "says"), [
@@ -109,7 +109,7 @@ def test_not_a_table_at_all(tmp_path, content, says):
     with pytest.raises(BadInput, match=r"run\.csv") as caught:
         read_dataset(path, BENCH)
     assert says in str(caught.value)
-    assert caught.value.mend
+    assert caught.value.hint
 
 
 def test_missing_sidecar_shows_one(tmp_path):
@@ -203,7 +203,7 @@ def test_scenario_refused(tmp_path, old, new, place, says):
         read_scenario(path, BENCH)
     assert place in str(caught.value)
     assert says in str(caught.value)
-    assert caught.value.mend
+    assert caught.value.hint
 
 
 @pytest.mark.parametrize(("text", "says"), [

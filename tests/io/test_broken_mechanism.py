@@ -146,7 +146,7 @@ def test_refused(tmp_path, good, old, new, place, says):
     assert path.name in message
     assert place in message
     assert says in message
-    assert caught.value.mend
+    assert caught.value.hint
     assert caught.value.where.startswith(str(path))
 
 
@@ -165,7 +165,7 @@ def test_not_a_mechanism_at_all(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(BadInput, match=r"bench\.yaml") as caught:
         read_mechanism(path)
-    assert caught.value.mend
+    assert caught.value.hint
 
 
 def test_missing_file_names_the_nearest(tmp_path):

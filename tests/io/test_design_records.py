@@ -180,7 +180,7 @@ def test_console_and_report_say_the_same_of_an_export(tmp_path: Path) -> None:
     found = loaded("klipper").export(m, None, None)
     worse = replace(found, before=found.after, after=replace(found.after, rms=1e-3))
     record = record_of(worse, m.name, source(m, None))
-    assert record.attention() == [
+    assert record.all_findings() == [
         "the new Klipper numbers are worse than the old ones over this workspace"]
     sentence = record.predicted.sentence()
     assert sentence.startswith("What the format cannot express: 1 mm rms")

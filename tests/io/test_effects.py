@@ -426,11 +426,11 @@ def test_refused(tmp_path: Path, name: str, effects: Any, place: str, says: str)
     """Each with file, place and hint."""
     with pytest.raises(BadInput) as caught:
         read(tmp_path, name, effects)
-    message = f"{caught.value.what} {caught.value.mend}"
+    message = f"{caught.value.what} {caught.value.hint}"
     assert caught.value.where.startswith(str(tmp_path / "bench.yaml"))
     assert place in caught.value.where
     assert says in message
-    assert caught.value.mend
+    assert caught.value.hint
     assert "\n" not in message
 
 
@@ -448,7 +448,7 @@ def test_a_free_gain_beside_a_free_ratio(tmp_path: Path) -> None:
             continue
         with pytest.raises(BadInput, match=r"bench\.yaml: effects\[1\].kind.*leg2.*free") as caught:
             read_mechanism(path)
-        assert "Fix the ratio" in caught.value.mend
+        assert "Fix the ratio" in caught.value.hint
         data["effects"] = [effects[0] | {"on": ["leg1", "leg3"]}]
         path.write_text(yaml.safe_dump(data, sort_keys=False))
         assert read_mechanism(path).effects

@@ -15,9 +15,9 @@ from helpers.commands import tree
 from ppmcal.errors import BadInput
 from ppmcal.io import Output, exchange
 from ppmcal.io.csv_writer import LongText
-from ppmcal.io.folder import note_read, running
+from ppmcal.io.folder import running, track_input
 from ppmcal.io.journal import move_in, write_journal
-from ppmcal.io.stage import INSIDE, hidden, settle, staged
+from ppmcal.io.stage import INSIDE, hidden, recover, staged
 
 WAYS = ("whole", "one by one")
 
@@ -144,9 +144,9 @@ def test_what_a_killed_run_was_moving_is_moved_before_anything_is_read(
     write(folder, a="old", b="old", c="old")
     killed_while_moving(folder, moved)
     if who == "reader":
-        note_read(folder / "a.csv")
+        track_input(folder / "a.csv")
     elif who == "loader":
-        settle(folder)
+        recover(folder)
     else:
         with pytest.raises(BadInput, match="edited"), running("identify", folder):
             pass    # its record is none of the new ones
@@ -164,7 +164,7 @@ def test_without_a_journal_the_old_ones_stay(tmp_path: Path) -> None:
         (stage / "new" / "a.csv").write_text("ne")
         (stage / "lock").write_text("")
         (stage / "journal.json.part").write_text('{"files": [')
-    settle(folder)
+    recover(folder)
     assert (folder / "a.csv").read_text() == "old"
     with running("identify", folder):
         pass
@@ -183,8 +183,8 @@ def test_half_a_result_that_cannot_be_finished_is_not_read(tmp_path: Path,
     with monkeypatch.context() as patch:
         patch.setattr(Path, "replace", failing)
         with pytest.raises(BadInput, match="half old, half new"):
-            note_read(folder / "b.csv")
-    note_read(folder / "b.csv")
+            track_input(folder / "b.csv")
+    track_input(folder / "b.csv")
     assert (folder / "b.csv").read_text() == "new"
 
 
@@ -200,7 +200,7 @@ def test_a_strange_journal_moves_nothing(content: str, tmp_path: Path) -> None:
     (stage / "lock").write_text("")
     before = tree(tmp_path)
     with pytest.raises(BadInput, match="not a journal of ppmcal"):
-        settle(tmp_path / "out")
+        recover(tmp_path / "out")
     assert {k: v for k, v in tree(tmp_path).items() if not k.endswith("lock")} == {
         k: v for k, v in before.items() if not k.endswith("lock")}
 
@@ -223,7 +223,7 @@ def test_a_stage_that_leads_elsewhere_moves_nothing(link: str, tmp_path: Path) -
         (stage / "journal.json").write_text('{"files": ["a.csv"], "gone": ["a.csv"]}')
     before = tree(far)
     with pytest.raises(BadInput):
-        settle(folder)
+        recover(folder)
     assert not (folder / "a.csv").exists() and tree(far) == before
 
 

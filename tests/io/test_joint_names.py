@@ -40,7 +40,7 @@ def test_a_direction_that_may_be_the_platforms_is_refused(some: tuple[str, ...])
     with pytest.raises(BadInput) as refused:
         read(**dict.fromkeys(some))
     assert "the platform's direction of approach, or that of the joint" in refused.value.what
-    assert "dir_x, dir_y, dir_z" in refused.value.mend and "q_joint_x: q_x" in refused.value.mend
+    assert "dir_x, dir_y, dir_z" in refused.value.hint and "q_joint_x: q_x" in refused.value.hint
 
 
 def test_directions_of_all_joints_are_the_joints_and_that_is_said() -> None:

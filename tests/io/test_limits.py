@@ -41,7 +41,7 @@ def refused(call, *said):
         call()
     assert time.process_time() - begun < SOON
     error = caught.value
-    assert error.where and error.mend
+    assert error.where and error.hint
     for word in said:
         assert word in str(error)
     return str(error)

@@ -220,7 +220,7 @@ def test_extends_stays_in_the_folder(tmp_path, name):
     child.write_text(f"extends: {name.format(tmp_path)}\n")
     with pytest.raises(BadInput, match="leads out of the folder") as caught:
         read_mechanism(child)
-    assert "child.yaml: extends" in caught.value.where and "link" in caught.value.mend
+    assert "child.yaml: extends" in caught.value.where and "link" in caught.value.hint
     (tmp_path / "mine" / "base.yaml").symlink_to(tmp_path / "base.yaml")
     child.write_text("extends: deep/../base.yaml\n")
     assert read_mechanism(child).names == read_mechanism(GOOD / "good_bench.yaml").names

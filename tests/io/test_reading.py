@@ -267,7 +267,7 @@ def test_refusals_say_what_where_and_how_to_mend(tmp_path: Path, machine: Mechan
         read_dataset(with_read(session(tmp_path), read), machine)
     assert what in refused.value.what
     assert "run." in refused.value.where and where in refused.value.where
-    assert mend in refused.value.mend
+    assert mend in refused.value.hint
 
 
 @pytest.mark.parametrize(("key", "value"), [("pose", "inverse"), ("mirror", "z")])
@@ -277,7 +277,7 @@ def test_quaternions_are_turned_round_under_their_convention(
     with pytest.raises(BadInput) as refused:
         read_dataset(with_read(path, {key: value}), machine)
     assert f"read.{key}" in refused.value.where
-    assert "rotation: quat-xyzw" in refused.value.mend
+    assert "rotation: quat-xyzw" in refused.value.hint
     with_read(path, {key: value, "rotation": "quat-xyzw"})
     assert np.isfinite(read_dataset(path, machine).rotation).all()
 
@@ -301,7 +301,7 @@ def test_a_matrix_that_is_no_rotation_is_refused_with_its_row(
         read_dataset(with_read(path, {"rotation": "matrix"}), machine)
     assert "the matrix in row 5 is not a rotation" in refused.value.what
     assert str(path) in refused.value.where and "row 5" in refused.value.where
-    assert "read.rotation" in refused.value.mend
+    assert "read.rotation" in refused.value.hint
 
 
 @pytest.mark.parametrize(("read", "what", "where"), [
@@ -318,7 +318,7 @@ def test_the_plane_has_neither_euler_angles_nor_a_z_axis(
     with pytest.raises(BadInput) as refused:
         read_dataset(path, machine)
     assert what in refused.value.what and where in refused.value.where
-    assert "run.yaml" in refused.value.where and refused.value.mend
+    assert "run.yaml" in refused.value.where and refused.value.hint
 
 
 def test_an_inverse_pose_needs_its_rotation(tmp_path: Path, machine: Mechanism) -> None:

@@ -13,8 +13,8 @@ from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.noise_estimate import noise_check
 from ppmcal.calibration.fit.problem import Problem
+from ppmcal.diagnosis.lack_of_fit import pure_error
 from ppmcal.diagnosis.linear_system import build
-from ppmcal.diagnosis.remainder import pure_error
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism

@@ -279,7 +279,7 @@ def test_no_bytes_give_a_traceback(tmp_path, name, data):
             back(read_mechanism(path), path)
     except BadInput as refused:
         assert "/" in refused.where
-        assert refused.mend
+        assert refused.hint
 
 
 @settings(max_examples=60, deadline=None,
@@ -291,7 +291,7 @@ def test_random_bytes_give_no_traceback(tmp_path, content):
         try:
             read(tmp_path / name)
         except BadInput as refused:
-            assert refused.mend
+            assert refused.hint
 
 
 def test_the_tolerances_stay_those_of_the_file(tmp_path):

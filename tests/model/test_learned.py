@@ -13,7 +13,7 @@ from helpers.commands import ppmcal, rows, write_csv
 from helpers.paths import ROOT
 from scipy.interpolate import CubicSpline
 
-from ppmcal.calibration.compensation.commands import Knowledge, model_sigma
+from ppmcal.calibration.compensation.commands import ParameterCovariance, model_sigma
 from ppmcal.controllers.joints.tables import joint_tables, known_limits, table_command
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism, write_mechanism
@@ -152,7 +152,7 @@ def test_a_term_that_makes_no_sense(tmp_path: Path, change: dict[str, Any], plac
     with pytest.raises(BadInput, match=words) as refused:
         read(tmp_path, TRAVEL | change)
     assert refused.value.where.endswith(f"effects[1]{'.' if place else ''}{place}")
-    assert refused.value.mend
+    assert refused.value.hint
 
 
 def test_a_coordinate_that_the_machine_has_not(tmp_path: Path) -> None:
@@ -224,7 +224,7 @@ def test_the_uncertainty_of_a_command_is_that_of_drawn_functions(tmp_path: Path)
     """Two ways: the covariance along derivatives, and poses of machines with values drawn."""
     mechanism = read(tmp_path, TRAVEL)
     wanted = np.concatenate([about(mechanism), about(mechanism, x=0.1, z=0.05)])
-    nothing = Knowledge((), np.zeros((0, 0)), {}, {}, {})
+    nothing = ParameterCovariance((), np.zeros((0, 0)), {}, {}, {})
     sigma, turn = model_sigma(mechanism, wanted, Registration(), nothing, "", {})
     q = inverse_table(Model(mechanism), wanted).q
     rng, drawn = np.random.default_rng(2), []

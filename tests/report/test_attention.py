@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from helpers.report_files import identification
 
-from ppmcal.io.results.batch import CampaignRecord, needing_a_look
+from ppmcal.io.results.batch import CampaignRecord, with_findings
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
@@ -153,10 +153,10 @@ def test_nine_warnings_of_a_kind_are_one_line_and_all_in_the_json() -> None:
     CampaignRecord(campaign="c", command="compare", exit_code=1, verdict="changed"),
     CampaignRecord(campaign="c", command="compare", exit_code=2, message="lost")])
 def test_a_batch_is_calm_only_where_all_is_fine(record: CampaignRecord) -> None:
-    assert needing_a_look([record])
+    assert with_findings([record])
     assert CALM not in batch_page([record])
     fine = CampaignRecord(campaign="c", machine="m", command="identify")
-    assert not needing_a_look([fine])
+    assert not with_findings([fine])
     assert CALM in batch_page([fine])
 
 

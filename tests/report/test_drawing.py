@@ -17,7 +17,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.scene import MeasuredPose, Scene
 from ppmcal.report.drawing import drawing_page
-from ppmcal.report.machine_scene import look
+from ppmcal.report.machine_scene import findings
 
 CONFIGS = sorted(p.stem for p in (ROOT / "configs").glob("*.yaml"))
 LARGEST = 5_000_000
@@ -86,7 +86,7 @@ def test_a_wrong_sign_is_another_drawing():
 
 def marked(text):
     scene = Scene.of(read_text(text))
-    return {m.kind for m in scene.machines[0].frames[0].marks}, look(scene)
+    return {m.kind for m in scene.machines[0].frames[0].marks}, findings(scene)
 
 
 def test_what_needs_a_look_is_marked_and_said():
@@ -111,7 +111,7 @@ def test_a_home_q_that_does_not_close_is_drawn_open():
     scene = Scene.of(read_text(yaml.safe_dump(file)))
     home = scene.machines[0].frames[0]
     assert [m.limbs for m in home.marks if m.kind == "gap"] == [(1,)]
-    assert "leg2 does not close: 20 mm" in look(scene)[0]
+    assert "leg2 does not close: 20 mm" in findings(scene)[0]
     assert home.limbs[1].gap_ends is not None and home.limbs[0].gap_ends is None
     assert len(scene.machines[0].frames) > 5
 

@@ -11,7 +11,7 @@ from helpers.commands import ppmcal, rows
 from wild.catalogue import write
 
 from ppmcal import compensate, diagnose, identify
-from ppmcal.calibration.interpretation.misread import Misread
+from ppmcal.calibration.interpretation.interpretation_error import InterpretationError
 from ppmcal.commands.diagnose.run import DiagnosisResult
 
 
@@ -72,7 +72,7 @@ def test_what_would_shrink_with_heat_gives_way_to_what_grows(tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_directions_that_are_inverted_in_a_part_of_the_rows(tmp_path: Path) -> None:
-    with pytest.raises(Misread) as refused:
+    with pytest.raises(InterpretationError) as refused:
         diagnosed(tmp_path, "approach-half-inverted", "3-RPR", 2)
     ((mistake,),) = (f.mistakes for f in refused.value.found)
     assert mistake.kind == "sign"

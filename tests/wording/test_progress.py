@@ -7,7 +7,17 @@ import timeit
 import pytest
 
 from ppmcal.wording import progress
-from ppmcal.wording.progress import Watch, begin, course, end, heard, note, silent, stage, watching
+from ppmcal.wording.progress import (
+    Watch,
+    course,
+    end,
+    no_progress,
+    note,
+    reports_progress,
+    stage,
+    start_stage,
+    watching,
+)
 
 
 class Clock:
@@ -36,7 +46,7 @@ def test_nobody_watches() -> None:
         with stage("fitting", 3) as now:
             now.done()
             note("iteration 1")
-        begin("next")
+        start_stage("next")
         end()
 
     assert timeit.timeit(work, number=2000) / 2000 < 1e-4
@@ -58,34 +68,34 @@ def test_steps_that_are_done_say_how_long_the_others_take(clock: Clock) -> None:
 
 def test_measured_shares_say_how_long_the_rest_takes(clock: Clock) -> None:
     with watching(Watch()) as watch, course({"reading": 1.0, "fitting": 4.0, "writing": 5.0}):
-        begin("reading")
+        start_stage("reading")
         clock.run(1.0)
         assert watch.left() is None
-        begin("fitting")
+        start_stage("fitting")
         assert watch.left() == pytest.approx(9.0)
         clock.run(2.0)
         assert watch.left() == pytest.approx(7.0)
         clock.run(6.0)    # twice as long as its share: nobody knows
         assert watch.left() is None
-        begin("writing")
+        start_stage("writing")
         assert watch.left() == pytest.approx(9.0)
 
 
 def test_a_stage_that_does_not_come_takes_its_share_with_it(clock: Clock) -> None:
     with watching(Watch()) as watch, course({"a": 1.0, "b": 8.0, "c": 1.0}):
-        begin("a")
+        start_stage("a")
         clock.run(2.0)
-        begin("c")
+        start_stage("c")
         assert watch.left() == pytest.approx(2.0)
 
 
 def test_a_stage_that_comes_again_takes_as_long_as_before(clock: Clock) -> None:
     with watching(Watch()) as watch, course({"test": 1.0, "fit": 1.0, "write": 1.0}):
-        begin("test")
+        start_stage("test")
         clock.run(3.0)
-        begin("fit")
+        start_stage("fit")
         clock.run(3.0)
-        begin("test")
+        start_stage("test")
         assert watch.left() == pytest.approx(6.0)
         clock.run(1.0)
         assert watch.left() == pytest.approx(5.0)
@@ -106,18 +116,18 @@ def test_stages_within_stages_sharpen_the_estimate(clock: Clock) -> None:
 
 def test_what_ends_in_an_error_leaves_nothing_open() -> None:
     with watching(Watch()) as watch, course({"a": 1.0}):
-        begin("a")
+        start_stage("a")
         with pytest.raises(ValueError, match="no"), stage("b"):
-            begin("c")
+            start_stage("c")
             raise ValueError("no")
         assert watch.line() == "a"
     assert watch.stages == ()
 
 
 def test_the_python_face_hears_lines() -> None:
-    @heard
-    def work(progress: object = silent) -> int:
-        begin("reading")
+    @reports_progress
+    def work(progress: object = no_progress) -> int:
+        start_stage("reading")
         with stage("fitting"):
             note("iteration 1")
         return 3

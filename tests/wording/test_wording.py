@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-from ppmcal.wording import gathered, sentence, some
+from ppmcal.wording import abbreviate_list, collapse_similar, sentence
 
 
 @pytest.mark.parametrize("count, text", [
     (0, ""), (1, "a1"), (3, "a1, a2, a3"), (4, "a1, a2, a3, a4"),
     (5, "a1, a2, a3 and 2 more (all in x.csv)"), (9, "a1, a2, a3 and 6 more (all in x.csv)")])
 def test_some_of_many_are_named(count: int, text: str) -> None:
-    assert some([f"a{i}" for i in range(1, count + 1)], "x.csv") == text
+    assert abbreviate_list([f"a{i}" for i in range(1, count + 1)], "x.csv") == text
 
 
 def test_nine_sentences_of_a_kind_are_one() -> None:
     limbs = [f"limb 'leg{i}' does not close at home: the gap is {0.1 * i:.1f} mm" for i in
              range(1, 10)]
-    (text,) = gathered(limbs, "in the JSON")
+    (text,) = collapse_similar(limbs, "in the JSON")
     assert text == ("limb 'leg1' does not close at home: the gap is 0.1 mm; likewise 'leg2', "
                     "'leg3', 'leg4' and 5 more (in the JSON)")
 
@@ -33,14 +33,14 @@ def test_nine_sentences_of_a_kind_are_one() -> None:
      "row 1: singular: q_leg1 is at its end; likewise rows 2, 3, 4"),
     (["the fit had not converged"] * 2, "the fit had not converged")])
 def test_a_fact_of_several_files_or_rows_is_told_once(lines: list[str], told: str) -> None:
-    assert gathered(lines, "x") == [told]
+    assert collapse_similar(lines, "x") == [told]
 
 
 def test_sentences_of_other_kinds_stay_apart() -> None:
     lines = ["run1: 3 of 120 rows left out", "run2: 1 of 40 rows left out",
              "the fit had not converged", "run3: 2 of 9 rows left out"]
-    assert sorted(gathered(lines, "x")) == sorted(lines)
-    assert gathered([], "x") == []
+    assert sorted(collapse_similar(lines, "x")) == sorted(lines)
+    assert collapse_similar([], "x") == []
 
 
 def test_a_sentence_begins_large_and_ends_once() -> None:

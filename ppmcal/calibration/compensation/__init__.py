@@ -9,7 +9,7 @@ from ppmcal.lazy import on_first_use
 if TYPE_CHECKING:
     from ppmcal.calibration.compensation.commands import KINDS as KINDS
     from ppmcal.calibration.compensation.commands import Compensation as Compensation
-    from ppmcal.calibration.compensation.commands import Knowledge as Knowledge
+    from ppmcal.calibration.compensation.commands import ParameterCovariance as ParameterCovariance
     from ppmcal.calibration.compensation.commands import compensate as compensate
     from ppmcal.calibration.compensation.commands import model_sigma as model_sigma
     from ppmcal.calibration.compensation.commands import prediction_jacobian as prediction_jacobian
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.compensation.kinematics_sigma import (
         sigma_by_differences as sigma_by_differences,
     )
-    from ppmcal.calibration.compensation.model_averaging import Reading as Reading
+    from ppmcal.calibration.compensation.model_averaging import CandidateModel as CandidateModel
     from ppmcal.calibration.compensation.model_averaging import Readings as Readings
     from ppmcal.calibration.compensation.model_averaging import Targets as Targets
     from ppmcal.calibration.compensation.model_averaging import averaged as averaged

@@ -44,7 +44,7 @@ KINDS = {"position": "length", "rotation": "angle"}
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class ParameterCovariance:
     """What an identification knows beyond the model file.
 
     ``names`` (C,) columns and ``covariance`` (C, C) as in
@@ -66,7 +66,7 @@ class Knowledge:
     doubtful: tuple[DoubtfulStretch, ...] = ()
 
     @classmethod
-    def of(cls, found: Identification) -> Knowledge:
+    def of(cls, found: Identification) -> ParameterCovariance:
         """Return what an identification knows, as its identification.json would tell it."""
         problem = found.fit.problem
         left = found.unexplained
@@ -148,7 +148,7 @@ def _rms(values: Array) -> float | None:
 
 @stage("finding commands")
 def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
-               knowledge: Knowledge | None = None, dataset: str = "",
+               knowledge: ParameterCovariance | None = None, dataset: str = "",
                columns: Mapping[str, Array] | None = None, sequence: bool = False
                ) -> Compensation:
     """Return corrected commands.
@@ -317,7 +317,7 @@ def _errors(registration: Registration, real: Array, ideal: Array) -> tuple[Arra
 
 @stage("how sure they are")
 def pose_sigma(model: Model, registration: Registration, full: Array, q: Array, good: Bools,
-               knowledge: Knowledge | None, dataset: str, rows: Environment
+               knowledge: ParameterCovariance | None, dataset: str, rows: Environment
                ) -> tuple[Array, Array]:
     """Return standard deviations (N,) of position, m, and rotation, rad, at given joint values.
 
@@ -339,7 +339,7 @@ def pose_sigma(model: Model, registration: Registration, full: Array, q: Array, 
 
 
 def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration,
-                knowledge: Knowledge, dataset: str, columns: Mapping[str, Array]
+                knowledge: ParameterCovariance, dataset: str, columns: Mapping[str, Array]
                 ) -> tuple[Array, Array]:
     """Return standard deviations (N,) of position, m, and rotation, rad, of an identified machine.
 
@@ -364,7 +364,7 @@ def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration,
 
 
 def prediction_jacobian(model: Model, registration: Registration, full: Array, q: Array,
-                        knowledge: Knowledge, dataset: str, rows: Environment) -> Array:
+                        knowledge: ParameterCovariance, dataset: str, rows: Environment) -> Array:
     """Return d(measured pose)/d(columns), columns as the identification names them.
 
     Args:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.calibration.compensation.commands import (
-    Knowledge,
+    ParameterCovariance,
     own_variance,
     pose_sigma,
     prediction_jacobian,
@@ -31,10 +31,10 @@ STEP = 0.1
 """Standard deviations by which a parameter is moved where there is no derivative at hand."""
 
 
-def independent(mechanism: Mechanism, sigma: dict[str, float]) -> Knowledge:
+def independent(mechanism: Mechanism, sigma: dict[str, float]) -> ParameterCovariance:
     """Return knowledge of parameters as if independent, of standard deviations SI."""
     values = np.array(list(sigma.values()))
-    return Knowledge(tuple(sigma), np.diag(values**2), {}, {}, {})
+    return ParameterCovariance(tuple(sigma), np.diag(values**2), {}, {}, {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +65,8 @@ class PoseRows:
 
 
 @stage("how sure they are")
-def forward_sigma(model: Model, registration: Registration, at: PoseRows, knowledge: Knowledge,
-                  dataset: str = "") -> tuple[Array, Array]:
+def forward_sigma(model: Model, registration: Registration, at: PoseRows,
+                  knowledge: ParameterCovariance, dataset: str = "") -> tuple[Array, Array]:
     """Return standard deviations (N,) of measured position, m, and rotation, rad, at fixed joints.
 
     Args:
@@ -85,7 +85,7 @@ def forward_sigma(model: Model, registration: Registration, at: PoseRows, knowle
 
 
 @stage("how sure they are")
-def joint_sigma(model: Model, at: PoseRows, knowledge: Knowledge) -> Array:
+def joint_sigma(model: Model, at: PoseRows, knowledge: ParameterCovariance) -> Array:
     """Return standard deviations of joint values (N, k) at fixed poses, unit of q.
 
     Of a machine with fewer actuators than coordinates they are those of the nearest pose.
@@ -94,12 +94,13 @@ def joint_sigma(model: Model, at: PoseRows, knowledge: Knowledge) -> Array:
     return np.asarray(np.hypot(by_parameters, left))
 
 
-def left_joint_sigma(model: Model, at: PoseRows, knowledge: Knowledge) -> Array:
+def left_joint_sigma(model: Model, at: PoseRows, knowledge: ParameterCovariance) -> Array:
     """Return the part of :func:`joint_sigma` that no parameter makes (N, k), unit of q."""
     return np.asarray(_joint_parts(model, at, knowledge, False)[1])
 
 
-def _joint_parts(model: Model, at: PoseRows, knowledge: Knowledge, by_parameters: bool) -> Array:
+def _joint_parts(model: Model, at: PoseRows, knowledge: ParameterCovariance,
+                 by_parameters: bool) -> Array:
     """Return the standard deviations (2, N, k) that parameters make, if asked, and all else."""
     out = np.full((2, *at.q.shape), np.nan)
     for n in at.pieces():
@@ -137,7 +138,8 @@ def _joints_of_poses(model: Model, pose: Array, q: Array) -> Array:
     return out
 
 
-def _beyond_parameters(model: Model, at: PoseRows, turn: Array, knowledge: Knowledge) -> Array:
+def _beyond_parameters(model: Model, at: PoseRows, turn: Array,
+                       knowledge: ParameterCovariance) -> Array:
     """Return the variance (N, k) of what a fit left unexplained, and of effects' own spread."""
     dof = model.mechanism.dof
     places = np.array([c < 3 for c in dof])
@@ -150,7 +152,7 @@ def _beyond_parameters(model: Model, at: PoseRows, turn: Array, knowledge: Knowl
 
 @stage("how sure they are")
 def sigma_by_differences(solve: Callable[[Model], Array], mechanism: Mechanism,
-                         knowledge: Knowledge) -> Array:
+                         knowledge: ParameterCovariance) -> Array:
     """Return standard deviations (N, k) of whatever follows from a model, by central differences.
 
     Args:

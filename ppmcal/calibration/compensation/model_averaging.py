@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.compensation.commands import Compensation, Knowledge, compensate
+from ppmcal.calibration.compensation.commands import Compensation, ParameterCovariance, compensate
 from ppmcal.calibration.compensation.safe_commands import refused, sent
 from ppmcal.calibration.fit import turn_between
 from ppmcal.kinematics.closure import Model
@@ -32,7 +32,7 @@ OWN = ("q", "command", "seen", "pose", "position_after", "rotation_after", "stat
 
 
 @dataclass(frozen=True)
-class Reading:
+class CandidateModel:
     """A machine that explains the measurements too: with ``effect`` ``instead`` of another.
 
     Without ``instead`` it has one more effect than the model, without ``effect`` one less.
@@ -51,7 +51,7 @@ class Reading:
         return not self.effect and not self.instead
 
 
-def probabilities(readings: Sequence[Reading]) -> list[float]:
+def probabilities(readings: Sequence[CandidateModel]) -> list[float]:
     """Return the probability of the model and of each reading, over what was tried."""
     weight = np.array([1.0, *(1.0 / r.odds for r in readings)])
     return [float(w) for w in weight / weight.sum()]
@@ -61,7 +61,7 @@ def probabilities(readings: Sequence[Reading]) -> list[float]:
 class Readings:
     """All readings besides the model, and the machine fitted without effects, if known."""
 
-    others: tuple[Reading, ...]
+    others: tuple[CandidateModel, ...]
     without: Mechanism | None
 
 
@@ -79,7 +79,8 @@ class Targets:
 
 
 def averaged(model: Mechanism, result: Compensation, readings: Readings,
-             knowledge: Knowledge | None, targets: Targets) -> tuple[Compensation, tuple[str, ...]]:
+             knowledge: ParameterCovariance | None, targets: Targets) -> tuple[Compensation,
+                                                                               tuple[str, ...]]:
     """Return the commands with what the readings disagree about in their uncertainty, and notes.
 
     Args:
@@ -116,7 +117,7 @@ def averaged(model: Mechanism, result: Compensation, readings: Readings,
                    sigma_rotation=np.hypot(result.sigma_rotation, own[1])), (note, *notes)
 
 
-def _at_rest(others: Sequence[Reading], result: Compensation, targets: Targets
+def _at_rest(others: Sequence[CandidateModel], result: Compensation, targets: Targets
              ) -> tuple[Targets, list[str]]:
     """Return the targets with joints at rest where only readings need velocities, and notes.
 
@@ -138,7 +139,7 @@ def _environment(mechanism: Mechanism, result: Compensation, targets: Targets) -
                        targets.sequence)
 
 
-def _untold(others: Sequence[Reading]) -> list[str]:
+def _untold(others: Sequence[CandidateModel]) -> list[str]:
     """Return what the readings leave open, in words."""
     swaps = [r for r in others if r.effect and r.instead]
     out = []
@@ -154,8 +155,8 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
 
 
-def _without(mechanism: Mechanism | None, result: Compensation, knowledge: Knowledge | None,
-             targets: Targets) -> Compensation | None:
+def _without(mechanism: Mechanism | None, result: Compensation,
+             knowledge: ParameterCovariance | None, targets: Targets) -> Compensation | None:
     """Return the commands of the machine without effects; None where it is not known."""
     if mechanism is None or (targets.dataset and targets.dataset not in mechanism.registrations):
         return None

@@ -79,21 +79,21 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.outliers import Distances as Distances
     from ppmcal.calibration.fit.outliers import GrossError as GrossError
     from ppmcal.calibration.fit.outliers import GrossErrors as GrossErrors
-    from ppmcal.calibration.fit.outliers import beyond as beyond
     from ppmcal.calibration.fit.outliers import distances as distances
     from ppmcal.calibration.fit.outliers import explained_distances as explained_distances
     from ppmcal.calibration.fit.outliers import find_gross_errors as find_gross_errors
     from ppmcal.calibration.fit.outliers import gross_errors as gross_errors
+    from ppmcal.calibration.fit.outliers import gross_mask as gross_mask
     from ppmcal.calibration.fit.outliers import huber_weights as huber_weights
     from ppmcal.calibration.fit.outliers import rows_with_outliers as rows_with_outliers
     from ppmcal.calibration.fit.outliers import single_gross_rows as single_gross_rows
     from ppmcal.calibration.fit.outliers import toleranced as toleranced
     from ppmcal.calibration.fit.prior_information import BENT as BENT
     from ppmcal.calibration.fit.prior_information import SEEN as SEEN
-    from ppmcal.calibration.fit.prior_information import Earlier as Earlier
+    from ppmcal.calibration.fit.prior_information import PoseResiduals as PoseResiduals
     from ppmcal.calibration.fit.prior_information import Posterior as Posterior
+    from ppmcal.calibration.fit.prior_information import PriorInformation as PriorInformation
     from ppmcal.calibration.fit.prior_information import SessionKnowledge as SessionKnowledge
-    from ppmcal.calibration.fit.prior_information import Sight as Sight
     from ppmcal.calibration.fit.prior_information import of_data as of_data
     from ppmcal.calibration.fit.problem import Problem as Problem
     from ppmcal.calibration.fit.problem import State as State
@@ -111,7 +111,6 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.registration_freedoms import OPENED as OPENED
     from ppmcal.calibration.fit.registration_freedoms import WORTH as WORTH
     from ppmcal.calibration.fit.registration_freedoms import RegistrationHint as RegistrationHint
-    from ppmcal.calibration.fit.registration_freedoms import fall as fall
     from ppmcal.calibration.fit.registration_freedoms import hint_sentences as hint_sentences
     from ppmcal.calibration.fit.registration_freedoms import hint_words as hint_words
     from ppmcal.calibration.fit.registration_freedoms import is_open as is_open
@@ -119,6 +118,9 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.registration_freedoms import opened as opened
     from ppmcal.calibration.fit.registration_freedoms import (
         registration_hints as registration_hints,
+    )
+    from ppmcal.calibration.fit.registration_freedoms import (
+        significant_improvement as significant_improvement,
     )
     from ppmcal.calibration.fit.registration_freedoms import surely as surely
     from ppmcal.calibration.fit.response import Response as Response

@@ -20,7 +20,7 @@ from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.region import extent, named
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 FLAT = 0.04
 """Poses do not leave a plane, line or point along what they span less than this of."""
@@ -132,17 +132,17 @@ def few_poses(fit: Fit) -> Iterable[str]:
     """Yield that there are few numbers for so many unknowns, frames included."""
     columns, count, poses = _numbers(fit)
     if count < FEW * columns:
-        yield (f"{counted(poses, 'pose')} give {counted(count, 'number')} for "
-               f"{counted(columns, 'unknown')}")
+        yield (f"{pluralize(poses, 'pose')} give {pluralize(count, 'number')} for "
+               f"{pluralize(columns, 'unknown')}")
 
 
 def too_few(fit: Fit) -> Iterable[str]:
     """Yield that the measured numbers are fewer than the unknowns, so that no fit can tell them."""
     columns, count, poses = _numbers(fit)
     if count < columns:
-        yield (f"{counted(poses, 'pose')} give {counted(count, 'number')} for "
-               f"{counted(columns, 'unknown')}: the tolerances decide what these data cannot, and "
-               "a fit to the noise shows nothing; measure more poses")
+        yield (f"{pluralize(poses, 'pose')} give {pluralize(count, 'number')} for "
+               f"{pluralize(columns, 'unknown')}: the tolerances decide what these data cannot, "
+               "and a fit to the noise shows nothing; measure more poses")
 
 
 def _numbers(fit: Fit) -> tuple[int, int, int]:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal.calibration.fit.linearisation import (
-    QRFactor,
+    SquareRootInformation,
     column_scale,
     prior_weights,
     qr_factor,
@@ -53,7 +53,7 @@ class Fit:
 
     Attributes:
         problem, state: what was fitted and where it ended.
-        reduced: the rows at the end.
+        information: the rows at the end.
         prior: weights 1/tau of the parameter columns, 0 without prior (C,).
         scale: one tolerance, or a unit of comparable effect, per column (C,).
         keep: rows used, by data set.
@@ -70,7 +70,7 @@ class Fit:
 
     problem: Problem
     state: State
-    reduced: QRFactor
+    information: SquareRootInformation
     prior: Array
     scale: Array
     keep: tuple[Bools, ...]
@@ -92,12 +92,12 @@ class Fit:
     @property
     def ended(self) -> bool:
         """Whether it is at its minimum, or was stopped where residuals are like noise."""
-        return self.converged or (bool(self.stopped) and like_noise(self.reduced))
+        return self.converged or (bool(self.stopped) and like_noise(self.information))
 
     @property
     def reached(self) -> str:
         """How far a fit got that did not converge, in words."""
-        rms = (self.reduced.square / max(self.reduced.count, 1)) ** 0.5
+        rms = (self.information.square / max(self.information.count, 1)) ** 0.5
         return (f"after {self.iterations} iterations residuals were at {rms:.3g} times the noise "
                 "and it was still moving")
 
@@ -135,7 +135,7 @@ def unfitted(problem: Problem, state: State | None = None, keep: Sequence[Bools]
                prior_weights(problem, method, scale), column_scale(problem), keep, 0, False)
 
 
-def like_noise(rows: QRFactor) -> bool:
+def like_noise(rows: SquareRootInformation) -> bool:
     """Return whether residuals are no more than the noise (Morozov's discrepancy principle)."""
     return bool(chdtrc(rows.count, rows.square) > LIKE_NOISE)
 
@@ -147,8 +147,9 @@ def data_rows(fit: Fit) -> tuple[Array, Array]:
     """
     weight = fit.stated
     rows = np.flatnonzero(weight)
-    return (np.concatenate([fit.reduced.triangle, np.diag(weight)[rows]]),
-            np.concatenate([fit.reduced.right, (weight * to_prior(fit.problem, fit.state))[rows]]))
+    return (np.concatenate([fit.information.root, np.diag(weight)[rows]]),
+            np.concatenate([fit.information.right,
+                            (weight * to_prior(fit.problem, fit.state))[rows]]))
 
 
 def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bools]:
@@ -162,7 +163,7 @@ def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bool
         singular values (r,), directions (r, C), and which of them are seen at all (r,).
     """
     weights = fit.prior if prior is None else prior
-    matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(weights * fit.scale)])
+    matrix = np.concatenate([fit.information.root * fit.scale, np.diag(weights * fit.scale)])
     _, s, vt = svd(matrix)
     return s, vt, seen_directions(s)
 
@@ -205,7 +206,7 @@ def residual_freedom(fit: Fit) -> float:
 
     Rows that stand for an earlier fit count as values.
     """
-    return max(fit.reduced.count - values_taken(fit), 1.0)
+    return max(fit.information.count - values_taken(fit), 1.0)
 
 
 def posterior(fit: Fit) -> Array:

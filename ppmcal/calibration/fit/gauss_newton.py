@@ -14,7 +14,7 @@ import numpy as np
 
 from ppmcal.calibration.fit.linearisation import (
     NormalStep,
-    QRFactor,
+    SquareRootInformation,
     SummedStep,
     column_scale,
     normal_step,
@@ -54,13 +54,13 @@ class Minimum:
 
     Attributes:
         state: there.
-        reduced: its rows as one triangle; None of a rough search.
+        information: its rows as one triangle; None of a rough search.
         iterations, converged: of the search.
         summed: in how many of the iterations the step came from normal equations.
     """
 
     state: State
-    reduced: QRFactor | None
+    information: SquareRootInformation | None
     iterations: int
     converged: bool
     summed: int
@@ -70,13 +70,13 @@ class Minimum:
 class Linearised:
     """The rows at a state: chi-squared of the data and of how many values, and the step.
 
-    ``reduced``: None where the step is from sums.
+    ``information``: None where the step is from sums.
     """
 
     square: float
     count: float
     small: NormalStep | SummedStep
-    reduced: QRFactor | None
+    information: SquareRootInformation | None
 
     @property
     def level(self) -> bool:
@@ -107,9 +107,9 @@ def linearised(problem: Problem, state: State, keep: Sequence[Bools], prior: Arr
         summed = summed_step(problem, state, sums, prior)
         if summed.condition < WORST_CONDITION:
             return Linearised(sums.square, sums.count, summed, None)
-    reduced = qr_factor(problem, state, keep, weights)
-    return Linearised(reduced.square, reduced.count, normal_step(problem, state, reduced, prior),
-                      reduced)
+    information = qr_factor(problem, state, keep, weights)
+    return Linearised(information.square, information.count,
+                      normal_step(problem, state, information, prior), information)
 
 
 def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -134,7 +134,7 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
         weights = weigh(state) if weigh else None
         now = linearised(problem, state, keep, prior, weights, by_sums)
         # what is ill-conditioned at one state is so at the next
-        by_sums = now.reduced is None
+        by_sums = now.information is None
         summed += by_sums
         before = now.square + prior_square(problem, state, prior)
         limit = max(CONVERGED, (ROUGH if weigh else 1e-10) * before)
@@ -145,15 +145,15 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
             step, decrease = now.small.step(damping)
             small = float(np.max(np.abs(step / unit), initial=0.0)) < ROUND_OFF
             if decrease < limit or small:
-                if now.reduced is None and not rough:
+                if now.information is None and not rough:
                     now = linearised(problem, state, keep, prior, weights, False)
                     summed -= 1
                     continue
                 if damping > 0.0:
-                    return Minimum(state, now.reduced, count, now.level, summed)
+                    return Minimum(state, now.information, count, now.level, summed)
                 # too small to be judged by the cost: a last plain step only polishes
                 end = problem.moved(state, step)
-                return Minimum(end if solved(end, keep) else state, now.reduced, count, True,
+                return Minimum(end if solved(end, keep) else state, now.information, count, True,
                                summed)
             if not another_step():
                 return _given_up(problem, state, keep, prior, rough, count, summed)
@@ -183,7 +183,7 @@ def _given_up(problem: Problem, state: State, keep: Sequence[Bools], prior: Arra
     if rough:
         return Minimum(state, None, iterations, False, summed)
     now = linearised(problem, state, keep, prior, None, False)
-    return Minimum(state, now.reduced, iterations, now.level, summed)
+    return Minimum(state, now.information, iterations, now.level, summed)
 
 
 def solved(state: State, keep: Sequence[Bools]) -> bool:
@@ -205,7 +205,7 @@ def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior:
     """
     if not solved(trial, keep):
         return None
-    there = linearised(problem, trial, keep, prior, weights, now.reduced is None)
+    there = linearised(problem, trial, keep, prior, weights, now.information is None)
     by_joints = any(np.any(s > 0.0) for s in problem.sigma_joints)
     if by_joints and there.promise < SETTLING * now.promise:
         return trial

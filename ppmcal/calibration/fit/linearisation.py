@@ -32,14 +32,14 @@ ROWS = 1536
 
 
 @dataclass(frozen=True)
-class QRFactor:
-    """All rows as one triangle: ``triangle`` (C, C), ``right`` (C,), and the sum of squares.
+class SquareRootInformation:
+    """All rows as one triangle: ``root`` (C, C), ``right`` (C,), and the sum of squares.
 
     The least-squares problem of the rows is |triangle s - right|^2 + (square - |right|^2).
     ``count``: of values, each by its row's weight.
     """
 
-    triangle: Array
+    root: Array
     right: Array
     square: float
     count: float
@@ -79,7 +79,7 @@ def parameter_scale(problem: Problem) -> Array:
 
 
 def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
-                weights: Sequence[Array] | None = None) -> QRFactor:
+                weights: Sequence[Array] | None = None) -> SquareRootInformation:
     """Accumulate all rows into one triangle by QR, chunk by chunk.
 
     Args:
@@ -105,7 +105,7 @@ def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
     full = np.zeros((size, size))
     full[:min(size, stack.shape[0])] = stack[:size]
     right = full[:-1, -1]
-    return QRFactor(full[:-1, :-1], right, float(np.sum(full[:, -1] ** 2)), count)
+    return SquareRootInformation(full[:-1, :-1], right, float(np.sum(full[:, -1] ** 2)), count)
 
 
 def column_scale(problem: Problem) -> Array:
@@ -232,17 +232,18 @@ def to_prior(problem: Problem, state: State) -> Array:
     return away
 
 
-def normal_step(problem: Problem, state: State, reduced: QRFactor, prior: Array) -> NormalStep:
+def normal_step(problem: Problem, state: State, information: SquareRootInformation,
+                prior: Array) -> NormalStep:
     """Return the linear problem of data and prior at a state.
 
     Args:
         problem: the machine and its C columns.
         state: where the rows were linearised.
-        reduced: all rows as one triangle.
+        information: all rows as one triangle.
         prior: weight of each column's distance from the middle of its prior (C,), 1/sigma, SI.
     """
     scale = column_scale(problem)
-    matrix = np.concatenate([reduced.triangle * scale, np.diag(prior * scale)])
+    matrix = np.concatenate([information.root * scale, np.diag(prior * scale)])
     u, s, vt = svd(matrix)
-    right = u.T @ np.concatenate([reduced.right, prior * to_prior(problem, state)])
+    right = u.T @ np.concatenate([information.right, prior * to_prior(problem, state)])
     return NormalStep(s, right, vt, scale)

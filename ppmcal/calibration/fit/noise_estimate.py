@@ -149,7 +149,7 @@ def with_noise(fit: Fit, factor: float, options: FitOptions) -> Fit:
     if fit.prior.any() and not chosen:
         found = least_squares(noisier, state, fit.keep, fit.prior, options.most)
         state, converged = found.state, found.converged
-    return replace(fit, state=state, reduced=qr_factor(noisier, state, fit.keep),
+    return replace(fit, state=state, information=qr_factor(noisier, state, fit.keep),
                    prior=prior_weights(noisier, options.method, wider) if chosen else fit.prior,
                    noise=factor * fit.noise, prior_scale=wider, converged=converged)
 
@@ -274,12 +274,12 @@ def _split(fit: Fit) -> tuple[float, float, float, float]:
     What no error of the machine can explain is noise alone; the rest of the minimum is how far the
     errors are from nominal, against tolerances and noise. If both are right these are independent.
     """
-    explained, taken = known_part(fit.reduced.triangle * fit.scale, fit.reduced.right,
+    explained, taken = known_part(fit.information.root * fit.scale, fit.information.right,
                                   fit.prior * fit.scale)
-    square, degrees = fit.reduced.square - explained, fit.reduced.count - taken
-    every = fit.reduced.square + prior_square(fit.problem, fit.state, fit.prior)
+    square, degrees = fit.information.square - explained, fit.information.count - taken
+    every = fit.information.square + prior_square(fit.problem, fit.state, fit.prior)
     seen = int(np.sum(directions(fit)[2]))
-    rest = fit.reduced.count + int(np.sum(fit.prior > 0.0)) - seen - degrees
+    rest = fit.information.count + int(np.sum(fit.prior > 0.0)) - seen - degrees
     return max(square, 0.0), degrees, max(every - square, 0.0), rest
 
 
@@ -313,7 +313,7 @@ def _chance(chi2: float, degrees: float) -> float:
 
 def noise_check(fit: Fit) -> Noise:
     """Return chi-squared of noise and prior, the noise ratio, and the scatter of repeats."""
-    square, left = fit.reduced.square, fit.reduced.count - values_taken(fit)
+    square, left = fit.information.square, fit.information.count - values_taken(fit)
     if fit.problem.earlier is not None:
         # the ratio is that of the new rows
         problem, free = fit.problem, len(fit.problem.free)

@@ -332,7 +332,7 @@ def gross_errors(problem: Problem, state: State, keep: Sequence[Bools]) -> list[
 
     None where there are too many of them to be single mistakes.
     """
-    out = beyond(explained_distances(problem, state), keep)
+    out = gross_mask(explained_distances(problem, state), keep)
     total = sum(int(k.sum()) for k in keep)
     if sum(int(o.sum()) for o in out) > float(MOST_GROSS) * total:
         return [np.zeros_like(o) for o in out]
@@ -353,7 +353,7 @@ def rows_with_outliers(fit: Fit) -> list[Bools]:
     return [k | o for k, o in zip(fit.keep, fit.outliers, strict=True)]
 
 
-def beyond(found: Distances, keep: Sequence[Bools]) -> list[Bools]:
+def gross_mask(found: Distances, keep: Sequence[Bools]) -> list[Bools]:
     """Return the rows ``keep`` that are beyond :data:`GROSS` times what half of them are."""
     limit = GROSS * max(1.0, found.times(keep))
     return [k & (np.sqrt(np.where(np.isnan(d) | (m == 0), 0.0, d) / chdtri(np.maximum(m, 1.0), 0.5))

@@ -27,7 +27,7 @@ SEEN = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
-class Earlier:
+class PriorInformation:
     """Rows |matrix s - right|^2 of steps s from ``value``, per parameter.
 
     ``places`` (F,): indices of the machine's parameters; ``matrix`` (k, F), ``right`` (k,)
@@ -56,7 +56,7 @@ class Earlier:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class PoseResiduals:
     """What no column explains of a data set's rows, SI.
 
     ``q`` (n, k) joint values, unit of q; ``rest`` (n, m) by measured coordinate, in base axes, 0
@@ -92,7 +92,7 @@ class SessionKnowledge:
     noise: float
     spread: float
     degrees: float
-    sights: tuple[Sight, ...]
+    sights: tuple[PoseResiduals, ...]
     single: bool = False
 
 
@@ -141,10 +141,10 @@ class Posterior:
         left = self.right if self.step is None else self.right - self.matrix @ self.step
         return -np.asarray(self.matrix.T @ left) / self.inflation**2
 
-    def data(self) -> Earlier:
+    def data(self) -> PriorInformation:
         """Return the data's part, without the prior."""
-        return Earlier(self.places, self.matrix / self.inflation, self.right / self.inflation,
-                       self.value)
+        return PriorInformation(self.places, self.matrix / self.inflation,
+                                self.right / self.inflation, self.value)
 
 
 def of_data(triangle: Array, right: Array, count: int, scale: Array) -> tuple[Array, Array]:

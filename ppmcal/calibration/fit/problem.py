@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns, lay_out
 from ppmcal.calibration.fit.observation import noise, view, white_measurements, whitener
-from ppmcal.calibration.fit.prior_information import Earlier
+from ppmcal.calibration.fit.prior_information import PriorInformation
 from ppmcal.calibration.fit.registration import no_pose, start_registration, unscaled
 from ppmcal.calibration.fit.response import Response, Rows
 from ppmcal.calibration.fit.unknown_directions import direction_sigma
@@ -90,7 +90,7 @@ class Problem:
     free: tuple[int, ...]
     pivots: tuple[Array, ...] | None = None
     given: tuple[Environment, ...] | None = None
-    earlier: Earlier | None = None
+    earlier: PriorInformation | None = None
 
     def alone(self, data: Dataset) -> Problem:
         """Return the problem of one data set by itself, with a frame of its own."""

@@ -36,9 +36,9 @@ OPEN = ("frame", "target", "rotation", "homing")
 OPENED = {"position": ("frame", "target", "homing"), "plane": ("frame",), "distance": ()}
 """What of it the data of an instrument can demand: of a flat its height and tilt say the rest."""
 FIELDS = {"frame": "frame", "target": "target", "rotation": "target_rotation"}
-MENDS = {"frame": "frame: unknown", "target": "target: unknown",
-         "rotation": "target_rotation: unknown", "homing": "homing: per-file",
-         "sessions": "frame: unknown"}
+REMEDIES = {"frame": "frame: unknown", "target": "target: unknown",
+            "rotation": "target_rotation: unknown", "homing": "homing: per-file",
+            "sessions": "frame: unknown"}
 WORTH = 0.05
 """More than a file leaves open is fitted where the error falls by this part."""
 SESSIONS = "sessions"
@@ -76,9 +76,9 @@ class RegistrationHint:
     instead: tuple[tuple[int, str], ...] = ()
 
     @property
-    def mend(self) -> str:
+    def remedy(self) -> str:
         """What to write into the sidecar."""
-        return MENDS[self.what]
+        return REMEDIES[self.what]
 
 
 def is_open(data: Dataset, what: str) -> bool:
@@ -101,7 +101,7 @@ def opened(data: Dataset, what: Sequence[str], only: bool = False) -> Dataset:
     return replace(data, homing=homing, **new)
 
 
-def fall(before: float, after: float) -> float:
+def significant_improvement(before: float, after: float) -> float:
     """Return by which part an error falls from one sum of squares to another, 0 if too little."""
     part = 1.0 - float(np.sqrt(max(after, 0.0) / before)) if before > 0.0 else 0.0
     return part if part > WORTH else 0.0
@@ -113,7 +113,7 @@ def surely(log_odds: float | Array) -> bool:
 
 
 def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
-                    possible: Sequence[tuple[int, str]]) -> Array:
+                    feasible: Sequence[tuple[int, str]]) -> Array:
     """Return the log odds (P,) of each thing that may be open against nothing, prior included.
 
     Args:
@@ -121,14 +121,14 @@ def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior
         state: of its fit.
         keep: rows that count.
         prior: weight of each of its columns (C,).
-        possible: data set and what of it, of :data:`OPEN` or ``sessions``.
+        feasible: data set and what of it, of :data:`OPEN` or ``sessions``.
     """
-    words = [["frame" if w == SESSIONS else w for j, w in possible if j == i]
+    words = [["frame" if w == SESSIONS else w for j, w in feasible if j == i]
              for i in range(len(problem.datasets))]
     wide = problem.changed(datasets=tuple(
         opened(d, w) for d, w in zip(problem.datasets, words, strict=True)))
     groups, columns, end = list[Group](), list[tuple[int, ...]](), 0
-    for i, what in possible:
+    for i, what in feasible:
         at = getattr(wide.opens[i], {SESSIONS: "frame", **FIELDS}.get(what, what))
         masks = _sessions_of(problem.datasets[i])[1:] if what == SESSIONS else [
             np.ones(len(problem.datasets[i]), dtype=bool)]
@@ -137,7 +137,7 @@ def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior
     rows = added_columns(problem, state, keep, prior, wide, groups)
     given = Conditioned.nothing(MatrixColumns(rows.added), rows.values, rows.count).taking(
         rows.geometry)
-    blocks = [Block(what, what, own, 0.0) for (_, what), own in zip(possible, columns, strict=True)]
+    blocks = [Block(what, what, own, 0.0) for (_, what), own in zip(feasible, columns, strict=True)]
     out = np.full(len(blocks), np.log(float(MOVED)))
     for batch in batches(blocks, given.columns, given.count):
         out[batch.which] += total(BatchOdds.of(given, batch).free)
@@ -170,13 +170,13 @@ def registration_hints(fit: Fit) -> tuple[RegistrationHint, ...]:
 def _hint(fit: Fit, problem: Problem, state: State, keep: Sequence[Bools]
           ) -> tuple[RegistrationHint, State] | None:
     """Return what most likely has to be open, and the state then; None where nothing surely has."""
-    prior, possible = _padded(problem, fit), _possible(problem, keep)
-    odds = odds_of_opening(problem, state, keep, prior, possible)
-    if not possible or not surely(odds):
+    prior, feasible = _padded(problem, fit), _possible(problem, keep)
+    odds = odds_of_opening(problem, state, keep, prior, feasible)
+    if not feasible or not surely(odds):
         return None
     order = np.argsort(-odds, kind="stable")
     more = np.cumsum(np.exp(odds[order] - linalg.logsumexp(odds))) < float(SURE)
-    (i, what), *instead = [possible[n] for n in order[:int(more.sum()) + 1].tolist()]
+    (i, what), *instead = [feasible[n] for n in order[:int(more.sum()) + 1].tolist()]
     wider, there, rows = _opened(problem, state, keep, i, what)
     prior = _padded(wider, fit)
     after = _refitted(wider, there, rows, prior)
@@ -184,7 +184,7 @@ def _hint(fit: Fit, problem: Problem, state: State, keep: Sequence[Bools]
         return None
     square, own = _squares(problem, state, keep), _squares(wider, after, rows)
     total, values = own.sum(axis=0)[:2].tolist()
-    if not fall(float(square[:, 0].sum()), total):
+    if not significant_improvement(float(square[:, 0].sum()), total):
         return None
     ends = np.stack([square[i], own[i:i + len(own) - len(square) + 1].sum(axis=0)])
     white, place = np.sqrt(ends[:, ::2] / np.maximum(ends[:, 1::2], 1.0)).T.tolist()
@@ -296,7 +296,7 @@ def hint_words(fit: Fit, hint: RegistrationHint) -> str:
 
 def _words(fit: Fit, dataset: int, what: str) -> str:
     place = Path(fit.problem.datasets[dataset].source).with_suffix(".yaml").name
-    return f"{MENDS[what]} in " + (f"each session's own {place}" if what == SESSIONS else place)
+    return f"{REMEDIES[what]} in " + (f"each session's own {place}" if what == SESSIONS else place)
 
 
 def hint_sentences(fit: Fit, hints: Sequence[RegistrationHint]) -> list[str]:

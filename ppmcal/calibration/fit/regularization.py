@@ -25,7 +25,7 @@ from ppmcal.linalg import (
     without_range,
 )
 from ppmcal.model.dataset import Dataset
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 from ppmcal.wording.progress import note
 
 DAMPED_ITERATIONS, SOON = 6000, 60
@@ -45,8 +45,8 @@ def gcv_scale(fit: Fit, base: Array) -> float:
     tau = np.where(base[:count] > 0.0, reciprocals(base[:count]), fit.scale[:count])
     away = (fit.state.g[list(fit.problem.free)]
             - fit.problem.mechanism.nominals[list(fit.problem.free)]) / tau
-    block, nuisance = fit.reduced.triangle[:, :count] * tau, fit.reduced.triangle[:, count:]
-    right = fit.reduced.right + block @ away
+    block, nuisance = fit.information.root[:, :count] * tau, fit.information.root[:, count:]
+    right = fit.information.right + block @ away
     lost = 0
     if nuisance.shape[1]:
         basis = range_basis(unit_columns(nuisance), RANK_TOLERANCE)
@@ -54,13 +54,13 @@ def gcv_scale(fit: Fit, base: Array) -> float:
         block, right = without_range(block, basis), without_range(right, basis)
     u, s, _ = svd(block)
     b = u.T @ right
-    rest = fit.reduced.square - float(np.sum(fit.reduced.right**2)) + float(
+    rest = fit.information.square - float(np.sum(fit.information.right**2)) + float(
         np.sum(right**2) - np.sum(b**2))
 
     def score(log_scale: float) -> float:
         f = s**2 / (s**2 + 10.0 ** (-2.0 * log_scale))
         return float((rest + np.sum(((1 - f) * b) ** 2))
-                     / (fit.reduced.count - lost - np.sum(f)) ** 2)
+                     / (fit.information.count - lost - np.sum(f)) ** 2)
 
     grid = np.linspace(-3.0, 3.0, 121)
     best = grid[int(np.argmin([score(x) for x in grid]))]
@@ -88,31 +88,31 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
     none = np.zeros(len(problem.columns))
     converged, stopped = False, ""
     limit = options.iterations or DAMPED_ITERATIONS
-    reduced, plain = qr_factor(problem, state, keep), qr_factor(unit, state, keep)
+    information, plain = qr_factor(problem, state, keep), qr_factor(unit, state, keep)
     iteration, away = 0, float("inf")
     for iteration in range(1, limit + 1):
-        matrix = plain.triangle.T @ plain.triangle
+        matrix = plain.root.T @ plain.root
         matrix[:count, :count] += options.damping * np.eye(count)
-        step = np.asarray(linalg.lstsq(matrix, plain.triangle.T @ plain.right, rcond=1e-15)[0],
+        step = np.asarray(linalg.lstsq(matrix, plain.root.T @ plain.right, rcond=1e-15)[0],
                           dtype=np.float64)
         state = problem.moved(state, step)
         _refuse_astray(problem, state, keep, iteration)
-        reduced, plain = qr_factor(problem, state, keep), qr_factor(unit, state, keep)
-        note(f"iteration {iteration}, chi-squared {reduced.square:.6g}")
+        information, plain = qr_factor(problem, state, keep), qr_factor(unit, state, keep)
+        note(f"iteration {iteration}, chi-squared {information.square:.6g}")
         left, _ = normal_step(unit, state, plain, none).step()
-        away, before = float(np.sum((reduced.triangle @ left) ** 2)), away
+        away, before = float(np.sum((information.root @ left) ** 2)), away
         if away < 0.01:
             converged = True
             break
-        if like_noise(reduced) and _hopeless(away, before, SOON):
-            stopped = f"at the noise, after {counted(iteration, 'iteration')}"
+        if like_noise(information) and _hopeless(away, before, SOON):
+            stopped = f"at the noise, after {pluralize(iteration, 'iteration')}"
             break
         if not options.iterations and iteration >= 20 and _hopeless(away, before, limit):
             break
     if options.iterations and not (converged or stopped):
-        stopped = f"after {counted(iteration, 'iteration')}, as asked"
+        stopped = f"after {pluralize(iteration, 'iteration')}, as asked"
     lost = [k & ~finite_rows(p) for k, p in zip(keep, state.poses, strict=True)]
-    return Fit(problem, state, reduced, none, column_scale(problem),
+    return Fit(problem, state, information, none, column_scale(problem),
                tuple(k & ~gone for k, gone in zip(keep, lost, strict=True)),
                iteration, converged, stopped=stopped, reasons=tuple(
                    {**why, **dict.fromkeys(np.flatnonzero(gone).tolist(), NO_POSE)}
@@ -124,7 +124,7 @@ def _refuse_astray(problem: Problem, state: State, keep: Sequence[Bools], iterat
     rows = sum(int(k.sum()) for k in keep)
     lost = sum(int((~finite_rows(p[k])).sum()) for k, p in zip(keep, state.poses, strict=True))
     if lost > MOST_LOST * rows:
-        raise NoResult(f"the damped scheme went astray: after {counted(iteration, 'iteration')} "
+        raise NoResult(f"the damped scheme went astray: after {pluralize(iteration, 'iteration')} "
                        f"{lost} of {rows} rows have no pose",
                        ", ".join(d.source for d in problem.datasets),
                        "Look for values typed wrong, which this scheme does not leave out, or use "

@@ -20,7 +20,7 @@ from ppmcal.calibration.fit.fit_result import (
     values_taken,
 )
 from ppmcal.calibration.fit.gauss_newton import Minimum, least_squares
-from ppmcal.calibration.fit.linearisation import QRFactor, column_scale, qr_factor
+from ppmcal.calibration.fit.linearisation import SquareRootInformation, column_scale, qr_factor
 from ppmcal.calibration.fit.outliers import Distances, distances
 from ppmcal.calibration.fit.problem import Problem, State
 from ppmcal.calibration.fit.unsolved_rows import NO_POSE
@@ -46,23 +46,24 @@ def fit_rows(problem: Problem, state: State, keep: Sequence[Bools],
         scale: by which the tolerances were scaled in ``prior``.
     """
     found = least_squares(problem, state, keep, prior, options.most, None)
-    reduced = found.reduced or qr_factor(problem, found.state, keep)
-    _remark(problem, found, reduced, keep)
-    return Fit(problem, found.state, reduced, prior, column_scale(problem), tuple(keep),
+    information = found.information or qr_factor(problem, found.state, keep)
+    _remark(problem, found, information, keep)
+    return Fit(problem, found.state, information, prior, column_scale(problem), tuple(keep),
                found.iterations, found.converged, prior_scale=scale, reasons=tuple(reasons),
                summed=found.summed)
 
 
-def _remark(problem: Problem, found: Minimum, reduced: QRFactor, keep: Sequence[Bools]) -> None:
+def _remark(problem: Problem, found: Minimum, information: SquareRootInformation,
+            keep: Sequence[Bools]) -> None:
     """Log how a fit went."""
     if log.isEnabledFor(logging.INFO):
-        used = reduced.triangle * column_scale(problem)
+        used = information.root * column_scale(problem)
         condition = float(linalg.condition(used)) if used.size else 1.0
         log.info("%d columns to %d rows: %s after %d iterations, %d of them from normal equations, "
                  "the others by QR; chi-squared %.6g, condition of the data alone %.2g",
                  len(problem.columns), sum(int(k.sum()) for k in keep),
                  "converged" if found.converged else "not converged", found.iterations,
-                 found.summed, reduced.square, condition)
+                 found.summed, information.square, condition)
 
 
 BETWEEN_ROUNDS = 5

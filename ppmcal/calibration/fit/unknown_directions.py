@@ -14,7 +14,7 @@ import numpy as np
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording import some
+from ppmcal.wording import abbreviate_list
 
 ON_AVERAGE = 0.0
 """What stands for a direction that may be +1 or -1."""
@@ -73,4 +73,4 @@ def _words(mechanism: Mechanism, datasets: Sequence[Dataset], without: Sequence[
     are = "is" if len(columns) == 1 else "are"
     files = " and ".join(datasets[i].name for i in without)
     return (f"what goes with the direction of approach is tested on {known} of {total} rows: "
-            f"{some(columns)} {are} not recorded in {files}")
+            f"{abbreviate_list(columns)} {are} not recorded in {files}")

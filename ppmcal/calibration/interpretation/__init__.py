@@ -22,12 +22,18 @@ if TYPE_CHECKING:
     from ppmcal.calibration.interpretation.copies import without_shared as without_shared
     from ppmcal.calibration.interpretation.data_check import Check as Check
     from ppmcal.calibration.interpretation.data_check import check as check
-    from ppmcal.calibration.interpretation.misread import NOISE as NOISE
-    from ppmcal.calibration.interpretation.misread import Misread as Misread
-    from ppmcal.calibration.interpretation.misread import Misreading as Misreading
-    from ppmcal.calibration.interpretation.misread import Mistake as Mistake
-    from ppmcal.calibration.interpretation.misread import misreading_sentence as misreading_sentence
-    from ppmcal.calibration.interpretation.misread import with_line as with_line
+    from ppmcal.calibration.interpretation.interpretation_error import NOISE as NOISE
+    from ppmcal.calibration.interpretation.interpretation_error import FileFault as FileFault
+    from ppmcal.calibration.interpretation.interpretation_error import (
+        Interpretation as Interpretation,
+    )
+    from ppmcal.calibration.interpretation.interpretation_error import (
+        InterpretationError as InterpretationError,
+    )
+    from ppmcal.calibration.interpretation.interpretation_error import (
+        interpretation_sentence as interpretation_sentence,
+    )
+    from ppmcal.calibration.interpretation.interpretation_error import with_line as with_line
     from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes as plain_mistakes
     from ppmcal.calibration.interpretation.obvious_mistakes import recorded_units as recorded_units
     from ppmcal.calibration.interpretation.obvious_mistakes import (

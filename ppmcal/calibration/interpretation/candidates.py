@@ -20,7 +20,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
-from ppmcal.calibration.interpretation.readings import FileReading, ReadColumns
+from ppmcal.calibration.interpretation.readings import ColumnInterpretation, ReadColumns
 from ppmcal.errors import LinearAlgebraError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
@@ -48,7 +48,7 @@ def joint_readings(mechanism: Mechanism, data: Dataset, single: bool = True) -> 
     What the positions' slopes by the columns say; with ``single`` also each single change (two
     columns exchanged, a sign, a unit), else only the likeliest few.
     """
-    plain = FileReading.as_declared(mechanism, data).joints
+    plain = ColumnInterpretation.as_declared(mechanism, data).joints
     found = [plain]
     if data.commanded is None:
         found += [*(_single(plain, other_units(mechanism, plain)) if single else ())]
@@ -177,13 +177,13 @@ def _correlations(columns: Array) -> tuple[Array, Array]:
     return unit.T @ unit, size
 
 
-def pose_readings(plain: FileReading, data: Dataset) -> list[FileReading]:
+def pose_readings(plain: ColumnInterpretation, data: Dataset) -> list[ColumnInterpretation]:
     """Return single changes of the measured columns, as declared first."""
     return [*position_readings(plain), *rotation_readings(plain, data)[1:],
             *whole_pose_readings(plain, data)]
 
 
-def position_readings(plain: FileReading) -> list[FileReading]:
+def position_readings(plain: ColumnInterpretation) -> list[ColumnInterpretation]:
     """Return readings of the measured positions, as declared first."""
     planar = len(plain.places.own) == 2
     axes = [AXES[1], AXES[0]] if planar else [AXES[2], *AXES[:2]]
@@ -197,7 +197,7 @@ def position_readings(plain: FileReading) -> list[FileReading]:
         for u in units for axis in plain.places.own)]
 
 
-def rotation_readings(plain: FileReading, data: Dataset) -> list[FileReading]:
+def rotation_readings(plain: ColumnInterpretation, data: Dataset) -> list[ColumnInterpretation]:
     """Return readings of the rotation columns, as declared first; only that where none are.
 
     Matrices are read as the sidecar has them: it has no line for another way.
@@ -220,7 +220,7 @@ def rotation_readings(plain: FileReading, data: Dataset) -> list[FileReading]:
             *(replace(_turned(plain, order=(2, 1, 0)), rotation=c) for c in others)]
 
 
-def whole_pose_readings(plain: FileReading, data: Dataset) -> list[FileReading]:
+def whole_pose_readings(plain: ColumnInterpretation, data: Dataset) -> list[ColumnInterpretation]:
     """Return readings in which positions depend on the rotations: inverse poses."""
     if not np.isfinite(data.rotation).any() or data.kind != "pose":
         return []
@@ -234,9 +234,9 @@ def _orders() -> Iterator[tuple[int, ...]]:
     return islice(permutations(range(3)), 1, None)
 
 
-def _placed(reading: FileReading, **other: tuple[Any, ...]) -> FileReading:
+def _placed(reading: ColumnInterpretation, **other: tuple[Any, ...]) -> ColumnInterpretation:
     return replace(reading, places=replace(reading.places, **other))
 
 
-def _turned(reading: FileReading, **other: tuple[Any, ...]) -> FileReading:
+def _turned(reading: ColumnInterpretation, **other: tuple[Any, ...]) -> ColumnInterpretation:
     return replace(reading, turns=replace(reading.turns, **other))

@@ -21,7 +21,7 @@ from ppmcal.model.instruments import SCALARS
 from ppmcal.model.mechanism import POSE_COORDINATES
 from ppmcal.model.repeats import NO_INFLUENCE, identical_rows
 from ppmcal.model.same_rows import KEPT, KnownRows, partners, step_of, tolerances
-from ppmcal.wording import counted, row_list
+from ppmcal.wording import pluralize, row_list
 
 BY_CHANCE = 1e-4
 """Equal rows expected of honest repeats, below which they are copies."""
@@ -146,7 +146,7 @@ def without_copies(data: Dataset) -> Dataset:
     if not out.any():
         return data
     if len(data) - out.sum() < FEWEST <= len(data):
-        raise BadInput(f"the {len(data)} rows are {counted(len(data) - int(out.sum()), 'row')} "
+        raise BadInput(f"the {len(data)} rows are {pluralize(len(data) - int(out.sum()), 'row')} "
                        "copied: identical in every digit, they add nothing", data.source,
                        "Measure more poses, and a pose again where it is to be a repeat")
     return _left_out(data, out, f"{data.source}: {row_list(data.rows[out] - 1)}: {REASON}; "
@@ -181,7 +181,7 @@ def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
                                    "within its digits", data.source,
                                    "Give each measurement only once")
                 data = _left_out(data, again, (
-                    f"{data.source}: {counted(int(again.sum()), 'row')} stand in {other.source} "
+                    f"{data.source}: {pluralize(int(again.sum()), 'row')} stand in {other.source} "
                     "too, equal within their digits: copies are not repeats; each counts once."))
         done.append(data)
     return tuple(done)
@@ -249,7 +249,7 @@ def without_known(several: Sequence[Dataset], actuators: Sequence[str],
                                "too, equal within their digits", data.source,
                                "Give new measurements only, or leave out --keep")
             data = _left_out(data, again, (
-                f"{data.source}: {counted(int(again.sum()), 'row')} stand in {seen.source} too, "
+                f"{data.source}: {pluralize(int(again.sum()), 'row')} stand in {seen.source} too, "
                 f"which {where} has used already, equal within their digits: each counts once."))
         out.append(data)
     return tuple(out)

@@ -19,7 +19,11 @@ from ppmcal.calibration.fit import (
     unidentifiable,
     whole_rank,
 )
-from ppmcal.calibration.interpretation.misread import Misreading, mend_of, misreading_sentence
+from ppmcal.calibration.interpretation.interpretation_error import (
+    Interpretation,
+    hint_of,
+    interpretation_sentence,
+)
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
 from ppmcal.calibration.interpretation.read_rightly import refusal
 from ppmcal.calibration.knowledge import Identifiability, identifiability
@@ -33,7 +37,7 @@ from ppmcal.linalg import Array, ways
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import about, of_column
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 from ppmcal.wording.progress import stage
 
 TRIAL_POSES = 80
@@ -60,7 +64,7 @@ class Check:
     unseen: tuple[str, ...] = ()
     redundant: tuple[str, ...] = ()
     identifiability: Identifiability | None = None
-    misreadings: tuple[Misreading, ...] = ()
+    misreadings: tuple[Interpretation, ...] = ()
     unidentifiable: tuple[Unidentifiable, ...] = ()
 
 
@@ -85,13 +89,13 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         findings.append(f"the machine is close to a singularity at home: smallest singular value "
                         f"{value:.2g} (a sound machine has 0.1 to 1). Choose another home pose.")
     judged = bool(mechanism.free) and value >= SINGULAR_HOME
-    misreadings: tuple[Misreading, ...] = ()
+    misreadings: tuple[Interpretation, ...] = ()
     if datasets and judged:
         refused = refusal(Problem(mechanism, tuple(datasets), mechanism.free))
         misreadings = refused.found if refused else ()
         findings = [*_not_told(findings, misreadings), *_told(misreadings, mechanism)]
         if refused and not misreadings:
-            findings.append(f"{refused.what}. {refused.mend}.")
+            findings.append(f"{refused.what}. {refused.hint}.")
     out = Check((), gaps, value, q_home, misreadings=(*misreadings, *(
         m for d in datasets for m in plain_mistakes(d, mechanism, misreadings))))
     used = tuple(datasets) or ((trial_dataset(mechanism),) if judged else ())
@@ -101,7 +105,8 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         lost = sum(int((~k).sum()) for k in start.keep)
         # of poses about home some are beyond where a learned term is known
         if lost and (datasets or not any(e.kind.known for e in mechanism.effects)):
-            findings.append(f"{counted(lost, 'row')} without a pose at the joint values: check q, "
+            findings.append(
+                f"{pluralize(lost, 'row')} without a pose at the joint values: check q, "
                             "its unit and the home pose.")
         if datasets and out.columns:
             findings += branch_findings(start.problem, start.state)
@@ -119,14 +124,14 @@ def _open_limbs(mechanism: Mechanism, gaps: Sequence[LimbGap]) -> Iterator[str]:
                    f"{unit}. Check its points, lengths and home.q.")
 
 
-def _told(misreadings: Sequence[Misreading], mechanism: Mechanism) -> Iterator[str]:
+def _told(misreadings: Sequence[Interpretation], mechanism: Mechanism) -> Iterator[str]:
     """Yield what is read wrongly, and how to read it."""
     for m in misreadings:
-        what = misreading_sentence(m, mechanism.units)
-        yield f"{m.source}: {what}{'' if what.endswith('?') else '.'} {mend_of([m])}."
+        what = interpretation_sentence(m, mechanism.units)
+        yield f"{m.source}: {what}{'' if what.endswith('?') else '.'} {hint_of([m])}."
 
 
-def _not_told(findings: Sequence[str], misreadings: Sequence[Misreading]) -> list[str]:
+def _not_told(findings: Sequence[str], misreadings: Sequence[Interpretation]) -> list[str]:
     """Return findings without those on a column that is told to be outside its limits."""
     told = about(findings, [of_column(m.source, c) for m in misreadings for x in m.mistakes
                             if x.kind == "outside-limits" for c in x.columns])

@@ -8,14 +8,19 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.fit import coordinates, shown
+from ppmcal.calibration.interpretation.interpretation_error import (
+    FileFault,
+    Interpretation,
+    InterpretationError,
+    with_line,
+)
 from ppmcal.calibration.interpretation.limits import MOST
-from ppmcal.calibration.interpretation.misread import Misread, Misreading, Mistake, with_line
 from ppmcal.calibration.interpretation.readings import readable, with_verb
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import ZERO_CELSIUS, Dataset
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.wording import counted, some
+from ppmcal.wording import abbreviate_list, pluralize
 
 WORKSHOP = (-10.0, 45.0)
 """Temperatures, deg C, in which machines are measured."""
@@ -23,7 +28,7 @@ HEAVIEST = 2000.0
 """A payload of more than so many kg per metre of reach is none."""
 
 
-def recorded_units(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[Mistake, str]]:
+def recorded_units(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[FileFault, str]]:
     """Yield the columns of the environment that look like another unit, and that unit."""
     for name, values in data.columns.items():
         known = values[np.isfinite(values)]
@@ -34,14 +39,15 @@ def recorded_units(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[Mistak
             if unit:
                 low, high = (f"{v - ZERO_CELSIUS:.4g}" for v in (known.min(), known.max()))
                 other = "K" if unit == "K" else "deg F"
-                yield Mistake("unit", (name,), f"{name} is {low} to {high}: no workshop in deg C, "
-                              f"but in {other}. Where a heated part is measured, "
-                              f"`units: {{{name}: C}}` in its sidecar says so"), unit
+                yield FileFault("unit", (name,),
+                                f"{name} is {low} to {high}: no workshop in deg C, "
+                                f"but in {other}. Where a heated part is measured, "
+                                f"`units: {{{name}: C}}` in its sidecar says so"), unit
         elif name == "payload":
             most = float(np.median(known[known > 0.0])) if (known > 0.0).any() else 0.0
             if most > HEAVIEST * mechanism.reach:
-                yield Mistake("unit", (name,), f"payload is about {most:.4g}: more than this "
-                              "machine can bear in kg, but not in g"), "g"
+                yield FileFault("unit", (name,), f"payload is about {most:.4g}: more than this "
+                                "machine can bear in kg, but not in g"), "g"
 
 
 def _temperature(celsius: Array, room: bool) -> str:
@@ -58,39 +64,39 @@ def _temperature(celsius: Array, room: bool) -> str:
     return ""
 
 
-def _in_other_units(data: Dataset, mechanism: Mechanism) -> Iterator[Misreading]:
+def _in_other_units(data: Dataset, mechanism: Mechanism) -> Iterator[Interpretation]:
     for mistake, unit in recorded_units(data, mechanism):
         block = with_line(data, "units", dict.fromkeys(mistake.columns, unit))
-        yield Misreading(data.source, (mistake,), block)
+        yield Interpretation(data.source, (mistake,), block)
 
 
 def refuse_wrong_units(mechanism: Mechanism, datasets: Sequence[Dataset]) -> None:
     """Refuse columns of the environment that look like another unit.
 
     Raises:
-        Misread: with the lines to write into the sidecars.
+        InterpretationError: with the lines to write into the sidecars.
     """
     found = [m for d in datasets for m in _in_other_units(d, mechanism)]
     if found:
-        raise Misread.of(found, mechanism.units)
+        raise InterpretationError.of(found, mechanism.units)
 
 
-def plain_mistakes(data: Dataset, mechanism: Mechanism, others: Sequence[Misreading] = ()
-                   ) -> Iterator[Misreading]:
+def plain_mistakes(data: Dataset, mechanism: Mechanism, others: Sequence[Interpretation] = ()
+                   ) -> Iterator[Interpretation]:
     """Yield mistakes that show without a fit.
 
     ``others``: misreadings that a search has found; joints outside their limits are not told of
     columns that one of them concerns, which is why they are outside.
     """
     for mistake in stale(replace(data, unusable=None), mechanism)[1]:
-        yield Misreading(data.source, (mistake,))
+        yield Interpretation(data.source, (mistake,))
     yield from _in_other_units(data, mechanism)
     told = {c for other in others if other.source == data.source for m in other.mistakes
             for c in m.columns}
     yield from (m for _, _, m in _outside(data, mechanism) if m.mistakes[0].columns[0] not in told)
 
 
-def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Misreading, ...]:
+def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Interpretation, ...]:
     """Return joints that most rows have outside their limits: counted from another zero.
 
     Where home is outside too it is the limits that are wrong, and no joint is blamed.
@@ -100,16 +106,16 @@ def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Misreading, ...]:
                  if part > MOST and low[i] <= home[i] <= high[i])
 
 
-def _outside(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[int, float, Misreading]]:
+def _outside(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[int, float, Interpretation]]:
     """Yield joints that leave their limits, in which part of the rows, and that in words."""
     low, high = mechanism.limits.T
     with np.errstate(invalid="ignore"):
         outside = (data.q < low) | (data.q > high)
     for i in np.flatnonzero(outside.any(axis=0)).tolist():
         name, rows = f"q_{mechanism.actuators[i]}", tuple(data.rows[outside[:, i]].tolist())
-        yield i, float(outside[:, i].mean()), Misreading(data.source, (Mistake(
+        yield i, float(outside[:, i].mean()), Interpretation(data.source, (FileFault(
             "outside-limits", (name,), f"{name} is outside its limits in "
-            f"{counted(len(rows), 'row')}", rows),))
+            f"{pluralize(len(rows), 'row')}", rows),))
 
 
 # --- struts of negative length: only the square is seen, and a fit would take any sign ------------
@@ -135,7 +141,7 @@ def rows_with_negative_struts(data: Dataset, mechanism: Mechanism) -> Bools:
 
 
 def with_positive_struts(data: Dataset, mechanism: Mechanism
-                         ) -> tuple[Dataset, tuple[Mistake, ...]]:
+                         ) -> tuple[Dataset, tuple[FileFault, ...]]:
     """Return the data with columns of struts turned that are negative, and that as a mistake."""
     home, turned = home_state(mechanism).q, []
     for i in _struts(data, mechanism):
@@ -149,8 +155,8 @@ def with_positive_struts(data: Dataset, mechanism: Mechanism
     q[:, turned] *= -1.0
     right = replace(data, q=q, whole=None, place=None, read=with_line(
         data, "signs", {n: -signs.get(n, 1) for n in names}))
-    return right, (Mistake("sign", names, f"{with_verb(names, 'has', 'have')} the other sign: "
-                           "lengths of struts, which are not negative at home"),)
+    return right, (FileFault("sign", names, f"{with_verb(names, 'has', 'have')} the other sign: "
+                             "lengths of struts, which are not negative at home"),)
 
 
 # --- rows that repeat the row before: an instrument, or a log of joints, that had not moved on ----
@@ -167,7 +173,7 @@ BY_CHANCE = 0.05
 """Rows expected to repeat by the coarseness of the digits alone: from here on none is stale."""
 
 
-def stale(data: Dataset, mechanism: Mechanism) -> tuple[Bools, tuple[Mistake, ...]]:
+def stale(data: Dataset, mechanism: Mechanism) -> tuple[Bools, tuple[FileFault, ...]]:
     """Return which rows repeat the one before (N,), and that as mistakes.
 
     Heights and distances may well come out the same twice: they are not judged.
@@ -198,8 +204,8 @@ def stale(data: Dataset, mechanism: Mechanism) -> tuple[Bools, tuple[Mistake, ..
         if rows.any() and rows.mean() < MOST:    # where more repeat, they are meant to
             out |= rows
             numbers = tuple(data.rows[rows].tolist())
-            found.append(Mistake("stale", tuple(columns), f"in {counted(len(numbers), 'row')} "
-                                 f"{what} of the row before{reason}", numbers))
+            found.append(FileFault("stale", tuple(columns), f"in {pluralize(len(numbers), 'row')} "
+                                   f"{what} of the row before{reason}", numbers))
     return out, tuple(found)
 
 
@@ -236,7 +242,8 @@ def without_stale(datasets: Sequence[Dataset], mechanism: Mechanism) -> tuple[Da
     for data in datasets:
         rows, found = stale(data, mechanism)
         told = [f"{data.source}: {m.text}: row{'s' * (len(m.rows) > 1)} "
-                f"{some([str(n) for n in m.rows], data.source, 8)}; left out." for m in found]
+                f"{abbreviate_list([str(n) for n in m.rows], data.source, 8)}; left out."
+                for m in found]
         # data that came here before say so already
         out.append(replace(data.without(rows, "stale: repeats the row before"), findings=tuple(
             dict.fromkeys((*data.findings, *told)))) if found else data)

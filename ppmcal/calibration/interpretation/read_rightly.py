@@ -17,6 +17,11 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, Problem, State, distances, identify
+from ppmcal.calibration.interpretation.interpretation_error import (
+    FileFault,
+    Interpretation,
+    InterpretationError,
+)
 from ppmcal.calibration.interpretation.limits import (
     ALLOWED,
     AS_GOOD,
@@ -27,7 +32,6 @@ from ppmcal.calibration.interpretation.limits import (
     TELLING,
     WORST,
 )
-from ppmcal.calibration.interpretation.misread import Misread, Misreading, Mistake
 from ppmcal.calibration.interpretation.obvious_mistakes import (
     other_zeros,
     refuse_wrong_units,
@@ -52,12 +56,12 @@ from ppmcal.wording.progress import stage
 
 log = logging.getLogger(__package__)
 
-MEND = ("Check the order and signs of the q columns, their units, and how the rotation is written "
+HINT = ("Check the order and signs of the q columns, their units, and how the rotation is written "
         "(rotation vector rx, ry, rz; quaternion x, y, z, w; from platform to base). If the "
         "machine really is that far from its nominal geometry, give larger tolerances")
 
 
-def find_misreading(problem: Problem, index: int) -> Misreading | None:
+def find_misreading(problem: Problem, index: int) -> Interpretation | None:
     """Return how one data set is to be read, None where it stands, or where nothing explains it."""
     data = problem.datasets[index]
     if not readable(data):
@@ -81,8 +85,8 @@ def find_misreading(problem: Problem, index: int) -> Misreading | None:
     told = (as_read.miss, best.miss) if as_read.nominal > LANDS else (as_read.left, best.left)
     if np.isinf(as_read.total):
         told = (np.nan, np.nan), told[1]
-    return Misreading(data.source, way.what, block, *_telling(*told), best.noise, sigma,
-                      alternatives)
+    return Interpretation(data.source, way.what, block, *_telling(*told), best.noise, sigma,
+                          alternatives)
 
 
 def _better(alone: Problem, as_read: Score) -> list[tuple[Way, Score]]:
@@ -106,7 +110,7 @@ def _better(alone: Problem, as_read: Score) -> list[tuple[Way, Score]]:
 
 
 def _chosen(good: Sequence[tuple[Way, Score]]
-            ) -> tuple[Way, Score, tuple[tuple[Mistake, ...], ...]]:
+            ) -> tuple[Way, Score, tuple[tuple[FileFault, ...], ...]]:
     """Return the way that changes least of those as good as the best, its score, and alternatives.
 
     These are of another kind and change no more. What leaves the same to round-off is the same
@@ -120,7 +124,7 @@ def _chosen(good: Sequence[tuple[Way, Score]]
                 np.isclose(found.nominal, s.nominal, rtol=1e-6) for _, s in distinct):
             distinct.append((way, found))
     best = min(distinct, key=lambda g: g[1].total)
-    kinds: dict[frozenset[str], tuple[Mistake, ...]] = {}
+    kinds: dict[frozenset[str], tuple[FileFault, ...]] = {}
     for way, _ in (best, *distinct):
         kinds.setdefault(frozenset(m.kind for m in way.what), way.what)
     return *best, tuple(kinds.values())[1:]
@@ -166,7 +170,7 @@ def misfit(problem: Problem) -> Score:
         return _misfit(problem)
     found = _misfit(replace(problem, given=None, datasets=tuple(d for d, _ in turned)))
     other = {m.source: m for m in found.readings}
-    readings = ((sign, other.get(d.source, Misreading(d.source, (), dict(d.read))))
+    readings = ((sign, other.get(d.source, Interpretation(d.source, (), dict(d.read))))
                 for d, sign in turned)
     return replace(found, readings=tuple(replace(m, mistakes=(*sign, *m.mistakes))
                                          for sign, m in readings if sign or m.mistakes))
@@ -196,12 +200,12 @@ def _misfit(problem: Problem) -> Score:
     return replace(fitted, readings=found)
 
 
-def _misreadings(problem: Problem) -> tuple[Misreading, ...]:
+def _misreadings(problem: Problem) -> tuple[Interpretation, ...]:
     found = (find_misreading(problem, i) for i in range(len(problem.datasets)))
     return tuple(m for m in found if m is not None)
 
 
-def _other_zeros(problem: Problem) -> tuple[Misreading, ...]:
+def _other_zeros(problem: Problem) -> tuple[Interpretation, ...]:
     return tuple(m for d in problem.datasets for m in other_zeros(d, problem.mechanism))
 
 
@@ -210,23 +214,23 @@ def refuse_misread(problem: Problem) -> None:
     """Refuse measurements that are not of this machine as the files are read.
 
     Raises:
-        Misread: neither tolerances nor another geometry explain them, or the first rows do and
-            others do not; it says how they are to be read, where that is found.
+        InterpretationError: neither tolerances nor another geometry explain them, or the first rows
+            do and others do not; it says how they are to be read, where that is found.
     """
     found = misfit(problem)
     log.info("other readings of the files: %s", f"{len(found.readings)} found" if found.readings
              else "none needed" if not found.misread else "none found")
     _refuse(found.readings, problem)
     if found.misread:
-        raise Misread(found.sentence(problem.mechanism.units),
-                      ", ".join(d.source for d in problem.datasets), MEND)
+        raise InterpretationError(found.sentence(problem.mechanism.units),
+                                  ", ".join(d.source for d in problem.datasets), HINT)
     if found.doubted:
         _refuse(wrong_parts(problem), problem)
 
 
-def _refuse(found: Sequence[Misreading], problem: Problem) -> None:
+def _refuse(found: Sequence[Interpretation], problem: Problem) -> None:
     if found:
-        raise Misread.of(found, problem.mechanism.units)
+        raise InterpretationError.of(found, problem.mechanism.units)
 
 
 def refuse_before_fit(problem: Problem, every_column: bool = False) -> None:
@@ -238,7 +242,7 @@ def refuse_before_fit(problem: Problem, every_column: bool = False) -> None:
             for them.
 
     Raises:
-        Misread: with how they are to be read, where that is found.
+        InterpretationError: with how they are to be read, where that is found.
     """
     if every_column or problem.mechanism.effects:
         refuse_wrong_units(problem.mechanism, problem.datasets)
@@ -249,7 +253,7 @@ def refuse_after_fit(fit: Fit) -> None:
     """Refuse measurements that the fit shows to be read wrongly, or some of their rows.
 
     Raises:
-        Misread: with how they are to be read.
+        InterpretationError: with how they are to be read.
     """
     left = distances(fit.problem, fit.state).times(fit.keep)
     if left > TELLING or rms(tolerances_away(fit.problem, fit.state)) > FAR:
@@ -257,7 +261,7 @@ def refuse_after_fit(fit: Fit) -> None:
     _refuse(wrong_rows(fit), fit.problem)
 
 
-def other_machine(problem: Problem, state: State) -> Misreading | None:
+def other_machine(problem: Problem, state: State) -> Interpretation | None:
     """Return that a geometry is none of this machine's, None where tolerances allow it.
 
     A fit with tolerances moves the geometry by about one of them, whatever else is wrong with the
@@ -281,7 +285,7 @@ def other_machine(problem: Problem, state: State) -> Misreading | None:
         return None
     words = ", ".join(f"{name} by {away[name]:.0f}" for name in far[:3])
     text = f"the geometry comes out {rms(away):.0f} tolerances from nominal (RMS; {words})"
-    return Misreading(mechanism.source, (Mistake("other-machine", tuple(far), text),))
+    return Interpretation(mechanism.source, (FileFault("other-machine", tuple(far), text),))
 
 
 @stage("is it this machine")
@@ -289,20 +293,20 @@ def refuse_other_machine(fit: Fit) -> None:
     """Refuse a fit, with tolerances as prior, whose geometry is none of this machine's.
 
     Raises:
-        Misread: with how far it is from nominal, and where most.
+        InterpretationError: with how far it is from nominal, and where most.
     """
     found = other_machine(fit.problem, fit.state)
     _refuse([found] if found else [], fit.problem)
 
 
-def refusal(problem: Problem) -> Misread | None:
+def refusal(problem: Problem) -> InterpretationError | None:
     """Return what the refusals say of measurements, None where they let them through.
 
     A fit of all rows is made only where a short one leaves more than noise, or goes far.
     """
     try:
         refuse_misread(problem)
-    except Misread as error:
+    except InterpretationError as error:
         return error
     if score(problem, np.inf).total > TELLING:
         # a fit that cannot be had tells nothing of the file
@@ -311,6 +315,6 @@ def refusal(problem: Problem) -> Misread | None:
                 fit = identify(problem)
                 refuse_after_fit(fit)
                 refuse_other_machine(fit)
-            except Misread as error:
+            except InterpretationError as error:
                 return error
     return None

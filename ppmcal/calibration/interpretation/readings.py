@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.calibration.interpretation.misread import Mistake
+from ppmcal.calibration.interpretation.interpretation_error import FileFault
 from ppmcal.kinematics.pose_readings import (
     AXES,
     QUATERNIONS,
@@ -30,7 +30,7 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import SCALARS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import ANGLES, LENGTHS, TURN
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
 UNITS = {**LENGTHS, **ANGLES, "turn": TURN}
@@ -86,7 +86,7 @@ class ReadColumns:
         moved = len(self.moved)
         return (moved > 0) + 0.1 * moved + _minority(self.signs, 1) + _minority(self.units, "")
 
-    def mistakes(self, permuted: str, sign: Mistake | None = None) -> Iterator[Mistake]:
+    def mistakes(self, permuted: str, sign: FileFault | None = None) -> Iterator[FileFault]:
         """Yield what is wrong: places, signs, and each unit that is not the declared one.
 
         Args:
@@ -95,18 +95,18 @@ class ReadColumns:
         """
         if self.moved:
             names = [self.names[i] for i in self.moved]
-            yield Mistake(permuted, tuple(names), f"{with_verb(names, '', 'are')} exchanged"
-                          if len(names) == 2 else "the columns are permuted: " + ", ".join(
+            yield FileFault(permuted, tuple(names), f"{with_verb(names, '', 'are')} exchanged"
+                            if len(names) == 2 else "the columns are permuted: " + ", ".join(
                               f"{self.names[i]} is in the column {self.names[self.order[i]]}"
                               for i in self.moved))
         if self.turned:
-            yield sign or Mistake("sign", self.turned, with_verb(self.turned, "has", "have")
-                                  + " the other sign")
+            yield sign or FileFault("sign", self.turned, with_verb(self.turned, "has", "have")
+                                    + " the other sign")
         for unit in dict.fromkeys(self.units[i] for i in self.own if self.units[i]):
             own = [i for i in self.own if self.units[i] == unit]
             names = [self.names[i] for i in own]
-            yield Mistake("unit", tuple(names), f"{with_verb(names, 'is', 'are')} in {unit}, "
-                          f"not {self.declared[own[0]]}")
+            yield FileFault("unit", tuple(names), f"{with_verb(names, 'is', 'are')} in {unit}, "
+                            f"not {self.declared[own[0]]}")
 
 
 def _minority(values: Sequence[object], usual: object) -> int:
@@ -127,7 +127,7 @@ def readable(data: Dataset) -> bool:
 
 
 @dataclass(frozen=True)
-class FileReading:
+class ColumnInterpretation:
     """A way to read one file of poses or positions.
 
     Attributes:
@@ -148,7 +148,7 @@ class FileReading:
     shift: int = 0
 
     @classmethod
-    def as_declared(cls, mechanism: Mechanism, data: Dataset) -> FileReading:
+    def as_declared(cls, mechanism: Mechanism, data: Dataset) -> ColumnInterpretation:
         """Return the reading of a file that is what its sidecar says."""
         planar, units = mechanism.motion == "planar", data.units
         turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
@@ -186,32 +186,33 @@ class FileReading:
         return (inverse_pose(position, rotation, len(self.places.own) == 2) if self.inverse
                 else (position, rotation))
 
-    def mistakes(self, data: Dataset) -> tuple[Mistake, ...]:
+    def mistakes(self, data: Dataset) -> tuple[FileFault, ...]:
         """Return what this way says is wrong in a file."""
         measured = (*AXES, *TURNS) if data.kind == "pose" else AXES
         written_in = QUATERNION if self.convention in QUATERNIONS else TURNS
         left, back, late = self.places.turned, self.turns.turned, self.shift > 0
-        out = [*self.joints.mistakes("permuted"), *self.places.mistakes("exchanged", Mistake(
+        out = [*self.joints.mistakes("permuted"), *self.places.mistakes("exchanged", FileFault(
             "mirrored", left, f"{left[0]} has the other sign: that axis of the instrument points "
             "the other way") if len(left) == 1 else None)]
         if self.mirror:
-            out.append(Mistake("mirrored", measured, "the poses are left-handed: the instrument's "
-                               f"{self.mirror} axis points the other way, or the mechanism file "
-                               "has the mirror image of the machine (home on the other side of "
-                               "the base, or legs numbered the other way round)"))
+            out.append(FileFault("mirrored", measured,
+                                 "the poses are left-handed: the instrument's "
+                                 f"{self.mirror} axis points the other way, or the mechanism file "
+                                 "has the mirror image of the machine (home on the other side of "
+                                 "the base, or legs numbered the other way round)"))
         if self.rotation:
-            out.append(Mistake("rotation", written_in, f"{', '.join(written_in)} hold "
-                               f"{_in_words(self.rotation)}, not {_in_words(self.convention)}"))
-        out += self.turns.mistakes("exchanged", Mistake(
+            out.append(FileFault("rotation", written_in, f"{', '.join(written_in)} hold "
+                                 f"{_in_words(self.rotation)}, not {_in_words(self.convention)}"))
+        out += self.turns.mistakes("exchanged", FileFault(
             "rotation", written_in, "the rotations are inverse (transposed): the measuring "
             "frame's turn seen from the platform") if len(back) == 3 else None)
         if self.inverse:
-            out.append(Mistake("inverse", measured, "the poses are inverse: the measuring frame "
-                               "seen from the platform"))
+            out.append(FileFault("inverse", measured, "the poses are inverse: the measuring frame "
+                                 "seen from the platform"))
         if self.shift:
-            out.append(Mistake("shifted", measured, "the measured columns are "
-                               f"{counted(abs(self.shift), 'row')} "
-                               f"{'behind' if late else 'ahead of'} the joint columns"))
+            out.append(FileFault("shifted", measured, "the measured columns are "
+                                 f"{pluralize(abs(self.shift), 'row')} "
+                                 f"{'behind' if late else 'ahead of'} the joint columns"))
         return tuple(out)
 
     def block(self, data: Dataset) -> dict[str, Any]:

@@ -21,19 +21,19 @@ from ppmcal.calibration.fit import (
     Distances,
     Problem,
     State,
-    beyond,
     column_scale,
     coordinates,
     distances,
     explained_distances,
+    gross_mask,
     huber_weights,
     least_squares,
     prior_weights,
     toleranced,
 )
+from ppmcal.calibration.interpretation.interpretation_error import Interpretation
 from ppmcal.calibration.interpretation.limits import ALLOWED, HARDLY_LESS, LANDS, MOST, WORST
-from ppmcal.calibration.interpretation.misread import Misreading
-from ppmcal.calibration.interpretation.readings import FileReading
+from ppmcal.calibration.interpretation.readings import ColumnInterpretation
 from ppmcal.errors import PpmcalError
 from ppmcal.inference.priors import MOST_GROSS
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, range_basis, subsample
@@ -70,7 +70,7 @@ class Score:
     noise: float = np.inf
     geometry: float = np.nan
     left: tuple[float, float] = (np.nan, np.nan)
-    readings: tuple[Misreading, ...] = ()
+    readings: tuple[Interpretation, ...] = ()
 
     @property
     def total(self) -> float:
@@ -138,7 +138,7 @@ class Look:
     @cached_property
     def gross(self) -> list[Bools]:
         """The rows with gross errors."""
-        return beyond(self.explained, self.posed)
+        return gross_mask(self.explained, self.posed)
 
     @property
     def sound(self) -> list[Bools]:
@@ -248,7 +248,7 @@ def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
 
 # --- many ways at once, to first order ------------------------------------------------------------
 
-def read_in_ways(data: Dataset, rows: Ints, readings: Sequence[FileReading]) -> Dataset:
+def read_in_ways(data: Dataset, rows: Ints, readings: Sequence[ColumnInterpretation]) -> Dataset:
     """Return some rows of a data set read in every way, one after another (R n,).
 
     A shift takes the measurement of other rows of the file, which have to be there.
@@ -262,7 +262,7 @@ def read_in_ways(data: Dataset, rows: Ints, readings: Sequence[FileReading]) -> 
                    rotation=np.concatenate([d.rotation for d in read]), whole=None, place=None)
 
 
-def first_order_scores(problem: Problem, readings: Sequence[FileReading]) -> Array:
+def first_order_scores(problem: Problem, readings: Sequence[ColumnInterpretation]) -> Array:
     """Return the scores (R,) of one data set with its measured columns read in other ways.
 
     The machine stays where it is to first order: what the columns of a fit with the tolerances as

@@ -25,9 +25,9 @@ from ppmcal.calibration.interpretation.candidates import (
     rotation_readings,
     whole_pose_readings,
 )
+from ppmcal.calibration.interpretation.interpretation_error import FileFault
 from ppmcal.calibration.interpretation.limits import ALLOWED, FAR, LANDS
-from ppmcal.calibration.interpretation.misread import Mistake
-from ppmcal.calibration.interpretation.readings import FileReading, ReadColumns
+from ppmcal.calibration.interpretation.readings import ColumnInterpretation, ReadColumns
 from ppmcal.calibration.interpretation.score import Score, first_order_scores, score
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
@@ -69,10 +69,10 @@ class Way:
     ``parts``: how many things are otherwise than they are read; ``reading``: of the columns.
     """
 
-    what: tuple[Mistake, ...]
+    what: tuple[FileFault, ...]
     parts: float
     problem: Problem
-    reading: FileReading | None = None
+    reading: ColumnInterpretation | None = None
 
 
 def ways(alone: Problem, as_read: Score) -> list[Way]:
@@ -86,12 +86,12 @@ def ways(alone: Problem, as_read: Score) -> list[Way]:
         out += _registrations(alone)
     for machine, ends, words in other_radii(mechanism):
         text = f"{mechanism.source}: {words.format(reason='the measurements say')}"
-        out.append(Way((Mistake("radius", tuple(f"{e}.point" for e in ends), text),), 1.2,
+        out.append(Way((FileFault("radius", tuple(f"{e}.point" for e in ends), text),), 1.2,
                        replace(alone, mechanism=machine, free=machine.free)))
     return sorted(out, key=lambda w: w.parts)
 
 
-def _near_nominal(alone: Problem) -> list[FileReading]:
+def _near_nominal(alone: Problem) -> list[ColumnInterpretation]:
     """Return the readings that come nearest to the nominal machine."""
     found = [f for f in search_readings(alone.mechanism, alone.datasets[0]) if f[1].parts]
     near = [f for f in found if f[0] <= NEAR_BEST * found[0][0]]
@@ -99,13 +99,13 @@ def _near_nominal(alone: Problem) -> list[FileReading]:
     return [reading for _, reading in (*near, *found[:1])]
 
 
-def _near_fit(alone: Problem) -> list[FileReading]:
+def _near_fit(alone: Problem) -> list[ColumnInterpretation]:
     """Return readings of measured columns that tolerances hide from a look at the nominal machine.
 
     Euler angles of small turns; a row more or less on a dense path.
     """
     data = alone.datasets[0]
-    plain = FileReading.as_declared(alone.mechanism, data)
+    plain = ColumnInterpretation.as_declared(alone.mechanism, data)
     readings = [*pose_readings(plain, data), *(replace(plain, shift=s) for s in SHIFTS)]
     try:
         scores = first_order_scores(alone, readings)
@@ -129,13 +129,14 @@ def _registrations(alone: Problem) -> Iterator[Way]:
         key == "frame" or turns) and (key != "target_rotation" or data.kind == "pose")]
     for keys in dict.fromkeys([*((key,) for key in given), tuple(given)]) if given else ():
         opened = replace(data, **{k: replace(getattr(data, k), fitted=True) for k in keys})
-        yield Way(tuple(Mistake(k.replace("_", "-"), (), REGISTERED[k]) for k in keys),
+        yield Way(tuple(FileFault(k.replace("_", "-"), (), REGISTERED[k]) for k in keys),
                   len(keys) + 0.1, replace(alone, datasets=(opened,)))
 
 
 # --- all readings against the nominal machine -----------------------------------------------------
 
-def search_readings(mechanism: Mechanism, data: Dataset) -> list[tuple[float, FileReading]]:
+def search_readings(mechanism: Mechanism,
+                    data: Dataset) -> list[tuple[float, ColumnInterpretation]]:
     """Return readings of one data set of poses or positions with their misses, best first.
 
     A miss is the median one over how far the platform moves; a rotation counts on the machine's
@@ -146,9 +147,10 @@ def search_readings(mechanism: Mechanism, data: Dataset) -> list[tuple[float, Fi
                   key=lambda found: found[0])
 
 
-def _at_shift(mechanism: Mechanism, data: Dataset, shift: int) -> list[tuple[float, FileReading]]:
+def _at_shift(mechanism: Mechanism, data: Dataset,
+              shift: int) -> list[tuple[float, ColumnInterpretation]]:
     data = shifted_rows(data, shift)
-    plain = replace(FileReading.as_declared(mechanism, data), shift=shift)
+    plain = replace(ColumnInterpretation.as_declared(mechanism, data), shift=shift)
     joints = joint_readings(mechanism, data, single=not shift)
     usable = finite_rows(data.position[:, plain.places.own]) & finite_rows(data.q)
     few = data.take(subsample([usable], ROWS)[0])
@@ -201,8 +203,9 @@ class _Scene:
     def planar(self) -> bool:
         return self.mechanism.motion == "planar"
 
-    def scored(self, poses: Sequence[FileReading], rotations: Sequence[FileReading]
-               ) -> list[tuple[float, FileReading]]:
+    def scored(self, poses: Sequence[ColumnInterpretation],
+               rotations: Sequence[ColumnInterpretation]
+               ) -> list[tuple[float, ColumnInterpretation]]:
         """Return the best pairs of readings with their misses."""
         place = np.stack([np.where([False, False, self.planar], 0.0, p.measured(self.data)[0])
                           for p in poses])
@@ -215,7 +218,7 @@ class _Scene:
         c, p = c[some], p[some]
         median, frames = self._registered(c, place[p], ROUNDS)
         turned: dict[tuple[str, int], Array] = {}
-        out: list[tuple[float, FileReading]] = []
+        out: list[tuple[float, ColumnInterpretation]] = []
         for f in np.argsort(median / sizes[c], kind="stable")[:BEST_PAIRS]:
             pose = replace(poses[p[f]], joints=self.joints[c[f]])
             own = [pose] if pose.inverse else [

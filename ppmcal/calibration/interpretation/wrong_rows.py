@@ -27,6 +27,11 @@ from ppmcal.calibration.fit import (
     shown,
 )
 from ppmcal.calibration.interpretation.candidates import joint_readings, pose_readings
+from ppmcal.calibration.interpretation.interpretation_error import (
+    FileFault,
+    Interpretation,
+    block_text,
+)
 from ppmcal.calibration.interpretation.limits import (
     AGAINST,
     CHANCE,
@@ -34,8 +39,7 @@ from ppmcal.calibration.interpretation.limits import (
     LANDS,
     SLACK,
 )
-from ppmcal.calibration.interpretation.misread import Misreading, Mistake, block_text
-from ppmcal.calibration.interpretation.readings import FileReading, readable
+from ppmcal.calibration.interpretation.readings import ColumnInterpretation, readable
 from ppmcal.calibration.interpretation.score import PARTS, read_in_ways, right_parts
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
@@ -43,20 +47,20 @@ from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import POSE_COORDINATES
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 SCREENED = 12
 """Rows with which readings are compared first; half of them have to fit."""
 
 
-def wrong_rows(fit: Fit) -> tuple[Misreading, ...]:
+def wrong_rows(fit: Fit) -> tuple[Interpretation, ...]:
     """Return stretches of rows that are read wrongly, or rows that are exchanged, by data set."""
     apart = [_LeftOut(fit, i) for i, d in enumerate(fit.problem.datasets) if readable(d)]
     found = (_exchanged(a) or _stretch(a) for a in apart if len(a.rows) >= FEWEST_ROWS)
     return tuple(m for m in found if m is not None)
 
 
-def wrong_parts(problem: Problem) -> tuple[Misreading, ...]:
+def wrong_parts(problem: Problem) -> tuple[Interpretation, ...]:
     """Return in which rows measurements are wrong that are right in their first or last third.
 
     For files in which so much is wrong that a fit of all rows goes astray: what the third fits is
@@ -65,7 +69,7 @@ def wrong_parts(problem: Problem) -> tuple[Misreading, ...]:
     Args:
         problem: machine and data; of several files only what happens in one alone is looked at.
     """
-    found: dict[str, Misreading] = {}
+    found: dict[str, Interpretation] = {}
     for data, part in right_parts(problem):
         if readable(data) and data.source not in found:
             with suppress(PpmcalError):
@@ -136,16 +140,16 @@ class _LeftOut:
         found = distances(alone, State(fit.state.g, (registration,), (pose,)))
         return _within(found.square[0], found.size[0], float(fit.noise_factor[i]))
 
-    def read(self, readings: Sequence[FileReading], rows: Ints) -> Bools:
+    def read(self, readings: Sequence[ColumnInterpretation], rows: Ints) -> Bools:
         """Return which rows fit under which readings (R, n), all of them at once."""
         return self.fits(read_in_ways(self.data, rows, readings), np.tile(rows, len(readings))
                          ).reshape(len(readings), len(rows))
 
 
-def _stretch(apart: _LeftOut) -> Misreading | None:
+def _stretch(apart: _LeftOut) -> Interpretation | None:
     """Return a stretch of rows that another reading brings to the noise, None if none does."""
     mechanism, data, rows = apart.fit.problem.mechanism, apart.data, apart.rows
-    own, plain = data.take(rows), FileReading.as_declared(mechanism, data)
+    own, plain = data.take(rows), ColumnInterpretation.as_declared(mechanism, data)
     readings = [*(replace(plain, joints=j) for j in joint_readings(mechanism, own)[1:]),
                 *pose_readings(plain, own)[1:]]
     few = rows[subsample([np.ones(len(rows), bool)], SCREENED)[0]]
@@ -164,7 +168,7 @@ def _stretch(apart: _LeftOut) -> Misreading | None:
     block = block_text(readings[best].block(data))
     told[0] = replace(told[0], text=f"rows {numbers[0]} to {numbers[-1]}: {told[0].text}")
     told[-1] = replace(told[-1], text=f"{told[-1].text} (`read: {block}` there)")
-    return Misreading(data.source, tuple(told))
+    return Interpretation(data.source, tuple(told))
 
 
 def _best_stretch(gain: Array) -> tuple[int, int, float]:
@@ -176,7 +180,7 @@ def _best_stretch(gain: Array) -> tuple[int, int, float]:
     return begin, end, float(total[end] - lowest[end])
 
 
-def _exchanged(apart: _LeftOut) -> Misreading | None:
+def _exchanged(apart: _LeftOut) -> Interpretation | None:
     """Return that left-out rows hold each other's measurements, None if they do not."""
     from scipy.optimize import linear_sum_assignment  # slow to import, seldom asked
     from scipy.spatial.distance import cdist
@@ -200,7 +204,7 @@ def _exchanged(apart: _LeftOut) -> Misreading | None:
     numbers = tuple(own.rows[right].tolist())
     pairs = ", ".join(f"row {own.rows[j]} with joints of row {own.rows[i]}"
                       for i, j in list(enumerate(where))[:3])
-    return Misreading(data.source, (Mistake(
+    return Interpretation(data.source, (FileFault(
         "shuffled", tuple(POSE_COORDINATES[c] for c in parts), f"rows are in another order: in "
-        f"{counted(len(numbers), 'row')} between {numbers[0]} and {numbers[-1]} the "
+        f"{pluralize(len(numbers), 'row')} between {numbers[0]} and {numbers[-1]} the "
         f"measurement belongs to the joint values of another row ({pairs} ...)", numbers),))

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from ppmcal.calibration.knowledge.consider_parameters import by_tolerances as by_tolerances
     from ppmcal.calibration.knowledge.consider_parameters import considered as considered
     from ppmcal.calibration.knowledge.consider_parameters import none_considered as none_considered
-    from ppmcal.calibration.knowledge.disagreement import Disagreement as Disagreement
     from ppmcal.calibration.knowledge.extrapolation import OUTSIDE as OUTSIDE
     from ppmcal.calibration.knowledge.extrapolation import extrapolated as extrapolated
     from ppmcal.calibration.knowledge.extrapolation import far_outside as far_outside
@@ -39,8 +38,8 @@ if TYPE_CHECKING:
     )
     from ppmcal.calibration.knowledge.identifiability_report import with_held as with_held
     from ppmcal.calibration.knowledge.intervals import by_noise as by_noise
+    from ppmcal.calibration.knowledge.intervals import cluster_robust as cluster_robust
     from ppmcal.calibration.knowledge.intervals import coverage as coverage
-    from ppmcal.calibration.knowledge.intervals import honest as honest
     from ppmcal.calibration.knowledge.intervals import in_words as in_words
     from ppmcal.calibration.knowledge.parameter_estimates import FAR as FAR
     from ppmcal.calibration.knowledge.parameter_estimates import IMPLAUSIBLE as IMPLAUSIBLE
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.knowledge.parameter_estimates import farthest as farthest
     from ppmcal.calibration.knowledge.parameter_estimates import registered as registered
     from ppmcal.calibration.knowledge.parameter_estimates import with_estimates as with_estimates
+    from ppmcal.calibration.knowledge.session_variance import SessionVariance as SessionVariance
     from ppmcal.calibration.knowledge.tension import (
         noise_beyond_tolerances as noise_beyond_tolerances,
     )

@@ -104,7 +104,7 @@ def considered(fit: Fit) -> Considered:
     if not own:
         return none_considered(fit)
     wide = problem.changed(free=(*problem.free, *own))
-    rows = qr_factor(wide, fit.state, fit.keep).triangle / fit.noise
+    rows = qr_factor(wide, fit.state, fit.keep).root / fit.noise
     extra = np.arange(len(problem.free), len(wide.free))
     s, vt, seen = directions(fit)
     half = vt[seen].T / s[seen]

@@ -17,7 +17,7 @@ from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import WRENCH, ZERO_CELSIUS
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 FAR_OUTSIDE = 0.5
 """Refused: farther outside the measured range than this part of its width."""
@@ -87,7 +87,7 @@ def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
         if far.any():
             factor, unit = _shown(mechanism, name)
             zero = CONDITIONS[name][2] if name in CONDITIONS else 0.0
-            yield (f"{counted(int(far.sum()), 'row')} outside of what was measured: {name} up to "
+            yield (f"{pluralize(int(far.sum()), 'row')} outside of what was measured: {name} up to "
                    f"{float(np.nanmax(beyond)) / factor:.4g} {unit} beyond "
                    f"{(low - zero) / factor:.6g} to {(high - zero) / factor:.6g}; there only the "
                    "tolerances and the model's form hold it, as its uncertainty says")

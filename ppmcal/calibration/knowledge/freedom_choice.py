@@ -35,7 +35,7 @@ from ppmcal.inference.predictive import predicted
 from ppmcal.inference.priors import WIDE
 from ppmcal.linalg import Array, Ints, reciprocals
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 log = logging.getLogger(__package__)
 
@@ -120,7 +120,7 @@ def choice_sentence(choice: FreedomChoice) -> str:
     """Return which freedoms were kept, and how left-out rows are predicted with each set."""
     out = []
     for n, one in enumerate(choice.sets):
-        adds = f"+ {_shortened(one.adds)}" if n else counted(len(one.adds), "parameter")
+        adds = f"+ {_shortened(one.adds)}" if n else pluralize(len(one.adds), "parameter")
         out.append(f"{adds} {one.missed:.3g}")
     kept = "the smallest set" if not choice.kept else (
         f"+ {_shortened(choice.sets[choice.kept].adds)}")
@@ -143,7 +143,7 @@ def freedom_choice(fit: Fit, levels: Sequence[Sequence[int]], usual: int
         levels: parameters that each set has beyond the one before; the first is the fit's own.
         usual: the set that is kept unless another is better.
     """
-    if fit.reduced.count - values_taken(fit) < LEAST:
+    if fit.information.count - values_taken(fit) < LEAST:
         return None
     machine = fit.problem.mechanism
     order = [p for level in levels for p in level]

@@ -24,8 +24,8 @@ from ppmcal.calibration.fit import (
     prediction_covariance,
     variances,
 )
-from ppmcal.calibration.knowledge.disagreement import Disagreement, differs, disagreement
 from ppmcal.calibration.knowledge.session_clusters import clusters
+from ppmcal.calibration.knowledge.session_variance import SessionVariance, differs, session_variance
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.sessions import session_masks
 from ppmcal.wording.progress import stage
@@ -62,7 +62,7 @@ def by_noise(fit: Fit, options: FitOptions, more: Array | float = 0.0) -> Array:
     else:
         some = np.geomspace(variance.min(), variance.max(), BETWEEN)
         known = [np.diagonal(prediction_covariance(replace(
-            fit, reduced=replace(fit.reduced, triangle=fit.reduced.triangle / np.sqrt(v)))))
+            fit, information=replace(fit.information, root=fit.information.root / np.sqrt(v)))))
             for v in some.tolist()]
         logs = np.log(np.maximum(known, 1e-300)).T
         each = np.exp([np.interp(np.log(variance), np.log(some), own) for own in logs]).T
@@ -79,7 +79,8 @@ def coverage(fit: Fit) -> float:
 
 
 @stage("widening intervals where rows disagree")
-def honest(fit: Fit, inflation: float) -> tuple[Disagreement | None, Disagreement | None]:
+def cluster_robust(fit: Fit, inflation: float) -> tuple[SessionVariance | None,
+                                                        SessionVariance | None]:
     """Return what sessions and what blocks of rows make of a fit's uncertainty.
 
     Either None where there is nothing to tell; intervals of sessions hold those of blocks.
@@ -94,7 +95,7 @@ def honest(fit: Fit, inflation: float) -> tuple[Disagreement | None, Disagreemen
     return sessions, blocks
 
 
-def by_sessions(fit: Fit, inflation: float) -> Disagreement | None:
+def by_sessions(fit: Fit, inflation: float) -> SessionVariance | None:
     """Return what sessions that differ make of a fit's uncertainty, None where there is one.
 
     Args:
@@ -107,10 +108,10 @@ def by_sessions(fit: Fit, inflation: float) -> Disagreement | None:
     if len(seen) < 2 or not fit.problem.free or fit.problem.earlier is not None:
         return None
     data = clusters(fit, [label for label, _ in seen], [mask for _, mask in seen])
-    return disagreement(fit, data, inflation)
+    return session_variance(fit, data, inflation)
 
 
-def by_blocks(fit: Fit, inflation: float) -> Disagreement | None:
+def by_blocks(fit: Fit, inflation: float) -> SessionVariance | None:
     """Return the same of blocks of rows, over joint space or in their order.
 
     None where neither differ by more than noise, or rows are too few to tell; of both the one
@@ -124,7 +125,7 @@ def by_blocks(fit: Fit, inflation: float) -> Disagreement | None:
         masks = _blocks(fit, label)
         data = clusters(fit, [f"{name} {b + 1}" for b in range(len(masks))], masks)
         if differs(fit, data, inflation):
-            found.append(replace(disagreement(fit, data, inflation, STRETCHES), sessions=False))
+            found.append(replace(session_variance(fit, data, inflation, STRETCHES), sessions=False))
     count = len(fit.problem.free)
     return max(found, default=None, key=lambda f: float(np.median(
         f.half[:count] / fit.scale[:count])))
@@ -176,7 +177,7 @@ def _near(q: Array) -> Ints:
 SHOWN, VISIBLE = 3, 1.05
 
 
-def in_words(fit: Fit, found: Disagreement | None, alone: Array) -> list[str]:
+def in_words(fit: Fit, found: SessionVariance | None, alone: Array) -> list[str]:
     """Return what the user must look at: parameters that sessions disagree about, file units.
 
     Args:
@@ -208,7 +209,7 @@ def _longer(times: float) -> str:
             if times >= VISIBLE else "")
 
 
-def _values(fit: Fit, found: Disagreement, column: int) -> str:
+def _values(fit: Fit, found: SessionVariance, column: int) -> str:
     """Return a parameter's value and 95 % interval in each session, by noise, file units."""
     place = fit.problem.free[column]
     parameter, units = fit.problem.mechanism.parameters[place], fit.problem.mechanism.units

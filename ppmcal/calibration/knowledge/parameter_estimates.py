@@ -27,7 +27,7 @@ from ppmcal.calibration.fit import (
     prediction_covariance,
     seen_directions,
 )
-from ppmcal.calibration.knowledge.disagreement import Disagreement
+from ppmcal.calibration.knowledge.session_variance import SessionVariance
 from ppmcal.linalg import Array, svd
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
@@ -57,7 +57,7 @@ def expected_errors(fit: Fit) -> Array:
     for c, p in enumerate(problem.free):
         tolerances[c] = problem.mechanism.parameters[p].prior_sigma or 0.0
     known = prediction_covariance(fit) / np.outer(fit.scale, fit.scale)
-    rows = fit.reduced.triangle * fit.scale
+    rows = fit.information.root * fit.scale
     found = known @ (rows.T @ rows)
     # a fit ends within that of the minimum of its chi-squared
     variance = (found**2 @ (tolerances / fit.scale) ** 2 + np.sum((known @ rows.T) ** 2, axis=1)
@@ -128,7 +128,7 @@ class Estimate:
         return self.sigma if self.half is None else self.half / Z95
 
 
-def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None,
+def estimates(fit: Fit, rank: Rank, wider: SessionVariance | None = None,
               by_noise: Array | None = None, held: Array | None = None
               ) -> tuple[Estimate, ...]:
     """Return all parameters of the machine with their uncertainties.
@@ -181,7 +181,7 @@ def _judged(found: Sequence[Estimate], expected: Mapping[int, float]) -> tuple[E
                  for e in out)
 
 
-def _by_session(estimate: Estimate, wider: Disagreement, column: int) -> dict[str, Any]:
+def _by_session(estimate: Estimate, wider: SessionVariance, column: int) -> dict[str, Any]:
     """Return the entries of an estimate that sessions give."""
     parts: dict[str, Any] = {"half": max(float(wider.half[column]), estimate.by_noise or 0.0)}
     if wider.sessions:
@@ -204,7 +204,7 @@ def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
     used = [c for c in range(fit.scale.size) if c not in held]
     prior = fit.stated
     prior[list(rank.dropped)] = fit.prior[list(rank.dropped)]
-    matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(prior * fit.scale)])
+    matrix = np.concatenate([fit.information.root * fit.scale, np.diag(prior * fit.scale)])
     _, s, vt = svd(matrix[:, used])
     use = seen_directions(s)
     sigma = np.linalg.norm(vt[use].T / s[use], axis=1) * fit.scale[used]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtr, chdtrc
 
-from ppmcal.calibration.fit import FAILED_NOISE, LEAST, Posterior, SessionKnowledge, Sight
+from ppmcal.calibration.fit import FAILED_NOISE, LEAST, PoseResiduals, Posterior, SessionKnowledge
 from ppmcal.linalg import Array, Ints
 
 SAME = 0.2
@@ -101,7 +101,7 @@ def _single_rows(old: SessionKnowledge, new: SessionKnowledge) -> tuple[Ints, In
     return np.concatenate(found[0]), np.concatenate(found[1])
 
 
-def _paired(old: tuple[Sight, ...], new: tuple[Sight, ...]) -> tuple[bool, float]:
+def _paired(old: tuple[PoseResiduals, ...], new: tuple[PoseResiduals, ...]) -> tuple[bool, float]:
     """Return whether the poses are the same, and the difference over the residuals of pairs."""
     difference = size = 0.0
     same, count = len(old) == len(new), 0
@@ -130,7 +130,7 @@ def _paired(old: tuple[Sight, ...], new: tuple[Sight, ...]) -> tuple[bool, float
     return same, float(np.clip(np.sqrt(difference / size), LEAST_SHARE, 1.0))
 
 
-def _once(sight: Sight) -> Sight:
+def _once(sight: PoseResiduals) -> PoseResiduals:
     """Return the first row of each pose that was repeated."""
     unit = np.ptp(sight.q, axis=0)
     places = np.round(sight.q / np.where(unit > 0.0, unit, 1.0), 9)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import BENT, SEEN, Earlier, Posterior
+from ppmcal.calibration.fit import BENT, SEEN, Posterior, PriorInformation
 from ppmcal.calibration.sessions.common_misfit import DifferenceNoise
 from ppmcal.calibration.sessions.session_posteriors import SESSION
 from ppmcal.linalg import Array, column_lengths, range_basis, reciprocals, svd, without_range
@@ -57,7 +57,7 @@ def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: Diff
     g = mechanism.values.copy()
     g[list(new.places)] = new.value
     # a parameter that only the older had free is known exactly now
-    before = Earlier(old.places, first[0], first[1], old.value)
+    before = PriorInformation(old.places, first[0], first[1], old.value)
     right_old, slope = before.rows(mechanism, new.places, g)
     weight = new.scale / new.tolerance
     # at the new minimum the tolerances pull as much as the data do

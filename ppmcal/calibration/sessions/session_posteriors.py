@@ -20,10 +20,10 @@ from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.calibration.fit import (
     Fit,
+    PoseResiduals,
     Problem,
     Rows,
     SessionKnowledge,
-    Sight,
     coordinates,
     distances,
     of_data,
@@ -212,7 +212,7 @@ def _shapes(rows: Rows, reach: float) -> list[Array]:
 
 
 def _sights(fit: Fit, problem: Problem, columns: _Columns, found: _Reduced
-            ) -> tuple[tuple[Sight, ...], float]:
+            ) -> tuple[tuple[PoseResiduals, ...], float]:
     """Return what is left of some rows in base axes, and its spread in the columns' space.
 
     What the model misses is alike in all coordinates of a pose, and in poses measured again, so
@@ -233,8 +233,8 @@ def _sights(fit: Fit, problem: Problem, columns: _Columns, found: _Reduced
         if parts:
             turns = 0 if data.kind in SCALARS else sum(
                 c >= 3 for c in coordinates(data, problem.mechanism.motion))
-            sights.append(Sight(data.name, data.kind, np.concatenate([q for q, _ in parts]),
-                                np.concatenate([r for _, r in parts]), turns))
+            sights.append(PoseResiduals(data.name, data.kind, np.concatenate([q for q, _ in parts]),
+                                        np.concatenate([r for _, r in parts]), turns))
     return tuple(sights), square / (share * max(1, found.basis.shape[1]))
 
 

@@ -21,7 +21,6 @@ from ppmcal.calibration.fit import (
     Fit,
     FitOptions,
     Problem,
-    fall,
     gross_errors,
     identify,
     is_open,
@@ -29,6 +28,7 @@ from ppmcal.calibration.fit import (
     opened,
     secondary,
     shown,
+    significant_improvement,
     squares_by_noise_of,
     surely,
     values_taken,
@@ -44,7 +44,7 @@ from ppmcal.kinematics.registration import carried_back, measured_pose
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Effect, Mechanism
-from ppmcal.wording import where
+from ppmcal.wording import actuator_list
 
 FEWEST = 3
 OPEN_ENDS = dict.fromkeys(("rms_low", "rms_high", "p95_low", "p95_high"), float("nan"))
@@ -136,7 +136,7 @@ def _labels(effects: Sequence[Effect], actuators: Sequence[str]) -> list[str]:
     for effect in effects:
         some = [] if all(effect.on) or not effect.kind.per_actuator else list(
             compress(actuators, effect.on))
-        place = where(some, len(actuators))
+        place = actuator_list(some, len(actuators))
         names.append(f"{effect.kind.label} on {place}" if place else effect.kind.label)
     return [f"{n} {1 + names[:i].count(n)}" if names.count(n) > 1 else n
             for i, n in enumerate(names)]
@@ -234,25 +234,25 @@ def _demanded(models: Sequence[FrozenModel], data: Dataset
     It has to lower the error of every machine: what only one of them asks for is its own fault.
     """
     found: list[str] = []
-    possible = [w for w in OPENED.get(data.kind, OPEN) if not is_open(data, w)]
+    feasible = [w for w in OPENED.get(data.kind, OPEN) if not is_open(data, w)]
     now: dict[int, Fit] = {}
-    while possible:
-        least = np.full(len(possible), np.inf)
+    while feasible:
+        least = np.full(len(feasible), np.inf)
         for i, model in enumerate(models):    # what the first does not ask for, all do not
             fit = now.setdefault(i, _registered(model.mechanism, opened(data, found)))
             least = np.minimum(least, odds_of_opening(
                 fit.problem, fit.state, [finite_rows(fit.state.poses[0])], fit.prior,
-                [(0, w) for w in possible]))
+                [(0, w) for w in feasible]))
             if not surely(least.max()):
                 return tuple(found), now
-        best = possible[int(np.argmax(least))]
+        best = feasible[int(np.argmax(least))]
         wider = {}
         for i, model in enumerate(models):
             wider[i] = _registered(model.mechanism, opened(data, [*found, best]))
             if not _worth(now[i], wider[i]):
                 return tuple(found), now
         found.append(best)
-        possible.remove(best)
+        feasible.remove(best)
         now = wider
     return tuple(found), now
 
@@ -267,7 +267,7 @@ def _worth(before: Fit, after: Fit) -> bool:
             zip(before.state.poses, after.state.poses, strict=True)]
     wide = after.problem, after.state
     narrow = squares_by_noise_of((before.problem, before.state), wide, rows)
-    return fall(narrow, white_squares(*wide, rows)[0]) > 0.0
+    return significant_improvement(narrow, white_squares(*wide, rows)[0]) > 0.0
 
 
 def _error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[str]) -> ModelError:

@@ -21,7 +21,7 @@ from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 from ppmcal.wording.progress import stage
 
 THIRDS = 3
@@ -53,7 +53,7 @@ class LeftOut:
     @property
     def sentence(self) -> str:
         """What there is to say of them, "" if nothing."""
-        rows = f"{counted(self.count, 'row')} of {self.rows} left out as outliers"
+        rows = f"{pluralize(self.count, 'row')} of {self.rows} left out as outliers"
         if self.follows:
             return (f"{rows}: {self.share:.0%} of them {self.follows}; gross errors have no "
                     "such pattern, so the model misses something there")

@@ -42,15 +42,15 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.calibration.knowledge import (
     Considered,
-    Disagreement,
     Estimate,
     Identifiability,
+    SessionVariance,
     by_noise,
+    cluster_robust,
     considered,
     coverage,
     estimates,
     far_from_nominal,
-    honest,
     identifiability,
     in_words,
     measured_by,
@@ -77,7 +77,7 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.units import Finite, OrNull
-from ppmcal.wording import chance, counted
+from ppmcal.wording import chance, pluralize
 
 BEYOND = 1e3
 """Residuals are no more than so many times the noise within sessions: what a smaller one would say
@@ -134,8 +134,8 @@ class Identification:
     unexplained: Mapping[str, float] = field(default_factory=dict)
     earlier: Posterior | None = None
     doubtful: tuple[DoubtfulStretch, ...] = ()
-    sessions: Disagreement | None = None
-    blocks: Disagreement | None = None
+    sessions: SessionVariance | None = None
+    blocks: SessionVariance | None = None
     campaign: WeakCampaign | None = None
     considered: Considered | None = None
 
@@ -237,14 +237,14 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
 
 
 def _differences(fit: Fit, noise: Noise, notes: list[str]
-                 ) -> tuple[Disagreement | None, Disagreement | None]:
-    """Return how far sessions, and stretches of rows, differ; see :func:`honest`.
+                 ) -> tuple[SessionVariance | None, SessionVariance | None]:
+    """Return how far sessions, and stretches of rows, differ; see :func:`cluster_robust`.
 
     Where the tolerances drown in the round-off of data that are better than anything else, as exact
     ones are, it is left out.
     """
     return secondary("how far sessions, or stretches of rows, differ",
-                     lambda: honest(fit, min(noise.inflation, BEYOND)), (None, None), notes)
+                     lambda: cluster_robust(fit, min(noise.inflation, BEYOND)), (None, None), notes)
 
 
 def _held(fit: Fit, options: FitOptions, holdout: float, seed: int, other: Sequence[Dataset],
@@ -275,10 +275,11 @@ def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict
 
 
 def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate], gone: LeftOut,
-              wider: Disagreement | None, notes: list[str]) -> tuple[str, ...]:
+              wider: SessionVariance | None, notes: list[str]) -> tuple[str, ...]:
     out = [f for d in fit.problem.datasets for f in d.findings]
     if fit.taken_back:
-        out.append(f"{counted(fit.taken_back, 'row')} had no pose at the nominal machine, have one "
+        out.append(
+            f"{pluralize(fit.taken_back, 'row')} had no pose at the nominal machine, have one "
                    "at the fitted machine, and are in use")
     if gone.sentence:
         out.append(f"{gone.sentence}; {DIAGNOSE}")
@@ -312,7 +313,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
         out.append(f"the fit was stopped {fit.stopped}: what these data see weakly is still near "
                    "its nominal value, which the intervals do not count; --method prior counts it")
     elif not fit.converged:
-        out.append(f"the fit had not converged after {counted(fit.iterations, 'iteration')}: use "
+        out.append(f"the fit had not converged after {pluralize(fit.iterations, 'iteration')}: use "
                    "more --iterations, free fewer parameters, or measure poses that tell them "
                    "apart")
     # the last: what is wrong with the rows is printed below it
@@ -330,9 +331,9 @@ def unchecked(fit: Fit, rank: int) -> list[str]:
         fit: a finished one; carried on from an earlier one, it has the redundancy of both.
         rank: of all columns: so many values the data alone are spent on.
     """
-    more = fit.reduced.count - rank
+    more = fit.information.count - rank
     if fit.problem.earlier is not None or more >= LEAST or not rank:
         return []
-    values = counted(round(fit.reduced.count), "measured value")
+    values = pluralize(round(fit.information.count), "measured value")
     return [f"{values} for {rank} that they determine: too few to check the noise by, so "
             "intervals rest on the stated sigma alone; measure more poses"]

@@ -17,10 +17,10 @@ from ppmcal.commands.face import carry_out, refused
 from ppmcal.commands.spec import Arguments, Command, flags, taken
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.batch_manifest import CampaignJob, options_key
-from ppmcal.io.folder import Run, content_of, digest_of, read_record, running, unnoted
+from ppmcal.io.folder import Run, content_of, digest_of, read_record, running, untracked
 from ppmcal.io.results.batch import CampaignRecord
 from ppmcal.io.sidecar import sidecar_path
-from ppmcal.io.stage import HIDDEN, sweep
+from ppmcal.io.stage import HIDDEN, clean_up
 
 KEPT = f"{HIDDEN}batch"
 """Folder of what is remembered of each campaign, within that of the results."""
@@ -63,7 +63,7 @@ def finished(at: BatchPlace, campaign: CampaignJob) -> CampaignRecord | None:
     except BadInput:
         return None
     place = Path(at.place(campaign))
-    sweep(place)
+    clean_up(place)
     _remove(path.with_suffix(".part"))
     same = (not record.failed and record.key == _key(at, campaign) and bool(record.outputs)
             and all(digest_of(Path(p)) == d for p, d in record.inputs.items())
@@ -78,7 +78,7 @@ def recalled(path: Path) -> CampaignRecord:
     Raises:
         BadInput: it is not there, or damaged.
     """
-    with unnoted():
+    with untracked():
         return CampaignRecord.read(path)
 
 

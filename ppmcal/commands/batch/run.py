@@ -21,9 +21,9 @@ from ppmcal.io import Output, csv_text
 from ppmcal.io.batch_manifest import CampaignJob, read_manifest
 from ppmcal.io.folder import current, running
 from ppmcal.io.parquet import refuse_without_pyarrow
-from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table, needing_a_look
+from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table, with_findings
 from ppmcal.notes import FINDING, NOTE, Note
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 from ppmcal.wording.progress import stage
 from ppmcal.wording.told import Findings, Told
 
@@ -90,7 +90,8 @@ class BatchResult(Result):
         for line in list(_findings(self.failed))[:SHOWN]:
             yield Findings([line])
         if len(self.failed) > SHOWN:
-            yield (f"... and {counted(len(self.failed) - SHOWN, 'further campaign')} that failed, "
+            yield (
+                f"... and {pluralize(len(self.failed) - SHOWN, 'further campaign')} that failed, "
                    "see batch.html.")
 
     def summary(self) -> Mapping[str, Any]:
@@ -107,12 +108,12 @@ class BatchResult(Result):
         changed = sum(r.exit_code == 1 for r in self.records if r.command == COMPARE)
         ends = [f"{look} {'needs' if look == 1 else 'need'} a look"] * bool(look) + [
             f"{len(self.failed)} failed"] * bool(self.failed) + [
-            f"{counted(changed, 'comparison')} to look at"] * bool(changed)
-        if not ends and needing_a_look(self.records):
+            f"{pluralize(changed, 'comparison')} to look at"] * bool(changed)
+        if not ends and with_findings(self.records):
             ends = ["see batch.html"]
         done = sum(r.campaign in self.done_before for r in own)
         before = f" ({done} {'was' if done == 1 else 'were'} finished before)" if done else ""
-        return (f"{counted(len(own), 'campaign')} of {counted(machines, 'machine')}"
+        return (f"{pluralize(len(own), 'campaign')} of {pluralize(machines, 'machine')}"
                 f"{before}: {', '.join(ends) or 'nothing needs a look'}.")
 
 

@@ -21,13 +21,13 @@ from ppmcal.io.results.identifiability import (
     UnidentifiableSet,
     unidentifiable_words,
 )
-from ppmcal.io.results.misreading import misreading_entries
+from ppmcal.io.results.interpretation import misreading_entries
 from ppmcal.io.results.scene import Scene
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import FINDING, Note, needs_a_look
-from ppmcal.wording import counted, number
+from ppmcal.wording import number, pluralize
 from ppmcal.wording.told import Findings, ShortTable, Told
 
 
@@ -101,7 +101,8 @@ class CheckResult(Check):
             seen = "the measurements" if self.measured else "full-pose measurements about home"
             yield f"Rank with {seen}: {self.rank} of {self.columns}."
         if sets := self._sets:
-            yield (f"{counted(sum(s.combinations for s in sets), 'combination')} of parameters not "
+            yield (
+                f"{pluralize(sum(s.combinations for s in sets), 'combination')} of parameters not "
                    f"determined by {seen}: {unidentifiable_words(sets)}.")
         known = self._identifiability
         open_ = known.sentences() if known else []

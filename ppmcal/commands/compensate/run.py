@@ -13,7 +13,7 @@ import numpy as np
 from ppmcal.calibration.compensation import (
     KINDS,
     Compensation,
-    Knowledge,
+    ParameterCovariance,
     Readings,
     Targets,
     averaged,
@@ -52,7 +52,7 @@ from ppmcal.linalg import finite_rows
 from ppmcal.model.dataset import WRENCH, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 from ppmcal.wording.told import Told
 
 
@@ -75,7 +75,7 @@ class CompensationResult(Result):
     mechanism: Mechanism
     compensation: Compensation
     frame: str
-    knowledge: Knowledge | None
+    knowledge: ParameterCovariance | None
     notes: tuple[str, ...]
     targets: tuple[tuple[str, ...], tuple[Any, ...]]
 
@@ -177,7 +177,8 @@ def run(asked: CompensateArguments) -> CompensationResult:
                                 known, (), poses.given)
     worse = worse_rows(machine, found)
     if asked.regardless and worse:
-        lifted.append(f"{counted(len(worse), 'row')} commanded though refused without --regardless "
+        lifted.append(
+            f"{pluralize(len(worse), 'row')} commanded though refused without --regardless "
                       f"(first row {min(worse) + 1}: {worse[min(worse)]})")
     else:
         _refuse_worse(result, worse, machine.source)
@@ -191,7 +192,7 @@ def run(asked: CompensateArguments) -> CompensationResult:
     return replace(result, findings=tuple(lifted), compensation=found, notes=tuple(notes))
 
 
-def _beyond(found: Compensation, machine: Mechanism, knowledge: Knowledge | None,
+def _beyond(found: Compensation, machine: Mechanism, knowledge: ParameterCovariance | None,
             poses: PoseTable, path: bool) -> Iterator[str]:
     """Yield where commands go beyond what was measured, or step beyond what the targets do."""
     good = sent(found)
@@ -199,7 +200,7 @@ def _beyond(found: Compensation, machine: Mechanism, knowledge: Knowledge | None
     yield from extrapolated(machine, found.pose, good, ranges, poses.environment)
     lost = int(np.sum(good & ~finite_rows(found.command)))
     if lost:
-        yield (f"{counted(lost, 'row')} without a corrected pose command (cmd_): the nominal "
+        yield (f"{pluralize(lost, 'row')} without a corrected pose command (cmd_): the nominal "
                "geometry has none; send the joint values there")
     steps = own_steps(machine, found) if path else None
     if steps is not None and steps.beyond.any():
@@ -207,13 +208,15 @@ def _beyond(found: Compensation, machine: Mechanism, knowledge: Knowledge | None
         joint = int(steps.joint[worst])
         quantity = machine.actuator_quantity[joint]
         factor, unit = machine.units.factor(quantity), machine.units.name(quantity)
-        yield (f"{counted(int(np.sum(steps.beyond > 0.0)), 'row')} step beyond their targets' own "
+        yield (
+            f"{pluralize(int(np.sum(steps.beyond > 0.0)), 'row')} step beyond their targets' own "
                f"steps, by {steps.beyond[worst] / factor:.3g} {unit} at most "
                f"({machine.actuators[joint]}, row {steps.rows[worst] + 1}): what the model's "
                "effects do there is another than in the row before")
 
 
-def _doubts(found: Compensation, machine: Mechanism, knowledge: Knowledge | None) -> list[str]:
+def _doubts(found: Compensation, machine: Mechanism,
+            knowledge: ParameterCovariance | None) -> list[str]:
     """Return where targets lead through stretches that the model is known to miss."""
     out = []
     units = machine.units
@@ -224,7 +227,7 @@ def _doubts(found: Compensation, machine: Mechanism, knowledge: Knowledge | None
         rows = int(d.holds(q[:, joint]).sum())
         if rows:
             out.append(
-                f"{counted(rows, 'row')} with {d.actuator} between {d.low / factor:.6g} and "
+                f"{pluralize(rows, 'row')} with {d.actuator} between {d.low / factor:.6g} and "
                 f"{d.high / factor:.6g} {unit}: measurements there missed the model by "
                 f"{d.position / units.factor('length'):.2g} {units.length} rms and were left out "
                 "of the fit; it is in the uncertainty")
@@ -239,10 +242,10 @@ def _readings(model: Machine | CalibratedMachine, machine: Mechanism) -> tuple[R
 
 
 def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
-           ) -> tuple[Mechanism, Knowledge | None, list[str], list[str]]:
+           ) -> tuple[Mechanism, ParameterCovariance | None, list[str], list[str]]:
     """Return the machine, what its calibration knew, the file of that, and notes."""
     if isinstance(model, CalibratedMachine):
-        return model.mechanism, Knowledge.of(model.identification), [], []
+        return model.mechanism, ParameterCovariance.of(model.identification), [], []
     machine = load(model)
     notes = list(machine.findings)
     path = Path(knowledge) if knowledge is not None else Path(machine.source).with_name(

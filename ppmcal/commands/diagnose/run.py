@@ -10,7 +10,11 @@ from typing import ClassVar
 
 from ppmcal.calibration.compensation import Readings
 from ppmcal.calibration.fit import FitOptions, Problem, secondary
-from ppmcal.calibration.interpretation import Misread, misreading_sentence, refuse_before_fit
+from ppmcal.calibration.interpretation import (
+    InterpretationError,
+    interpretation_sentence,
+    refuse_before_fit,
+)
 from ppmcal.calibration.knowledge import (
     choice_sentence,
     noise_beyond_tolerances,
@@ -47,13 +51,13 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
 from ppmcal.io.results.diagnosis_parts import HeldOutGap, NextMeasurements, ResidualAfter
 from ppmcal.io.results.diagnosis_wording import headline
-from ppmcal.io.results.misreading import misreading_entries
+from ppmcal.io.results.interpretation import misreading_entries
 from ppmcal.io.results.record import Provenance
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.sessions import one_session, session_masks
 from ppmcal.notes import FINDING, NOTE, Note
-from ppmcal.wording.progress import begin, note
+from ppmcal.wording.progress import note, start_stage
 from ppmcal.wording.told import Told
 
 
@@ -143,7 +147,7 @@ def run(asked: DiagnoseArguments) -> DiagnosisResult:
         raise one_session()
     problem = Problem(machine, datasets, machine.free)
     with with_unit_findings(machine, datasets) as units:
-        begin("comparing the measurements with the nominal machine")
+        start_stage("comparing the measurements with the nominal machine")
         refuse_before_fit(problem, every_column=True)
         extra = list[str]()
         problem, choice = secondary(
@@ -155,7 +159,7 @@ def run(asked: DiagnoseArguments) -> DiagnosisResult:
             held=tuple(machine.names[p] for p in set(machine.free) - set(problem.free))))
     for line in (*told, *([choice_sentence(choice)] if choice else [])):
         note(line)
-    begin("judging the campaign")
+    start_stage("judging the campaign")
     fit = found.identification.fit
     campaign = secondary(MISSING, lambda: weak_campaign(fit, seed), None, extra)
     beside = [*secondary(PATTERN, partial(left_over, found.before, seed), [], extra),
@@ -172,7 +176,7 @@ def run(asked: DiagnoseArguments) -> DiagnosisResult:
 def when_refused(error: PpmcalError, asked: DiagnoseArguments, folder: Path | None
                  ) -> Refusal | None:
     """Write diagnosis.json with how files are to be read, where that is known."""
-    if not isinstance(error, Misread) or not error.found or folder is None:
+    if not isinstance(error, InterpretationError) or not error.found or folder is None:
         return None
     machine, datasets = prepared(asked.mechanism, asked.data)
     record = misread_record(error, machine, [*machine.inputs, *data_files(datasets)], asked.seed)
@@ -183,7 +187,8 @@ def when_refused(error: PpmcalError, asked: DiagnoseArguments, folder: Path | No
     return Refusal(record.entries(), (record.FILE,))
 
 
-def misread_record(refused: Misread, machine: Mechanism, inputs: Sequence[Path_], seed: int
+def misread_record(refused: InterpretationError, machine: Mechanism, inputs: Sequence[Path_],
+                   seed: int
                    ) -> DiagnosisRecord:
     """Return the content of diagnosis.json for files that were read wrongly.
 
@@ -200,6 +205,6 @@ def misread_record(refused: Misread, machine: Mechanism, inputs: Sequence[Path_]
         gap=HeldOutGap(noise=1.0, before=None, after=None, closed=None, interval=None),
         next_measurements=NextMeasurements(reason="Correct how the file is read, then diagnose "
                                            "again.", file=None),
-        findings=tuple(f"{m.source}: {misreading_sentence(m, machine.units)}."
+        findings=tuple(f"{m.source}: {interpretation_sentence(m, machine.units)}."
                        for m in refused.found), units=machine.units,
         provenance=Provenance(**source_of("diagnose", inputs, seed)))

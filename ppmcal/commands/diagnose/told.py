@@ -12,8 +12,8 @@ from ppmcal.io.results.diagnosis_parts import EffectValue
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
     another_day,
+    confounded,
     gap_closed,
-    imitated,
     learned,
     learned_gap,
     name_of,
@@ -31,7 +31,7 @@ from ppmcal.io.results.diagnosis_wording import (
     verdict,
 )
 from ppmcal.notes import topic_of
-from ppmcal.wording import number, rate, some, where
+from ppmcal.wording import abbreviate_list, actuator_list, number, rate
 
 
 def told(result: Diagnosis, record: DiagnosisRecord) -> Iterator[str]:
@@ -42,7 +42,7 @@ def told(result: Diagnosis, record: DiagnosisRecord) -> Iterator[str]:
     yield from (*effects(record), *another_day(record), *_suspected(result), *_left(result))
     yield from filter(None, (
         unknown_causes(record), tried_sets(record), gap_closed(record) if record.effects else "",
-        predicted(record), imitated(record), *learned(record), learned_gap(record)))
+        predicted(record), confounded(record), *learned(record), learned_gap(record)))
     if record.not_testable:
         yield "Not testable: " + "; ".join(_lacking(record.not_testable)) + "."
     yield from campaign_sentences(record.campaign)
@@ -80,7 +80,8 @@ def effects(record: DiagnosisRecord) -> list[str]:
     out = []
     for group in together(record):
         on = list(dict.fromkeys(a for e in group for a in e.on))
-        heads = ["" if list(e.on) == on else f"{where(e.on, actuators(record))} " for e in group]
+        heads = ["" if list(e.on) == on else f"{actuator_list(e.on, actuators(record))} "
+                 for e in group]
         chances = [probable(e.probability) for e in group]
         alone = [f" ({p})" if len(set(chances)) > 1 else "" for p in chances]
         sizes = own_values(record, group) or "; ".join(
@@ -95,7 +96,8 @@ def effects(record: DiagnosisRecord) -> list[str]:
         out += [f"  {line[0].upper() if line.startswith('the ') else line[0]}{line[1:]}"
                 for line in side(group)]
         if others := rivals(record, group[0]):
-            out.append(f"  Cannot be told from: {some(others, 'effects.csv', joint='; ')}.")
+            out.append(
+                f"  Cannot be told from: {abbreviate_list(others, 'effects.csv', joint='; ')}.")
     return out
 
 
@@ -105,8 +107,8 @@ def _event(when: str) -> str:
 
 def _suspected(result: Diagnosis) -> list[str]:
     names = [f"{c.hypothesis.label} ({probable(c.probability)})"
-             for c in sorted(result.possible, key=lambda c: -c.probability)]
-    return [f"Suspected: {some(names, 'effects.csv')}."] if names else []
+             for c in sorted(result.suspected, key=lambda c: -c.probability)]
+    return [f"Suspected: {abbreviate_list(names, 'effects.csv')}."] if names else []
 
 
 def _left(result: Diagnosis) -> list[str]:

@@ -67,7 +67,7 @@ class ExportResult(Result):
 
     def headline(self) -> str:
         """Return what the controller holds of the machine."""
-        return f"{self.record.name}: {self.record.said}."
+        return f"{self.record.name}: {self.record.summary}."
 
 
 def run(asked: ExportArguments) -> ExportResult:
@@ -89,7 +89,7 @@ def run(asked: ExportArguments) -> ExportResult:
     known = source_file.with_name(KNOWLEDGE) if made.uncertainty.frame else None
     source = source_of("export", [*machine.inputs, *files_of(old, poses, known)], None)
     record = record_of(made, machine.name, source)
-    return ExportResult(source, (*warned, *notes, *record.attention()), machine, made, record)
+    return ExportResult(source, (*warned, *notes, *record.all_findings()), machine, made, record)
 
 
 def _copied(writer: Exporter, form: str, made: Exported, old: Path_ | None) -> Exported:

@@ -13,7 +13,7 @@ ROWS = 24
 
 def told(record: ExportRecord) -> Iterator[Told]:
     """Yield the numbers, the errors with old and new ones, notes and advice."""
-    yield f"{record.name}: {record.said}."
+    yield f"{record.name}: {record.summary}."
     if record.parameters:
         yield ShortTable(["parameter", "old", "new", "change", "unit"],
                          list(_numbers(record))[:ROWS], (1, 2, 3))

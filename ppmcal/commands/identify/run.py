@@ -25,7 +25,7 @@ from ppmcal.calibration.fit import (
 )
 from ppmcal.calibration.fit import identify as fitted
 from ppmcal.calibration.interpretation import (
-    Misread,
+    InterpretationError,
     refuse_after_fit,
     refuse_before_fit,
     refuse_other_machine,
@@ -52,13 +52,13 @@ from ppmcal.commands.spec import Path_, Refusal
 from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
-from ppmcal.io.results.knowledge import read_posterior, refuse_twice
-from ppmcal.io.results.misreading import FORMAT, misreading_entries
+from ppmcal.io.results.interpretation import FORMAT, misreading_entries
+from ppmcal.io.results.knowledge import check_data_not_reused, read_posterior
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import too_long
-from ppmcal.wording.progress import begin
+from ppmcal.wording.progress import start_stage
 
 APART, FREEDOMS, MISSING, PATTERN, TOLERATED = (
     "whether instruments pull apart", "whether some parameters should be one",
@@ -87,7 +87,7 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
     inputs += [before.source] if before else []
     source = source_of("identify", inputs, seed)
     if before is not None:
-        refuse_twice(before, source)
+        check_data_not_reused(before, source)
         datasets, other = (without_known(d, machine.actuators, before.known, before.source)
                            for d in (datasets, other))
     chosen = "flat" if prior == "flat" else method
@@ -97,25 +97,25 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
     if prior == "flat":
         _refuse_unobservable(problem, machine.source)
     with with_unit_findings(machine, datasets) as units:
-        begin("comparing the measurements with the nominal machine")
+        start_stage("comparing the measurements with the nominal machine")
         refuse_before_fit(problem)
-        begin("choosing what to fit")
+        start_stage("choosing what to fit")
         extra = list[str]()
         as_filed = problem
         problem, choice = secondary(
             FREEDOMS, partial(with_chosen_freedoms, problem, options, _estimated(problem, sigma)),
             (problem, None), extra)
-        begin("fitting")
+        start_stage("fitting")
         fit, odd, told = fitted_rows(problem, options, sigma)
-        begin("looking for wrong rows")
+        start_stage("looking for wrong rows")
         refuse_after_fit(fit)
-        begin("judging the fit")
+        start_stage("judging the fit")
         held = set(as_filed.free) - set(problem.free)
         found = report(fit, options, fraction, seed, other, asked.leave_out,
                        [machine.names[p] for p in held])
         if chosen == "prior":
             refuse_other_machine(found.fit)
-    begin("judging the campaign")
+    start_stage("judging the campaign")
     if held:
         found = replace(found, identifiability=secondary(
             "what the data leave open", lambda: with_held(found.fit, held),
@@ -146,7 +146,9 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
 
 def when_refused(error: PpmcalError, _: IdentifyArguments, __: Path | None) -> Refusal:
     """Return why there is no result; of files that were read wrongly also how to read them."""
-    entries = misreading_entries(error.found, error.units) if isinstance(error, Misread) else ()
+    entries = misreading_entries(error.found, error.units) if isinstance(error,
+                                                                         InterpretationError) else (
+                                                                             )
     return Refusal({"format": FORMAT, "exit_code": error.exit_code, "reason": str(error),
                     "misreadings": [e.entries(whole=True) for e in entries]})
 
@@ -194,14 +196,15 @@ def with_unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Ite
     found = unit_findings(mechanism, datasets, sidecar_path)
     try:
         yield found
-    except Misread as error:
+    except InterpretationError as error:
         if error.found:
             raise
-        raise Misread(error.what, error.where, " ".join([*found, error.mend]).strip()) from None
+        raise InterpretationError(error.what, error.where,
+                                  " ".join([*found, error.hint]).strip()) from None
     except PpmcalError as error:
-        mend = " ".join([*found, error.mend]).strip()
+        hint = " ".join([*found, error.hint]).strip()
         where = error.where or ", ".join(d.source for d in datasets)
-        raise type(error)(error.what, where, mend) from None
+        raise type(error)(error.what, where, hint) from None
 
 
 def fitted_rows(problem: Problem, options: FitOptions, sigma: str

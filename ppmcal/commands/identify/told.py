@@ -12,7 +12,7 @@ from ppmcal.io.results.identifiability import flat_sentences, unidentifiable_wor
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import before_words
 from ppmcal.io.results.identification_wording import noise_verdict, short_intervals
-from ppmcal.wording import counted, number, some
+from ppmcal.wording import abbreviate_list, number, pluralize
 from ppmcal.wording.told import Findings, ShortTable, Told
 
 PRIOR_DOMINATED = 0.8
@@ -28,7 +28,7 @@ def told(found: Identification, record: IdentificationRecord) -> Iterator[Told]:
     open_ = len(found.columns) - len(fit.problem.free)
     more = f" and {open_} of frames and targets" if open_ else ""
     yield (f"{record.name}: {len(fit.problem.free)} parameters{more} from {rows} rows, "
-           f"{counted(fit.iterations, 'iteration')}; rank {found.rank} of {len(found.columns)}.")
+           f"{pluralize(fit.iterations, 'iteration')}; rank {found.rank} of {len(found.columns)}.")
     yield from _errors(record)
     yield from _noise(record.noise)
     yield from _parameters(record)
@@ -93,12 +93,12 @@ def _prior_dominated(record: IdentificationRecord) -> Iterator[Told]:
     if found:
         names = [f"{name} ({ratio:.2f})" for ratio, name in found]
         yield ("Constrained by the prior rather than by these data (posterior sigma over "
-               f"tolerance): {some(names, 'parameters.csv')}.")
+               f"tolerance): {abbreviate_list(names, 'parameters.csv')}.")
 
 
 def _redundant(record: IdentificationRecord, prior: bool) -> Iterator[Told]:
     if record.unidentifiable:
         count = sum(s.combinations for s in record.unidentifiable)
         how = "held by the prior" if prior else "left at nominal"
-        yield (f"{counted(count, 'combination')} of parameters not determined by these data "
+        yield (f"{pluralize(count, 'combination')} of parameters not determined by these data "
                f"({how}): {unidentifiable_words(record.unidentifiable)}.")

@@ -18,7 +18,7 @@ from ppmcal.controllers.delta.files import RODS, SCALES, files, rods_of
 from ppmcal.controllers.delta.geometry import SMALLEST
 from ppmcal.controllers.delta.printer import Importer, Printer
 from ppmcal.errors import BadInput, unknown
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 from ppmcal.wording.told import CommandLine, Told
 
 ROBOTS = {
@@ -73,8 +73,8 @@ class ImportResult(Result):
         beds = "".join(f"; {len(m.rows)} touches of mesh {m.name}"
                        for m in self.printer.meshes)
         return (f"{self.file}: a delta printer with "
-                f"{counted(len(self.printer.heights), 'height')} and "
-                f"{counted(len(self.printer.distances), 'distance')}{beds}; rods {self.rods}. "
+                f"{pluralize(len(self.printer.heights), 'height')} and "
+                f"{pluralize(len(self.printer.distances), 'distance')}{beds}; rods {self.rods}. "
                 f"{before_sentence(self.before)} {f'{self.size}.' if self.size else ''}").strip()
 
     def finished(self, written: Sequence[Path], asked: Any) -> Iterator[Told]:

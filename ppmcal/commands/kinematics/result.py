@@ -23,7 +23,7 @@ from ppmcal.kinematics.tables import (
 )
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 from ppmcal.wording.told import Told
 
 
@@ -117,7 +117,7 @@ class KinematicsResult(Result):
         """Yield how many rows are ok, and of how many an angle is not determined."""
         yield self.headline()
         if self.gimbal_lock:
-            yield f"{counted(self.gimbal_lock, 'row')}: {LOCKED}."
+            yield f"{pluralize(self.gimbal_lock, 'row')}: {LOCKED}."
 
     def summary(self) -> Mapping[str, Any]:
         """Return what ``--json`` prints."""

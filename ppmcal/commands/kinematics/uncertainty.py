@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.calibration.compensation import (
-    Knowledge,
+    ParameterCovariance,
     PoseRows,
     forward_sigma,
     independent,
@@ -40,7 +40,7 @@ Solve = Callable[[Model], Array]
 class CarriedKnowledge:
     """What is known of a machine's parameters, where that is from, and the files behind it."""
 
-    knowledge: Knowledge
+    knowledge: ParameterCovariance
     source: str
     files: tuple[str, ...] = ()
 
@@ -114,7 +114,7 @@ def model_sigma(mechanism: Mechanism, solved: SolvedRows, known: CarriedKnowledg
     return ModelSigma.of(mechanism, columns, known.source, "")
 
 
-def _joints(mechanism: Mechanism, solved: SolvedRows, knowledge: Knowledge) -> Array:
+def _joints(mechanism: Mechanism, solved: SolvedRows, knowledge: ParameterCovariance) -> Array:
     """Return standard deviations of joint values, and of rates where they were asked for, SI."""
     model, short = Model(mechanism), mechanism.equations > len(mechanism.actuators)
     if solved.which == "inverse" and not short:

@@ -51,7 +51,7 @@ class PlanResult(Result):
     def told(self) -> Iterator[str]:
         """Yield what was found in sentences."""
         yield f"{self.mechanism.name}:"
-        yield from self.record.said
+        yield from self.record.summary
 
 
 def run(asked: PlanArguments) -> PlanResult:
@@ -98,14 +98,14 @@ def _ends(
     if asked is None:
         return None
     text = asked if isinstance(asked, str) else ",".join(str(v) for v in asked)
-    mend = f'Write two numbers, the lower one first, for example {option} "{example}"'
+    hint = f'Write two numbers, the lower one first, for example {option} "{example}"'
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
-        raise BadInput(f"'{text}' holds what is not a number", option, mend) from None
+        raise BadInput(f"'{text}' holds what is not a number", option, hint) from None
     for value in values:
         if not least <= value < 1e6:
-            raise BadInput(f"{value:g} in '{text}' is not between {least:g} and 1e6", option, mend)
+            raise BadInput(f"{value:g} in '{text}' is not between {least:g} and 1e6", option, hint)
     if len(values) != 2 or values[0] >= values[1]:
-        raise BadInput(f"'{text}' does not go from a lower to a higher value", option, mend)
+        raise BadInput(f"'{text}' does not go from a lower to a higher value", option, hint)
     return values[0] + shift, values[1] + shift

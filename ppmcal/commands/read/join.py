@@ -174,7 +174,7 @@ def _with_hint(error: BadInput, log: ForeignTable, points: ForeignTable,
         return error
     return BadInput(f"{error.what} (the log runs from {one.name(ends[0][0])} to "
                     f"{one.name(ends[0][1])}, the points from {two.name(ends[1][0])})", error.where,
-                    f"{error.mend}. If the clocks differ: --clock-offset S, or --clock-offset find")
+                    f"{error.hint}. If the clocks differ: --clock-offset S, or --clock-offset find")
 
 
 def _turns(log: ForeignTable, block: ReadFile, mechanism: Mechanism, units: Units, place: str

@@ -55,7 +55,7 @@ class SensitivityResult(Result):
 
     def told(self) -> Iterator[str | ShortTable]:
         """Yield what was found in sentences, and the errors that count most."""
-        yield from self.record.said
+        yield from self.record.summary
         yield _ranking(self.sensitivity)
 
 

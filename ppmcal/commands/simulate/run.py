@@ -22,7 +22,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.simulation.scenario import Scenario
 from ppmcal.simulation.simulate import Campaign
 from ppmcal.simulation.simulate import simulate as simulated
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,9 +71,9 @@ class SimulationResult(Result):
     def headline(self) -> str:
         """Return rows, poses, instrument and seed."""
         rows, poses = len(self.campaign.time), len(set(self.campaign.pose.tolist()))
-        return (f"{self.mechanism.name}: {counted(rows, 'row')} at {counted(poses, 'pose')}, "
+        return (f"{self.mechanism.name}: {pluralize(rows, 'row')} at {pluralize(poses, 'pose')}, "
                 f"instrument {self.scenario.kind}, seed {self.provenance['seed']}; "
-                f"{counted(int(self.campaign.outlier.sum()), 'outlier')} injected.")
+                f"{pluralize(int(self.campaign.outlier.sum()), 'outlier')} injected.")
 
 
 def run(asked: SimulateArguments) -> SimulationResult:

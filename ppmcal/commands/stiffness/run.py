@@ -70,7 +70,7 @@ class StiffnessResult(Result):
     def told(self) -> Iterator[str | ShortTable]:
         """Yield what was found in sentences, and what gives way most."""
         yield f"{self.mechanism.name}:"
-        yield from self.record.said
+        yield from self.record.summary
         shares = share_table(self.study)
         if shares.rows:
             yield f"{shares.title}. {shares.note}"
@@ -114,25 +114,25 @@ def _load(text: str | None, mechanism: Mechanism) -> AppliedLoad | None:
     """Return the load of ``fx=0,fz=-100``; refuse what does not move the platform."""
     if text is None:
         return None
-    mend = f"Write for example {WRENCH[mechanism.dof[-1]]}=-100"
+    hint = f"Write for example {WRENCH[mechanism.dof[-1]]}=-100"
     moving = [WRENCH[c] for c in mechanism.dof]
     given: dict[str, float] = {}
     for part in (p.strip() for p in text.split(",") if p.strip()):
         name, sign, value = (p.strip() for p in part.partition("="))
         if not sign:
-            raise BadInput(f"'{part}' is not a component with a value", "--load", mend)
+            raise BadInput(f"'{part}' is not a component with a value", "--load", hint)
         if name not in WRENCH:
             raise unknown("component", name, moving, "--load")
         if name in given:
             raise BadInput(f"names {name} twice", "--load", "Name each component once")
-        given[name] = _number(value, "--load", mend)
+        given[name] = _number(value, "--load", hint)
         if given[name] and name not in moving:
             raise BadInput(f"{name} cannot be answered: in {mechanism.motion} motion the model "
                            "bears it without giving way", "--load",
                            f"Components that move this machine: {', '.join(moving)}")
     wrench = np.array([given.get(name, 0.0) for name in WRENCH])
     if not wrench.any():
-        raise BadInput("the load is zero", "--load", mend)
+        raise BadInput("the load is zero", "--load", hint)
     words = ", ".join(f"{n} = {v:g} {'N' if n[0] == 'f' else 'N m'}"
                       for n, v in given.items() if v)
     return AppliedLoad.of(wrench, words)
@@ -152,11 +152,11 @@ def _payload(mass: float, mechanism: Mechanism) -> AppliedLoad:
     return AppliedLoad.of(wrench, f"the weight of {mass:g} kg")
 
 
-def _number(text: str, place: str, mend: str) -> float:
+def _number(text: str, place: str, hint: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise BadInput(f"'{text.strip()}' is not a number", place, mend) from None
+        raise BadInput(f"'{text.strip()}' is not a number", place, hint) from None
     if not math.isfinite(value) or abs(value) > LARGEST:
-        raise BadInput(f"{text.strip()} is out of range", place, mend)
+        raise BadInput(f"{text.strip()} is out of range", place, hint)
     return value

@@ -68,7 +68,7 @@ class TolerancesResult(Result):
 
     def told(self) -> Iterator[str | ShortTable]:
         """Yield what was found in sentences, and the tolerances by slot."""
-        yield from self.record.said
+        yield from self.record.summary
         slots = slot_table(self.found)
         yield f"{slots.title}:"
         yield ShortTable(

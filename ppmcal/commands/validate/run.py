@@ -38,7 +38,7 @@ from ppmcal.io.results.validation import (
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import number
-from ppmcal.wording.progress import begin
+from ppmcal.wording.progress import start_stage
 from ppmcal.wording.told import ShortTable, Told
 
 
@@ -89,10 +89,10 @@ def run(asked: ValidateArguments) -> ValidationResult:
     words = _words(asked.register)
     models = with_and_without(mechanism)
     notes = list[str]()
-    begin("looking at the noise")
+    start_stage("looking at the noise")
     days, noise = with_day_noise([replace(models[n].mechanism, free=whole.free)
                                   for n in sorted({0, len(models) - 1})], datasets, notes)
-    begin("predicting with and without each effect")
+    start_stage("predicting with and without each effect")
     others, odd = _others(whole, model, against, notes)
     found = validated([*models, *others], days, words, seed, notes)
     inputs = [*mechanism.inputs, *_beside(model, against),

@@ -29,7 +29,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording.progress import begin
+from ppmcal.wording.progress import start_stage
 from ppmcal.wording.told import ShortTable
 
 LEVELS = 61
@@ -81,7 +81,7 @@ def run(asked: WorkspaceArguments) -> WorkspaceResult:
     machine = load(asked.mechanism)
     refuse_singular_home(machine)    # about which no grid would be found
     found = mapped(machine, read_grid(asked.grid, machine, LEVELS))
-    begin("assembly modes")
+    start_stage("assembly modes")
     rows = _modes(found, asked.joints, asked.seed)
     source = source_of("workspace", [*machine.inputs, *files_of(asked.joints)], asked.seed)
     record = WorkspaceRecord.of(found, rows, source)

@@ -17,7 +17,7 @@ from ppmcal.controllers.klipper.lines import BLOCK, HEADER, SAVED, split
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io.input_files import read_bytes
 from ppmcal.io.limits import CONFIG_BYTES
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 _KEY = re.compile(r"([A-Za-z0-9_]+)\s*[:=]")
 _OWN = "# from here to the block: over numbers of included files"
@@ -149,8 +149,8 @@ def _others(config: Config) -> dict[tuple[str, str], str]:
 
 def _told(quiet: int, over: Places) -> str:
     """Return what was done to the body, empty where nothing."""
-    parts = [f"{counted(quiet, 'line')} above the #*# lines, which would win over them, "
+    parts = [f"{pluralize(quiet, 'line')} above the #*# lines, which would win over them, "
              f"{'is' if quiet == 1 else 'are'} commented out"] if quiet else []
-    parts += [f"{counted(len(over), 'number')} of included files stand{'s' * (len(over) == 1)} "
+    parts += [f"{pluralize(len(over), 'number')} of included files stand{'s' * (len(over) == 1)} "
               "anew above the #*# lines, where it takes to win over them"] if over else []
     return "; ".join(parts)

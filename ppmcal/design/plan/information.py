@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.compensation import Knowledge, prediction_jacobian
+from ppmcal.calibration.compensation import ParameterCovariance, prediction_jacobian
 from ppmcal.calibration.fit import (
     RANK_TOLERANCE,
     Problem,
@@ -132,8 +132,8 @@ def task_rows(offered: CandidateInformation, instrument: Instrument, tasks: Cand
     """
     problem = offered.problem
     mechanism = problem.mechanism
-    knowledge = Knowledge(problem.columns, np.zeros((0, 0)), {},
-                          {instrument.name: problem.opens[0].about}, {})
+    knowledge = ParameterCovariance(problem.columns, np.zeros((0, 0)), {},
+                                    {instrument.name: problem.opens[0].about}, {})
     rows = environment(columns, mechanism.actuators, mechanism.gravity, tasks.q)
     jacobian = prediction_jacobian(Model(mechanism), instrument.registration, tasks.pose, tasks.q,
                                    knowledge, instrument.name, rows)

@@ -23,7 +23,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording.progress import begin
+from ppmcal.wording.progress import start_stage
 
 CANDIDATES = 400
 TASKS = 50
@@ -77,17 +77,17 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
         raise BadInput("touches happen where the flat is, which only you know", "--instrument",
                        "Give --candidates: poses at which the machine touches the flat")
     refuse(mechanism, options.asked)
-    begin("drawing candidates")
+    start_stage("drawing candidates")
     region = None if given else region_of(nominal)
     pool = listed(nominal, *given) if given else draw(nominal, region_of(nominal),
                                                       options.candidates, options.seed)
     with_effects = with_kinds(mechanism, options.asked, pool.q)
     pose, columns = offered(with_effects, options.asked, pool.q, options.seed)
-    begin("information of each candidate")
+    start_stage("information of each candidate")
     space = _PoseSpace(nominal, region if not columns else None, instrument, pool,
                        offer(with_effects, instrument, pool, pose, columns), columns)
     aims = _aims(space, options, tasks)
-    begin("choosing")
+    start_stage("choosing")
     return _planned(space, options, aims, wanted)
 
 

@@ -12,7 +12,7 @@ from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate, summaries
 from ppmcal.io.results.record import Part, Record, Shown, Text, UnitText, Whole
-from ppmcal.wording import MOST, counted, some
+from ppmcal.wording import MOST, abbreviate_list, pluralize
 
 TABLE = "campaigns.parquet"
 
@@ -82,7 +82,7 @@ class CampaignRecord(Record):
         return [q for q in self.quantities if q.what == what]
 
 
-def needing_a_look(records: Sequence[CampaignRecord]) -> list[str]:
+def with_findings(records: Sequence[CampaignRecord]) -> list[str]:
     """Return what a person must look at: who failed, changed or has findings; nothing: all is fine.
 
     Headline, console and page say that nothing needs a look where this is empty, only there.
@@ -93,12 +93,12 @@ def needing_a_look(records: Sequence[CampaignRecord]) -> list[str]:
         r.command == "compare" and r.verdict == "changed")]
     out = failed if len(failed) <= MOST else [
         f"{len(failed)} campaigns failed: "
-        f"{some(failed, 'the table of those that failed', joint='; ')}"]
+        f"{abbreviate_list(failed, 'the table of those that failed', joint='; ')}"]
     if changed:
-        out.append(f"changed since last time: {some(changed, 'the table of changes')}")
+        out.append(f"changed since last time: {abbreviate_list(changed, 'the table of changes')}")
     if found:
-        out.append(f"{counted(len(found), 'campaign')} with findings: "
-                   f"{some(found, 'the table of campaigns')}")
+        out.append(f"{pluralize(len(found), 'campaign')} with findings: "
+                   f"{abbreviate_list(found, 'the table of campaigns')}")
     return out
 
 

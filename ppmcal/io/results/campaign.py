@@ -8,7 +8,7 @@ from dataclasses import field
 from ppmcal.calibration.fit import WeakCampaign
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.units import OfUnit, Units, coordinate_quantity
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 FEW = 3
 
@@ -63,7 +63,7 @@ def _sentence(found: WeakCampaign, where: Mapping[str, PoseRange]) -> str:
             f"{'; '.join(found.groups)}")
     what = "touch" if found.touches else "pose"
     count = len(found.missing.q)
-    many = counted(count, what) if not found.touches or count == 1 else f"{count} touches"
+    many = pluralize(count, what) if not found.touches or count == 1 else f"{count} touches"
     ranges = [f"{name} from {r.low:.4g} to {r.high:.4g} {r.unit}"
               for name, r in list(where.items())[:FEW]]
     beyond = f" ({', '.join(ranges)})" if ranges else ""

@@ -259,7 +259,7 @@ def schema(kind: type) -> Json:
     return {"$defs": dict(sorted(known.items())), **own} if known else own
 
 
-def decoded(kind: type[T], data: Any, path: Path, mend: str = AGAIN) -> T:
+def decoded(kind: type[T], data: Any, path: Path, hint: str = AGAIN) -> T:
     """Return plain data, read from a file, as a class.
 
     Raises:
@@ -268,7 +268,7 @@ def decoded(kind: type[T], data: Any, path: Path, mend: str = AGAIN) -> T:
     try:
         found: T = reader_of_class(kind).read(data, True)
     except WrongKind as error:
-        raise BadInput(f"should be {error.wanted}", f"{path}: {error.place}", mend) from None
+        raise BadInput(f"should be {error.wanted}", f"{path}: {error.place}", hint) from None
     return found
 
 

@@ -23,7 +23,7 @@ from ppmcal.io.results.record import (
 from ppmcal.io.results.tables import column_units, filled_columns, joint_columns, pose_columns
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import OfUnit
-from ppmcal.wording import counted, number
+from ppmcal.wording import number, pluralize
 
 
 class TargetError(Part):
@@ -177,4 +177,4 @@ def target_sentence(mechanism: Mechanism, frame: str) -> str:
 
 def accepted_sentence(accepted: int, targets: int) -> str:
     """Return how many targets have commands."""
-    return f"{accepted} of {counted(targets, 'target')} can be commanded"
+    return f"{accepted} of {pluralize(targets, 'target')} can be commanded"

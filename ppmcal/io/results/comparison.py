@@ -21,7 +21,7 @@ from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Tex
 from ppmcal.io.results.units import COLUMN, MachineUnits
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import OfUnit, Units
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 SHOWN = 4
 FITS_DIFFER = 2.5
@@ -217,7 +217,7 @@ def verdict_sentence(r: ComparisonRecord) -> str:
     what = {"changed": "the machine has changed", "unchanged": "nothing has changed"}.get(r.verdict)
     if not what:
         return ""
-    about = f"{r.name or 'Comparison'}: {counted(len(r.parameters), 'parameter')}; {what}"
+    about = f"{r.name or 'Comparison'}: {pluralize(len(r.parameters), 'parameter')}; {what}"
     if r.chi2 is None or r.degrees is None:
         return f"{about}."
     chance = "" if r.p_value is None else f", p = {r.p_value:.2g}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from ppmcal.calibration.interpretation import plain_mistakes
 from ppmcal.calibration.knowledge import coverage
@@ -25,12 +25,12 @@ from ppmcal.io.results.diagnosis_parts import (
     SuspectedEffect,
     UnfittedRow,
 )
+from ppmcal.io.results.interpretation import MisreadingEntry, misreading_entries
 from ppmcal.io.results.learned_parts import LearnedEntry
-from ppmcal.io.results.misreading import MisreadingEntry, misreading_entries
 from ppmcal.io.results.other_models import OtherModel, OtherModels, TriedSet, other_files
 from ppmcal.io.results.record import Flag, Provenance, Record, Shown, Text
 from ppmcal.io.results.validation import ValidatedDataset
-from ppmcal.units import Units
+from ppmcal.units import Key, Units
 
 CHOSEN = ("effects", "learned terms")
 """What rows left out of the fits choose all the same: which names stand, and which shapes."""
@@ -52,7 +52,7 @@ class DiagnosisRecord(Record):
     verdict: Text = ""
     misreadings: tuple[MisreadingEntry, ...] = ()
     effects: tuple[DiagnosedEffect, ...] = ()
-    possible: tuple[SuspectedEffect, ...] = ()
+    suspected: Annotated[tuple[SuspectedEffect, ...], Key("possible")] = ()
     nothing: Shown | None = None
     unknown: tuple[UnknownFound, ...] = ()
     learned: tuple[LearnedEntry, ...] = ()
@@ -65,7 +65,7 @@ class DiagnosisRecord(Record):
     noise: RowNoiseFound = RowNoiseFound()
     localised: tuple[Place, ...] = ()
     not_testable: tuple[Untestable, ...] = ()
-    swallowed: tuple[Swallowed, ...] = ()
+    absorbed_by_geometry: Annotated[tuple[Swallowed, ...], Key("swallowed")] = ()
     next_measurements: NextMeasurements = NextMeasurements()
     excluded: tuple[UnfittedRow, ...] = ()
     findings: tuple[Text, ...] = ()
@@ -90,7 +90,7 @@ class DiagnosisRecord(Record):
                 [m for d in fit.problem.datasets for m in plain_mistakes(
                     d, fit.problem.mechanism)], units),
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
-            possible=tuple(SuspectedEffect.of(c) for c in result.possible),
+            suspected=tuple(SuspectedEffect.of(c) for c in result.suspected),
             nothing=result.nothing,
             unknown=result.unknown, predictive=result.predictive,
             learned=LearnedEntry.all_of(result),
@@ -104,7 +104,7 @@ class DiagnosisRecord(Record):
                           rows=sum(int(k.sum()) for k in fit.keep)),
             noise=RowNoiseFound(serial_correlation=noise.rho),
             localised=result.localised, not_testable=result.untestable,
-            swallowed=in_units(result.swallowed, units),
+            absorbed_by_geometry=in_units(result.absorbed_by_geometry, units),
             next_measurements=NextMeasurements(
                 reason=wanted.reason, file="next.csv" if wanted.rows else None, rows=wanted.rows,
                 odds_before=wanted.odds_before, odds_after=wanted.odds_after),

@@ -58,7 +58,7 @@ def effects_csv(result: Diagnosis) -> str:
         Column("on", [*(" ".join(c.hypothesis.on) for c in some), *blank]),
         Column("form", [*("shared" if c.hypothesis.shared else "each" for c in some), *blank]),
         Column("p_value", [np.nan] * (len(some) + len(none))),
-        Column("survival", [*(c.survival for c in some), *unknown]),
+        Column("survival", [*(c.visibility for c in some), *unknown]),
         Column("status", [*(c.status for c in some), *["not testable"] * len(none)]),
         Column("alternatives", [*("; ".join(c.alternatives) for c in some),
                                 *(f"needs {', '.join(u.missing)}" for u in none)]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ppmcal.diagnosis.result import (
 from ppmcal.io.results.identification_parts import ExcludedRow
 from ppmcal.io.results.record import Part, Shown, Text, UnitText, Whole
 from ppmcal.model.effects import GEOMETRY, effect_kinds
-from ppmcal.units import Units
+from ppmcal.units import Key, Units
 
 
 class EffectValue(Part):
@@ -129,7 +129,7 @@ class DiagnosedEffect(CalledKind):
     on: tuple[Text, ...] = ()
     parameters: Mapping[str, EffectValue] = field(default_factory=dict)
     p_value: Shown | None = None
-    survival: Shown | None = None
+    visibility: Annotated[Shown | None, Key("survival")] = None
     alternatives: tuple[Text, ...] = ()
     alternatives_on: tuple[Text, ...] = ()
     odds: tuple[Shown | None, ...] = ()
@@ -160,7 +160,7 @@ class SuspectedEffect(CalledKind):
 
     on: tuple[Text, ...] = ()
     probability: Shown | None = None
-    survival: Shown | None = None
+    visibility: Annotated[Shown | None, Key("survival")] = None
     status: Text = ""
 
     @classmethod

@@ -12,7 +12,7 @@ from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.validation import effects_sentence, model_sentence
 from ppmcal.model.effects import GEOMETRY, effect_kinds
-from ppmcal.wording import causes, counted, number, rate, shorter, where
+from ppmcal.wording import actuator_list, causes, number, pluralize, rate, shorten_label
 
 VERDICTS = {
     "misread": "The measurements were read wrongly; nothing was diagnosed.",
@@ -56,7 +56,7 @@ def _apart(record: DiagnosisRecord, groups: Sequence[Group], names: Sequence[str
     whole = "; ".join(" or ".join(own) for own in rival)
     if len(whole) <= SHORT:
         return whole
-    return "; ".join(f"{counted(len(own), 'explanation')} "
+    return "; ".join(f"{pluralize(len(own), 'explanation')} "
                      f"({' or '.join(dict.fromkeys(map(causes, own)))})" for own in rival)
 
 
@@ -84,7 +84,7 @@ def together(record: DiagnosisRecord) -> list[Group]:
 
 def rivals(record: DiagnosisRecord, effect: DiagnosedEffect) -> list[str]:
     """Return the names of an effect's alternatives."""
-    return [shorter(name, actuators(record))
+    return [shorten_label(name, actuators(record))
             for name in effect.alternatives_on or effect.alternatives]
 
 
@@ -176,7 +176,7 @@ def effect_name(record: DiagnosisRecord, effect: DiagnosedEffect) -> str:
 
 def name_of(record: DiagnosisRecord, kind: str, on: Sequence[str]) -> str:
     """Return ``backlash on leg2, leg5`` or ``gain on all 6 actuators``."""
-    place = where(on, actuators(record))
+    place = actuator_list(on, actuators(record))
     return f"{kind or '?'} on {place}" if place else kind or "?"
 
 
@@ -218,10 +218,11 @@ def tried_sets(record: DiagnosisRecord) -> str:
         return ""
     total = actuators(record)
     common = [e for e in told[0][1].effects if all(e in s.effects for _, s in told)]
-    beside = f" beside {', '.join(shorter(e, total) for e in common)}" if common else ""
+    beside = f" beside {', '.join(shorten_label(e, total) for e in common)}" if common else ""
     named = dict[str, float]()      # of the same joints, alike or each its own size
     for p, s in told:
-        name = ", ".join(shorter(e, total) for e in s.effects if e not in common) or "nothing more"
+        name = ", ".join(shorten_label(e, total) for e in s.effects
+                         if e not in common) or "nothing more"
         named[name] = named.get(name, 0.0) + p
     if len(named) < 2:
         return ""
@@ -315,7 +316,7 @@ def _equation(entry: LearnedEntry) -> str:
 
 def learned_name(record: DiagnosisRecord, entry: LearnedEntry) -> str:
     """Return ``error of leg3 by its travel``, ``platform's z by x``."""
-    what = (f"error of {where(entry.on, actuators(record))} by travel" if entry.on
+    what = (f"error of {actuator_list(entry.on, actuators(record))} by travel" if entry.on
             else f"platform's {entry.acts} by travel").removesuffix("travel")
     own = "" if not entry.on else "its " if len(entry.on) == 1 else "their own "
     source = "temperature" if entry.input == "temperature" else own + entry.input
@@ -363,11 +364,11 @@ def _interval(gap: HeldOutGap) -> str:
             else "")
 
 
-def imitated(record: DiagnosisRecord) -> str:
+def confounded(record: DiagnosisRecord) -> str:
     """Return how many parameters had moved to imitate what is missing, empty where none had."""
-    moved = record.swallowed
+    moved = record.absorbed_by_geometry
     return "" if not moved else (
-        f"Without what is named, {counted(len(moved), 'parameter')} "
+        f"Without what is named, {pluralize(len(moved), 'parameter')} "
         f"{'were' if len(moved) > 1 else 'was'} forced outside "
         f"{'their tolerances' if len(moved) > 1 else 'its tolerance'}, most {moved[0].name}.")
 
@@ -378,7 +379,7 @@ def next_step(record: DiagnosisRecord) -> str:
     reason = wanted.reason.rstrip(".")
     out = [f"{reason}."] if reason else []
     if wanted.file:
-        much = f" ({counted(wanted.rows, 'row')})" if wanted.rows else ""
+        much = f" ({pluralize(wanted.rows, 'row')})" if wanted.rows else ""
         out.append(f"They are in {wanted.file}{much}.")
         before, after = finite(wanted.odds_before), finite(wanted.odds_after)
         if before and after and (before, after) != (1.0, 1.0):  # else there are no two

@@ -8,9 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import field
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
+from ppmcal.units import Key
 from ppmcal.wording import MOST
 
 NO_GAIN = 1e-6
@@ -139,7 +140,7 @@ class ExportRecord(Record):
     old: Mapping[str, Shown | None] = field(default_factory=dict)
     number_units: Mapping[str, Text] = field(default_factory=dict)
     title: Text = ""
-    said: Text = ""
+    summary: Annotated[Text, Key("said")] = ""
     over: Text = ""
     predicted: PredictedErrors = PredictedErrors()
     exact: Flag = False
@@ -175,7 +176,7 @@ class ExportRecord(Record):
         return [f"{LACKS}{first}; and {len(many) - MOST} more, each of which costs less (all in "
                 f"{self.FILE})"]
 
-    def attention(self) -> list[str]:
+    def all_findings(self) -> list[str]:
         """Return what the user must look at: what cannot be expressed, numbers that are worse."""
         out = self.lacking()
         old, new = self.gain.before, self.gain.after

@@ -12,7 +12,7 @@ from ppmcal.calibration.knowledge import CALIPER, CollinearParameters, Identifia
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import OfUnit, Units
-from ppmcal.wording import MOST, some
+from ppmcal.wording import MOST, abbreviate_list
 
 SMOOTH = 0.01
 """A flat has a shape where chance would show one as strong this rarely."""
@@ -187,8 +187,8 @@ def gathered_pairs(found: Sequence[CollinearPair], each: Sequence[str]) -> list[
     if len(each) <= MOST:
         return list(each)
     strongest = sorted(found, key=lambda p: -abs(p.correlation or 0.0))
-    names = some([f"{p.a} and {p.b}" for p in strongest], "identification.json, identifiability",
-                 joint="; ")
+    names = abbreviate_list([f"{p.a} and {p.b}" for p in strongest],
+                            "identification.json, identifiability", joint="; ")
     return [f"{len(each)} pairs of kinds of parameter are correlated exactly or almost exactly: "
             f"{names}; constrained by the prior."]
 

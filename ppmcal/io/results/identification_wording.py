@@ -6,7 +6,7 @@ import math
 
 from ppmcal.calibration.fit import LARGER, SMALLER, Noise
 from ppmcal.calibration.validation import Dependence
-from ppmcal.wording import chance, counted
+from ppmcal.wording import chance, pluralize
 
 TERMS = 6
 
@@ -49,5 +49,5 @@ def combination(entry: Dependence) -> str:
     shown = "".join((" - " if v < 0 else " + " if i else "")
                     + ("" if abs(abs(v) - 1) < 5e-4 else f"{abs(v):.3g}*") + k
                     for i, (k, v) in enumerate(terms[:TERMS])).strip()
-    return shown + (f" and {counted(len(terms) - TERMS, 'smaller part')}"
+    return shown + (f" and {pluralize(len(terms) - TERMS, 'smaller part')}"
                     if len(terms) > TERMS else "")

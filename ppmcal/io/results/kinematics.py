@@ -18,7 +18,7 @@ from ppmcal.kinematics.tables import SINGULAR, KinematicsTable, home_singular_va
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import OfUnit
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 LOCKED = "gimbal lock: only euler_1 and euler_3 together are known, euler_3 is set to 0"
 
@@ -226,7 +226,7 @@ def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Seque
 
 def solved_sentence(solved: int, rows: int) -> str:
     """Return how many rows were solved."""
-    return f"{solved} of {counted(rows, 'row')} solved"
+    return f"{solved} of {pluralize(rows, 'row')} solved"
 
 
 def modes_sentence(modes: ModeColumns | AssemblyModes) -> str:

@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ppmcal.calibration.compensation import Knowledge
-from ppmcal.calibration.fit import Posterior, SessionKnowledge, Sight
+from ppmcal.calibration.compensation import ParameterCovariance
+from ppmcal.calibration.fit import PoseResiduals, Posterior, SessionKnowledge
 from ppmcal.calibration.knowledge import Considered
 from ppmcal.calibration.sessions import SESSION
 from ppmcal.calibration.validation import DoubtfulStretch
@@ -41,7 +41,7 @@ LONGEST = 1e15
 """File units: no value of a parameter and no pose is as large."""
 
 
-def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
+def read_knowledge(path: Path, mechanism: Mechanism) -> ParameterCovariance:
     """Return the knowledge in an identification.json.
 
     Raises:
@@ -50,7 +50,8 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
     return knowledge_of(read_identification(path), mechanism, path)
 
 
-def knowledge_of(record: IdentificationRecord, mechanism: Mechanism, path: Path) -> Knowledge:
+def knowledge_of(record: IdentificationRecord, mechanism: Mechanism,
+                 path: Path) -> ParameterCovariance:
     """Return the knowledge in what was read from ``path``.
 
     Raises:
@@ -71,13 +72,13 @@ def knowledge_of(record: IdentificationRecord, mechanism: Mechanism, path: Path)
     except _Incomplete as error:
         raise _no_such(path, WITHOUT) from error
     names, matrix = (*names, *kept.names), kept.beside(matrix)
-    of_machine(names, mechanism, path)
+    check_same_mechanism(names, mechanism, path)
     factor = np.array([column_factor(mechanism, n) for n in names])
     left = [(record.unexplained.get(kind, ResidualSummary()).rms or 0.0) * units.factor(quantity)
             for kind, quantity in (("position", "length"), ("rotation", "angle"))]
-    return Knowledge(names, matrix * np.outer(factor, factor), volume, turn, before,
-                     (left[0], left[1]),
-                     tuple(_doubtful(d, mechanism, units, path) for d in record.doubtful))
+    return ParameterCovariance(names, matrix * np.outer(factor, factor), volume, turn, before,
+                               (left[0], left[1]),
+                               tuple(_doubtful(d, mechanism, units, path) for d in record.doubtful))
 
 
 def _considered(entry: HeldParameters | None, count: int) -> Considered:
@@ -134,7 +135,7 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
         rows = known_in(record, mechanism)
     except _Incomplete as error:
         raise _no_such(path, AGAIN) from error
-    of_machine(names, mechanism, path)
+    check_same_mechanism(names, mechanism, path)
     if units != mechanism.units:
         raise BadInput(f"is in {units.length} and {units.angle}, the machine in "
                        f"{mechanism.units.length} and {mechanism.units.angle}", str(path),
@@ -146,7 +147,7 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
                      rows)
 
 
-def refuse_twice(before: Posterior, source: Mapping[str, Any]) -> None:
+def check_data_not_reused(before: Posterior, source: Mapping[str, Any]) -> None:
     """Refuse to count measurements that an earlier calibration holds already.
 
     Raises:
@@ -158,7 +159,7 @@ def refuse_twice(before: Posterior, source: Mapping[str, Any]) -> None:
                            "Give new measurements only, or leave out --keep")
 
 
-def of_machine(names: Sequence[str], mechanism: Mechanism, path: Path) -> None:
+def check_same_mechanism(names: Sequence[str], mechanism: Mechanism, path: Path) -> None:
     """Refuse a file whose parameters the machine does not have.
 
     Raises:
@@ -170,20 +171,20 @@ def of_machine(names: Sequence[str], mechanism: Mechanism, path: Path) -> None:
                        str(path), "Keep MODEL and its identification.json together")
 
 
-def read_identification(path: Path, mend: str = WITHOUT) -> IdentificationRecord:
+def read_identification(path: Path, hint: str = WITHOUT) -> IdentificationRecord:
     """Return what an identification.json holds.
 
     Raises:
         BadInput: not readable, or not such a file of this version.
     """
-    record = IdentificationRecord.read(path, mend)
+    record = IdentificationRecord.read(path, hint)
     if record.format != IdentificationRecord.FORMAT:
-        raise _no_such(path, mend)
+        raise _no_such(path, hint)
     return record
 
 
-def _no_such(path: Path, mend: str) -> BadInput:
-    return BadInput("is not an identification.json of this version of ppmcal", str(path), mend)
+def _no_such(path: Path, hint: str) -> BadInput:
+    return BadInput("is not an identification.json of this version of ppmcal", str(path), hint)
 
 
 def _units(record: IdentificationRecord, path: Path) -> Units:
@@ -328,15 +329,16 @@ def _session(entry: SessionInformation | None, mechanism: Mechanism, parameters:
                             tuple(_sight(r, mechanism) for r in entry.rows), entry.single)
 
 
-def _sight(rows: SessionRows, mechanism: Mechanism) -> Sight:
+def _sight(rows: SessionRows, mechanism: Mechanism) -> PoseResiduals:
     """Return a data set's rows, SI."""
     count, width = len(rows.joints), len(rows.rest[0]) if rows.rest else 0
     q = _matrix(rows.joints, count, len(mechanism.actuators))
     rest = _matrix(rows.rest, count, width)
     if np.isnan(rest).any() or not 0 <= rows.rotations <= width:
         raise _Incomplete
-    return Sight(rows.name, rows.kind, q * [f for f, _ in mechanism.joint_units],
-                 rest * rest_factors(width, rows.rotations, mechanism.units), rows.rotations)
+    return PoseResiduals(rows.name, rows.kind, q * [f for f, _ in mechanism.joint_units],
+                         rest * rest_factors(width, rows.rotations, mechanism.units),
+                         rows.rotations)
 
 
 def _values(record: IdentificationRecord, names: Sequence[str]) -> Array:

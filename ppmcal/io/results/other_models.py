@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
-from ppmcal.calibration.compensation import Reading, Readings, probabilities
+from ppmcal.calibration.compensation import CandidateModel, Readings, probabilities
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
@@ -26,7 +26,7 @@ class OtherModel(Part):
     odds: Finite | None = None
 
     @classmethod
-    def of(cls, file: str, reading: Reading) -> OtherModel:
+    def of(cls, file: str, reading: CandidateModel) -> OtherModel:
         """Return the entry of a reading that is written to ``file``."""
         return cls.filled(reading, file=file, instead_of=reading.instead)
 
@@ -61,7 +61,7 @@ class OtherModels(Record):
     other_models: tuple[OtherModel, ...] = ()
 
 
-def other_files(result: Diagnosis) -> list[tuple[str, Reading]]:
+def other_files(result: Diagnosis) -> list[tuple[str, CandidateModel]]:
     """Return the other models with the names of their files."""
     return [("without_effects.yaml" if other.bare else f"rival{n}.yaml", other)
             for n, other in enumerate(result.others, 1)]
@@ -86,7 +86,7 @@ def read_other_models(model: Path, mechanism: Mechanism) -> tuple[Readings, list
         read.append(file)
         if entry.effect or entry.instead_of:
             odds = max(entry.odds or 1.0, 1e-3)
-            others.append(Reading(entry.effect, entry.instead_of, odds, other))
+            others.append(CandidateModel(entry.effect, entry.instead_of, odds, other))
         else:
             without = other
     return Readings(tuple(others), without), read

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.plan.result import Plan
@@ -20,7 +20,7 @@ from ppmcal.io.results.plan_tables import (
 )
 from ppmcal.io.results.plan_wording import findings, sentences
 from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole, table_text
-from ppmcal.units import Angle, Length
+from ppmcal.units import Angle, Key, Length
 
 PICTURE = "accuracy.png"
 CAPTION = ("Standard deviation of the calibrated machine's position at the tasks against the "
@@ -59,7 +59,7 @@ class PlanRecord(Record):
     FORMAT: ClassVar[str] = "ppmcal/plan/1"
 
     name: Text = ""
-    said: tuple[Text, ...] = ()
+    summary: Annotated[tuple[Text, ...], Key("said")] = ()
     units: Mapping[str, Text] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     pictures: Mapping[str, Text] | None = None
@@ -84,7 +84,7 @@ class PlanRecord(Record):
         """Return the record of a plan for an accuracy ``wanted`` at the tasks, m, or None."""
         return cls(
             format=cls.FORMAT, name=plan.mechanism.name,
-            said=tuple(sentences(plan, wanted, notes)), units=column_units(plan),
+            summary=tuple(sentences(plan, wanted, notes)), units=column_units(plan),
             findings=tuple(findings(plan, wanted)), pictures={PICTURE: CAPTION},
             tables=(accuracy_rows(plan), observability_rows(plan)), count=len(plan.rows),
             poses=int(max(pose_table(plan)["pose"])), least=plan.least,

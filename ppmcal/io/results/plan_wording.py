@@ -11,7 +11,7 @@ from ppmcal.design.plan.information import PAYS, reaching
 from ppmcal.design.plan.result import Plan
 from ppmcal.model.dataset import Unknown
 from ppmcal.model.instruments import NUMBERS
-from ppmcal.wording import counted
+from ppmcal.wording import pluralize
 
 FEWEST = 2
 """The smallest plan that can be asked for."""
@@ -82,7 +82,7 @@ def effects(plan: Plan) -> list[str]:
 def measurements(plan: Plan) -> str:
     """Return how many measurements to take, and where they stand."""
     rows, poses = len(plan.rows), len(np.unique(plan.offer.pose[plan.rows]))
-    what = counted(poses, "pose") + f", {rows} times in all," * (rows != poses)
+    what = pluralize(poses, "pose") + f", {rows} times in all," * (rows != poses)
     return f"Measure {what} as poses.csv lists {'it' if rows == 1 else 'them, in that order'}."
 
 
@@ -137,7 +137,7 @@ def settings(plan: Plan) -> list[str]:
             values, counts = np.unique(plan.columns[name] - (
                 273.15 if name == "temperature" else 0.0), return_counts=True)
             out.append(f"{name.capitalize()}: " + ", ".join(
-                f"{counted(int(c), 'row')} at {v:.6g} {unit}"
+                f"{pluralize(int(c), 'row')} at {v:.6g} {unit}"
                 for v, c in zip(values, counts, strict=True)) + ".")
     return out
 

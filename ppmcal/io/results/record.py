@@ -80,13 +80,13 @@ class Part:
         self.__dict__.update(made.__dict__)
 
     @classmethod
-    def checked(cls, data: Mapping[str, Any], path: Path = Path(), mend: str = AGAIN) -> Self:
+    def checked(cls, data: Mapping[str, Any], path: Path = Path(), hint: str = AGAIN) -> Self:
         """Return plain data, read from a file, as an object.
 
         Raises:
             BadInput: a value of another kind.
         """
-        return codec.decoded(cls, data, path, mend)
+        return codec.decoded(cls, data, path, hint)
 
     @classmethod
     def filled(cls, found: object = None, units: Units = SI, /, **own: Any) -> Self:
@@ -154,24 +154,24 @@ class Record(Part):
         return json_text(self.entries())
 
     @classmethod
-    def read(cls, path: Path, mend: str = AGAIN) -> Self:
+    def read(cls, path: Path, hint: str = AGAIN) -> Self:
         """Return what a file holds.
 
         Raises:
             BadInput: not readable, no JSON object, another format, or a value of another kind.
         """
-        return cls.checked(read_object(path, mend), path, mend)
+        return cls.checked(read_object(path, hint), path, hint)
 
     @classmethod
-    def checked(cls, data: Mapping[str, Any], path: Path = Path(), mend: str = AGAIN) -> Self:
+    def checked(cls, data: Mapping[str, Any], path: Path = Path(), hint: str = AGAIN) -> Self:
         """Return plain data, read from a file, as a record.
 
         Raises:
             BadInput: another format, or a value of another kind.
         """
-        found = super().checked(data, path, mend)
+        found = super().checked(data, path, hint)
         if cls.FORMAT and found.format not in ("", cls.FORMAT, *cls.EARLIER):
-            raise BadInput(f"is not the {cls.FILE} of this version of ppmcal", str(path), mend)
+            raise BadInput(f"is not the {cls.FILE} of this version of ppmcal", str(path), hint)
         return found
 
 

@@ -15,7 +15,7 @@ from ppmcal.io.folder import RECORD, digest_of, read_record, read_runs
 from ppmcal.io.limits import FOLDERS
 from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.verification import InputCheck
-from ppmcal.io.stage import settle
+from ppmcal.io.stage import recover
 
 DEEPEST = 6
 """Folders below the one that is named in which results are looked for."""
@@ -122,7 +122,7 @@ def folders_within(folder: Path) -> Iterator[Path]:
 
 def runs_of(folder: Path) -> Iterator[RecordedRun]:
     """Yield the runs that wrote into one folder; a killed one's move is finished first."""
-    settle(folder)
+    recover(folder)
     files = read_record(folder) or {}
     runs = read_runs(folder)
     for command in dict.fromkeys([*runs, *(w.command for w in files.values())]):

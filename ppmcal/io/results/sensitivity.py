@@ -38,7 +38,7 @@ from ppmcal.io.results.sensitivity_wording import LINEAR_WITHIN, findings, linea
 from ppmcal.io.results.tables import map_table, unit_map
 from ppmcal.kinematics.region import Grid
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.units import Angle, Length, OfUnit, Quantity
+from ppmcal.units import Angle, Key, Length, OfUnit, Quantity
 
 MOST_ENTRIES = 500_000
 """jacobian.csv is left out where it would have more rows."""
@@ -129,7 +129,7 @@ class SensitivityRecord(Record):
     FORMAT: ClassVar[str] = "ppmcal/sensitivity/1"
 
     name: Text = ""
-    said: tuple[Text, ...] = ()
+    summary: Annotated[tuple[Text, ...], Key("said")] = ()
     units: Mapping[str, Text] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     errors: Whole = 0
@@ -151,7 +151,7 @@ class SensitivityRecord(Record):
         units, status = found.mechanism.units, found.table.status
         return cls(
             format=cls.FORMAT, name=found.mechanism.name,
-            said=(*sentences(found, grid), *geometry_note(mechanism)),
+            summary=(*sentences(found, grid), *geometry_note(mechanism)),
             units=_units(found, grid), findings=tuple(findings(found, mechanism, grid)),
             errors=len(found.sources), poses={s: status.count(s) for s in sorted(set(status))},
             metric=NumberWithUnit.filled(None, units, value=found.asked.metric, unit="length"),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.calibration.fit import SessionKnowledge, Sight
+from ppmcal.calibration.fit import PoseResiduals, SessionKnowledge
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.io.results.units import Numbers, column_factor
 from ppmcal.linalg import Array
@@ -27,7 +27,7 @@ class SessionRows(Part):
     rotations: Whole = 0
 
     @classmethod
-    def of(cls, s: Sight, mechanism: Mechanism) -> SessionRows:
+    def of(cls, s: PoseResiduals, mechanism: Mechanism) -> SessionRows:
         """Return the rows in file units."""
         joint = np.array([f for f, _ in mechanism.joint_units])
         rest = s.rest / rest_factors(s.rest.shape[1], s.rotations, mechanism.units)

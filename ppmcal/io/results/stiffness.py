@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field
 from functools import partial
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from ppmcal.io.results.stiffness_wording import findings, sentences
 from ppmcal.io.results.tables import map_table, unit_map
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.plotting.map_data import Map
-from ppmcal.units import ByCoordinate, Length, OfUnit
+from ppmcal.units import ByCoordinate, Key, Length, OfUnit
 
 Row = tuple[Shown | None, ...]
 
@@ -107,7 +107,7 @@ class StiffnessRecord(Record):
     FORMAT: ClassVar[str] = "ppmcal/stiffness/1"
 
     name: Text = ""
-    said: tuple[Text, ...] = ()
+    summary: Annotated[tuple[Text, ...], Key("said")] = ()
     units: Mapping[str, Text] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     pictures: Mapping[str, Text] | None = None
@@ -123,7 +123,7 @@ class StiffnessRecord(Record):
         mechanism, status = study.mechanism, study.found.table.status
         units = {**unit_map(mechanism, mechanism.coordinates),
                  **{m.name: m.unit for m in maps(study)}}
-        return cls(format=cls.FORMAT, name=mechanism.name, said=tuple(sentences(study)),
+        return cls(format=cls.FORMAT, name=mechanism.name, summary=tuple(sentences(study)),
                    units=units, findings=tuple(findings(study)),
                    pictures={f"map_{m.name}.png": f"{m.title}, {m.unit}." for m in plotted(study)},
                    tables=tuple(t for t in (share_table(study), principal_table(study)) if t.rows),

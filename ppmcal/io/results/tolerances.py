@@ -48,7 +48,7 @@ class TolerancesRecord(Record):
     FORMAT: ClassVar[str] = "ppmcal/tolerances/1"
 
     name: Text = ""
-    said: tuple[Text, ...] = ()
+    summary: Annotated[tuple[Text, ...], Key("said")] = ()
     units: Mapping[str, Text] = field(default_factory=dict)
     findings: tuple[Text, ...] = ()
     demand: Demand = unsaid(Demand)
@@ -71,7 +71,7 @@ class TolerancesRecord(Record):
         stages = tuple(StageYield.of(r, *stage) for stage in r.stages())
         return cls.filled(
             None, units, format=cls.FORMAT, name=r.machine.name,
-            said=(*sentences(r, stages), *geometry_note(mechanism)),
+            summary=(*sentences(r, stages), *geometry_note(mechanism)),
             units={**unit_map(r.machine, r.machine.coordinates), **stated,
                    "position": units.length, "rotation": units.angle,
                    "position_rms": units.length, "rotation_rms": units.angle},

@@ -7,7 +7,7 @@ from dataclasses import field
 from typing import ClassVar
 
 from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
-from ppmcal.wording import counted, number
+from ppmcal.wording import number, pluralize
 
 SAME, WITHIN, DIFFERS, OPEN = "same", "within bounds", "differs", "not compared"
 INPUT, FAILED, UNKNOWN = "input", "failed", "no record"
@@ -96,7 +96,7 @@ class RunCheck(Part):
             return f"{head}, run again: {self.status}{bytes_ if self.status == SAME else ''}."
         if self.status == DIFFERS:
             wrong = sum(f.status == DIFFERS for f in self.files)
-            return f"{head}, run again: {counted(wrong, 'file')} of {len(self.files)} differ" + (
+            return f"{head}, run again: {pluralize(wrong, 'file')} of {len(self.files)} differ" + (
                 "s." if wrong == 1 else ".")
         if self.status == INPUT:
             return f"{head} cannot be run again: " + "; ".join(i.words() for i in self.inputs) + "."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from ppmcal.io.results.workspace_tables import (
 )
 from ppmcal.io.results.workspace_wording import assembly_modes, findings, reach, singularities
 from ppmcal.model.mechanism import POSE_COORDINATES
-from ppmcal.units import ByCoordinate, OfUnit
+from ppmcal.units import ByCoordinate, Key, OfUnit
 
 MEANING = {
     "condition": "smallest singular value of A, rotation columns divided by length_scale",
@@ -144,7 +144,7 @@ class WorkspaceRecord(Record):
     home: HomeConditioning = HomeConditioning()
     singular: SingularSet = SingularSet()
     modes: tuple[ModeCount, ...] = ()
-    said: tuple[Text, ...] = ()
+    summary: Annotated[tuple[Text, ...], Key("said")] = ()
     findings: tuple[Text, ...] = ()
     pictures: Mapping[str, Text] | None = None
     tables: tuple[ShownTable, ...] = ()
@@ -171,7 +171,7 @@ class WorkspaceRecord(Record):
             singular=SingularSet(searched=found.searched, points=len(found.singular),
                                  nearest_to_home=SingularPose.of(found)),
             modes=tuple(ModeCount.of(r) for r in rows),
-            said=(*reach(found), *singularities(found), *assembly_modes(found, rows)),
+            summary=(*reach(found), *singularities(found), *assembly_modes(found, rows)),
             findings=tuple(findings(found, rows)),
             pictures={f"map_{m.name}.png": m.title for m in plotted(found)},
             tables=tuple(t for t in (left_table(found), modes_table(found, rows)) if t),

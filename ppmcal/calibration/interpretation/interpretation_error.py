@@ -12,7 +12,7 @@ from ppmcal.errors import NoResult
 from ppmcal.model.dataset import Dataset
 from ppmcal.units import SI, Units
 
-MENDS = {
+HINTS = {
     "other-machine": "Is this the right mechanism file? If the machine really is that far from "
                      "nominal, give larger tolerances, or --prior flat",
     "shuffled": "No sidecar entry can correct that: put the measurements back into the order of "
@@ -29,7 +29,7 @@ NOISE = "times the noise"
 
 
 @dataclass(frozen=True)
-class Mistake:
+class FileFault:
     """One way in which a file is not what it was read as.
 
     ``kind``: permuted, sign, unit, rotation, inverse, mirrored, exchanged, shifted, stale,
@@ -44,7 +44,7 @@ class Mistake:
 
 
 @dataclass(frozen=True)
-class Misreading:
+class Interpretation:
     """A file that was read wrongly, and how it is to be read.
 
     Attributes:
@@ -59,14 +59,14 @@ class Misreading:
     """
 
     source: str
-    mistakes: tuple[Mistake, ...]
+    mistakes: tuple[FileFault, ...]
     block: dict[str, object] | None = None
     quantity: str = NOISE
     before: float = np.nan
     after: float = np.nan
     noise_after: float = np.nan
     sigma: Mapping[str, float] = field(default_factory=dict)
-    alternatives: tuple[tuple[Mistake, ...], ...] = ()
+    alternatives: tuple[tuple[FileFault, ...], ...] = ()
 
     @property
     def otherwise(self) -> str:
@@ -74,27 +74,28 @@ class Misreading:
         return "".join(", or: " + " and ".join(m.text for m in way) for way in self.alternatives)
 
 
-class Misread(NoResult):
+class InterpretationError(NoResult):
     """Measurements that are not of this machine as the files are read (exit code 3).
 
     ``found``: how they are to be read, by data set; empty where nothing explains them.
     ``units``: of the machine's file.
     """
 
-    found: tuple[Misreading, ...] = ()
+    found: tuple[Interpretation, ...] = ()
     units: Units = SI
 
     @classmethod
-    def of(cls, found: Sequence[Misreading], units: Units) -> Misread:
+    def of(cls, found: Sequence[Interpretation], units: Units) -> InterpretationError:
         """Return the refusal that names the mistakes and the lines that correct them."""
         several = len({m.source for m in found}) > 1
-        what = "; ".join(f"{m.source}: " * several + misreading_sentence(m, units) for m in found)
-        error = cls(what, ", ".join(dict.fromkeys(m.source for m in found)), mend_of(found))
+        what = "; ".join(f"{m.source}: " * several + interpretation_sentence(m, units)
+                         for m in found)
+        error = cls(what, ", ".join(dict.fromkeys(m.source for m in found)), hint_of(found))
         error.found, error.units = tuple(found), units
         return error
 
 
-def misreading_sentence(found: Misreading, units: Units) -> str:
+def interpretation_sentence(found: Interpretation, units: Units) -> str:
     """Return what is wrong in a file, and the evidence."""
     factor, unit = units.factor(found.quantity), units.name(found.quantity)
     what = " and ".join(m.text for m in found.mistakes) + found.otherwise
@@ -119,12 +120,12 @@ def block_text(block: Mapping[str, object]) -> str:
     return json.dumps(block).replace('"', "")
 
 
-def mend_of(found: Sequence[Misreading]) -> str:
+def hint_of(found: Sequence[Interpretation]) -> str:
     """Return the lines to write into the sidecars, or what else to do."""
     every = [x for m in found for x in m.mistakes]
-    mends = dict.fromkeys(MENDS[x.kind] for x in every if x.kind in MENDS)
-    if mends:
-        return ". ".join(mends)
+    hints = dict.fromkeys(HINTS[x.kind] for x in every if x.kind in HINTS)
+    if hints:
+        return ". ".join(hints)
     blocks: dict[tuple[str, str], list[str]] = {}
     for m in found:
         if m.block is not None:

@@ -50,7 +50,7 @@ WIDEST = 30.0
 
 
 @dataclass(frozen=True, eq=False)
-class Disagreement:
+class SessionVariance:
     """What clusters of rows make of the uncertainty, SI.
 
     Attributes:
@@ -110,7 +110,7 @@ class _Posterior:
         if not np.all(np.diagonal(self.covariance) > 0.0):
             raise LinearAlgebraError(f"{DIFFERENCES} could not be had: what the tolerances say "
                                      "drowns in the round-off of what the data say",
-                                     mend="Look for a sigma that is far too small")
+                                     hint="Look for a sigma that is far too small")
 
     @cached_property
     def shrinkage(self) -> Array:
@@ -187,7 +187,7 @@ class _Posterior:
 
 
 def differs(fit: Fit, data: Clusters, inflation: float = 1.0) -> bool:
-    """Return whether clusters more likely differ than not; as :func:`disagreement`, but quick."""
+    """Whether clusters more likely differ than not, as :func:`session_variance`, but quick."""
     return _chances(data, components(fit), inflation).odds > 0.0
 
 
@@ -197,8 +197,8 @@ def _chances(data: Clusters, parts: Components, inflation: float, widest: float 
     return _Posterior(data.weighted(inflation**2), parts, float(np.log(inflation)), widest)
 
 
-def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float = WIDEST,
-                 seed: int = 0) -> Disagreement:
+def session_variance(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float = WIDEST,
+                     seed: int = 0) -> SessionVariance:
     """Return what clusters of rows make of the uncertainty of a fit.
 
     No interval is longer than what holds all that the tolerance allows.
@@ -236,10 +236,10 @@ def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float
     scale = fit.scale[:own.shape[1]]
     spread = {n: float(np.sqrt(np.median(v))) for n, v in
               zip(parts.names, drawn[:, :-1].T, strict=True)}
-    return Disagreement(data.labels, covariance * unit, half,
-                        chances.odds, own * scale, sigma * scale,
-                        np.asarray(chdtrc(len(own) - 1, square)), _apart(data, square), spread,
-                        coverage=coverage_of(drawn[:, -1] / np.median(drawn[:, -1])))
+    return SessionVariance(data.labels, covariance * unit, half,
+                           chances.odds, own * scale, sigma * scale,
+                           np.asarray(chdtrc(len(own) - 1, square)), _apart(data, square), spread,
+                           coverage=coverage_of(drawn[:, -1] / np.median(drawn[:, -1])))
 
 
 def _registered(data: Clusters, parts: Components, count: int) -> Array:

@@ -16,12 +16,12 @@ from ppmcal.linalg import Array, column_lengths, without_range
 VISIBLE = 1e-4
 """Directions of unit columns are absorbed by the geometry where it leaves less than this of
 them."""
-WEAK_SURVIVAL = 0.2
+WEAK_VISIBILITY = 0.2
 """Effects are weakly testable where the geometry leaves less than this of them."""
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class Linearisation:
     """The linear problem at one state, and what is in the model there.
 
     Attributes:
@@ -69,7 +69,7 @@ class Stage:
         """Return a basis (n, r) of what the geometry leaves of some columns."""
         return range_basis(self.past(which)[0], VISIBLE)
 
-    def survival(self, which: Sequence[int]) -> float:
+    def visibility(self, which: Sequence[int]) -> float:
         """Return which part of the columns' length the geometry leaves."""
         return float(np.sqrt(np.mean(column_lengths(self.past(which)[0]) ** 2)))
 
@@ -89,12 +89,12 @@ class Stage:
         return np.concatenate([self.basis, self.plane(columns)], axis=1) if columns else self.basis
 
 
-def stage_of(system: System, found: Library, chosen: Sequence[int], noise: Whitening,
-             added: Sequence[int] = ()) -> Stage:
+def linearisation_of(system: System, found: Library, chosen: Sequence[int], noise: Whitening,
+                     added: Sequence[int] = ()) -> Linearisation:
     """Return the linear problem of a library with hypotheses in the model that were chosen."""
     basis = range_basis(noise.apply(system.jacobian, system), INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
-    return Stage(system, found, noise, basis, residual, tuple(chosen), tuple(added))
+    return Linearisation(system, found, noise, basis, residual, tuple(chosen), tuple(added))
 
 
 def without(system: System, added: Sequence[int]) -> System:

@@ -10,7 +10,7 @@ from scipy.special import chdtrc, ndtri
 
 from ppmcal.calibration.fit import ENOUGH_REPEATS, noise_source
 from ppmcal.diagnosis.linear_system import System
-from ppmcal.diagnosis.stage import Stage
+from ppmcal.diagnosis.linearisation import Linearisation
 from ppmcal.inference.priors import NOISE_FREEDOM, SURE_SIGMAS
 from ppmcal.model.repeats import repeats
 
@@ -50,7 +50,7 @@ def _environments(system: System) -> NDArray[np.int64] | None:
 
 
 @dataclass(frozen=True)
-class Remainder:
+class LackOfFit:
     """What is left.
 
     Attributes:
@@ -73,7 +73,8 @@ class Remainder:
         return not self.follows and self.excess < SURE_SIGMAS
 
 
-def remainder(stage: Stage, pure: PureError | None, follows: str, known: float) -> Remainder:
+def lack_of_fit(stage: Linearisation, pure: PureError | None, follows: str,
+                known: float) -> LackOfFit:
     """Return what geometry and the chosen effects of a stage leave.
 
     ``pure``: scatter of repeats, if there are any; ``follows``, ``known``: of what has no name.
@@ -96,5 +97,5 @@ def remainder(stage: Stage, pure: PureError | None, follows: str, known: float) 
     excess = (mean - reference**2) / max(sigma, 1e-300)
     # a handful of values is not normal: chi-squared says what chance gives
     excess = min(excess, -float(ndtri(chdtrc(freedom, freedom * mean / reference**2))))
-    return Remainder(float(np.sqrt(mean)) / reference, float(excess), reference, source, follows,
+    return LackOfFit(float(np.sqrt(mean)) / reference, float(excess), reference, source, follows,
                      known)

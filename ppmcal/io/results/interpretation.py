@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.calibration.interpretation import Misreading
+from ppmcal.calibration.interpretation import Interpretation
 from ppmcal.io.results.record import Part, Shown, Text, Whole
 from ppmcal.units import OfUnit, Units
 
@@ -40,7 +40,8 @@ class MisreadingEntry(Part):
     sigma: Mapping[str, float] | None = None
 
 
-def misreading_entries(found: Sequence[Misreading], units: Units) -> tuple[MisreadingEntry, ...]:
+def misreading_entries(found: Sequence[Interpretation], units: Units) -> tuple[MisreadingEntry,
+                                                                               ...]:
     """Return one entry for each mistake, file units."""
     out = []
     for one in found:
