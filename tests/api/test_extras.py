@@ -23,7 +23,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import HeldOutGap
 from ppmcal.plotting import curves, maps
 from ppmcal.report import batch as batch_report
-from ppmcal.report import diagnosis_figures, figure_files, page
+from ppmcal.report import diagnosis_figures, figure_files, identified, page
 
 BENCH = ppmcal.shipped("3-RPR")
 TARGETS = {"x": [500.0, 505.0], "y": [260.0, 262.0], "rz": [25.0, 26.0]}
@@ -196,7 +196,7 @@ def test_a_diagnosis_keeps_the_pictures_that_can_be_drawn(break_, caplog):
 
 
 def test_a_page_has_its_other_chapters(folders, break_):
-    break_((page, "identified_section"), (page, "_provenance"))
+    break_((identified, "identified_section"), (page, "_provenance"))
     found = ppmcal.make_report(folders[0]).files()
     assert WHY in found["report.html"] and LEFT_OUT in found["report.html"]
     assert json.loads(found["report.json"])["identifications"]
