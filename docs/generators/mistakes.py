@@ -31,7 +31,7 @@ class Mistake:
     """One mistake.
 
     ``title``: what went wrong; ``story``: how it came about; ``edit``: does it in a folder;
-    ``line``: the command that meets it; ``code``: how it ends; ``cause``, ``mend``: patterns that
+    ``line``: the command that meets it; ``code``: how it ends; ``cause``, ``hint``: patterns that
     the answer must hold, line breaks taken for spaces; ``lines``: how many of them the page shows,
     the last ones where it is negative.
     """
@@ -42,7 +42,7 @@ class Mistake:
     line: str
     code: int
     cause: str
-    mend: str
+    hint: str
     lines: int = 14
 
 

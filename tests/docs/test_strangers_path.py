@@ -35,4 +35,4 @@ def test_the_page_shows_every_mistake():
         section = re.search(rf"^### {i}\. {mistake.title}$(.*?)(?=^##|\Z)", PAGE, re.M | re.S)
         assert section, f"{mistake.title}: run `make strangers-path`"
         assert f"Exit code {mistake.code}" in section[1]
-        assert re.search(mistake.mend, " ".join(section[1].split())), mistake.title
+        assert re.search(mistake.hint, " ".join(section[1].split())), mistake.title

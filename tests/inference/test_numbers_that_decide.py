@@ -40,7 +40,7 @@ OTHERS = {
     "seen": {
         "candidates.SEEN", "cause_sizes.LINEAR", "held_out_gap.UNPREDICTED",
         "linear_system.INVISIBLE", "observed_directions.HALF", "onsets.IN_STATE", "onsets.LINEAR",
-        "predictive.UNPREDICTED", "stage.VISIBLE", "stage.WEAK_SURVIVAL",
+        "predictive.UNPREDICTED", "linearisation.VISIBLE", "linearisation.WEAK_VISIBILITY",
         "term_candidates.BEYOND", "term_candidates.MARGIN", "equations.TWIN",
         "left_out_schemes.LEVELS", "library_columns.FEW", "left_over_pattern.FEW"},
     # which words a shape has, what is drawn
