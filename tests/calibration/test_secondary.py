@@ -29,8 +29,9 @@ from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.notes import topic_of
 
 OF_A_FIT = ("find_gross_errors", "flats", "cluster_robust", "held_out", "left_out",
-            "identifiability", "unidentifiable", "doubtful_stretches", "against_tolerances", "considered", "before",
-            "observability", "branch_findings", "in_words", "far_from_nominal")
+            "identifiability", "unidentifiable", "doubtful_stretches", "against_tolerances",
+            "considered", "before", "observability", "branch_findings",
+            "in_words", "far_from_nominal")
 OF_IDENTIFY = ("with_chosen_freedoms", "weak_campaign", "registration_hints", "left_over",
                "too_few", "noise_beyond_tolerances", "pulled_apart", "scale_sentences")
 OF_DIAGNOSE = ("with_chosen_freedoms", "weak_campaign", "left_over", "noise_beyond_tolerances",
