@@ -19,8 +19,8 @@ from PIL import Image
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 LARGEST = 300_000
 """Bytes that a picture may have."""
-COMMANDS = (("demo", "--out", "demo"),
-            ("check", str(ROOT / "sample_data" / "hexapod.yaml"), "--draw", "machine.html"))
+MACHINE = "hexapod.yaml"
+COMMANDS = (("demo", "--out", "demo"), ("check", MACHINE, "--draw", "machine.html"))
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,7 @@ def main() -> None:
     (DOCS / "images").mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
+        shutil.copy(ROOT / "sample_data" / MACHINE, folder)    # a picture shows no path of a desk
         for words in COMMANDS:
             done = subprocess.run([sys.executable, "-m", "ppmcal", *words], cwd=folder,
                                   capture_output=True, text=True, check=False)
