@@ -173,7 +173,7 @@ def test_what_is_written_reads_back_equal(tmp_path: Path) -> None:
     ({"gap": {"interval": [0.1, "x"]}}, r"gap.interval\[1\]: should be a number"),
     ({"confirmed": 1}, "confirmed: should be true or false"),
     ({"plot_data": {"left_out_rows": 1.5}}, "left_out_rows: should be a whole number"),
-    ({"format": "ppmcal/plan/1"}, "is no diagnosis.json"),
+    ({"format": "ppmcal/plan/1"}, "is not the diagnosis.json"),
     ({"other_models": [{"odds": 1e40}]}, "odds: should be a number, 1e[+]30 at most")])
 def test_a_record_of_another_kind_is_refused(tmp_path: Path, record: Record, place: str) -> None:
     path = tmp_path / "diagnosis.json"
@@ -328,5 +328,5 @@ def test_records_of_the_format_before_are_read(tmp_path: Path) -> None:
     assert DiagnosisRecord.read(old).format == "ppmcal/diagnosis/1"
     later = tmp_path / "diagnosis.json"
     later.write_text(old.read_text().replace("ppmcal/diagnosis/1", "ppmcal/diagnosis/3"))
-    with pytest.raises(BadInput, match=r"is no diagnosis\.json of"):
+    with pytest.raises(BadInput, match=r"is not the diagnosis\.json of"):
         DiagnosisRecord.read(later)
