@@ -243,7 +243,7 @@ def test_folders_without_a_run(tmp_path: Path, name: str, text: str) -> None:
     assert name in run.out + run.err
     assert "Traceback" not in run.err
     ppmcal("verify", "absent", cwd=tmp_path, expect=2)
-    with pytest.raises(BadInput, match="no folder"):
+    with pytest.raises(BadInput, match="is not a folder"):
         face.verify(tmp_path / "absent")
     with pytest.raises(BadInput, match=r"--inputs: .*absent: is not a folder"):
         face.verify(tmp_path, inputs=tmp_path / "absent")
