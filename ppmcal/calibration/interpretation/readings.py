@@ -2,8 +2,8 @@
 
 A measurement file is numbers under names. The same numbers read in another way are another
 campaign. Order of reading: columns, signs, units, convention of rotations, mirrored axis, inverse
-pose, shift of rows (contract, section 6). The correction is the block ``read`` of the sidecar as a whole:
-what it already says, and what was found.
+pose, shift of rows (contract, section 6). The correction is the block ``read`` of the sidecar as a
+whole: what it already says, and what was found.
 """
 
 from __future__ import annotations
