@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
@@ -26,7 +25,7 @@ from ppmcal.report.html import (
     table,
     text_cell,
 )
-from ppmcal.report.kind import Folder, Kind
+from ppmcal.report.kind import Kind, recorded
 from ppmcal.report.records import Held
 from ppmcal.report.section import Section, filled
 from ppmcal.wording import sentence
@@ -143,13 +142,8 @@ def fixed(value: Any, decimals: int = 4, plus: bool = False) -> str:
     return f"{x:{'+' if plus else ''}.{decimals}f}".replace("-", "−")
 
 
-def _read(folder: Folder) -> Iterator[Held[ExportRecord]]:
-    if folder.has("export.json"):
-        yield Held(folder.name, folder.record(ExportRecord))
-
-
 EXPORT: Kind[Held[ExportRecord]] = Kind(
-    "exported", "exports", "export", 50, ("export.json",), _read,
+    "exported", "exports", "export", 50, (ExportRecord.FILE,), recorded(ExportRecord),
     lambda data: [(f"Export in {one.folder}", partial(export_section, one))
                   for one in data.exported],
     lambda one, _: {"folder": one.folder, "export": one.record.entries()},

@@ -11,11 +11,7 @@ from ppmcal.io.results.identification_parts import ResidualSummary, Summaries
 from ppmcal.io.results.identification_wording import noise_verdict
 from ppmcal.io.results.record import Provenance
 from ppmcal.report.format import count, typeset, whole, with_unit
-from ppmcal.report.records import (
-    ComparedMachines,
-    Identified,
-    ReportData,
-)
+from ppmcal.report.records import ComparedMachines, Identified, ReportData
 from ppmcal.wording import abbreviate_list
 
 IN_THE_FIT = "in the fit"
@@ -111,5 +107,5 @@ def other_machine(c: ComparedMachines) -> str:
     many = len(c.other)
     return (f"the model identified is not the machine simulated: {count(many, 'nominal value')} "
             f"{'differs' if many == 1 else 'differ'} ({abbreviate_list(c.other)}); true errors "
-            "count from the "
-            "model's own nominal values, which its tolerances may not allow for") if many else ""
+            "count from the model's own nominal values, which its tolerances may not allow for"
+            ) if many else ""

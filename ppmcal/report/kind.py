@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from ppmcal.io.results.record import Record
-from ppmcal.report.records import Columns, ReportData
+from ppmcal.report.records import Columns, Held, ReportData
 from ppmcal.report.section import Section
 from ppmcal.report.sources import is_number_column, read_columns
 
@@ -85,3 +85,12 @@ class Folder:
             return self._whole(file)
         return read_columns(self.path / file, wanted=wanted if only is None else only.__contains__,
                             numeric=numeric)
+
+
+def recorded(kind: type[R]) -> Callable[[Folder], Iterator[Held[R]]]:
+    """Return how a folder is read whose output is all in one record."""
+    def read(folder: Folder) -> Iterator[Held[R]]:
+        if folder.has(kind.FILE):
+            yield Held(folder.name, folder.record(kind))
+
+    return read

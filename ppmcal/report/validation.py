@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -23,7 +23,7 @@ from ppmcal.plotting.layers import Layer, Marks, Points, Strokes
 from ppmcal.plotting.plot import Axis, row_y, rows_plot, span
 from ppmcal.report.format import sig, typeset
 from ppmcal.report.html import Cell, figures, number_cell, paragraph, table, text_cell
-from ppmcal.report.kind import Folder, Kind
+from ppmcal.report.kind import Kind, recorded
 from ppmcal.report.records import Held
 from ppmcal.report.section import Section
 
@@ -119,13 +119,8 @@ def _layers(shown: Sequence[PredictedError], rms: Sequence[float], unit: str
     return layers, ends
 
 
-def _read(folder: Folder) -> Iterator[Held[ValidationRecord]]:
-    if folder.has("validation.json"):
-        yield Held(folder.name, folder.record(ValidationRecord))
-
-
 VALIDATE: Kind[Held[ValidationRecord]] = Kind(
-    "validated", "validations", "validation", 60, ("validation.json",), _read,
+    "validated", "validations", "validation", 60, (ValidationRecord.FILE,), recorded(ValidationRecord),
     lambda data: [(f"Validation in {one.folder}", partial(validation_section, one))
                   for one in data.validated],
     lambda one, _: {"folder": one.folder, "validation": one.record.entries()},
