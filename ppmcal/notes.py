@@ -64,6 +64,6 @@ def of_column(source: str, column: str) -> str:
     return f"{source}: column {column}"
 
 
-def needs_a_look(sentences: Iterable[str]) -> bool:
+def has_findings(sentences: Iterable[str]) -> bool:
     """Whether a command that says this leaves with exit code 1: the one place that decides it."""
     return any(level_of(s) == FINDING for s in sentences)

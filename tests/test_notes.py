@@ -20,8 +20,8 @@ from ppmcal.notes import (
     NOTE,
     Note,
     about,
+    has_findings,
     level_of,
-    needs_a_look,
     of_column,
     topic_of,
 )
@@ -54,8 +54,8 @@ def test_a_record_keeps_levels_in_memory_and_writes_text() -> None:
 
 
 def test_levels_give_the_exit_code_and_a_bare_text_is_a_finding() -> None:
-    assert not needs_a_look([]) and not needs_a_look([ONE])
-    assert needs_a_look([ONE, "odd"]) and needs_a_look([Note("x")])
+    assert not has_findings([]) and not has_findings([ONE])
+    assert has_findings([ONE, "odd"]) and has_findings([Note("x")])
 
 
 def test_what_is_asked_for_is_a_topic() -> None:

@@ -23,7 +23,7 @@ from ppmcal.io.folder import current, running, track_input
 from ppmcal.io.input_files import path_errors
 from ppmcal.io.results.batch import CampaignQuantity
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.notes import needs_a_look
+from ppmcal.notes import has_findings
 from ppmcal.wording.progress import stage
 from ppmcal.wording.told import Told
 
@@ -72,7 +72,7 @@ class Result:
     @property
     def has_findings(self) -> bool:
         """Whether a remark is a finding."""
-        return needs_a_look(self.remarks())
+        return has_findings(self.remarks())
 
     @property
     def exit_code(self) -> int:

@@ -22,7 +22,7 @@ OURS = ("q_", "to_q_", "dir_", "vel_", "cmd_", "sigma_", "temperature_", "leg_le
 _HEXAPOD = {"x1": "x", "y1": "y", "z1": "z", "phix1": "rx", "phiy1": "ry", "phiz1": "rz"}
 _CAPTURE = {**{f"position_{a}": a for a in "xyz"},
             **{f"orientation_{a}": f"quat_{a}" for a in "xyzw"}}
-OTHERWISE: Mapping[str, str] = {
+HEADER_ALIASES: Mapping[str, str] = {
     **dict.fromkeys(("name", "point", "point name", "pointname", "point id", "pointid", "target",
                      "target name", "point number", "pt", "pt name", "id", "label"), "pose"),
     **dict.fromkeys(("timestamp", "time stamp", "datetime", "date time", "date/time",
@@ -202,9 +202,9 @@ def own_name(header: str, known: Collection[str]) -> tuple[str | None, str]:
         return same, "its name"
     if _NUMBERED.fullmatch(low):
         return low, "its place"
-    if low in OTHERWISE:
-        return OTHERWISE[low], "a usual heading"
-    parts = [OTHERWISE.get(part.strip()) for part in low.split("::")]
+    if low in HEADER_ALIASES:
+        return HEADER_ALIASES[low], "a usual heading"
+    parts = [HEADER_ALIASES.get(part.strip()) for part in low.split("::")]
     if len(parts) > 1 and set(parts) <= {"collection", "group", "pose"}:
         return "pose", "a usual heading"    # SpatialAnalyzer's Collection::Group::Target
     if found := COORDINATE.fullmatch(low):
@@ -225,7 +225,7 @@ def unit_in(remarks: Sequence[str]) -> str | None:
     return named.pop() if len(named) == 1 else None
 
 
-def why_not(header: str) -> str:
+def reason_ignored(header: str) -> str:
     """Return why a column is left alone, where there is more to say than that nobody knows it."""
     if UNCERTAIN.fullmatch(_plain(header)):
         return "an uncertainty whose coverage (k = 1, k = 2?) is not told"

@@ -127,7 +127,7 @@ def _figure(p: Picture, section: str) -> str:
             "</figure>")
 
 
-def _look(one: Designed, _: ReportData) -> list[tuple[str, str]]:
+def _findings(one: Designed, _: ReportData) -> list[tuple[str, str]]:
     out = [(one.folder, text) for text in one.record.findings]
     return out + [(one.folder, f"the picture {p.file} is missing" if p.problem == "missing" else
                    f"the picture {p.file} cannot be shown: {p.problem}") for p in one.pictures
@@ -149,5 +149,5 @@ def _shown(one: Designed, _: ReportData) -> dict[str, Any]:
 
 DESIGN: Kind[Designed] = Kind(
     "designed", "designs", "error analysis", 90, DESIGN_FILES, lambda folder: designed(folder.path),
-    _chapters, _shown, lambda one: [(one.kind, one.record)], _look,
+    _chapters, _shown, lambda one: [(one.kind, one.record)], _findings,
     lambda one, _: [design_headline(one)])

@@ -223,7 +223,7 @@ def _chapters(data: ReportData) -> Iterator[Chapter]:
         yield from calibrations(data, lambda one, d=d: one.diagnosed and one.folder == d.folder)
 
 
-def _look(d: Diagnosed, _: ReportData) -> list[tuple[str, str]]:
+def _findings(d: Diagnosed, _: ReportData) -> list[tuple[str, str]]:
     r = d.record
     out = list(r.findings)
     if r.verdict not in ("", "none", "named"):
@@ -248,4 +248,4 @@ def _rows(table: Columns | None) -> list[dict[str, Any]]:
 
 DIAGNOSE: Kind[Diagnosed] = Kind(
     "diagnosed", "diagnoses", "diagnosis", 30, ("diagnosis.json", "effects.csv"), _read, _chapters,
-    _shown, lambda d: [("diagnose", d.record)], _look, lambda d, _: [lead(d.record)])
+    _shown, lambda d: [("diagnose", d.record)], _findings, lambda d, _: [lead(d.record)])

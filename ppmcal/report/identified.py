@@ -94,7 +94,7 @@ def place(one: Identified, data: ReportData) -> str:
     return one.name if len(same) == 1 else one.folder
 
 
-def _look(one: Identified, data: ReportData) -> list[tuple[str, str]]:
+def _findings(one: Identified, data: ReportData) -> list[tuple[str, str]]:
     record = one.record
     out = [*record.findings, *record.gross_errors.shift_sentences(),
            *record.gross_errors.unchecked_sentences(), *campaign_sentences(record.campaign)]
@@ -137,4 +137,4 @@ def _shown(one: Identified, _: ReportData) -> dict[str, Any]:
 IDENTIFY: Kind[Identified] = Kind(
     "identified", "identifications", "identification", 20,
     ("identification.json", "parameters.csv", "residuals.csv", "identified.yaml"), _read, _chapters,
-    _shown, lambda one: [("identify", one.record)], _look, headline)
+    _shown, lambda one: [("identify", one.record)], _findings, headline)

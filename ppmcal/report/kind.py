@@ -37,7 +37,7 @@ class Kind(Generic[E]):
         chapters: of the page.
         shown: an entry as report.json has it.
         records: of an entry the commands and what they wrote, for "Where this comes from".
-        look: what the user must look at, as (where, sentence); whatever the page warns of.
+        findings: what the user must look at, as (where, sentence); whatever the page warns of.
         lead: the entry in a sentence for the head of the page, empty for none.
     """
 
@@ -50,7 +50,7 @@ class Kind(Generic[E]):
     chapters: Callable[[ReportData], Iterable[Chapter]]
     shown: Callable[[E, ReportData], Mapping[str, Any]]
     records: Callable[[E], Iterable[tuple[str, Record]]]
-    look: Callable[[E, ReportData], Iterable[tuple[str, str]]] = _nothing
+    findings: Callable[[E, ReportData], Iterable[tuple[str, str]]] = _nothing
     lead: Callable[[E, ReportData], Iterable[str]] = lambda _, __: ()
 
     def of(self, data: ReportData) -> tuple[E, ...]:

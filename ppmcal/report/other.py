@@ -175,7 +175,7 @@ def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
     return asdict(found[0]) if found and all(f == found[0] for f in found) else {}
 
 
-def _look(rows: ResidualRows, _: ReportData) -> list[tuple[str, str]]:
+def _findings(rows: ResidualRows, _: ReportData) -> list[tuple[str, str]]:
     flagged, notes = len(rows.flagged), list(getattr(rows.record, "notes", ()))
     if not flagged or rows.table is None:
         return [(rows.folder, text) for text in notes]
@@ -216,7 +216,7 @@ COMPENSATE: Kind[ResidualRows] = Kind(
     _commands_of, lambda data: [
         (f"Commands in {r.folder}", partial(
             lambda r: compensation_section(r, units_of(r, data)), r)) for r in data.compensated],
-    _shown, lambda r: [("compensate", r.record)], _look)
+    _shown, lambda r: [("compensate", r.record)], _findings)
 
 
 def _kinematics_of(folder: Folder) -> Iterator[ResidualRows]:
@@ -229,7 +229,7 @@ KINEMATICS: Kind[ResidualRows] = Kind(
     "kinematics", "kinematics", "kinematics", 80, ("kinematics.csv", "kinematics.json"),
     _kinematics_of, lambda data: [(f"Kinematics in {r.folder}", partial(kinematics_section, r))
                                   for r in data.kinematics],
-    _shown, lambda r: [("kinematics", r.record)], _look)
+    _shown, lambda r: [("kinematics", r.record)], _findings)
 
 
 def _others_of(folder: Folder) -> Iterator[Other]:

@@ -48,14 +48,14 @@ def summary(data: ReportData) -> list[str]:
     return [f"Results found: {held}. No identification is among them."]
 
 
-def look_at(data: ReportData) -> list[tuple[str, str]]:
+def all_findings(data: ReportData) -> list[tuple[str, str]]:
     """Return all that the user must look at, as (where, sentence).
 
     Whatever the page warns of stands here: that nothing needs a closer look is said where this
     list is empty, and nowhere else.
     """
     out = [(where, typeset(text)) for kind in IN_ORDER for one in kind.of(data)
-           for where, text in kind.look(one, data)]
+           for where, text in kind.findings(one, data)]
     if not out:    # a doubt that is no finding is none the less a doubt
         out = [(v.of, f"{line.question} {line.word}. {line.text}") for v in verdicts(data)
                for line in v.lines if line.state != "ok"]
@@ -64,7 +64,7 @@ def look_at(data: ReportData) -> list[tuple[str, str]]:
 
 def _findings(data: ReportData) -> list[str]:
     """Return what the user must look at."""
-    items = look_at(data)
+    items = all_findings(data)
     several = len({where for where, _ in items}) > 1
     lines = [f"{where}: {text}" if several else text for where in dict.fromkeys(w for w, _ in items)
              for text in collapse_similar([t for w, t in items if w == where],
@@ -110,6 +110,6 @@ def to_json(data: ReportData) -> dict[str, Any]:
     out = {
         "format": "ppmcal/report/1", "version": __version__, "title": title(data),
         "folders": list(data.folders), "headline": summary(data),
-        "attention": [{"where": w, "what": t} for w, t in look_at(data)],
+        "attention": [{"where": w, "what": t} for w, t in all_findings(data)],
         **{kind.key: [kind.shown(one, data) for one in kind.of(data)] for kind in KINDS}}
     return {k: plain(v) for k, v in out.items()}

@@ -75,7 +75,7 @@ def _chapters(data: ReportData) -> Iterator[Chapter]:
                 lambda s: simulation_section(s, stray_note(s, data.identified)), s)
 
 
-def _look(s: Simulated, _: ReportData) -> list[tuple[str, str]]:
+def _findings(s: Simulated, _: ReportData) -> list[tuple[str, str]]:
     gone = () if s.truth is None else s.truth.left_out
     return [(s.folder, f"{count(len(gone), 'pose')} could not be simulated: "
              + abbreviate_list(gone, "truth.json, left_out"))] if gone else []
@@ -104,7 +104,7 @@ def _compared(c: ComparedMachines, _: ReportData) -> dict[str, Any]:
 
 SIMULATE: Kind[Simulated] = Kind(
     "simulated", "simulations", "simulation", 36, ("measurements.csv", "truth.json"), _read,
-    _chapters, _shown, lambda s: [("simulate", s.truth)] if s.truth else [], _look)
+    _chapters, _shown, lambda s: [("simulate", s.truth)] if s.truth else [], _findings)
 TRUTH: Kind[ComparedMachines] = Kind(
     "comparisons", "truth_against_identified", "", 35, (), lambda _: (), lambda data: [
         (f"Truth in {c.truth}", partial(truth_section, c)) for c in data.comparisons],

@@ -120,7 +120,8 @@ def _layers(shown: Sequence[PredictedError], rms: Sequence[float], unit: str
 
 
 VALIDATE: Kind[Held[ValidationRecord]] = Kind(
-    "validated", "validations", "validation", 60, (ValidationRecord.FILE,), recorded(ValidationRecord),
+    "validated", "validations", "validation", 60, (ValidationRecord.FILE,),
+    recorded(ValidationRecord),
     lambda data: [(f"Validation in {one.folder}", partial(validation_section, one))
                   for one in data.validated],
     lambda one, _: {"folder": one.folder, "validation": one.record.entries()},
