@@ -4,7 +4,6 @@ import ast
 import importlib
 import json
 import math
-import os
 import re
 import subprocess
 import sys
@@ -14,7 +13,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from helpers.commands import install, number, ppmcal_process, rows
+from helpers.commands import environment, install, number, ppmcal_process, rows
 from helpers.paths import ROOT
 from helpers.sources import nodes_of
 
@@ -185,9 +184,8 @@ def site(tmp_path_factory):
 
 def answer(site, code, *args):
     """Return the JSON that a script prints with the modules at hand."""
-    path = os.pathsep.join([str(site), *filter(None, [os.environ.get("PYTHONPATH")])])
     done = subprocess.run([sys.executable, "-c", code, *map(str, args)], capture_output=True,
-                          text=True, timeout=120, env={**os.environ, "PYTHONPATH": path})
+                          text=True, timeout=120, env=environment(site))
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

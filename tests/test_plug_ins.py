@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ast
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -17,7 +16,16 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from helpers.commands import Run, install, number, pick, ppmcal_process, rows, write_csv
+from helpers.commands import (
+    Run,
+    environment,
+    install,
+    number,
+    pick,
+    ppmcal_process,
+    rows,
+    write_csv,
+)
 from helpers.paths import ROOT
 from helpers.sources import nodes_of
 
@@ -138,9 +146,8 @@ def runner(folder: Path, site: Path) -> Any:
 
 def python(script: Path, site: Path) -> str:
     """Return what a script prints with the package installed."""
-    path = os.pathsep.join([str(site), *filter(None, [os.environ.get("PYTHONPATH")])])
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True,
-                          timeout=60, env={**os.environ, "PYTHONPATH": path})
+                          timeout=60, env=environment(site))
     return done.stdout
 
 

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.commands import environment
 from helpers.paths import ROOT
 
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
@@ -59,7 +60,7 @@ def test_a_folder_is_a_command_in_every_way_to_call_it(tmp_path: Path) -> None:
     (tmp_path / "m.yaml").write_text((ROOT / "configs" / "3-RPR.yaml").read_text())
     site = command_of_the_page(tmp_path / "site")
     done = subprocess.run([sys.executable, "-c", CODE, str(site)], cwd=tmp_path, text=True,
-                          capture_output=True, check=False)
+                          capture_output=True, check=False, env=environment())
     assert done.returncode == 0, done.stderr
     got = json.loads(done.stdout)
     assert re.search(r"^  home +Joint values at home\.$", got["listed"], re.M)

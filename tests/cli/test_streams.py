@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from helpers.commands import EXECUTABLE, ppmcal, tree
+from helpers.commands import EXECUTABLE, environment, ppmcal, tree
 
 FULL = Path("/dev/full")
 START = ["-c", "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
@@ -16,9 +16,8 @@ START = ["-c", "import signal; signal.signal(signal.SIGINT, signal.default_int_h
 
 def process(*args, path="", **streams):
     """Run ``ppmcal args`` as a process with streams of its own; ``path`` to find modules first."""
-    known = os.pathsep.join(p for p in (str(path), os.environ.get("PYTHONPATH", "")) if p)
     return subprocess.run([*map(str, args)], timeout=120, check=False, text=True,
-                          env={**os.environ, "COLUMNS": "80", "PYTHONPATH": known},
+                          env=environment(*[path] if path else []),
                           **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams})
 
 

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.commands import environment
 from helpers.staging import stay
 
 from ppmcal.design.processes import over
@@ -41,7 +42,7 @@ def test_a_pool_is_stopped(tmp_path: Path, name: str, send: str) -> None:
     run = subprocess.run(
         [sys.executable, "-c", CODE.format(send=send, name=name), str(tmp_path)], text=True,
         capture_output=True, start_new_session=True, timeout=120,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+        env=environment())
     assert (run.returncode, run.stderr) == (7, "")
     assert not list(tmp_path.iterdir())
 
@@ -51,7 +52,7 @@ def test_what_the_first_process_ignores_ends_none(tmp_path: Path) -> None:
     code = CODE.format(send="os.killpg", name="SIGHUP")
     run = subprocess.run(
         [sys.executable, "-c", code, str(tmp_path)], text=True, capture_output=True, timeout=120,
-        start_new_session=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        start_new_session=True, env=environment(),
         preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
     assert (run.returncode, run.stderr) == (0, "")
 
@@ -71,6 +72,6 @@ def test_a_second_signal_lets_a_process_clean_up(tmp_path: Path) -> None:
             "processes._do([1])\n")
     run = subprocess.run([sys.executable, "-c", code, str(tmp_path)], text=True,
                          capture_output=True, timeout=120,
-                         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+                         env=environment())
     assert (run.returncode, run.stderr) == (128 + signal.SIGHUP, "")
     assert not list(tmp_path.iterdir())

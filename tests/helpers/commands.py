@@ -55,13 +55,16 @@ def ppmcal(*args, cwd=None, expect=None):
     return run
 
 
+def environment(*first):
+    """Return what another process needs to find all that this one does, and ``first`` before."""
+    return {**os.environ, "COLUMNS": "80", "NO_COLOR": "1",
+            "PYTHONPATH": os.pathsep.join([*map(str, first), *filter(None, sys.path)])}
+
+
 def ppmcal_process(*args, cwd=None, timeout=60, site=None, expect=None):
     """Run ``ppmcal args`` as a process of its own; ``site``: a folder of installed packages."""
-    own = [str(site)] if site else []
-    path = os.pathsep.join([*own, *filter(None, [os.environ.get("PYTHONPATH")])])
     done = subprocess.run([*EXECUTABLE, *map(str, args)], cwd=cwd, capture_output=True, text=True,
-                          timeout=timeout, check=False,
-                          env={**os.environ, "COLUMNS": "80", "NO_COLOR": "1", "PYTHONPATH": path})
+                          timeout=timeout, check=False, env=environment(*[site] if site else []))
     run = Run(done.returncode, done.stdout, done.stderr)
     if expect is not None:
         assert run.code == expect, f"{args}\nexit {run.code}\n{run.out}{run.err}"
