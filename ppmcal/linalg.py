@@ -108,6 +108,18 @@ def solve_blocks(matrix: Array, right: Array) -> Array:
         return np.asarray(out, dtype=float)
 
 
+def determinant(matrix: Array) -> Array:
+    """Return det (...) of (..., m, d), of tall ones the product of the singular values.
+
+    That one has no sign: a tall matrix loses rank at single places, and every way leads round them.
+    """
+    if matrix.shape[-2] == matrix.shape[-1]:
+        return np.asarray(np.linalg.det(matrix))
+    with np.errstate(invalid="ignore"):
+        square = np.linalg.det(np.swapaxes(matrix, -1, -2) @ matrix)
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+
+
 def solve_rows(matrix: Array, right: Array) -> Array:
     """Solve (N, d, d) x = (N, d) row by row; see :func:`solve_blocks`."""
     return solve_blocks(matrix, right[..., None])[..., 0]

@@ -18,6 +18,7 @@ from ppmcal.algebra.action import (
     move_point,
     move_vector,
     pair,
+    rate,
 )
 from ppmcal.algebra.blades import FULL, LINE, MOTOR, PAIR, SCALAR, TWIST, VECTOR, Blades
 from ppmcal.algebra.conversions import (
@@ -75,6 +76,7 @@ __all__ = [
     "plane",
     "point",
     "product",
+    "rate",
     "reverse",
     "reverse_blades",
     "rotation_matrix",

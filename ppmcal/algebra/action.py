@@ -103,6 +103,26 @@ def adjoint_twist(m: ArrayLike, twist: ArrayLike) -> Array:
     return _move_screw(m, twist, "adjoint_twist")
 
 
+def rate(twist: ArrayLike, v5: ArrayLike) -> Array:
+    """Return the rate at which a twist moves a point, sphere or plane X = n + α e∞ + β e0.
+
+    n′ = ω × n + β v, α′ = v · n, β′ = 0: the commutator product of the twist's bivector with X.
+
+    Args:
+        twist: (ω, v), `(..., 6)`.
+        v5: `(..., 5)`.
+
+    Returns:
+        `(..., 5)`.
+    """
+    b = components(twist, 6, "rate")
+    n1, n2, n3, _, beta = components(v5, 5, "rate")
+    w1, w2, w3 = cross3(b[:3], (n1, n2, n3))
+    v1, v2, v3 = b[3:]
+    return pack(w1 + beta * v1, w2 + beta * v2, w3 + beta * v3,
+                v1 * n1 + v2 * n2 + v3 * n3, 0.0 * (beta + v1))
+
+
 def leg_line(P: ArrayLike, S: ArrayLike) -> Array:
     """Return the line Λ = P∧S∧e∞ through the contact P along the normal of the surface S.
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.least_squares_closure import closed_by
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
@@ -63,12 +64,12 @@ def _measures(model: Model, q: Array, pose: Array) -> Array:
     turns = [i for i, c in enumerate(mechanism.dof) if c >= 3]
     a = closure.pose_matrix(pose, lines).copy()
     a[..., turns] /= mechanism.length_scale
-    determinant = np.linalg.det(a)
+    determinant = linalg.determinant(a)
     of_a = linalg.singular_values(a)
     regular = of_a[:, -1] > 1e-14 * of_a[:, 0]
     jq = closure.joint_matrix(pose, lines) * _joint_scale(mechanism)
-    safe = np.where(regular[:, None, None], a, np.eye(a.shape[-1]))
-    of_j = linalg.singular_values(linalg.solve(safe, jq))
+    safe = np.where(regular[:, None, None], a, np.eye(*a.shape[-2:]))
+    of_j = linalg.singular_values(closed_by(closure, pose, safe, jq, lines))
     with np.errstate(invalid="ignore", divide="ignore"):
         dexterity = np.where(regular, of_j[:, -1] / of_j[:, 0], 0.0)
     out = np.stack([determinant, of_a[:, -1], of_a[:, -1] / of_a[:, 0], np.nan_to_num(dexterity)])

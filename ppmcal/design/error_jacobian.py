@@ -18,7 +18,8 @@ from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.compiled_limbs import compiled_limbs
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.linalg import Array, finite_rows, solve_blocks
+from ppmcal.kinematics.least_squares_closure import closed_by
+from ppmcal.linalg import Array, determinant, finite_rows
 from ppmcal.model.limbs.chain import cross_matrix
 
 CHUNK = 8192
@@ -41,14 +42,15 @@ class Poses:
 
 
 def tool_matrix(closure: Closure, pose: Array, lines: Array, tool: Array) -> Array:
-    """Return -d(tool)/d(closure equation) = T A^-1 (N, 6, d): how far the tool goes per unit of c.
+    """Return -d(tool)/d(closure equation) = T A^-1 (N, 6, m): how far the tool goes per unit of c.
 
     T carries displacements of the platform origin to the tool point (3,), platform axes. A
     singular pose gives nan.
     """
     a = closure.pose_matrix(pose, lines)
-    return to_tool(pose, tool)[..., closure.model.mechanism.dof] @ solve_blocks(
-        a, np.eye(a.shape[-1])[None])
+    every = np.broadcast_to(np.eye(a.shape[-2]), (len(a), *2 * a.shape[-2:-1]))
+    return to_tool(pose, tool)[..., closure.model.mechanism.dof] @ closed_by(
+        closure, pose, a, every, lines)
 
 
 def to_tool(pose: Array, tool: Array) -> Array:
@@ -292,9 +294,9 @@ def determinants(model: Model, q: Array, pose: Array) -> Array:
     Positive on home's side, negative beyond; pure numbers.
     """
     home = home_state(model.mechanism).q[None]
-    first = float(np.linalg.det(model.closure(home).pose_matrix(model.mechanism.home[None]))[0])
+    first = float(determinant(model.closure(home).pose_matrix(model.mechanism.home[None]))[0])
     out = np.full(len(q), np.nan)
     rows = np.flatnonzero(finite_rows(q) & finite_rows(pose))
     if rows.size:
-        out[rows] = np.linalg.det(model.closure(q[rows]).pose_matrix(pose[rows])) / first
+        out[rows] = determinant(model.closure(q[rows]).pose_matrix(pose[rows])) / first
     return out

@@ -107,7 +107,7 @@ def _left(
     if fleet.tasks.tool.any():
         truth, theirs = (replace(s, target=fleet.tasks.tool) for s in (truth, theirs))
     model = Model(fleet.mechanism, found.g[owner])
-    if fleet.mechanism.equations > len(fleet.mechanism.actuators):
+    if fleet.mechanism.dependent:
         wanted = predict(truth, at.motor)
         q, here = _sent(fleet, model, theirs, wanted)
     else:

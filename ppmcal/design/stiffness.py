@@ -29,10 +29,11 @@ from ppmcal.design.error_jacobian import to_tool
 from ppmcal.design.spring_model import Spring, spring_columns, springs_of
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.least_squares_closure import closed_by
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import named, placed
 from ppmcal.kinematics.tables import KinematicsTable, inverse_table, refuse_singular_home
-from ppmcal.linalg import Array, finite_rows, solve_blocks
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
 
@@ -166,9 +167,10 @@ def _factors(mechanism: Mechanism, springs: Sequence[Spring], q: Array, pose: Ar
         lines = closure.lines(pose[rows])
         a = closure.pose_matrix(pose[rows], lines)
         # where A is singular nothing holds the platform: nan
-        moves = solve_blocks(a, spring_columns(closure, pose[rows], lines, springs) * root)
+        moves = spring_columns(closure, pose[rows], lines, springs) * root
+        moves = closed_by(closure, pose[rows], a, moves, lines, moves)
         carry = to_tool(pose[rows], at)[:, dof][:, :, dof]
-        yield rows, carry @ moves, np.linalg.det(a)
+        yield rows, carry @ moves, linalg.determinant(a)
 
 
 def _roots(factor: Array) -> tuple[Array, Array]:

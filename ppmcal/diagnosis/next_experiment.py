@@ -147,7 +147,7 @@ def possible_rows(stage: Linearisation, rng: np.random.Generator) -> Dataset | N
     low, high = seen.min(axis=0), seen.max(axis=0)
     wide = WIDER * (high - low)
     tried = rng.uniform(low - wide, high + wide, (POSES, 6))
-    short = problem.mechanism.equations - len(problem.mechanism.actuators)
+    short = problem.mechanism.dependent
     if short:
         tried = seen[rng.integers(len(seen), size=POSES)]
     bare = Model(replace(problem.mechanism, effects=()), stage.system.state.g)

@@ -89,9 +89,8 @@ def _errors(fit: Fit, rows: Rows) -> tuple[Array, Array, Array]:
     joint = np.asarray((back @ np.where(rows.observed, rows.residual, 0.0)[..., None])[..., 0])
     measured = np.full((len(joint), 6), np.nan)
     data = fit.problem.datasets[rows.dataset]
-    if rows.raw.shape[1] > 1:
-        places = list(coordinates(data, mechanism.motion))
-        measured[:, places] = np.where(rows.observed, rows.raw, np.nan)
+    if rows.measured.shape[1] > 1:
+        measured[:, list(coordinates(data, mechanism.motion))] = rows.measured
     return joint, np.asarray(np.sqrt(np.sum(back**2, axis=-1))), measured
 
 

@@ -250,7 +250,7 @@ def _usable(data: Dataset, mechanism: Mechanism) -> Dataset:
     joints, lacking = np.isfinite(data.q).all(axis=1), "a joint value is missing"
     if data.commanded is not None:
         given = np.isfinite(data.commanded[:, list(mechanism.dof)]).sum(axis=1)
-        joints, lacking = given >= len(mechanism.actuators), "a commanded coordinate is missing"
+        joints, lacking = given >= mechanism.freedoms, "a commanded coordinate is missing"
     if data.to_q is not None:
         joints &= np.isfinite(data.to_q).all(axis=1)
     findings, dropped = list(data.findings), list[tuple[int, str]]()

@@ -54,9 +54,9 @@ def read_grid(text: str | None, mechanism: Mechanism, levels: int = LEVELS[2]) -
     for count in counts:
         total *= count
     GRID_POSES.refuse(total, PLACE)
-    if len(axes) > len(mechanism.actuators):
+    if len(axes) > mechanism.freedoms:
         raise BadInput(f"names {len(axes)} coordinates, but the machine has "
-                       f"{len(mechanism.actuators)} actuators", PLACE, "Name fewer")
+                       f"{mechanism.freedoms} freedoms", PLACE, "Name fewer")
     return slice_grid(mechanism, axes, counts, ranges)
 
 

@@ -105,10 +105,10 @@ def joint_values(table: Table, mechanism: Mechanism, units: Units, joint: Array
     commanded = poses(table, mechanism, units, "cmd_")
     given = [mechanism.coordinates[i] for i, d in enumerate(mechanism.dof)
              if np.isfinite(commanded[:, d]).any()]
-    if len(given) < len(mechanism.actuators):
+    if len(given) < mechanism.freedoms:
         lacking = [f"cmd_{c}" for c in mechanism.coordinates if c not in given]
         raise BadInput(f"the commanded pose lacks {', '.join(lacking)}", f"{table.source}: header",
-                       f"A pose of this machine needs {len(mechanism.actuators)} of "
+                       f"A pose of this machine needs {mechanism.freedoms} of "
                        f"{', '.join('cmd_' + c for c in mechanism.coordinates)}")
     return q, commanded
 

@@ -117,11 +117,11 @@ def _limbs(file: MechanismFile, units: Units, source: str) -> list[Draft]:
     _share_directions(drafts, source)
     equations = sum(d.kind.surface.equations for d in drafts)
     needed = len(MOTIONS[file.motion])
-    if equations != needed:
+    if equations < needed:
         raise BadInput(
             f"the limbs put {equations} conditions on the platform, but a pose in {file.motion} "
             f"motion has {needed} coordinates", f"{source}: limbs",
-            f"Give limbs with {needed} conditions in all, or change `motion`")
+            f"Give limbs with {needed} conditions or more, or change `motion`")
     return drafts
 
 

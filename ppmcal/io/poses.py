@@ -126,7 +126,7 @@ def _enough_columns(table: Table, own: list[str], mechanism: Mechanism) -> None:
     turned = any(c in QUATERNION for c in own)
     lacking = [c for c in mechanism.coordinates
                if c not in own and not (turned and c.startswith("r"))]
-    open_ = mechanism.equations - len(mechanism.actuators)
+    open_ = mechanism.dependent
     if len(lacking) > open_:
         strangers = [c for c in table.header if c not in own]
         near = [c for c in strangers if did_you_mean(c, lacking)]

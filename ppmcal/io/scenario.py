@@ -187,10 +187,10 @@ def _poses(file: PosesFile, mechanism: Mechanism, units: Units, source: str, pat
     def center(raw: Any, where: str) -> Array:
         out = pose(raw, where, np.nan)
         given = int(np.isfinite(out[list(mechanism.dof)]).sum())
-        if given < len(mechanism.actuators):
+        if given < mechanism.freedoms:
             raise BadInput(f"the center names {given} coordinates, but the machine has "
-                           f"{len(mechanism.actuators)} actuators", f"{source}: {where}",
-                           f"Give {len(mechanism.actuators)} of "
+                           f"{mechanism.freedoms} freedoms", f"{source}: {where}",
+                           f"Give {mechanism.freedoms} of "
                            f"{', '.join(mechanism.coordinates)}")
         return out
 

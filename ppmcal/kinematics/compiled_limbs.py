@@ -103,9 +103,9 @@ class CompiledLimbs:
 
 def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
     """Return a closure's compiled form for so many rows; None where NumPy is the way."""
-    if rows < MANY or closure.model.parameters.ndim > 1:
-        return None
     mechanism = closure.model.mechanism
+    if rows < MANY or closure.model.parameters.ndim > 1 or mechanism.surplus:
+        return None
     first = np.cumsum([0, *(limb.kind.surface.equations for limb in mechanism.limbs)])
     count = len(mechanism.limbs)
     ends, drive = np.zeros((count, CHAINS, 3, 12)), np.zeros((count, CHAINS), dtype=np.int64)

@@ -23,6 +23,7 @@ from ppmcal.kinematics.effect_response import (
     slots_apart,
 )
 from ppmcal.kinematics.forward import Forward, forward, moved, newton
+from ppmcal.kinematics.inverse import inverse
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Environment, unknown_environment
 from ppmcal.model.effects import Shift
@@ -73,6 +74,24 @@ def reached_poses(model: Model, q: Array, environment: Environment | None = None
     if heavy:
         closed, now = _settle(model, q, rows, closed)
     return Reached(closed, platform_pose(closed, now.shift), now)
+
+
+def consistent_joints(model: Model, q: Array, environment: Environment) -> tuple[Array, Reached]:
+    """Return joint values (N, k) near ``q`` at which all limbs close, and the poses.
+
+    A machine with surplus equations cannot take any joint values: what its encoders show is where
+    its limbs are. Of others ``q`` itself.
+    """
+    real = reached_poses(model, q, environment)
+    if not model.mechanism.surplus:
+        return q, real
+    for _ in range(ROUNDS):
+        before, q = q, inverse(real.model, real.closed).q
+        real = reached_poses(model, q, environment, real.closed, q)
+        change = np.abs(q - before)[finite_rows(q)]
+        if not np.any(change > SETTLED * model.mechanism.reach):
+            break
+    return q, real
 
 
 def _forward(model: Model, q: Array, start: Array | None, start_q: Array | None) -> Forward:

@@ -18,7 +18,8 @@ from ppmcal import linalg
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.compiled_limbs import compiled_limbs
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.linalg import Array, Bools, finite_rows, solve_rows
+from ppmcal.kinematics.least_squares_closure import newton_step
+from ppmcal.linalg import Array, Bools, finite_rows
 
 CONTRACTION = 0.25
 """A second Newton step above this part of the first means: lead the joints in smaller steps."""
@@ -86,11 +87,11 @@ def _attempt(model: Model, q: Array, pose: Array) -> tuple[Array, Bools]:
         same = signs[:, 0] == signs[:, 1]
         return solved, converged & same & (_contraction(sizes) <= CONTRACTION)
     with np.errstate(invalid="ignore"):  # nan where an offset universal joint cannot stand
-        side = np.sign(np.linalg.det(closure.pose_matrix(pose)))
+        side = np.sign(linalg.determinant(closure.pose_matrix(pose)))
     solved, converged, contraction = newton(closure, pose, most=CONTRACTION)
     same = np.zeros(q.shape[0], dtype=bool)
     if converged.any():
-        same[converged] = side[converged] == np.sign(np.linalg.det(
+        same[converged] = side[converged] == np.sign(linalg.determinant(
             closure.pose_matrix(solved))[converged])
     return solved, converged & same & (contraction <= CONTRACTION)
 
@@ -133,9 +134,8 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
     sizes: list[Array] = []
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         for _ in range(iterations):
-            c, lines = closure.misclosure_and_lines(pose)
             step = np.zeros((pose.shape[0], 6))
-            step[:, mechanism.dof] = -solve_rows(closure.pose_matrix(pose, lines), c)
+            c, step[:, mechanism.dof] = newton_step(closure, pose)
             size = np.hypot(np.linalg.norm(step[:, :3], axis=1) / scale,
                             np.linalg.norm(step[:, 3:], axis=1))
             sizes.append(size)
@@ -144,7 +144,9 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
             finite = np.isfinite(size) & (size < 10.0 * reach / scale) & ~slow
             step[~finite] = 0.0
             pose = moved(pose, step)
-            converged = finite & (size < STEP) & (np.max(np.abs(c), axis=1) < CLOSED * reach)
+            # what surplus equations leave is least there, not 0
+            closed = (np.max(np.abs(c), axis=1) < CLOSED * reach) | (mechanism.surplus > 0)
+            converged = finite & (size < STEP) & closed
             if (converged | ~finite).all():
                 break
     second = sizes[1] if len(sizes) > 1 else np.zeros_like(sizes[0])
@@ -169,7 +171,7 @@ def moved(pose: Array, step: Array) -> Array:
 
 
 def smallest_singular_value(closure: Closure, pose: Array) -> tuple[Array, Array]:
-    """Return the smallest singular value of A (N,) and the sign of det A (N,).
+    """Return the smallest singular value of A (N,) and the sign of its determinant (N,).
 
     Rotation columns are divided by the machine's length scale
     (:attr:`Mechanism.length_scale`), so the value is a pure number: how far the stiffest
@@ -183,5 +185,5 @@ def smallest_singular_value(closure: Closure, pose: Array) -> tuple[Array, Array
     finite = np.isfinite(matrix).all(axis=(1, 2))
     if finite.any():
         value[finite] = linalg.singular_values(matrix[finite])[:, -1]
-        sign[finite] = np.sign(np.linalg.det(matrix[finite]))
+        sign[finite] = np.sign(linalg.determinant(matrix[finite]))
     return value, sign

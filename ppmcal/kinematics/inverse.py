@@ -190,12 +190,12 @@ def inverse(model: Model, pose: Array) -> Inverse:
         empty = np.isnan(q[:, limb.actuator])
         q[empty, limb.actuator] = own[empty]
     bad = np.array([bool(r) for r in reasons])
-    if len(mechanism.actuators) < mechanism.equations and not bad.all():
+    if mechanism.dependent and not bad.all():
         off = np.full(pose.shape[0], 0.0)
         off[~bad] = np.max(np.abs(model.closure(q[~bad]).lengths(pose[~bad])), axis=1)
         for n in np.flatnonzero(off > SURFACE_TOLERANCE * mechanism.reach):
             reasons[n] = (f"the pose is off the machine's surface by {off[n] / factor:.4g} {unit}: "
-                          f"leave {mechanism.equations - len(mechanism.actuators)} "
+                          f"leave {mechanism.dependent} "
                           "coordinates empty to have them solved for")
     q[[bool(r) for r in reasons]] = np.nan
     return Inverse(q, pose, tuple(reasons))

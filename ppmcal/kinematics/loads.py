@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.kinematics.closure import Closure, Model
-from ppmcal.linalg import Array, finite_rows, solve_rows
+from ppmcal.kinematics.least_squares_closure import held_by
+from ppmcal.linalg import Array, finite_rows
 
 
 def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
@@ -44,7 +45,7 @@ def limb_forces(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
 
 def _reaction(model: Model, q: Array, pose: Array, wrench: Array
               ) -> tuple[NDArray[np.int64], Closure, Array, Array]:
-    """Return usable rows (n,), their closure, lines and A^-T w (n, d).
+    """Return usable rows (n,), their closure, lines and A^-T w (n, m).
 
     At a singular pose nothing bears the load: nan.
     """
@@ -52,5 +53,5 @@ def _reaction(model: Model, q: Array, pose: Array, wrench: Array
     closure = model.take(rows).closure(q[rows])
     lines = closure.lines(pose[rows])
     a = closure.pose_matrix(pose[rows], lines)
-    return rows, closure, lines, solve_rows(np.swapaxes(a, -1, -2),
-                                            wrench[rows][:, model.mechanism.dof])
+    own = wrench[rows][:, model.mechanism.dof, None]
+    return rows, closure, lines, held_by(closure, pose[rows], a, own, lines)[..., 0]

@@ -196,7 +196,7 @@ def wanted_poses(model: Model, registration: Registration, wanted: Array, euler:
     mechanism = model.mechanism
     dof = np.isin(np.arange(6), mechanism.dof)
     open_ = np.isnan(wanted) & dof
-    short = mechanism.equations - len(mechanism.actuators)
+    short = mechanism.dependent
     out = np.full_like(wanted, np.nan)
     failed = [""] * wanted.shape[0]
     for n, count in enumerate(open_.sum(axis=1)):
@@ -293,7 +293,7 @@ def named_only(mechanism: Mechanism, asked: Array) -> Array:
     Full poses lie on the identified machine's surface, not on the nominal one's.
     """
     out = asked.copy()
-    short = mechanism.equations - len(mechanism.actuators)
+    short = mechanism.dependent
     model = Model(mechanism)
     closure = model.closure(home_state(mechanism).q)
     a = closure.pose_matrix(mechanism.home[None])[0]

@@ -79,7 +79,7 @@ def pose_sweep(model: Model) -> PoseSweep:
 def _asked(mechanism: Mechanism) -> tuple[Array, list[tuple[int, float, int]]]:
     """Return poses to try (N, 6) and of each its coordinate, sign and halvings."""
     home = np.array(mechanism.home_pose)
-    if len(mechanism.actuators) < mechanism.equations:
+    if mechanism.dependent:
         try:
             home = named_only(mechanism, home[None])[0]
         except LinearAlgebraError:

@@ -84,7 +84,7 @@ class Grid:
 def named(mechanism: Mechanism) -> tuple[int, ...]:
     """Return the pose coordinates that a command names; closure decides the others."""
     nominal = mechanism.nominal()
-    if nominal.equations <= len(nominal.actuators):
+    if not nominal.dependent:
         return nominal.dof
     kept = np.isfinite(named_only(nominal, nominal.home_pose[None])[0])
     return tuple(c for c in nominal.dof if kept[c])
@@ -97,9 +97,9 @@ def placed(mechanism: Mechanism, coordinates: Sequence[int], values: Array) -> A
     """
     chosen = list(coordinates)
     chosen += [c for c in named(mechanism) if c not in chosen][:max(
-        0, len(mechanism.actuators) - len(chosen))]
+        0, mechanism.freedoms - len(chosen))]
     out = np.tile(mechanism.home_pose, (len(values), 1))
-    if mechanism.equations > len(mechanism.actuators):
+    if mechanism.dependent:
         out[:, [c for c in mechanism.dof if c not in chosen]] = np.nan
     out[:, coordinates] = values
     return out

@@ -21,7 +21,7 @@ from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_vector
 from ppmcal.kinematics.region import named
 from ppmcal.kinematics.tables import SINGULAR, home_singular_value, limit_reason
-from ppmcal.linalg import Array, Bools, Ints, finite_rows, singular_values
+from ppmcal.linalg import Array, Bools, Ints, determinant, finite_rows, singular_values
 from ppmcal.model.mechanism import Mechanism
 
 SHORT = 0.01
@@ -126,7 +126,7 @@ class Ways:
 
     def _joints(self, pose: Array) -> tuple[Array, Array]:
         """Return motors (M, 8) on the machine's surface, and joint values (M, k), nan: none."""
-        if self.mechanism.equations <= len(self.mechanism.actuators):
+        if not self.mechanism.dependent:
             return pose, inverse(self.model, pose).q
         asked = pose_vector(pose)
         asked[:, [c for c in self.mechanism.dof if c not in named(self.mechanism)]] = np.nan
@@ -135,8 +135,7 @@ class Ways:
 
     def _places(self, pose: Array, q: Array) -> _Places:
         """Return the machine at poses (M, 8) with joints (M, k)."""
-        d = len(self.mechanism.dof)
-        matrix = np.full((len(q), d, d), np.nan)
+        matrix = np.full((len(q), self.mechanism.equations, len(self.mechanism.dof)), np.nan)
         value, sign = np.full(len(q), np.nan), np.full(len(q), np.nan)
         good = finite_rows(q) & finite_rows(pose)
         if good.any():
@@ -146,7 +145,7 @@ class Ways:
             matrix[good] = own
             good[good] = np.isfinite(own).all(axis=(1, 2))
             value[good] = singular_values(matrix[good])[:, -1]
-            sign[good] = np.sign(np.linalg.det(matrix[good]))
+            sign[good] = np.sign(determinant(matrix[good]))
         return _Places(pose, q, matrix, value, sign)
 
     def _settled(self, left: _Places, right: _Places, added: list[Array], bend: Array) -> Bools:

@@ -125,8 +125,23 @@ class Mechanism:
 
     @property
     def equations(self) -> int:
-        """Number of stacked closure equations d."""
+        """Number of stacked closure equations m."""
         return sum(limb.kind.surface.equations for limb in self.limbs)
+
+    @cached_property
+    def surplus(self) -> int:
+        """By how many the equations are more than the freedoms of the platform."""
+        return self.equations - len(self.dof)
+
+    @cached_property
+    def dependent(self) -> int:
+        """How many pose coordinates the closure decides: equations that no actuator drives."""
+        return self.equations - len(self.actuators)
+
+    @cached_property
+    def freedoms(self) -> int:
+        """How many pose coordinates can be commanded."""
+        return len(self.dof) - self.dependent
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from ppmcal.calibration.fit import stretched
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import with_strokes
-from ppmcal.kinematics.equilibrium import reached_poses
+from ppmcal.kinematics.equilibrium import consistent_joints, reached_poses
 from ppmcal.kinematics.needed_columns import ORDER, missing_columns, remembers
 from ppmcal.kinematics.registration import displaced, predict
 from ppmcal.linalg import Array, Ints, finite_rows
@@ -103,10 +103,11 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     with_effects = with_strokes(scenario.with_effects, q)
     model = Model(with_effects, g)
     _recorded(with_effects, rows, scenario)
-    actual, stretch = _visited(model, q[order], rows, scenario, rng)
+    joints, actual, stretch = _visited(model, q[order], rows, scenario, rng)
     # a distance between two positions: from each to the one half a campaign away
     other = (order + len(q) // 2) % len(q)
-    ends = _visited(model, q[other], rows, scenario, rng)[0] if scenario.pairs else actual
+    there, ends, _ = _visited(model, q[other], rows, scenario, rng) if scenario.pairs else (
+        joints, actual, None)
     keep = finite_rows(actual) & finite_rows(ends)
     if not keep.all() and remembers(with_effects):
         raise BadInput(f"pose {order[~keep][0]} cannot be reached, and an effect depends on the "
@@ -121,12 +122,12 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     position, rotation, value, outlier = _measured(actual[keep], ends[keep], shown, mechanism,
                                                    scenario, rng)
     labels = order if listed is None or listed.labels is None else listed.labels[order]
-    return Campaign(labels[keep], q[order[keep]], position, rotation, value, direction[keep],
+    return Campaign(labels[keep], joints[keep], position, rotation, value, direction[keep],
                     velocity[keep] if np.any(velocity) else None,
                     payload[keep] if payload is not None else None,
                     temperature[keep] if temperature is not None else None, time[keep],
                     outlier, with_effects, g, tuple(left_out),
-                    q[other[keep]] if scenario.pairs else None)
+                    there[keep] if scenario.pairs else None)
 
 
 def _own(own: Mapping[str, Array], what: str, mechanism: Mechanism, rest: Array, order: Ints
@@ -173,16 +174,22 @@ def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mecha
 
 @stage("moving the machine")
 def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
-             rng: np.random.Generator) -> tuple[Array, Array | None]:
-    """Return the poses (N, 8) reached at joint values (N, k), and the instrument's stretch."""
-    real = reached_poses(model, q, rows)
+             rng: np.random.Generator) -> tuple[Array, Array, Array | None]:
+    """Return joint values as recorded, poses (N, 8) reached, and the instrument's stretch.
+
+    ``q`` (N, k) are the commands. A machine with surplus equations records where its limbs are.
+    """
+    q, real = consistent_joints(model, q, rows)
     actual = real.pose
     if np.any(scenario.sigma_actuator > 0.0):
         shaken = q + rng.normal(size=q.shape) * scenario.sigma_actuator
-        actual = reached_poses(model, shaken, rows, start=real.closed, start_q=q).pose
+        if model.mechanism.surplus:
+            q = shaken
+        else:
+            actual = reached_poses(model, shaken, rows, start=real.closed, start_q=q).pose
     shift = real.model.shift
     actual = displaced(actual, shift)
-    return actual, shift.stretch if shift else None
+    return q, actual, shift.stretch if shift else None
 
 
 def _environment(mechanism: Mechanism, direction: Array, velocity: Array, payload: Array | None,

@@ -237,7 +237,7 @@ def _uncorrected(model: Model, nominal: Model, registration: Registration,
     measurements best, ``believed``; what its closure does not allow is left to it.
     """
     asked, _ = wanted_poses(nominal, believed, wanted)
-    if nominal.mechanism.equations > len(nominal.mechanism.actuators):
+    if nominal.mechanism.dependent:
         asked = named_only(nominal.mechanism, asked)
     table = inverse_table(nominal, asked)
     real = reached_poses(model, table.q, rows)

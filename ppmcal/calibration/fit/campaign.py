@@ -152,7 +152,8 @@ def _numbers(fit: Fit) -> tuple[int, int, int]:
         # a pose measured again tells noise, or effects, and nothing new of the geometry
         own = np.unique(data.groups[keep]).size
         poses += own
-        count += own * len(coordinates(data, fit.problem.mechanism.motion))
+        mechanism = fit.problem.mechanism
+        count += own * (len(coordinates(data, mechanism.motion)) + mechanism.surplus)
     return columns, count, poses
 
 

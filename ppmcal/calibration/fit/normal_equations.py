@@ -208,7 +208,7 @@ def _has_sight(problem: Problem, state: State, index: int) -> bool:
     """Whether what a data set shows is its poses' own: no effects, no distances, sound joints."""
     data = problem.datasets[index]
     own_scale = data.scale.fitted or state.registrations[index].scale != 1.0
-    return (not problem.mechanism.effects
+    return (not problem.mechanism.effects and not problem.mechanism.surplus
             and data.kind != "distance" and not (data.kind == "plane" and own_scale)
             and not np.any(data.sigma_actuator > 0.0))
 

@@ -19,7 +19,7 @@ from ppmcal.linalg import Array, Bools, Ints, finite_rows, row_by_row
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import NUMBERS, SCALARS
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
-from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
 
 
@@ -58,6 +58,21 @@ class ResidualJacobian:
             tuple(b[:, pick] for b in self.by_poses), self.by_frame[:, pick],
             self.by_target[:, pick], self.by_target_rotation[:, pick],
             tuple(b[:, pick] for b in self.by_points), self.points, self.by_scale[:, pick])
+
+
+    def beside(self, residual: Array) -> ResidualJacobian:
+        """Return the rows with more residuals (n, s) behind theirs, on which no part here acts."""
+        more = residual.shape[1]
+
+        def padded(block: Array) -> Array:
+            return np.pad(block, ((0, 0), (0, more), *((0, 0),) * (block.ndim - 2)))
+
+        return replace(
+            self, residual=np.concatenate([self.residual, residual], axis=1),
+            observed=np.pad(self.observed, ((0, 0), (0, more)), constant_values=True),
+            by_poses=tuple(map(padded, self.by_poses)), by_frame=padded(self.by_frame),
+            by_target=padded(self.by_target), by_target_rotation=padded(self.by_target_rotation),
+            by_points=tuple(map(padded, self.by_points)), by_scale=padded(self.by_scale))
 
 
 def coordinates(data: Dataset, motion: str) -> tuple[int, ...]:
@@ -218,6 +233,20 @@ def noise(data: Dataset, motion: str) -> Array:
     chosen = list(coordinates(data, motion))
     return row_by_row(lambda *both: np.concatenate(both, axis=1)[:, chosen],
                       data.sigma_position, data.sigma_rotation)
+
+
+def joint_noise(mechanism: Mechanism, data: Dataset) -> Array:
+    """Return the standard deviations of the joint values (k,), unit of q.
+
+    Where nobody says, joints are exact; those of a machine with surplus equations, which contradict
+    each other by their noise alone, are as good as the instrument.
+    """
+    if not mechanism.surplus or np.any(data.sigma_actuator > 0.0):
+        return data.sigma_actuator
+    own = data.sigma_value if data.kind in SCALARS else data.sigma_position
+    size = float(np.median(own)) / mechanism.joint_ratios
+    turns = np.array([q == "angle" for q in mechanism.actuator_quantity])
+    return np.asarray(np.where(turns, size / mechanism.length_scale, size))
 
 
 def white_measurements(data: Dataset, motion: str, rows: Ints | slice = slice(None)

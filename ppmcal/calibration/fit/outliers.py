@@ -244,7 +244,7 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
     for rows in fit.problem.rows(fit.state, False, fit.outliers):
         data = fit.problem.datasets[rows.dataset]
         places = coordinates(data, motion)
-        worst = np.argmax(np.abs(rows.residual), axis=1)
+        worst = np.argmax(np.abs(rows.residual[:, :len(places)]), axis=1)
         for n, (index, c) in enumerate(zip(rows.index.tolist(), worst.tolist(), strict=True)):
             value = float(shown(data)[index, places[c]])
             predicted = value - float(rows.raw[n, c])

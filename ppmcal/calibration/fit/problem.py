@@ -20,10 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns, lay_out
-from ppmcal.calibration.fit.observation import noise, view, white_measurements, whitener
+from ppmcal.calibration.fit.observation import (
+    joint_noise,
+    noise,
+    view,
+    white_measurements,
+    whitener,
+)
 from ppmcal.calibration.fit.prior_information import PriorInformation
 from ppmcal.calibration.fit.registration import no_pose, start_registration, unscaled
-from ppmcal.calibration.fit.response import Response, Rows
+from ppmcal.calibration.fit.response import Response, Rows, with_surplus
 from ppmcal.calibration.fit.unknown_directions import direction_sigma
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
@@ -143,10 +149,11 @@ class Problem:
     @cached_property
     def sigma_joints(self) -> tuple[Array, ...]:
         """Noise of the joints by data set (k,), unit of q; sides that are not known are noise."""
+        own = tuple(joint_noise(self.mechanism, d) for d in self.datasets)
         if not any("dir" in e.kind.needs for e in self.mechanism.effects):
-            return tuple(d.sigma_actuator for d in self.datasets)
-        return tuple(np.hypot(d.sigma_actuator, direction_sigma(self.mechanism, e))
-                     for d, e in zip(self.datasets, self.environments, strict=True))
+            return own
+        return tuple(np.hypot(s, direction_sigma(self.mechanism, e))
+                     for s, e in zip(own, self.environments, strict=True))
 
     def open_scale(self) -> Array:
         """Return one natural unit per open column (C - F,): 1e-3 of the reach, 1e-3 rad.
@@ -327,6 +334,14 @@ class Problem:
         moved = [by_displacement(p, shift) for p in platforms]
         seen = replace(seen, by_poses=tuple(
             by if d is None else by @ d for by, d in zip(seen.by_poses, moved, strict=True)))
+        sigma_seen = noise(part, motion)
+        bases: list[tuple[Array, slice] | None] = [None] * len(ends)
+        if self.mechanism.surplus:
+            seen, bases = with_surplus(seen, [model.closure(q) for (q, _), model in
+                                              zip(ends, models, strict=True)],
+                                       [pose for _, pose in ends])
+            sigma_seen = np.pad(sigma_seen, ((0, 0), (0, seen.residual.shape[1]
+                                                      - sigma_seen.shape[1])))
         n, m = seen.residual.shape
         full = np.zeros((n, m, len(self.columns) if jacobian else 0))
         by_joint: list[Array] = []
@@ -334,7 +349,7 @@ class Problem:
         if asked:
             for end, ((q, pose), model) in enumerate(zip(ends, models, strict=True)):
                 closure = model.closure(q, self.free if jacobian else ())
-                response = Response(closure, pose, seen, surroundings, end)
+                response = Response(closure, pose, seen, surroundings, end, bases[end])
                 responses.append(response)
                 if with_noise:
                     by_joint.append(response.by_joint)
@@ -347,7 +362,7 @@ class Problem:
             if jacobian:
                 self.opens[i].fill(full, seen)
         sigma = np.tile(self.sigma_joints[i], len(ends))
-        white = whitener(seen, noise(part, motion),
+        white = whitener(seen, sigma_seen,
                          np.concatenate(by_joint, axis=-1) if by_joint else None, sigma)
         if part.weight is not None:
             white = np.sqrt(part.weight)[:, None, None] * white
@@ -359,4 +374,4 @@ class Problem:
             residual, full = diagonal * seen.residual, diagonal[..., None] * full
         first, second = (*responses, None, None)[:2]
         return Rows(i, index, residual, full, seen.observed, seen.residual, white, first, second,
-                    part.weight)
+                    part.weight, len(ends) * self.mechanism.surplus)

@@ -279,7 +279,7 @@ def _squares(problem: Problem, state: State, keep: Sequence[Bools]) -> Array:
     for c in problem.rows(state, False, keep):
         data = problem.datasets[c.dataset]
         place = [j for j, k in enumerate(coordinates(data, problem.mechanism.motion)) if k < 3]
-        raw = np.where(c.observed, c.raw, 0.0)[:, place]
+        raw = np.nan_to_num(c.measured)[:, place]
         out[c.dataset] += (*c.squares(), float(np.sum(raw**2)), len(raw))
     return out
 

@@ -14,8 +14,9 @@ from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.compiled_limbs import compiled_limbs
 from ppmcal.kinematics.effect_response import effect_terms, setting
 from ppmcal.kinematics.equilibrium import platform_pose
+from ppmcal.kinematics.least_squares_closure import held_by, surplus
 from ppmcal.kinematics.registration import displacement_twists
-from ppmcal.linalg import Array, Bools, Ints, solve_blocks
+from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.dataset import Environment
 from ppmcal.model.effects import Setting, Shift
 
@@ -24,7 +25,8 @@ from ppmcal.model.effects import Setting, Shift
 class Response:
     """How the predictions of n rows move along shifts of any kind.
 
-    Closed poses ``pose`` (n, 8) are number ``end`` of those seen.
+    Closed poses ``pose`` (n, 8) are number ``end`` of those seen. ``surplus``: of a machine with
+    more equations than freedoms the basis N (n, e, s), and in which of the m values N' c stands.
     """
 
     closure: Closure
@@ -32,6 +34,7 @@ class Response:
     seen: ResidualJacobian
     surroundings: Callable[[], Environment]
     end: int = 0
+    surplus: tuple[Array, slice] | None = None
 
     @cached_property
     def rows(self) -> Environment:
@@ -56,11 +59,15 @@ class Response:
 
     @cached_property
     def by_equation(self) -> Array:
-        """How predictions move with the closure equations (n, m, d): -by_pose A^-1."""
+        """How predictions move with the closure equations (n, m, e): -by_pose A^-1."""
         matrix = self.closure.pose_matrix(self.pose, self.lines)
         by_pose = self.by_pose[..., self.closure.model.mechanism.dof]
-        return -np.swapaxes(solve_blocks(np.swapaxes(matrix, -1, -2),
-                                         np.swapaxes(by_pose, -1, -2)), -1, -2)
+        out = -np.swapaxes(held_by(self.closure, self.pose, matrix, np.swapaxes(by_pose, -1, -2),
+                                   self.lines), -1, -2)
+        if self.surplus is not None:
+            basis, place = self.surplus
+            out[:, place] = np.swapaxes(basis, -1, -2)
+        return out
 
     @cached_property
     def by_joint(self) -> Array:
@@ -139,6 +146,30 @@ class Response:
                     out[..., place[p]] += self.column(terms.by[name])
 
 
+def with_surplus(seen: ResidualJacobian, closures: Sequence[Closure], poses: Sequence[Array]
+                 ) -> tuple[ResidualJacobian, list[tuple[Array, slice] | None]]:
+    """Return what is seen with what no pose explains of the closure behind it, 0 by theory.
+
+    Args:
+        seen: of n rows.
+        closures: the closure at each of the poses seen.
+        poses: closed platform motors (n, 8) of each.
+
+    Returns:
+        Residuals (n, m + s) in all, m; and of each pose the basis N (n, e, s) with its place.
+    """
+    bases: list[tuple[Array, slice] | None] = []
+    gaps = []
+    first = seen.residual.shape[1]
+    for closure, pose in zip(closures, poses, strict=True):
+        c, lines = closure.misclosure_and_lines(pose)
+        own = surplus(closure.model.mechanism, closure.pose_matrix(pose, lines))
+        gaps.append((np.swapaxes(own, -1, -2) @ c[..., None])[..., 0])
+        bases.append((own, slice(first, first + own.shape[-1])))
+        first += own.shape[-1]
+    return seen.beside(-np.concatenate(gaps, axis=1)), bases
+
+
 @dataclass(frozen=True)
 class Rows:
     """One chunk of whitened rows.
@@ -147,7 +178,8 @@ class Rows:
     ``observed`` (n, m); ``raw`` (n, m) in m and rad; ``whitener`` (n, m, m);
     ``index`` (n,) rows of the data set; ``response`` how predictions move along shifts,
     None where no Jacobian was asked for; ``second``: along those of the other end of a distance
-    between two platform positions; ``weight`` (n,): as of the data set.
+    between two platform positions; ``weight`` (n,): as of the data set; ``surplus``: how many of
+    the m values, the last, are what no pose explains of the closure.
     """
 
     dataset: int
@@ -160,6 +192,13 @@ class Rows:
     response: Response | None = None
     second: Response | None = None
     weight: Array | None = None
+    surplus: int = 0
+
+    @property
+    def measured(self) -> Array:
+        """The errors of what the instrument measures, m and rad, nan where it does not."""
+        own = slice(self.raw.shape[1] - self.surplus)
+        return np.where(self.observed[:, own], self.raw[:, own], np.nan)
 
     @property
     def count(self) -> float:

@@ -160,7 +160,7 @@ def trial_dataset(mechanism: Mechanism) -> Dataset:
     poses = np.tile(mechanism.home_pose, (TRIAL_POSES, 1))
     own = list(mechanism.dof)
     poses[:, own] += rng.uniform(-1.0, 1.0, (TRIAL_POSES, len(own))) * half_range[own]
-    if len(mechanism.actuators) < mechanism.equations:
+    if mechanism.dependent:
         poses = named_only(mechanism, poses)
     bare = replace(mechanism, effects=(), limits=np.tile([-np.inf, np.inf],
                                                          (len(mechanism.actuators), 1)))

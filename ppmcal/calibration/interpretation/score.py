@@ -208,7 +208,7 @@ def medians(problem: Problem, state: State) -> tuple[float, float]:
     for rows in problem.rows(state, False):
         places = np.array(coordinates(problem.datasets[rows.dataset], problem.mechanism.motion))
         for turn in out:
-            raw = np.where(rows.observed, rows.raw, 0.0)[:, (places >= 3) == turn]
+            raw = np.nan_to_num(rows.measured)[:, (places >= 3) == turn]
             if raw.shape[1]:
                 out[turn] += np.linalg.norm(raw, axis=1).tolist()
     position, rotation = (float(np.median(v)) if v else float("nan") for v in out.values())

@@ -151,7 +151,7 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
         return Comparison.impossible("the two sessions have no direction in common that both "
                                      "measured: nothing that one found foretells the other"), notes
     # a machine of fewer actuators than coordinates does not reach poses drawn at random
-    if volume and mechanism.equations == len(mechanism.actuators):
+    if volume and not mechanism.dependent:
         poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES)
                           for c in POSE_COORDINATES], axis=-1)
 

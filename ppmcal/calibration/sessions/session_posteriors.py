@@ -200,6 +200,7 @@ def _blocks(fit: Fit, problem: Problem, columns: _Columns, keep: Sequence[Bools]
 
 
 def _white(rows: Rows, column: Array) -> Array:
+    column = np.pad(column, ((0, 0), (0, rows.surplus)))
     seen = np.where(rows.observed, column, 0.0)
     return np.asarray((rows.whitener @ seen[..., None])[..., 0])
 
@@ -256,6 +257,7 @@ def _raw(fit: Fit, rows: Rows, data: Dataset, rest: Array) -> Array:
     raw = np.where(rows.observed, linalg.solve(rows.whitener, rest[..., None])[..., 0], 0.0)
     if rows.weight is not None:
         raw = np.sqrt(rows.weight)[:, None] * raw
+    raw = raw[:, :raw.shape[1] - rows.surplus]
     if data.kind in SCALARS:
         return raw
     six = np.zeros((len(raw), 6))

@@ -77,10 +77,11 @@ def residuals(problem: Problem, state: State) -> Residuals:
         of_joints = bool(np.any(problem.sigma_joints[i] > 0.0))
         sigma = np.full_like(vector, np.nan) if of_joints else noise(data, motion)
         for rows in problem.rows_of(i, state, False):
-            vector[rows.index] = np.where(rows.observed, rows.raw, np.nan)
+            vector[rows.index] = rows.measured
             if of_joints:
                 covariance = linalg.inv(np.swapaxes(rows.whitener, -1, -2) @ rows.whitener)
-                sigma[rows.index] = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+                own = np.diagonal(covariance, axis1=-2, axis2=-1)[:, :len(chosen)]
+                sigma[rows.index] = np.sqrt(own)
         parts[0].append(vector)
         parts[1].append(sigma)
         parts[2].append(_norm(vector[:, :places]))

@@ -116,7 +116,7 @@ def model_sigma(mechanism: Mechanism, solved: SolvedRows, known: CarriedKnowledg
 
 def _joints(mechanism: Mechanism, solved: SolvedRows, knowledge: ParameterCovariance) -> Array:
     """Return standard deviations of joint values, and of rates where they were asked for, SI."""
-    model, short = Model(mechanism), mechanism.equations > len(mechanism.actuators)
+    model, short = Model(mechanism), mechanism.dependent > 0
     if solved.which == "inverse" and not short:
         return joint_sigma(model, solved.at, knowledge)
     assert solved.solve is not None

@@ -225,7 +225,7 @@ def _with_tolerances(machine: Mechanism, free: tuple[int, ...], tau: Array) -> M
 
 def _expected(setup: MeasurementSetup, tasks: Poses) -> float | None:
     """Return the rms error after calibration that the linear model expects, m."""
-    short = setup.mechanism.equations > len(setup.mechanism.actuators)
+    short = setup.mechanism.dependent > 0
     if short or (tasks.tool != setup.instrument.target.value).any():
         return None
     expected = predicted(setup, tasks.q, pose_vector(tasks.motor))

@@ -28,7 +28,7 @@ def reach(found: Workspace) -> list[str]:
         axes.append(f"{name} {level[0] / f:.4g} to {level[-1] / f:.4g} "
                     f"{machine.units.name(quantity)} ({len(level)} levels)")
     factor, unit = size_unit(found)
-    short = machine.equations > len(machine.actuators)
+    short = machine.dependent > 0
     out = [f"{machine.name}: {', '.join(axes)}; other coordinates as at home"
            + (", or as the closure decides." if short else "."),
            f"Reached within limits: {found.share:.1%} of {len(found.table.status)} poses, "
