@@ -138,16 +138,15 @@ def surplus(mechanism: Mechanism, a: Array) -> Array:
     It turns as little as may be from the one at home, so that it is the same combination of limbs
     from row to row.
     """
-    m = a.shape[-2]
-    q = np.linalg.qr(np.where(np.isfinite(a), a, 0.0))[0]
-    free = np.eye(m) - q @ np.swapaxes(q, -1, -2)
-    along = free @ _surplus_at_home(mechanism)
+    a = np.where(np.isfinite(a), a, 0.0)
+    q = linalg.column_basis(a)
+    free = np.eye(a.shape[-2]) - q @ np.swapaxes(q, -1, -2)
     # polar part: the nearest orthonormal basis
-    u, s, vt = np.linalg.svd(along, full_matrices=False)
+    u, s, vt = linalg.svd(free @ _surplus_at_home(mechanism))
     out = u @ vt
     turned = s[:, -1] < ALIGNED
     if turned.any():
-        out[turned] = np.linalg.svd(a[turned])[0][..., a.shape[-1]:]
+        out[turned] = linalg.svd(a[turned], full=True)[0][..., a.shape[-1]:]
     return np.asarray(out)
 
 

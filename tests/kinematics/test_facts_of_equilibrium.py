@@ -49,7 +49,7 @@ def test_converged_is_closed_and_standing_still(
     monkeypatch.setattr(kinematics_forward, "compiled_limbs", lambda closure, rows: None)
     closure: Any = SimpleNamespace(
         model=SimpleNamespace(mechanism=SimpleNamespace(length_scale=1.0, reach=1.0,
-                                                        dof=tuple(range(6)))),
+                                                        dof=tuple(range(6)), surplus=0)),
         misclosure_and_lines=lambda pose: (np.tile(misclosure * np.eye(6)[coordinate],
                                                    (len(pose), 1)), None),
         pose_matrix=lambda pose, lines: np.tile(slope * np.eye(6), (len(pose), 1, 1)))
