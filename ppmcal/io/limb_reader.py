@@ -36,7 +36,12 @@ def limb_kind(raw: Mapping[Any, Any], motion: str, place: str) -> LimbKind:
         raise BadInput(f"{show(text)} is not a limb kind", f"{place}.kind",
                        "Write a kind such as R(P)R")
     kind = find_kind(re.sub(r"^[36]-", "", text.strip()), f"{place}.kind")
-    if kind.planar != (motion == "planar"):
+    planar = motion == "planar"
+    if planar and kind.in_plane:
+        return find_kind(kind.in_plane)
+    if not planar and kind.written:
+        kind = find_kind(kind.written)
+    if kind.planar != planar:
         there = "planar" if kind.planar else "spatial or translational"
         raise BadInput(f"{kind.name} is a kind for {there} motion, but the motion is {motion}",
                        f"{place}.kind", f"Write `motion: {there}`, or choose another kind")

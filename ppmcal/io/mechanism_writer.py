@@ -33,7 +33,7 @@ class SlotWriter:
     def limb(self, index: int) -> dict[str, Any]:
         """Return one limb as plain data."""
         limb = self.mechanism.limbs[index]
-        out: dict[str, Any] = {"name": limb.name, "kind": limb.kind.name}
+        out: dict[str, Any] = {"name": limb.name, "kind": limb.kind.written or limb.kind.name}
         actuator = self.mechanism.actuators[limb.actuator]
         if actuator != limb.name:
             out["actuator"] = actuator

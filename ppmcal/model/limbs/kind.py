@@ -99,6 +99,8 @@ class LimbKind:
         branch_sign: +1 if the setting's +1 is the larger root, -1 for the smaller.
         closes_when: the closure in words of the contract, for messages.
         source: paper and equation.
+        in_plane: name of the kind that stands for it where the motion is planar.
+        written: as it is called in files, where that is not its name.
     """
 
     name: str
@@ -113,6 +115,8 @@ class LimbKind:
     strut: bool = False
     closes_when: str = ""
     source: str = ""
+    in_plane: str = ""
+    written: str = ""
 
     def __reduce__(self) -> tuple[Callable[[str], LimbKind], tuple[str]]:
         """Travel to other processes by name: the steps are functions."""
