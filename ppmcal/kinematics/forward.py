@@ -64,6 +64,11 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
                                     (q.shape[0], 8)))
     origin = np.array(np.broadcast_to(home.q if start_q is None else start_q, q.shape))
     usable = finite_rows(q) & finite_rows(pose)
+    if model.mechanism.surplus and usable.any():
+        # surplus limbs contradict each other at the start: the way begins where they do least
+        some = np.flatnonzero(usable)
+        closest, found, _ = newton(model.take(some).closure(origin[some]), pose[some])
+        pose[some[found]] = closest[found]
     progress = np.zeros(q.shape[0])
     result = np.full_like(pose, np.nan)
     rows = np.flatnonzero(usable)

@@ -390,7 +390,7 @@ def prediction_jacobian(model: Model, registration: Registration, full: Array, q
     out = np.full((len(full), len(model.mechanism.dof), len(names)), np.nan)
     for r in problem.rows(state):
         block = np.zeros((r.index.size, *out.shape[1:]))
-        block[..., there] = r.jacobian[..., [own[names[c]] for c in there]]
+        block[..., there] = r.raw_jacobian()[..., [own[names[c]] for c in there]]
         out[r.index] = block
     return out
 

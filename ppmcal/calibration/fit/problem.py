@@ -19,8 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.calibration.fit.latent_poses import most_likely
 from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns, lay_out
 from ppmcal.calibration.fit.observation import (
+    ResidualJacobian,
     joint_noise,
     noise,
     view,
@@ -327,14 +329,22 @@ class Problem:
         ends = self.ends(i, state, index)
         models = [shifted(Model(self.mechanism, state.g), rows, q, pose) for q, pose in ends]
         shift = models[0].shift
-        platforms = [platform_pose(pose, model.shift)
-                     for (_, pose), model in zip(ends, models, strict=True)]
-        seen = view(part, registration, [displaced(p, shift) for p in platforms], motion,
-                    self.opens[i].about, shift.stretch if shift else None)
-        moved = [by_displacement(p, shift) for p in platforms]
-        seen = replace(seen, by_poses=tuple(
-            by if d is None else by @ d for by, d in zip(seen.by_poses, moved, strict=True)))
+
+        def look(*closed: Array) -> ResidualJacobian:
+            platforms = [platform_pose(pose, model.shift)
+                         for pose, model in zip(closed, models, strict=True)]
+            seen = view(part, registration, [displaced(p, shift) for p in platforms], motion,
+                        self.opens[i].about, shift.stretch if shift else None)
+            moved = [by_displacement(p, shift) for p in platforms]
+            return replace(seen, by_poses=tuple(
+                by if d is None else by @ d for by, d in zip(seen.by_poses, moved, strict=True)))
+
         sigma_seen = noise(part, motion)
+        if self.mechanism.surplus and len(ends) == 1:
+            (q, pose), = ends
+            ends = [(q, most_likely(models[0].closure(q), look, pose, sigma_seen,
+                                    self.sigma_joints[i]))]
+        seen = look(*(pose for _, pose in ends))
         bases: list[tuple[Array, slice] | None] = [None] * len(ends)
         if self.mechanism.surplus:
             seen, bases = with_surplus(seen, [model.closure(q) for (q, _), model in

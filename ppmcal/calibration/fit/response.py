@@ -9,12 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.calibration.fit.observation import ResidualJacobian
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.compiled_limbs import compiled_limbs
 from ppmcal.kinematics.effect_response import effect_terms, setting
 from ppmcal.kinematics.equilibrium import platform_pose
-from ppmcal.kinematics.least_squares_closure import held_by, surplus
+from ppmcal.kinematics.least_squares_closure import closed_by, held_by, surplus
 from ppmcal.kinematics.registration import displacement_twists
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.dataset import Environment
@@ -153,21 +154,26 @@ def with_surplus(seen: ResidualJacobian, closures: Sequence[Closure], poses: Seq
     Args:
         seen: of n rows.
         closures: the closure at each of the poses seen.
-        poses: closed platform motors (n, 8) of each.
+        poses: platform motors (n, 8) of each, close to those that the joints say.
 
     Returns:
         Residuals (n, m + s) in all, m; and of each pose the basis N (n, e, s) with its place.
     """
     bases: list[tuple[Array, slice] | None] = []
-    gaps = []
+    gaps, residual = [], seen.residual
     first = seen.residual.shape[1]
-    for closure, pose in zip(closures, poses, strict=True):
+    for closure, pose, by_pose in zip(closures, poses, seen.by_poses, strict=True):
         c, lines = closure.misclosure_and_lines(pose)
-        own = surplus(closure.model.mechanism, closure.pose_matrix(pose, lines))
+        a = closure.pose_matrix(pose, lines)
+        own = surplus(closure.model.mechanism, a)
         gaps.append((np.swapaxes(own, -1, -2) @ c[..., None])[..., 0])
+        # the poses need not be those by joints alone: what is seen from there
+        by_joints = closed_by(closure, pose, a, c[..., None], lines)
+        residual = residual + (by_pose[..., closure.model.mechanism.dof] @ by_joints)[..., 0]
         bases.append((own, slice(first, first + own.shape[-1])))
         first += own.shape[-1]
-    return seen.beside(-np.concatenate(gaps, axis=1)), bases
+    residual = np.where(seen.observed, residual, 0.0)
+    return replace(seen, residual=residual).beside(-np.concatenate(gaps, axis=1)), bases
 
 
 @dataclass(frozen=True)
@@ -199,6 +205,11 @@ class Rows:
         """The errors of what the instrument measures, m and rad, nan where it does not."""
         own = slice(self.raw.shape[1] - self.surplus)
         return np.where(self.observed[:, own], self.raw[:, own], np.nan)
+
+    def raw_jacobian(self) -> Array:
+        """Return d prediction of what the instrument measures (n, m, C), m and rad, unweighted."""
+        whole = linalg.solve(self.whitener, self.jacobian)
+        return np.asarray(whole[:, :whole.shape[1] - self.surplus])
 
     @property
     def count(self) -> float:

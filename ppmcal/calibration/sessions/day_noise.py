@@ -92,7 +92,8 @@ def _own_fit(machine: Mechanism, data: Dataset) -> tuple[Fit, float] | None:
 
 def _unlike(fit: Fit, data: Dataset) -> tuple[UnlikeRow, ...]:
     """Return the rows that surely do not belong to a day's own fit, worst first."""
-    return tuple(sorted((UnlikeRow(int(data.rows[n]), times) for n, times in fit.times[0].items()
+    times = fit.times[0] if fit.times else {}
+    return tuple(sorted((UnlikeRow(int(data.rows[n]), size) for n, size in times.items()
                          if fit.outliers[0][n]), key=lambda row: -row.times))
 
 

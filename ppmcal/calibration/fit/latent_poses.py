@@ -1,0 +1,75 @@
+"""Where a machine with surplus equations most likely stood, by its joints and the instrument.
+
+Its joints contradict each other by their noise, and so does the instrument: the pose of a row is a
+latent that minimises
+
+    c' S^-1 c + (y - h)' V (y - h),
+
+with c the closure at the joints as read, S its noise and V that of the instrument. There, and not
+where the joints alone would have it, the rows are linear in the parameters without an error of
+first order, so that the gradient of chi-squared is exact (Golub and Pereyra 1973).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ppmcal.calibration.fit.observation import ResidualJacobian
+from ppmcal.kinematics.closure import Closure
+from ppmcal.kinematics.forward import moved
+from ppmcal.linalg import Array, solve_rows
+
+STEPS = 10
+STILL = 1e-10
+"""Steps end where they are below this part of the length scale."""
+
+
+def most_likely(closure: Closure, look: Callable[[Array], ResidualJacobian], pose: Array,
+                sigma: Array, sigma_joint: Array) -> Array:
+    """Return the poses (N, 8) near those by joints alone, themselves where no step leads down.
+
+    Args:
+        closure: at the joint values as read.
+        look: what the instrument sees of poses (N, 8).
+        pose: motors (N, 8) by joints alone.
+        sigma: standard deviations of what it measures (N, k).
+        sigma_joint: of the joints, unit of q.
+    """
+    mechanism = closure.model.mechanism
+    best, least = pose, np.full(len(pose), np.inf)
+    for _ in range(STEPS):
+        value, step = _step(closure, look(pose), pose, sigma, sigma_joint)
+        down = value <= least
+        best, least = np.where(down[:, None], pose, best), np.where(down, value, least)
+        twist = np.zeros((len(pose), 6))
+        twist[:, mechanism.dof] = np.where(down[:, None] & np.isfinite(step), step, 0.0)
+        if not np.any(np.abs(twist) > STILL * mechanism.length_scale):
+            break
+        pose = moved(best, twist)
+    return best
+
+
+def _step(closure: Closure, seen: ResidualJacobian, pose: Array, sigma: Array, sigma_joint: Array
+          ) -> tuple[Array, Array]:
+    """Return what is minimised (N,) at poses, and the step (N, d) from there."""
+    c, lines = closure.misclosure_and_lines(pose)
+    a = closure.pose_matrix(pose, lines)
+    noise = closure.joint_matrix(pose, lines) * sigma_joint
+    variance = noise @ np.swapaxes(noise, -1, -2)
+    size = np.trace(variance, axis1=-2, axis2=-1)[:, None, None] / a.shape[1]
+    white = np.where(seen.observed, 1.0 / sigma, 0.0)
+    residual = white * np.where(seen.observed, seen.residual, 0.0)
+    h = white[..., None] * seen.by_poses[0][..., closure.model.mechanism.dof]
+    back = np.swapaxes(h, -1, -2)
+    m, d = a.shape[1:]
+    system = np.zeros((len(a), m + d, m + d))
+    system[:, :m, :m] = variance / size
+    system[:, :m, m:], system[:, m:, :m] = a, np.swapaxes(a, -1, -2)
+    system[:, m:, m:] = -size * (back @ h)
+    right = np.concatenate([c, size[..., 0] * (back @ residual[..., None])[..., 0]], axis=1)
+    with np.errstate(invalid="ignore"):
+        force = solve_rows(variance / size, c)
+        value = np.sum(c * force, axis=1) / size[:, 0, 0] + np.sum(residual**2, axis=1)
+    return value, -solve_rows(system, right)[:, m:]
