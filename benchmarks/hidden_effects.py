@@ -207,7 +207,7 @@ def _machine_kinds() -> dict[str, Kind]:
                              ("scale",)),
         "tilt": Kind(_tilt, lambda s, rng: {"shrink": 1e-5 * positive(rng),
                                             "direction": float(rng.uniform(0.0, np.pi))},
-                     ("shrink",), fits=lambda m: m.motion == "planar"),
+                     ("shrink",), fits=lambda m: m.motion.planar),
     }
 
 

@@ -24,6 +24,7 @@ from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.tables import home_singular_value
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import Motion
 from ppmcal.model.registration import Registration
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
@@ -182,7 +183,7 @@ def _temperature(rows: int, rng: np.random.Generator) -> Array:
 
 def _registration(mechanism: Mechanism, rng: np.random.Generator) -> Registration:
     """Return where the instrument truly stands: some millimetres and milliradians off."""
-    parts = [0, 1, 5] if mechanism.motion == "planar" else list(range(6))
+    parts = [0, 1, 5] if mechanism.motion.planar else list(range(6))
     frame, target = np.zeros(6), np.zeros(3)
     frame[parts] = FRAME * rng.normal(size=len(parts))
     places = [p for p in parts if p < 3]
@@ -199,7 +200,7 @@ def joint_noise(scene: Scene, options: Options) -> Array:
 def recorded(scene: Scene, seen: Array, options: Options, seed: int) -> Dataset:
     """Return measurements (N, 6) as the data set that their files would read as."""
     mechanism = scene.mechanism
-    kind = "position" if mechanism.motion == "translational" else "pose"
+    kind = "position" if not mechanism.motion.turns else "pose"
     data = Dataset.of_poses("hidden", scene.q, seen, options.sigma, True)
     shown = np.isin(np.arange(6), coordinates(replace(data, kind=kind), mechanism.motion))
     seen = np.where(shown, seen, np.nan)
@@ -222,7 +223,7 @@ def recorded(scene: Scene, seen: Array, options: Options, seed: int) -> Dataset:
         approach="columns" if "dir" in options.columns else "unknown")
 
 
-def with_noise(data: Dataset, motion: str, options: Options, seed: int
+def with_noise(data: Dataset, motion: Motion, options: Options, seed: int
                ) -> tuple[Dataset, NDArray[np.int64]]:
     """Return the data set with the instrument's noise, and which rows are outliers."""
     rng = stream(seed, 6)
@@ -240,7 +241,7 @@ def with_noise(data: Dataset, motion: str, options: Options, seed: int
     white[np.ix_(off, np.array(shown))] += way
     noise = white * np.concatenate([data.sigma_position, data.sigma_rotation], axis=1)
     position, rotation = data.position + noise[:, :3], data.rotation + noise[:, 3:]
-    if motion == "spatial":
+    if motion.turns_freely:
         rotation = (Rotation.from_rotvec(noise[:, 3:])
                     * Rotation.from_rotvec(data.rotation)).as_rotvec()
     return replace(data, position=position, rotation=rotation), off.astype(np.int64)

@@ -38,7 +38,7 @@ def _random_walk(scene: Scene, cause: Cause) -> Change:
     middle of the field, in measuring axes.
     """
     rng = np.random.default_rng([cause.seed, 11])
-    free = [0, 1, 5] if scene.mechanism.motion == "planar" else list(range(6))
+    free = [0, 1, 5] if scene.mechanism.motion.planar else list(range(6))
     walk = np.zeros((len(scene.q), 6))
     walk[:, free] = np.cumsum(rng.normal(size=(len(walk), len(free))), axis=0)
     walk[:, 3:] /= scene.mechanism.length_scale

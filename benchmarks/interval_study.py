@@ -138,7 +138,7 @@ def campaign(machine: str, setting: Setting, seed: int
         today = replace(scenario, errors=own, error_scale=None)
         if not scenario.frame_known:
             moved = np.concatenate([0.1 * rng.normal(size=3), 0.05 * rng.normal(size=3)])
-            if mechanism.motion == "planar":
+            if mechanism.motion.planar:
                 moved[2:5] = 0.0
             today = replace(today, frame=scenario.frame + moved)
         if setting.differ:

@@ -104,8 +104,8 @@ def scenario(at: Case, poses: Array, errors: dict[str, float], exact: bool) -> S
         source="study", units=m.units, poses=Listed(poses, "study"), errors=errors,
         error_scale=None, kind=i.kind, sigma_position=noise * i.sigma_position,
         sigma_rotation=noise * i.sigma_rotation, sigma_value=0.0, sigma_actuator=i.sigma_actuator,
-        point=np.zeros(3), point_known=True, frame=np.array(FRAME[m.motion]), frame_known=False,
-        target=np.zeros(3), target_known=True, target_rotation=np.zeros(3),
+        point=np.zeros(3), point_known=True, frame=np.array(FRAME[m.motion.name]),
+        frame_known=False, target=np.zeros(3), target_known=True, target_rotation=np.zeros(3),
         target_rotation_known=True, ar=0.0, outliers=0.0, tails="normal", repeats=1,
         approach="one", payload=(), temperature=None, velocity=np.zeros(len(m.actuators)),
         with_effects=m, seed=0)

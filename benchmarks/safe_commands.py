@@ -135,7 +135,7 @@ def identified(drawn: Mechanism, true: Mechanism, noise: float, rng: np.random.G
     data = ppmcal.read_data(drawn, table, sidecar={
         "units": {"length": drawn.units.length, "angle": drawn.units.angle},
         "instrument": {"kind": "pose", "sigma": {"position": point, **(
-            {} if drawn.motion == "translational" else {"rotation": turn})}},
+            {} if not drawn.motion.turns else {"rotation": turn})}},
         "frame": "known", "target": "known"})
     return ppmcal.identify(drawn, data, holdout=0.0)
 

@@ -23,6 +23,7 @@ from ppmcal.kinematics.skeleton import LimbSkeleton, skeleton
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind, kinds
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import PLANAR, SPATIAL, Motion
 
 INK, SOFT, BLUE, RED, GREEN = "#1f2933", "#9aa5b1", "#1f6feb", "#c2410c", "#15803d"
 AXIS_COLOURS = (RED, GREEN, BLUE)
@@ -67,9 +68,9 @@ def _empty(width: float, height: float, columns: int = 1) -> tuple[Figure, list[
     return figure, list(axes[0])
 
 
-def _flat(points: Array, motion: str, side: bool = False) -> Array:
+def _flat(points: Array, motion: Motion, side: bool = False) -> Array:
     """Return points (..., 3) as the picture has them (..., 2)."""
-    if motion == "planar":
+    if motion.planar:
         return points[..., :2]
     return points @ (np.array([[1.0, 0, 0], [0, 0, 1.0]]) if side else VIEW).T
 
@@ -90,15 +91,15 @@ def _label(axes: Axes, place: Array, text: str, colour: str = INK,
     axes.annotate(text, tuple(place), xytext=away, textcoords="offset points", color=colour)
 
 
-def _triad(axes: Axes, origin: Array, turn: Array, size: float, motion: str, name: str,
+def _triad(axes: Axes, origin: Array, turn: Array, size: float, motion: Motion, name: str,
            away: tuple[float, float] = (-12, -12)) -> None:
-    for c in range(2 if motion == "planar" else 3):
+    for c in range(2 if motion.planar else 3):
         _arrow(axes, _flat(origin, motion), _flat(origin + size * turn[:, c], motion),
                AXIS_COLOURS[c], "xyz"[c])
     _label(axes, _flat(origin, motion), name, INK, away)
 
 
-def _limb_lines(axes: Axes, limb: LimbSkeleton, motion: str, colour: str, width: float = 2.0,
+def _limb_lines(axes: Axes, limb: LimbSkeleton, motion: Motion, colour: str, width: float = 2.0,
                 n: int = 0) -> None:
     line = _flat(limb.polyline[n], motion)
     axes.plot(*line.T, color=colour, lw=width, solid_capstyle="round", zorder=2)
@@ -108,7 +109,7 @@ def _limb_lines(axes: Axes, limb: LimbSkeleton, motion: str, colour: str, width:
                   mew=1.4, zorder=3)
 
 
-def _outline(axes: Axes, points: Array, motion: str, colour: str, fill: str) -> None:
+def _outline(axes: Axes, points: Array, motion: Motion, colour: str, fill: str) -> None:
     flat = _flat(points, motion)
     middle = flat.mean(axis=0)
     order = np.argsort(np.arctan2(*(flat - middle).T[::-1]))
@@ -146,8 +147,8 @@ def _limb(kind: LimbKind) -> Figure:
     _limb_lines(axes, limb, motion, SOFT, 1.6, 1)
     _limb_lines(axes, limb, motion, INK)
     size = 0.14 * machine.reach
-    _triad(axes, np.zeros(3) if motion == "planar" else limb.base_point[0], np.eye(3), size,
-           motion, "base" if motion == "planar" else "")
+    _triad(axes, np.zeros(3) if motion.planar else limb.base_point[0], np.eye(3), size,
+           motion, "base" if motion.planar else "")
     _label(axes, _flat(limb.base_point[0], motion), "A", INK, (7, -12))
     before, after = (_flat(limb.platform_point[n], motion) for n in (0, 1))
     way = (after - before) / np.linalg.norm(after - before)
@@ -191,18 +192,18 @@ def _frames() -> Figure:
     limbs = skeleton(model, machine.home[None], home_state(machine).q[None])
     reach = machine.reach
     figure, (axes,) = _empty(6.6, 4.6)
-    _outline(axes, np.array([limb.platform_point[0] for limb in limbs]), "planar", BLUE, "#dbe9ff")
+    _outline(axes, np.array([limb.platform_point[0] for limb in limbs]), PLANAR, BLUE, "#dbe9ff")
     for limb in limbs:
-        _limb_lines(axes, limb, "planar", SOFT, 1.4)
+        _limb_lines(axes, limb, PLANAR, SOFT, 1.4)
     frame = cga.motor_from_rotation_vector(np.array([0, 0, 0.35]),
                                            np.array([-0.45, -0.12, 0.0]) * reach)
     origin, centre = cga.translation(frame), cga.translation(machine.home)
     turn = cga.rotation_matrix(machine.home)
     point = centre + turn @ (np.array([0.3, 0.12, 0.0]) * reach)
-    _triad(axes, origin, cga.rotation_matrix(frame), 0.13 * reach, "planar",
+    _triad(axes, origin, cga.rotation_matrix(frame), 0.13 * reach, PLANAR,
            "measuring frame\n(of the instrument)", (-30, -30))
-    _triad(axes, np.zeros(3), np.eye(3), 0.13 * reach, "planar", "base frame", (2, -16))
-    _triad(axes, centre, turn, 0.13 * reach, "planar", "platform frame", (2, -18))
+    _triad(axes, np.zeros(3), np.eye(3), 0.13 * reach, PLANAR, "base frame", (2, -16))
+    _triad(axes, centre, turn, 0.13 * reach, PLANAR, "platform frame", (2, -18))
     axes.plot(*point[:2], "*", ms=13, color=RED, zorder=4)
     _label(axes, point[:2], "target: the measured point", RED, (9, 2))
     for start, end, text, away in ((origin, np.zeros(3), "frame", (-10, 8)),
@@ -226,7 +227,7 @@ def _turned(axes: Axes, turns: list[Array], title: str) -> None:
     shades = np.linspace(0.25, 1.0, len(turns))
     for turn, shade in zip(turns, shades, strict=True):
         for c in range(3):
-            end = _flat(turn[:, c], "spatial")
+            end = _flat(turn[:, c], SPATIAL)
             axes.annotate("", xy=tuple(end), xytext=(0, 0), arrowprops={
                 "arrowstyle": "-|>", "color": AXIS_COLOURS[c], "alpha": float(shade), "lw": 1.5,
                 "shrinkA": 0, "shrinkB": 0})
@@ -248,7 +249,7 @@ def _rotations() -> Figure:
     size = float(np.linalg.norm(vector))
     _turned(axes[0], [np.eye(3), matrix(vector)],
             "rotation vector\n[" + ", ".join(f"{v:.1f}" for v in np.degrees(vector)) + "] deg")
-    _arrow(axes[0], np.zeros(2), _flat(1.25 * vector / size, "spatial"), INK,
+    _arrow(axes[0], np.zeros(2), _flat(1.25 * vector / size, SPATIAL), INK,
            f"{np.degrees(size):.1f}° about this axis", away=(-90, 8))
     for one, convention, words in ((axes[1], "euler-xyz", "fixed axes: x, then y, then z"),
                                    (axes[2], "euler-XYZ", "moving axes: x, new y, new z")):

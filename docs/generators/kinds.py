@@ -114,8 +114,10 @@ def effect_sections() -> str:
 
 
 def _effect(kind: EffectKind) -> str:
-    forms = [kind, *(v for m in kind.motions for v in (kind.variants(m) if kind.variants else ()))]
-    specs = {s.name: s for form in forms for m in form.motions for s in form.parameters(m)}
+    own = kind.motions
+    forms = [kind, *(v for m in own for v in (kind.variants(m) if kind.variants else ()))]
+    specs = {s.name: s for form in forms for m in own if form.exists_in(m)
+             for s in form.parameters(m)}
     rows = [(code(s.name), _unit(s.quantity), "needed" if s.default is None else
              "open" if math.isnan(s.default) else f"{s.default:g}", _usual(s), plain(s.why))
             for s in specs.values()]
@@ -123,7 +125,7 @@ def _effect(kind: EffectKind) -> str:
     facts = [f"- Adds: {code(kind.equation)}", f"- Source: {plain(kind.source)}.",
              f"- Needs: {needs}.",
              f"- Acts on: {'single actuators (`on`)' if kind.per_actuator else 'the machine'}; "
-             f"motions: {', '.join(kind.motions)}."]
+             f"motions: {', '.join(map(str, own))}."]
     if kind.from_file:
         facts.append(f"- Keys beside `parameters`: {', '.join(map(code, kind.from_file.entries))}.")
     if kind.remedy:

@@ -68,6 +68,6 @@ def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> 
     seen = np.isfinite(position)
     if not seen.any():
         return PoseUncertainty(None, None, name or "base", "no pose has an uncertainty")
-    turns = mechanism.motion != "translational"
+    turns = mechanism.motion.turns
     return PoseUncertainty(rms(position[seen]), rms(rotation[seen]) if turns else None,
                            name or "base")

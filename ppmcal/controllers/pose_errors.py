@@ -78,7 +78,7 @@ def pose_errors(mechanism: Mechanism, real: Array, wanted: Array) -> ErrorSummar
     at, ideal = real[rows], wanted[rows]
     away = np.linalg.norm(cga.translation(at) - cga.translation(ideal), axis=1)
     turn = np.linalg.norm(cga.rotation_vector(cga.compose(cga.reverse(ideal), at)), axis=1)
-    turns = mechanism.motion != "translational"
+    turns = mechanism.motion.turns
     return ErrorSummary(rms(away), float(np.max(away)), rms(turn) if turns else None,
                         float(np.max(turn)) if turns else None, int(rows.size))
 

@@ -28,7 +28,8 @@ from ppmcal.kinematics.region import Grid, largest_box, named, placed
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE, Environment, environment
 from ppmcal.model.measured import MeasurementBasis
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import stage
 

@@ -71,9 +71,10 @@ def assembly_modes(model: Model, q: Array, seed: int = 0) -> Modes:
     if short.size:
         raise NoResult(f"limb '{_limb_of(closure, int(short[0]))}' has no length at these joint "
                        "values: the platform turns about its base joint", PLACE)
-    if mechanism.motion == "planar":
+    motion = mechanism.motion
+    if motion.planar and motion.turns:
         found, method = by_resultant(closure, spheres), "resultant"
-    elif mechanism.motion == "translational" and spheres.any():
+    elif not motion.turns and spheres.any():
         # with offset joints the spheres move with the pose: two starts, and maybe more modes
         found, method = point_pair(closure), "search" if closure.turning else "point pair"
     else:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal.design.intersection_spatial import origin_surfaces
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.forward import CLOSED, newton
@@ -116,18 +117,14 @@ def _starts(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Array
 
 
 def point_pair(closure: Closure) -> FoundModes:
-    """Return the modes of a translational machine: where its three surfaces meet.
+    """Return the modes of a machine that never turns: where three surfaces meet.
 
-    A platform point on a sphere about c is the platform's origin on the sphere about
-    c - R b; likewise for planes. The three meet in a point pair ([PPM] eq. 5, 17).
+    They are those of its origin, and meet in a point pair ([PPM] eq. 5, 17).
 
     Raises:
         NoResult: the centres are on one line; then there are infinitely many poses or none.
     """
-    turned = cga.motor_from_rotation_vector(closure.model.mechanism.home_pose[3:], np.zeros(3))
-    arm = cga.move_point(turned, cga.coordinates(closure.moving[0]))
-    surfaces = cga.move_vector(cga.translator(-arm), closure.fixed[0])
-    pair = cga.meet(*surfaces)
+    pair = cga.meet(*origin_surfaces(closure))
     flat, square = cga.middle(pair), cga.pair_radius_squared(pair)
     reach = closure.model.mechanism.reach
     if not np.isfinite(flat).all() or np.max(np.abs(flat)) > 1e6 * reach:

@@ -55,9 +55,10 @@ def require_meet(mechanism: Mechanism) -> None:
         BadInput: a spatial machine other than a tripod, universal joints with an offset, effects.
     """
     place = f"{mechanism.source} with --method intersection"
-    if mechanism.motion == "spatial" and not is_tripod(mechanism):
+    motion = mechanism.motion
+    if motion.turns and not motion.planar and not is_tripod(mechanism):
         raise BadInput("the limbs' surfaces have no intersection in closed form: this machine is "
-                       "spatial, its platform turns, and only three limbs on a circle each "
+                       f"{motion}, its platform turns, and only three limbs on a circle each "
                        "(3-R(P)S) leave an equation in one unknown", place,
                        "Use --method newton; planar machines, deltas of three parallelograms and "
                        "tripods can be intersected")
@@ -134,9 +135,9 @@ def intersections(closure: Closure) -> Array:
         NoResult: infinitely many poses close, or the end points are on one line.
     """
     mechanism = closure.model.mechanism
-    if mechanism.motion == "translational":
+    if not mechanism.motion.turns:
         return _closed(closure, translational_poses(closure))
-    if mechanism.motion == "spatial":
+    if not mechanism.motion.planar:
         _refuse_line(closure, cga.coordinates(closure.moving[:1])[:, ::2])
         return _closed(closure, intersection_pose(*tripod_ends(closure)))
     phi = rotations(closure, weights(closure) != 0.0)

@@ -41,16 +41,26 @@ CLOSE = 1e-7
 
 def is_tripod(mechanism: Mechanism) -> bool:
     """Whether three limbs tie a point of the platform each to a circle."""
-    return mechanism.motion == "spatial" and len(mechanism.limbs) == 3 and all(
+    return mechanism.motion.turns_freely and len(mechanism.limbs) == 3 and all(
         limb.kind.surface.point_moves == (True, True) for limb in mechanism.limbs)
 
 
-def translational_poses(closure: Closure) -> Array:
-    """Return motors (n, 8) of a translational machine, n at most two; one row of joint values."""
-    turn = closure.model.mechanism.home_pose[3:]
-    turned = cga.motor_from_rotation_vector(turn, np.zeros(3))
+def origin_surfaces(closure: Closure) -> list[Array]:
+    """Return three surfaces that the origin of a platform that never turns lies on; one row.
+
+    A platform point b on a sphere about c is the origin on the sphere about c - R b; likewise for
+    planes. In the plane, that one is the third.
+    """
+    mechanism = closure.model.mechanism
+    turned = cga.motor_from_rotation_vector(mechanism.home_pose[3:], np.zeros(3))
     arm = cga.move_point(turned, cga.coordinates(closure.moving[0]))
-    surfaces = cga.move_vector(cga.translator(-arm), closure.fixed[0])
+    plane = [cga.plane(np.array([0.0, 0.0, 1.0]), 0.0)] if mechanism.motion.planar else []
+    return [*cga.move_vector(cga.translator(-arm), closure.fixed[0]), *plane]
+
+
+def translational_poses(closure: Closure) -> Array:
+    """Return motors (n, 8) of a machine that never turns, n at most two; one row of joints."""
+    turn, surfaces = closure.model.mechanism.home_pose[3:], origin_surfaces(closure)
     with np.errstate(divide="ignore", invalid="ignore"):
         places = cga.coordinates(np.stack(cga.split(cga.meet(*surfaces))[:2]))
     places = places[finite_rows(places)]

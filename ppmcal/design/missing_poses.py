@@ -37,7 +37,8 @@ from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Unknown
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.wording.progress import stage
 
 CANDIDATES = 200
@@ -166,7 +167,7 @@ def _pool(fit: Fit, i: int, seed: int) -> Candidates:
 def _white(mechanism: Mechanism, instrument: Instrument, pool: Candidates
            ) -> tuple[Array, tuple[str, ...]]:
     """Return white rows (R, m, C) in natural units, and the names of their columns."""
-    data = instrument.dataset(pool.q, pool.pose, {}, mechanism.motion == "planar")
+    data = instrument.dataset(pool.q, pool.pose, {}, mechanism.motion.planar)
     problem = Problem(mechanism, (data,), mechanism.free)
     state = problem.solve(State(mechanism.values, (instrument.registration,),
                                 (pose_motor(pool.pose),)))

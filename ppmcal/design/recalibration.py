@@ -40,6 +40,7 @@ from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset, unknown_environment
 from ppmcal.model.instruments import SCALARS
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import Motion
 from ppmcal.model.registration import Registration
 
 ROUNDS = 12
@@ -63,7 +64,7 @@ class MeasurementSetup:
     @cached_property
     def problem(self) -> Problem:
         """The problem of the nominal machine measured without error."""
-        planar = self.mechanism.motion == "planar"
+        planar = self.mechanism.motion.planar
         data = self.instrument.dataset(self.q, self.pose, {}, planar)
         return Problem(self.mechanism, (data,), self.mechanism.free)
 
@@ -180,7 +181,7 @@ def alone(
     real, there, _ = newton(Model(mechanism, g).closure(setup.q), pose_motor(setup.pose))
     raw = np.asarray(linalg.solve(linear.white, noise[..., None])[..., 0], dtype=np.float64)
     data = perturbed(instrument.dataset(setup.q, pose_vector(real), {},
-                                     mechanism.motion == "planar"), raw, mechanism.motion)
+                                     mechanism.motion.planar), raw, mechanism.motion)
     free = list(setup.problem.free) if linear.geometry else []
     problem = Problem(mechanism, (data.take(there),), tuple(free))
     first = mechanism.values.copy()
@@ -196,7 +197,7 @@ def alone(
     return fit if fit.converged else None
 
 
-def perturbed(data: Dataset, raw: Array, motion: str) -> Dataset:
+def perturbed(data: Dataset, raw: Array, motion: Motion) -> Dataset:
     """Return measurements with errors ``raw`` (N, m) of the coordinates measured, m and rad."""
     if data.kind in SCALARS:
         return replace(data, value=data.value + raw[:, 0])
@@ -255,7 +256,7 @@ def predicted(setup: MeasurementSetup, q: Array, pose: Array) -> Array:
     rows = unknown_environment(*q.shape)
     jacobian = prediction_jacobian(Model(mechanism), setup.instrument.registration, pose, q,
                                    knowledge, name, rows)
-    part = jacobian[:, :sum(1 for c in mechanism.dof if c < 3)]
+    part = jacobian[:, :mechanism.motion.axes]
     square = np.einsum("tmi,ij,tmj->t", part, setup.linear.covariance, part)
     return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 

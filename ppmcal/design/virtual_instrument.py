@@ -77,7 +77,7 @@ def default_instrument(mechanism: Mechanism) -> Instrument:
     free = [mechanism.parameters[i] for i in mechanism.free]
     sigmas = [p.prior_sigma for p in free if p.quantity == "length" and p.prior_sigma]
     sigma = OF_TOLERANCE * (float(np.median(sigmas)) if sigmas else 1e-3 * mechanism.reach)
-    kind = "position" if mechanism.motion == "translational" else "pose"
+    kind = "pose" if mechanism.motion.turns else "position"
     nothing = Unknown(False, np.zeros(3))
     return Instrument(kind, sigma, sigma / mechanism.length_scale, np.nan,
                       np.zeros(len(mechanism.actuators)), Unknown(True, np.zeros(6)), nothing,

@@ -59,12 +59,12 @@ class _Kinds(Collector):
         self.bears = any(k.uses_load and k.carried is None and not k.instrument for k in lasting)
         self.there = {k.name for k in lasting}
         self.bearing = next((k for k in effect_kinds().values() if k.under_weight
-                             and self.motion in k.motions and len(set(self.turning)) == 1), None)
+                             and k.exists_in(self.motion) and len(set(self.turning)) == 1), None)
 
     def kind(self, kind: EffectKind) -> None:
         """Add all hypotheses of one kind."""
         usable = self.turning if kind.joints == "turning" else np.ones_like(self.turning)
-        if kind.nuisance or self.motion not in kind.motions or not usable.any() or (
+        if kind.nuisance or not kind.exists_in(self.motion) or not usable.any() or (
                 "touch" in kind.needs and not self._touched()):
             return
         usable = usable & ~self._free_already(kind)

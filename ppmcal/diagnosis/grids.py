@@ -13,6 +13,7 @@ from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.scan_range import scan_range
 from ppmcal.kinematics.needed_columns import lacking
 from ppmcal.model.effects import EffectKind, EffectParameter, ScanRange
+from ppmcal.model.motions import Motion
 
 NEAR = 4.0
 """A size by which an effect nearly scales may be so many times that of its column, + or -."""
@@ -103,7 +104,7 @@ class Grids:
                    for p in self.system.parts)
 
 
-def start_values(kind: EffectKind, motion: str) -> dict[str, float]:
+def start_values(kind: EffectKind, motion: Motion) -> dict[str, float]:
     """Return where the linear model of a kind is taken: at nothing, a reciprocal one at 1."""
     return {s.name: 1.0 if s.reciprocal else s.default if s.constant and s.default is not None
             else 0.0 for s in kind.parameters(motion)}

@@ -162,7 +162,7 @@ def possible_rows(stage: Linearisation, rng: np.random.Generator) -> Dataset | N
     repeat = len(next(iter(columns.values()))) // len(q) if columns else 1
     q, pose = np.tile(q, (repeat, 1)), np.tile(pose, (repeat, 1))
     flat = np.array([False, False, True, True, True, False]) & (
-        problem.mechanism.motion == "planar")
+        problem.mechanism.motion.planar)
     place, turn, number = (float(np.median(s[np.isfinite(s)])) if np.isfinite(s).any() else 1.0
                            for s in (first.sigma_position, first.sigma_rotation,
                                      first.sigma_value))

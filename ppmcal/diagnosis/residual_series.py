@@ -22,7 +22,8 @@ from ppmcal.model.effects.inputs import (
     TRAVEL,
     VELOCITY,
 )
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, resolved
+from ppmcal.model.mechanism import Mechanism, resolved
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.units import Quantity
 
 MOST_SERIES = 12

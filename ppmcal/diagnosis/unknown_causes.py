@@ -25,7 +25,8 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects import Setting, Shift, effect_kinds
 from ppmcal.model.effects.learned import JOINT, LearnedCurve
 from ppmcal.model.effects.learned_curve import spline_basis
-from ppmcal.model.effects.setting import COORDINATES, PLACE
+from ppmcal.model.effects.setting import PLACE
+from ppmcal.model.motions import Motion
 
 UNKNOWN_FAMILY = "unknown"
 """The family of what no kind of the library does."""
@@ -246,7 +247,7 @@ class UnknownCauses:
         """
         motion = self.system.problem.mechanism.motion
         for kind in effect_kinds().values():
-            if not kind.nuisance or motion not in kind.motions:
+            if not kind.nuisance or not kind.exists_in(motion):
                 continue
             values, none = start_values(kind, motion), np.zeros(0, dtype=bool)
             terms = [kind.evaluate(p.setting, none, values) for p in self.system.parts]
@@ -352,9 +353,9 @@ def _way(q: Array) -> Array:
     return np.concatenate([np.full((1, q.shape[1]), np.nan), np.diff(q, axis=0)])
 
 
-def _free(motion: str) -> tuple[str, ...]:
+def _free(motion: Motion) -> tuple[str, ...]:
     """Return the coordinates in which base and target can move, whatever the machine does."""
-    return COORDINATES["planar" if motion == "planar" else "spatial"]
+    return motion.frame_coordinates
 
 
 def _beyond_mean(kernels: Sequence[Array], nodes: Array, x: Array) -> list[Array]:

@@ -28,6 +28,7 @@ from ppmcal.model.mechanism import (
     resolved,
     with_effect,
 )
+from ppmcal.model.motions import Motion
 from ppmcal.model.parameters import free_indices
 from ppmcal.units import Units
 
@@ -81,7 +82,7 @@ class EffectsFile(Strict):
 class Machine:
     """What an effect must know of the machine in order to be read."""
 
-    motion: str
+    motion: Motion
     actuators: Sequence[str]
     quantities: Sequence[str]
     units: Units
@@ -121,9 +122,8 @@ def _added(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) 
     kind = find_effect(one.kind)
     on = _actuators(one, kind, machine, place)
     kind = _made(one, kind, joint_quantity(mechanism, on), machine, place)
-    if machine.motion not in kind.motions:
-        raise BadInput(f"{kind.name} exists only in {' and '.join(kind.motions)} motion",
-                       f"{place}.kind", "Remove it")
+    if not kind.exists_in(machine.motion):
+        raise BadInput(kind.refused, f"{place}.kind", "Remove it")
     specs = kind.parameters(machine.motion)
     _known_names(one, specs, place)
     given = {s.name: _given(one, s, resolved(s.quantity, joint_quantity(mechanism, on)), machine,

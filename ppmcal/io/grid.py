@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.limits import GRID_POSES
 from ppmcal.kinematics.region import Grid, slice_axes, slice_grid
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 
 LEVELS = {1: 201, 2: 41, 3: 15}
 """Levels of each coordinate where none are given, by how many coordinates the grid has."""
@@ -98,7 +99,7 @@ def read_point(given: str | Sequence[float] | None, mechanism: Mechanism, place:
     if given is None:
         return np.zeros(3)
     text = given if isinstance(given, str) else ",".join(map(str, given))
-    sizes = (2, 3) if mechanism.motion == "planar" else (3,)
+    sizes = tuple(range(mechanism.motion.axes, 4))
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:

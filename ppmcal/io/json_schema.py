@@ -266,7 +266,7 @@ def _effect(base: Mapping[str, Any]) -> Schema:
         # what an entry of the file makes of a kind has parameters of its own
         words = {s.name: s.quantity for motion in kind.motions
                  for one in (kind, *(kind.variants(motion) if kind.variants else ()))
-                 if motion in one.motions for s in one.parameters(motion)}
+                 if one.exists_in(motion) for s in one.parameters(motion)}
         choose.append({
             "if": {"properties": {"kind": {"const": name}}, "required": ["kind"]},
             "then": {"properties": {"parameters": {

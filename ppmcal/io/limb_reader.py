@@ -22,12 +22,13 @@ from ppmcal.io.slots import DirectionFile, SlotFile, SlotGroup, absent_axes, gro
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind, find_kind
 from ppmcal.model.limbs.chain import SlotSpec
+from ppmcal.model.motions import Motion, motion_names
 from ppmcal.units import Units
 
 T = TypeVar("T", SlotFile, DirectionFile)
 
 
-def limb_kind(raw: Mapping[Any, Any], motion: str, place: str) -> LimbKind:
+def limb_kind(raw: Mapping[Any, Any], motion: Motion, place: str) -> LimbKind:
     """Return the kind of a limb; a leading ``3-`` or ``6-`` is not part of it."""
     text = raw.get("kind")
     if text is None:
@@ -36,13 +37,12 @@ def limb_kind(raw: Mapping[Any, Any], motion: str, place: str) -> LimbKind:
         raise BadInput(f"{show(text)} is not a limb kind", f"{place}.kind",
                        "Write a kind such as R(P)R")
     kind = find_kind(re.sub(r"^[36]-", "", text.strip()), f"{place}.kind")
-    planar = motion == "planar"
-    if planar and kind.in_plane:
+    if motion.planar and kind.in_plane:
         return find_kind(kind.in_plane)
-    if not planar and kind.written:
+    if not motion.planar and kind.written:
         kind = find_kind(kind.written)
-    if kind.planar != planar:
-        there = "planar" if kind.planar else "spatial or translational"
+    if kind.planar != motion.planar:
+        there = " or ".join(motion_names(kind.planar))
         raise BadInput(f"{kind.name} is a kind for {there} motion, but the motion is {motion}",
                        f"{place}.kind", f"Write `motion: {there}`, or choose another kind")
     return kind

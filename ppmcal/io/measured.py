@@ -66,7 +66,7 @@ def _sigmas(table: Table, what: str, shared: float | None, factor: float) -> Arr
 def _pose(table: Table, mechanism: Mechanism, kind: str, units: Units
           ) -> tuple[Array, Array, list[str]]:
     """Return position (N, 3) and rotation (N, 3) as far as the instrument and motion go."""
-    planar = mechanism.motion == "planar"
+    planar = mechanism.motion.planar
     needed = ("x", "y") if planar else ("x", "y", "z")
     _need(table, needed, f"instrument `{kind}`")
     position = stacked(table, COORDINATES[:3]) * units.factor("length")
@@ -93,16 +93,16 @@ def _pose(table: Table, mechanism: Mechanism, kind: str, units: Units
 def _rotation(table: Table, mechanism: Mechanism, units: Units) -> Array:
     """Return the measured rotation vectors (N, 3); needed unless motion is translational."""
     rotation, given = rotations(table, units.factor("angle"))
-    if mechanism.motion == "translational":
+    if not mechanism.motion.turns:
         return rotation
     if not given:
-        columns = "rz" if mechanism.motion == "planar" else "rx, ry, rz"
+        columns = "rz" if mechanism.motion.planar else "rx, ry, rz"
         raise BadInput(f"there is no column {columns}, which the instrument `pose` needs",
                        f"{table.source}: header",
                        f"Add {columns} (or quat_x, quat_y, quat_z, quat_w), or write `kind: "
                        "position` in the sidecar")
     if not any(c in table.header for c in QUATERNION):
-        _need(table, ("rz",) if mechanism.motion == "planar" else COORDINATES[3:],
+        _need(table, ("rz",) if mechanism.motion.planar else COORDINATES[3:],
               "instrument `pose`")
     elif not np.isfinite(rotation).any():
         raise BadInput("all values of the column are missing", table.at("quat_x"),

@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.errors import unknown
 from ppmcal.io.mechanism_schema import MeasurementFile, MechanismFile
-from ppmcal.io.pose_fields import COORDINATES, OF_FRAME, pose_from_map, pose_to_map
+from ppmcal.io.pose_fields import COORDINATES, pose_from_map, pose_to_map
 from ppmcal.io.yaml import to_file
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import WRENCH, ZERO_CELSIUS
@@ -35,7 +35,7 @@ def read_registrations(file: MechanismFile, units: Units, source: str) -> dict[s
     for name, entry in file.measurement.datasets.items():
         where = f"measurement.datasets.{name}.frame"
         frame = np.zeros(6) if entry.frame is None else pose_from_map(
-            entry.frame, OF_FRAME[file.motion], units, source, where)
+            entry.frame, file.motion.frame_coordinates, units, source, where)
         target = np.array([*(entry.target or [0.0, 0.0, 0.0]), 0.0][:3]) * units.factor("length")
         turn = np.array(entry.target_rotation or [0.0, 0.0, 0.0]) * units.factor("angle")
         out[name] = Registration.of_pose(frame, target, turn, entry.scale)
@@ -106,7 +106,7 @@ def _columns(units: Units, actuators: Sequence[str], joints: Array
 def _registrations(mechanism: Mechanism) -> Mapping[str, Any]:
     units = mechanism.units
     return {name: {
-        "frame": pose_to_map(r.frame_pose, OF_FRAME[mechanism.motion], units),
+        "frame": pose_to_map(r.frame_pose, mechanism.motion.frame_coordinates, units),
         "target": [to_file(float(v), units.factor("length")) for v in r.target],
         "target_rotation": [to_file(float(v), units.factor("angle")) for v in r.target_rotation],
         **({} if r.scale == 1.0 else {"scale": r.scale}),

@@ -18,14 +18,14 @@ from ppmcal.io.measurement_block import read_measured, read_registrations
 from ppmcal.io.mechanism_schema import MechanismFile, TolerancesFile, word
 from ppmcal.io.noise_limits import refuse_tolerances
 from ppmcal.io.parameter_reader import Draft
-from ppmcal.io.pose_fields import COORDINATES, OF_MOTION, pose_from_map
+from ppmcal.io.pose_fields import COORDINATES, pose_from_map
 from ppmcal.io.remarks import remark_machine
 from ppmcal.io.schema import check, dotted
 from ppmcal.io.stiffness import read_stiffness
 from ppmcal.io.yaml import decimals, to_file
 from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism
+from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.model.parameters import NO_TOLERANCE, Parameter, free_indices, unmatched
 from ppmcal.notes import NOTE, Note
 from ppmcal.units import Units, coordinate_quantity
@@ -49,7 +49,7 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
     drafts = _limbs(file, units, source)
     _agree_on_actuators(drafts, source)
     actuators = tuple(dict.fromkeys(d.actuator for d in drafts))
-    home_pose = pose_from_map(file.home.pose, OF_MOTION[file.motion], units, source, "home.pose")
+    home_pose = pose_from_map(file.home.pose, file.motion.coordinates, units, source, "home.pose")
     made, tolerances, findings = _parameters(file, drafts, units, home_pose, source)
     patterns = None if file.free is None else tuple(file.free)
     if patterns is not None:
@@ -116,7 +116,7 @@ def _limbs(file: MechanismFile, units: Units, source: str) -> list[Draft]:
         drafts.append(LimbReader(raw, name, kind, units, source, file.free or ()).read())
     _share_directions(drafts, source)
     equations = sum(d.kind.surface.equations for d in drafts)
-    needed = len(MOTIONS[file.motion])
+    needed = len(file.motion.dof)
     if equations < needed:
         raise BadInput(
             f"the limbs put {equations} conditions on the platform, but a pose in {file.motion} "
@@ -236,10 +236,10 @@ def _by_actuator(given: Mapping[str, Any] | None, out: Array, actuators: Sequenc
 
 def _gravity(file: MechanismFile, source: str) -> Array:
     if file.gravity is None:
-        return np.array([0.0, -1.0, 0.0] if file.motion == "planar" else [0.0, 0.0, -1.0])
+        return file.motion.gravity
     from ppmcal.io.directions import unit
 
-    if len(file.gravity) == 2 and file.motion != "planar":
+    if len(file.gravity) == 2 and file.motion.axes == 3:
         raise BadInput("two numbers cannot be a direction in space", f"{source}: gravity",
                        "Write three, such as [0, 0, -1]")
     return unit([*file.gravity, 0.0][:3], f"{source}: gravity")

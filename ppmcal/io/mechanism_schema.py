@@ -13,6 +13,7 @@ from ppmcal.io.schema import (
     Label,
     Number,
     Positive,
+    Registered,
     Sigma,
     Strict,
     UnitsFile,
@@ -23,6 +24,7 @@ from ppmcal.io.schema import (
     translate,
     vector,
 )
+from ppmcal.model.motions import Motion, motions
 
 FORMAT = "ppmcal/mechanism/1"
 
@@ -135,8 +137,9 @@ class MechanismFile(Strict):
     """What this file is."""
     units: UnitsFile
     """Units of every number in this file."""
-    motion: Annotated[str, choice("motion", "planar", "translational", "spatial")]
-    """planar: x, y, rz; translational: x, y, z; spatial: x, y, z, rx, ry, rz."""
+    motion: Annotated[Motion, Registered("motion", motions)]
+    """planar-point: x, y; planar: x, y, rz; translational: x, y, z; schoenflies: x, y, z, rz;
+    spatial: x, y, z, rx, ry, rz."""
     limbs: list[dict[Any, Any]]
     """The limbs from base to platform."""
     home: HomeFile

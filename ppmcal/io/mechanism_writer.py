@@ -12,7 +12,7 @@ from ppmcal.io.directions import rotation
 from ppmcal.io.effects import effects_tree
 from ppmcal.io.measurement_block import measurement_tree
 from ppmcal.io.mechanism_schema import FORMAT
-from ppmcal.io.pose_fields import OF_MOTION, pose_to_map
+from ppmcal.io.pose_fields import pose_to_map
 from ppmcal.io.slots import SlotGroup, groups
 from ppmcal.io.stiffness import stiffness_trees
 from ppmcal.io.yaml import dump_yaml, to_file
@@ -180,7 +180,7 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
     tree: dict[str, Any] = {
         "format": FORMAT, "name": mechanism.name,
         "units": {"length": mechanism.units.length, "angle": mechanism.units.angle},
-        "motion": mechanism.motion,
+        "motion": mechanism.motion.name,
         "limbs": [{**writer.limb(i), **own[i]} for i in range(len(mechanism.limbs))],
         "home": _home(mechanism),
     }
@@ -189,8 +189,7 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
     limits = _limits(mechanism)
     if limits:
         tree["limits"] = limits
-    default = [0.0, -1.0, 0.0] if mechanism.motion == "planar" else [0.0, 0.0, -1.0]
-    if not np.array_equal(mechanism.gravity, default):
+    if not np.array_equal(mechanism.gravity, mechanism.motion.gravity):
         tree["gravity"] = [float(v) for v in mechanism.gravity]
     if mechanism.effects:
         tree["effects"] = effects_tree(mechanism)
@@ -211,7 +210,7 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
 
 
 def _home(mechanism: Mechanism) -> dict[str, Any]:
-    out: dict[str, Any] = {"pose": pose_to_map(mechanism.home_pose, OF_MOTION[mechanism.motion],
+    out: dict[str, Any] = {"pose": pose_to_map(mechanism.home_pose, mechanism.coordinates,
                                                mechanism.units)}
     q = {name: to_file(float(v), float(f)) for name, v, f in zip(
         mechanism.actuators, mechanism.home_q, mechanism.joint_factors(), strict=True)

@@ -18,8 +18,6 @@ from ppmcal.units import Units, coordinate_quantity
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
-OF_MOTION = {"planar": ("x", "y", "rz"), "translational": ("x", "y", "z"), "spatial": COORDINATES}
-OF_FRAME = {"planar": ("x", "y", "rz"), "translational": COORDINATES, "spatial": COORDINATES}
 NORM_TOLERANCE = 1e-3
 
 
@@ -70,7 +68,7 @@ def pose_from_map(data: object, allowed: Sequence[str], units: Units, source: st
 
     Args:
         data: the mapping from YAML.
-        allowed: coordinates that this pose may have (:data:`OF_MOTION`, :data:`OF_FRAME`).
+        allowed: coordinates that this pose may have.
         units: units of the file.
         source: file name for messages.
         where: place in it.

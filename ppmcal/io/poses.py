@@ -93,10 +93,10 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec",
     remark_table(table)
     table = _with_assumed(table, mechanism, assume or {})
     given = _as_given(table)
-    if mechanism.motion == "spatial":
+    if mechanism.motion.turns_freely:
         table = under_vector_names(table, rotation)
     mine = (*mechanism.coordinates,
-            *(QUATERNION if mechanism.motion == "spatial" else ()))
+            *(QUATERNION if mechanism.motion.turns_freely else ()))
     own = [c for c in table.header if c in mine]
     if not own:
         raise BadInput("there is no pose column", f"{table.source}: header",

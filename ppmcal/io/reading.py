@@ -141,7 +141,7 @@ def _as_vectors(table: Table, convention: str, mechanism: Mechanism, angle: floa
                 ) -> Table:
     """Return the table with rotation vectors in place of what a convention writes."""
     place = f"{side}: read.rotation"
-    if mechanism.motion != "spatial":
+    if not mechanism.motion.measures_rotation_vectors:
         raise BadInput(f"a {mechanism.motion} machine has no spatial rotation", place,
                        "Remove the line")
     own = (QUATERNION if convention in QUATERNIONS else MATRIX if convention == "matrix"
@@ -177,7 +177,7 @@ def _refuse_no_rotation(raw: Array, table: Table, place: str) -> None:
 def _seen_right(table: Table, read: ReadFile, mechanism: Mechanism, angle: float, side: str
                 ) -> Table:
     """Return the table with its measured poses turned round, or their axis the right way."""
-    planar = mechanism.motion == "planar"
+    planar = mechanism.motion.planar
     key = "read.pose" if read.pose == "inverse" else "read.mirror"
     if any(c in table.header for c in QUATERNION):
         raise BadInput("quaternions are turned round as rotations of a convention", f"{side}: "

@@ -24,8 +24,8 @@ def check_convention(name: str, mechanism: Mechanism) -> str:
     """
     if name not in CONVENTIONS:
         raise unknown("rotation convention", name, CONVENTIONS, "--rotation")
-    if name != "rotvec" and mechanism.motion != "spatial":
-        turn = "its rotation is rz" if mechanism.motion == "planar" else "it does not turn"
+    if name != "rotvec" and not mechanism.motion.turns_freely:
+        turn = "its rotation is rz" if mechanism.motion.turns else "it does not turn"
         raise BadInput(f"a {mechanism.motion} machine has no spatial rotation: {turn}",
                        "--rotation", "Leave the option out")
     return name

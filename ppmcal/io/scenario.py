@@ -214,7 +214,7 @@ def _poses(file: PosesFile, mechanism: Mechanism, units: Units, source: str, pat
         return Random(center(r.center, "poses.random.center"),
                       pose(r.half_range, "poses.random.half_range", 0.0), r.count)
     h = file.helix
-    if h is None or mechanism.motion == "planar":
+    if h is None or mechanism.motion.planar:
         raise BadInput("a helix needs a machine that moves in z", f"{source}: poses.helix",
                        "Use circle, grid or random")
     return Helix(center(h.center, "poses.helix.center"), h.diameter * length, h.pitch * length,

@@ -190,6 +190,34 @@ class AllowedWords:
         return value
 
 
+@dataclass(frozen=True)
+class Registered:
+    """The name of a registered kind, which becomes that kind; an ``enum`` in the JSON Schema."""
+
+    what: str
+    kinds: Callable[[], Mapping[str, Any]]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler
+                                     ) -> core_schema.CoreSchema:
+        """Return the schema of a text that becomes the kind."""
+        return core_schema.no_info_after_validator_function(
+            self.find, core_schema.str_schema(),
+            serialization=core_schema.to_string_ser_schema())
+
+    def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema,
+                                     handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Return the JSON Schema of a text with the names."""
+        return {**handler(schema), "enum": list(self.kinds())}
+
+    def find(self, name: str) -> Any:
+        """Return the kind, or refuse the name."""
+        kinds = self.kinds()
+        if name not in kinds:
+            error = unknown(self.what, name, kinds)
+            raise refuse(error.what, error.hint)
+        return kinds[name]
+
+
 def choice(what: str, *allowed: str) -> AllowedWords:
     """Return a validator for one word out of a few."""
     return AllowedWords(what, allowed)

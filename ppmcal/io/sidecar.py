@@ -14,7 +14,7 @@ from ppmcal import algebra as cga
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.noise_limits import refuse_sigma
-from ppmcal.io.pose_fields import OF_FRAME, pose_from_map
+from ppmcal.io.pose_fields import pose_from_map
 from ppmcal.io.read_block import ReadFile
 from ppmcal.io.schema import (
     LARGEST,
@@ -35,6 +35,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import KINDS, Unknown
 from ppmcal.model.instruments import refuse_flat
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import Motion
 from ppmcal.units import Units
 
 FORMAT = "ppmcal/dataset/1"
@@ -166,7 +167,7 @@ def sigma_needs(file: SidecarFile, source: str, rotation: bool) -> None:
                        "`rotation: 0.002`, or write `kind: position`")
 
 
-def frame_of(raw: object, motion: str, units: Units, source: str, where: str = "frame"
+def frame_of(raw: object, motion: Motion, units: Units, source: str, where: str = "frame"
              ) -> Unknown:
     """Return where the base stands in the measuring frame."""
     if raw == "unknown":
@@ -181,16 +182,16 @@ def frame_of(raw: object, motion: str, units: Units, source: str, where: str = "
                            "Write {same_as: NAME} and nothing else")
         return Unknown(True, np.zeros(6), str(name))
     if isinstance(raw, dict):
-        needed = OF_FRAME[motion] if motion != "translational" else ("x", "y", "z")
-        pose = pose_from_map(raw, OF_FRAME[motion], units, source, where, needed=needed)
+        pose = pose_from_map(raw, motion.frame_coordinates, units, source, where,
+                             needed=motion.coordinates)
         return Unknown(False, np.nan_to_num(pose))
     raise _neither(raw, place, "a pose such as {x: 0, y: 0, rz: 0}, or {same_as: NAME}")
 
 
-def point_of(raw: object, motion: str, units: Units, source: str, where: str = "target"
+def point_of(raw: object, motion: Motion, units: Units, source: str, where: str = "target"
              ) -> Unknown:
     """Return a point (3,), m: known (the origin), unknown, or given."""
-    sizes = (2, 3) if motion == "planar" else (3,)
+    sizes = tuple(range(motion.axes, 4))
     return _three(raw, sizes, units.factor("length"), f"{source}: {where}",
                   f"a list of {' or '.join(str(s) for s in sizes)} numbers")
 
@@ -293,7 +294,7 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
     file = check(SidecarFile, read_yaml(Path(path)), source)
     units, kind, sigma = file.units.units(), file.instrument.kind, file.instrument.sigma
     refuse_flat(kind, mechanism.motion, source)
-    sigma_needs(file, source, mechanism.motion != "translational")
+    sigma_needs(file, source, mechanism.motion.turns)
     frame = frame_of(file.frame, mechanism.motion, units, source)
     if frame.same_as is not None:
         raise BadInput("a plan has one instrument, and no other data set to refer to", f"{source}: "

@@ -30,6 +30,7 @@ from ppmcal.model.effects import (
 )
 from ppmcal.model.history import History
 from ppmcal.model.mechanism import Effect, Mechanism, with_effect
+from ppmcal.model.motions import Motion
 from ppmcal.model.parameters import Parameter
 
 ROUNDS = 40
@@ -340,7 +341,8 @@ def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:
     for effect in mechanism.effects:
         ends = [effect.parameters[n] for n in effect.kind.stroke_ends(mechanism.motion)]
         on = np.array(effect.on)
-        if not ends or np.isfinite(mechanism.limits[on]).all() or not _spread(effect, parameters):
+        if not ends or np.isfinite(mechanism.limits[on]).all() or not _spread(
+                effect, mechanism.motion, parameters):
             continue
         for p, end in zip(ends, (np.nanmin, np.nanmax), strict=True):
             if np.isnan(parameters[p].value):
@@ -349,10 +351,9 @@ def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:
     return replace(mechanism, parameters=tuple(parameters))
 
 
-def _spread(effect: Effect, parameters: Sequence[Parameter]) -> bool:
+def _spread(effect: Effect, motion: Motion, parameters: Sequence[Parameter]) -> bool:
     """Whether what an effect does is spread over the stroke at all."""
     own = [(s, parameters[effect.parameters[s.name]])
-           for m in effect.kind.motions for s in effect.kind.parameters(m)
-           if s.name in effect.parameters]
+           for s in effect.kind.parameters(motion)]
     spread = [p for s, p in own if s.of_stroke or s.per_stroke]
     return not spread or any(p.free or p.value != 0.0 for p in spread)

@@ -10,7 +10,7 @@ from ppmcal import algebra as cga
 from ppmcal.kinematics.rotations import from_euler, to_euler, to_quaternion
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.model.motions import POSE_COORDINATES
 
 AXES, TURNS = POSE_COORDINATES[:3], POSE_COORDINATES[3:]
 QUATERNIONS = ("quat-xyzw", "quat-wxyz")

@@ -19,10 +19,9 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, Bools, Ints
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 
-LARGEST_TURN = {"planar": np.radians(45.0), "translational": 0.0, "spatial": np.radians(15.0)}
-"""A box turns the platform from home by no more."""
 STEPS = 64
 """Steps on the way from home along one coordinate, at which limits are looked up."""
 SHORT, FINER = 8, 4
@@ -139,12 +138,12 @@ def largest_box(mechanism: Mechanism, chosen: Sequence[int], trials: int) -> tup
 def extent(model: Model, chosen: Sequence[int]) -> tuple[Array, Array]:
     """Return how far home can go down and up along each coordinate alone, (c,) each.
 
-    At most the reach, or :data:`LARGEST_TURN`; :data:`OPEN_REACH` of it where an actuator has
+    At most the reach, or the motion's largest turn; :data:`OPEN_REACH` of it where an actuator has
     no limits.
     """
     mechanism = model.mechanism
     far = mechanism.reach * (1.0 if np.isfinite(mechanism.limits).all() else OPEN_REACH)
-    ends = np.array([far if c < 3 else LARGEST_TURN[mechanism.motion] for c in chosen])
+    ends = np.array([far if c < 3 else mechanism.motion.largest_turn for c in chosen])
     return _free(model, chosen, -ends), _free(model, chosen, ends)
 
 

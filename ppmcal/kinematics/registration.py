@@ -120,7 +120,7 @@ def carried_back(mechanism: Mechanism, registration: Registration, wanted: Array
     filled[..., :3] /= registration.scale
     body = cga.motor_from_rotation_vector(registration.target_rotation, registration.target)
     back = cga.reverse(registration.frame)
-    if mechanism.motion == "translational":
+    if not mechanism.motion.turns:
         turn = mechanism.home_pose[3:]
         own = cga.motor_from_rotation_vector(turn, np.zeros(3))
         at = cga.move_point(back, filled[:, :3]) - cga.move_point(own, registration.target)

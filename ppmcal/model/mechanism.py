@@ -13,14 +13,11 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects import EffectKind
 from ppmcal.model.limbs import LimbKind
 from ppmcal.model.measured import MeasurementBasis
+from ppmcal.model.motions import Motion
 from ppmcal.model.parameters import Parameter, SlotMap, free_indices, with_values
 from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 from ppmcal.wording import pluralize
-
-POSE_COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
-MOTIONS = {"planar": (0, 1, 5), "translational": (0, 1, 2), "spatial": (0, 1, 2, 3, 4, 5)}
-"""Indices into the full pose (x, y, z, rx, ry, rz) that each motion has."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,7 @@ class Mechanism:
     """A parallel mechanism: data only, SI.
 
     Attributes:
-        name, motion: as in the file; motion is a key of :data:`MOTIONS`.
+        name: as in the file; ``motion``: the coordinates that its platform has.
         limbs: base to platform, in file order.
         actuators: names of the joint variables, (k,).
         parameters: all parameters; ``free``: indices that identification may change.
@@ -83,7 +80,7 @@ class Mechanism:
     """
 
     name: str
-    motion: str
+    motion: Motion
     limbs: tuple[Limb, ...]
     actuators: tuple[str, ...]
     parameters: tuple[Parameter, ...]
@@ -116,12 +113,12 @@ class Mechanism:
     @property
     def dof(self) -> tuple[int, ...]:
         """Indices of the pose coordinates that the machine has."""
-        return MOTIONS[self.motion]
+        return self.motion.dof
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of those coordinates."""
-        return tuple(POSE_COORDINATES[i] for i in self.dof)
+        return self.motion.coordinates
 
     @property
     def equations(self) -> int:

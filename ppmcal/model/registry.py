@@ -42,6 +42,10 @@ class Registry(Generic[T]):
         self._kinds[kind.name] = kind
         return kind
 
+    def own(self) -> dict[str, T]:
+        """Return the kinds registered so far, without those of other packages."""
+        return dict(self._kinds)
+
     def kinds(self) -> dict[str, T]:
         """Return all kinds by name, those of other packages last."""
         if not self._loaded:

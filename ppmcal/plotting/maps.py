@@ -12,7 +12,8 @@ from matplotlib.lines import Line2D
 
 from ppmcal.kinematics.region import Grid, placed
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map, MapView
 from ppmcal.plotting.map_panel import ColourScale, draw_panel
 from ppmcal.plotting.map_profile import draw_profile

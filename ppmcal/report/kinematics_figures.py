@@ -15,7 +15,7 @@ from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Marks, Polyline, Strokes, Zero
 from ppmcal.plotting.plot import Axis, Plot, span
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
-from ppmcal.report.kinematics_motion import GONE, Motion, motion_of
+from ppmcal.report.kinematics_motion import GONE, TimedRows, motion_of
 from ppmcal.report.plane_figures import square
 from ppmcal.report.records import Columns
 from ppmcal.report.residuals import POINTS
@@ -57,20 +57,20 @@ def kinematics_figures(record: KinematicsRecord, columns: Columns) -> dict[str, 
     return {name: drawings for name, drawings in found.items() if drawings}
 
 
-def _thin(motion: Motion) -> Ints:
+def _thin(motion: TimedRows) -> Ints:
     """Return the rows that are drawn: all, or evenly spread ones."""
     n = motion.at.size
     return np.arange(n) if n <= POINTS else np.unique(np.linspace(0, n - 1, POINTS).astype(int))
 
 
-def _thinned(motion: Motion) -> str:
+def _thinned(motion: TimedRows) -> str:
     n = motion.at.size
     return f" Thinned: {whole(POINTS)} of {whole(n)} rows." if n > POINTS else ""
 
 
 # --- where the platform goes ------------------------------------------------------------------
 
-def path(motion: Motion) -> list[Drawing]:
+def path(motion: TimedRows) -> list[Drawing]:
     """Return the path of the platform or the tool, from the side where it is widest first."""
     have = [c for c in POSITION if np.isfinite(motion.number(c)).any()]
     if len(have) < 2:
@@ -85,7 +85,7 @@ def path(motion: Motion) -> list[Drawing]:
     return [_view(motion, a, b) for a, b in views]
 
 
-def _view(motion: Motion, a: str, b: str) -> Drawing:
+def _view(motion: TimedRows, a: str, b: str) -> Drawing:
     """Return the path in one plane, both axes to one scale."""
     rows = _thin(motion)
     x, y = motion.number(a)[rows], motion.number(b)[rows]
@@ -117,18 +117,18 @@ def _colours(where: str, key: Sequence[tuple[str, str]]) -> str:
     return f"{where} {', '.join(words)}." if words else ""
 
 
-def _lost(motion: Motion) -> str:
+def _lost(motion: TimedRows) -> str:
     lost = int(motion.flagged(GONE).sum())
     return f" {count(lost, 'row')} without a solution." if lost else ""
 
 
-def _ends(motion: Motion, name: str) -> str:
+def _ends(motion: TimedRows, name: str) -> str:
     values = motion.number(name)
     ends = (np.nanmin(values), np.nanmax(values))
     return " to ".join(with_unit(float(v), motion.record.units.get(name, ""), 5) for v in ends)
 
 
-def pose(motion: Motion) -> list[Drawing]:
+def pose(motion: TimedRows) -> list[Drawing]:
     """Return the pose coordinates that move."""
     names = [c for c in (*POSITION, *VECTOR, *EULER, *QUATERNION)
              if np.isfinite(motion.number(c)).any()]
@@ -141,7 +141,7 @@ def pose(motion: Motion) -> list[Drawing]:
             for i, name in enumerate(moves)]
 
 
-def _moving(motion: Motion, names: Sequence[str]) -> list[str]:
+def _moving(motion: TimedRows, names: Sequence[str]) -> list[str]:
     """Return which of several coordinates of one unit move."""
     finite = [v[np.isfinite(v)] for v in (motion.number(n) for n in names)]
     extent = [float(np.ptp(v)) for v in finite]
@@ -149,23 +149,23 @@ def _moving(motion: Motion, names: Sequence[str]) -> list[str]:
     return [name for name, e in zip(names, extent, strict=True) if e > least]
 
 
-def _what(motion: Motion, name: str) -> str:
+def _what(motion: TimedRows, name: str) -> str:
     if name in EULER and motion.record.rotation.startswith("euler-"):
         letter = motion.record.rotation.removeprefix("euler-")[EULER.index(name)]
         return f"{name} (about {letter})"
     return name
 
 
-def _over_word(motion: Motion) -> str:
+def _over_word(motion: TimedRows) -> str:
     return "over time" if motion.timed else "by row"
 
 
-def _period(motion: Motion, name: str) -> float:
+def _period(motion: TimedRows, name: str) -> float:
     """Return a whole turn in a column's unit, 0 where it is not an angle."""
     return {"deg": 360.0, "rad": 2.0 * np.pi}.get(motion.record.units.get(name, ""), 0.0)
 
 
-def _over(motion: Motion, values: Array, title: str, label: str, note: str = "",
+def _over(motion: TimedRows, values: Array, title: str, label: str, note: str = "",
           layers: Sequence[Layer] = (), axis: Axis | None = None, turns: float = 0.0,
           key: tuple[tuple[str, str], ...] = ()) -> Drawing:
     """Return values over time or rows, with stripes along stretches that are not ok."""
@@ -190,7 +190,7 @@ def _over(motion: Motion, values: Array, title: str, label: str, note: str = "",
     return replace(out, note=_colours("At the foot", key))
 
 
-def _foot(motion: Motion, up: Axis) -> tuple[list[Layer], tuple[tuple[str, str], ...]]:
+def _foot(motion: TimedRows, up: Axis) -> tuple[list[Layer], tuple[tuple[str, str], ...]]:
     """Return stripes at the foot along stretches that are not ok, and what they are."""
     edges = np.concatenate([motion.at[:1], 0.5 * (motion.at[1:] + motion.at[:-1]), motion.at[-1:]])
     layers: list[Layer] = []
@@ -206,7 +206,7 @@ def _foot(motion: Motion, up: Axis) -> tuple[list[Layer], tuple[tuple[str, str],
 
 # --- joints -----------------------------------------------------------------------------------
 
-def joint(motion: Motion, name: str) -> Drawing:
+def joint(motion: TimedRows, name: str) -> Drawing:
     """Return one joint's values with its limits."""
     values = motion.number(name)
     actuator, unit = name.removeprefix("q_"), motion.record.units.get(name, "")
@@ -234,7 +234,7 @@ def joint(motion: Motion, name: str) -> Drawing:
                  (("before", KEY["before"]),) if over.any() else ())
 
 
-def _rates(motion: Motion, joints: Sequence[str]) -> list[Drawing]:
+def _rates(motion: TimedRows, joints: Sequence[str]) -> list[Drawing]:
     """Return joint rates, and accelerations where rows have times."""
     out = []
     for name in joints:
@@ -258,7 +258,7 @@ def _rates(motion: Motion, joints: Sequence[str]) -> list[Drawing]:
     return out
 
 
-def singularity(motion: Motion) -> list[Drawing]:
+def singularity(motion: TimedRows) -> list[Drawing]:
     """Return the smallest singular value along the path, with home's and the singular bound."""
     values = motion.number("condition")
     if not np.isfinite(values).any():

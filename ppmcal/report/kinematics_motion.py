@@ -22,7 +22,7 @@ GONE = ("unreachable", NOT_FOUND, "refused")
 
 
 @dataclass(frozen=True)
-class Motion:
+class TimedRows:
     """Kinematics of N rows as they are drawn.
 
     Attributes:
@@ -89,7 +89,7 @@ def _own_modes(record: KinematicsRecord, columns: Columns) -> Columns:
     return replace(columns, size=len(lines), numbers=numbers, text=text)
 
 
-def motion_of(record: KinematicsRecord, columns: Columns) -> Motion:
+def motion_of(record: KinematicsRecord, columns: Columns) -> TimedRows:
     """Return the rows over time, or over their numbers where there is no time."""
     columns = _own_modes(record, columns)
     name = next((h for h in ("time", "t") if h in columns.header), "")
@@ -99,7 +99,7 @@ def motion_of(record: KinematicsRecord, columns: Columns) -> Motion:
         at = np.arange(1.0, columns.size + 1.0)
     axis = "time (s)" if timed else "row, in the order of the file"
     note = f"The column {name} does not go up: rows in its place." if name and not timed else ""
-    return Motion(record, columns, at, axis, timed, columns.words("status"), note)
+    return TimedRows(record, columns, at, axis, timed, columns.words("status"), note)
 
 
 def _numbers(columns: Columns, name: str) -> Array:

@@ -20,7 +20,8 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.tables import with_joints
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.model.registration import Registration
 from ppmcal.report.measured_rows import recorded_inputs
 from ppmcal.report.records import Columns, Identified

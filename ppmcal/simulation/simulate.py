@@ -289,7 +289,7 @@ def _errors(n: int, scenario: Scenario, rng: np.random.Generator
 def _turned(turn: Array, error: Array, mechanism: Mechanism) -> Array:
     """Return measured rotation vectors (n, 3) of true rotations (n, 3, 3) with errors (n, 3)."""
     n = len(turn)
-    if mechanism.motion == "planar":
+    if mechanism.motion.planar:
         angle = np.arctan2(turn[:, 1, 0], turn[:, 0, 0]) + error[:, 2]
         return np.stack([np.zeros(n), np.zeros(n), angle], axis=1)
     own = cga.motor_from_matrix(turn, np.zeros(3))

@@ -128,7 +128,7 @@ def poses(mechanism: Mechanism, name: str, g: Array, rng: np.random.Generator,
     true = q + wave * np.sin(40.0 * q + np.arange(q.shape[1]))
     seen = measured_pose(registration or Registration(), forward(Model(mechanism, g), true).pose)
     seen = seen + rng.normal(size=seen.shape) * ([POSITION] * 3 + [ROTATION] * 3)
-    if mechanism.motion == "planar":
+    if mechanism.motion.planar:
         seen[:, [2, 3, 4]] = np.nan
     return Dataset.of_poses("poses", q, seen, (POSITION, ROTATION), False)
 

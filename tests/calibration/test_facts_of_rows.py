@@ -20,6 +20,7 @@ from ppmcal.calibration.knowledge.extrapolation import extrapolated, far_outside
 from ppmcal.io import read_mechanism
 from ppmcal.model.effects import Shift
 from ppmcal.model.measured import MeasurementBasis
+from ppmcal.model.motions import PLANAR, SPATIAL, Motion
 from ppmcal.model.registration import Registration
 
 Array = NDArray[np.float64]
@@ -64,9 +65,9 @@ def test_a_frame_turns_about_the_middle_of_what_was_measured() -> None:
     np.testing.assert_array_equal(pivot(data), [4.0, 6.0, 0.0])
 
 
-def machine(motion: str = "spatial", effects: tuple[Any, ...] = ()) -> Any:
+def machine(motion: Motion = SPATIAL, effects: tuple[Any, ...] = ()) -> Any:
     """Return as much of a machine as is asked for; lengths are shown in mm, its reach is 1 km."""
-    dof = {"spatial": (0, 1, 2, 3, 4, 5), "planar": (0, 1, 5)}[motion]
+    dof = motion.dof
     return SimpleNamespace(
         dof=dof, coordinates=tuple(("x", "y", "z", "rx", "ry", "rz")[c] for c in dof), reach=1000.0,
         home_pose=np.zeros(6), effects=effects, measured=None, units=SimpleNamespace(
@@ -77,7 +78,7 @@ def machine(motion: str = "spatial", effects: tuple[Any, ...] = ()) -> Any:
 @pytest.mark.parametrize(("coordinate", "still"), [("x", 1.0), ("y", 1.0), ("rz", 0.9999e-3)])
 def test_half_the_width_beyond_is_the_end(coordinate: str, still: float) -> None:
     """Of 2 to 6: 8 and 0, and a thousandth of the reach or of a radian more. There, but no more."""
-    for motion in ("spatial", "planar"):
+    for motion in (SPATIAL, PLANAR):
         place = ("x", "y", "z", "rx", "ry", "rz").index(coordinate)
         full = np.zeros((6, 6))
         low, high = (0.2, 0.6) if coordinate == "rz" else (2.0, 6.0)

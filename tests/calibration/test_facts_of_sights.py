@@ -12,6 +12,7 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.fit.observation import view
 from ppmcal.kinematics.forward import moved
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.motions import SPATIAL
 from ppmcal.model.registration import Registration
 
 Array = NDArray[np.float64]
@@ -38,9 +39,9 @@ def test_positions_heights_and_distances_by_differences(kind: str, ends: int) ->
     about = np.array([0.3, -0.2, 0.5])
 
     def predicted(registration: Registration, poses: list[Array]) -> Array:
-        return -view(data, registration, poses, "spatial", about).residual
+        return -view(data, registration, poses, SPATIAL, about).residual
 
-    found = view(data, registration, poses, "spatial", about)
+    found = view(data, registration, poses, SPATIAL, about)
     for c in range(3):
         ends_of = [predicted(replace(registration, target=registration.target + s * np.eye(3)[c]),
                              poses) for s in (STEP, -STEP)]
@@ -59,7 +60,7 @@ def test_positions_heights_and_distances_by_differences(kind: str, ends: int) ->
 
 def test_a_distance_of_nothing_has_no_direction() -> None:
     data, registration, poses = case("distance", 2)
-    found = view(data, registration, [poses[0], poses[0]], "spatial", np.zeros(3))
+    found = view(data, registration, [poses[0], poses[0]], SPATIAL, np.zeros(3))
     np.testing.assert_array_equal(found.residual[:, 0], data.value)
     assert not found.by_target.any()
     assert not found.by_poses[0].any()

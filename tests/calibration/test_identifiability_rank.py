@@ -165,7 +165,7 @@ def test_rank_with_the_full_pose(case: tuple[str, float | None]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [c for c in TABLE if c[0] not in SYMMETRIC], ids=label)
 def test_rank_with_one_measured_point(case: tuple[str, float | None]) -> None:
-    planar = setup(*case).mechanism.motion == "planar"
+    planar = setup(*case).mechanism.motion.planar
     off = [0.03, -0.02, 0.0 if planar else 0.05]
     for target, unknown in (([0.0, 0.0, 0.0], False), (off, False), (off, True)):
         rank, total, _ = rank_of(fit_of(setup(*case), "position", unknown, np.array(target)))
@@ -260,7 +260,7 @@ CHOSEN = ["3-RPR", "3-PPR-1", "3-RPS", "6-PUS", "6-RUS", "delta-linear"]
 @pytest.mark.parametrize("name", CHOSEN)
 def test_repeated_and_permuted_runs_agree(name: str) -> None:
     case = setup(name)
-    kind = "position" if case.mechanism.motion == "translational" else "pose"
+    kind = "position" if not case.mechanism.motion.turns else "pose"
     problem = fit_of(case, kind, True).problem
     expected = rank_of(at_start(problem))
     size = len(problem.datasets[0])

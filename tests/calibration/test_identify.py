@@ -126,7 +126,7 @@ def test_exact_data_give_the_exact_machine(request: pytest.FixtureRequest, name:
             "target are felt only at second order"))
     mechanism, scenario = machine(name)
     plan = replace(noiseless(scenario), kind=kind, target_known=False, frame_known=False)
-    if mechanism.motion == "translational":
+    if not mechanism.motion.turns:
         plan = replace(plan, target_known=True)
     if kind == "position":
         # a point on a circle says little about the inside
@@ -188,7 +188,7 @@ def exact_data(mechanism: Mechanism, kind: str, name: str, registration: Registr
     motor = np.array([np.concatenate([np.zeros(3), v]) for v in _vectors(turn)])
     rotation = motor[:, 3:]
     n, k = q.shape
-    if mechanism.motion == "planar":
+    if mechanism.motion.planar:
         position[:, 2], rotation[:, :2] = np.nan, np.nan
     if kind == "position":
         rotation[:] = np.nan
@@ -215,12 +215,12 @@ def _vectors(turn: Array) -> Array:
 
 def registration(mechanism: Mechanism, seed: int) -> Registration:
     rng = np.random.default_rng(seed)
-    flat = mechanism.motion == "planar"
+    flat = mechanism.motion.planar
     frame = rng.normal(size=6) * np.array([0.3, 0.3, 0.3, 0.2, 0.2, 0.5])
     target, turn = 0.05 * rng.normal(size=3), 0.3 * rng.normal(size=3)
     if flat:
         frame[2:5], target[2], turn[:2] = 0.0, 0.0, 0.0
-    if mechanism.motion == "translational":
+    if not mechanism.motion.turns:
         turn[:] = 0.0
     return Registration.of_pose(frame, target, turn)
 
@@ -252,7 +252,7 @@ def test_jacobian_is_that_of_central_differences(label: str, noise: float) -> No
     jacobian = np.concatenate(blocks)
     for what in ("frame.", "target.", "homing."):
         assert any(c.startswith(what) for c in problem.columns)
-    if mechanism.motion != "translational":
+    if mechanism.motion.turns:
         assert any(c.startswith("target_rotation.") for c in problem.columns)
     # a step along one column moves the measurements by some sigma, 0.05 mm
     unit = 10.0 / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-3 * np.linalg.norm(jacobian))
@@ -668,7 +668,7 @@ def measured(mechanism: Mechanism, registration: Registration, pose: Array) -> A
     position, turn = predict(registration, pose)
     out = np.concatenate([position, _vectors(turn)], axis=1)
     unused = [c for c in range(6) if c not in mechanism.dof]
-    out[:, unused] = np.nan if mechanism.motion == "translational" else 0.0
+    out[:, unused] = np.nan if not mechanism.motion.turns else 0.0
     return out
 
 

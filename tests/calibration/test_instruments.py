@@ -221,7 +221,7 @@ def test_distances_between_positions_are_simulated_and_identified(
         tmp_path: Path, name: str, repeats: int) -> None:
     """simulate writes to_q columns; identify reads them, and the noise is the stated one."""
     home = machine(name).home_pose / ([1e-3] * 3 + [np.pi / 180] * 3)
-    turns = machine(name).motion == "spatial"
+    turns = machine(name).motion.turns_freely
     box = {"x": 60, "y": 60, "z": 50} | ({"rx": 6, "ry": 6, "rz": 6} if turns else {})
     center = dict(zip(box, home[:len(box)].tolist(), strict=True))
     scenario = {

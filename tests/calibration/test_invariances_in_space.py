@@ -44,7 +44,7 @@ def in_first_words(name, words):
 
 def vectors(found, words):
     """Return slot -> errors and slot -> covariance, SI, in the first base axes."""
-    level = found.mechanism.motion == "translational"
+    level = not found.mechanism.motion.turns
     turn = Rotation.from_rotvec(words.base[0]).as_matrix().T
     columns = list(found.columns)
     sizes = {e.name: e.error for e in found.estimates}

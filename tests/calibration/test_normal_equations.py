@@ -71,7 +71,7 @@ def case(name: str) -> tuple[Problem, State, list[np.ndarray], list[np.ndarray]]
     kind, instrument, opened = CASES[name]
     mechanism = (machines.delta("(R)US", 3) if kind == "delta" else machines.plain(kind))
     rng = np.random.default_rng(7)
-    planar, still = mechanism.motion == "planar", mechanism.motion == "translational"
+    planar, still = mechanism.motion.planar, not mechanism.motion.turns
     turns = np.array([0.0, 0.0, 1.0]) if planar else np.ones(3)
     level = np.array([1.0, 1.0, 0.0]) if planar else np.ones(3)
     frame = np.concatenate([rng.normal(size=3) * level, 0.5 * rng.normal(size=3) * turns])

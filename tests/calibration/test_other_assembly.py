@@ -35,7 +35,7 @@ def measured(mechanism, mode, seed=3, count=12):
                           for m, own in zip(found, poses, strict=True)])
     seen = pose_vector(poses)
     for c in set(range(6)) - set(mechanism.dof):
-        seen[:, c] = np.nan if mechanism.motion == "planar" else seen[:, c]
+        seen[:, c] = np.nan if mechanism.motion.planar else seen[:, c]
     return Dataset.of_poses("day", q, seen, SIGMA, False)
 
 

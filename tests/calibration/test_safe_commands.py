@@ -26,6 +26,7 @@ from ppmcal.kinematics.ways import Ways, _between
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import PLANAR, SPATIAL
 from ppmcal.model.registration import Registration
 from ppmcal.units import SI
 
@@ -172,7 +173,7 @@ def test_a_joint_that_jumps_between_neighbours_is_refused(name: str) -> None:
 def test_a_jump_is_seen_where_effects_take_the_pose_off_the_geometry() -> None:
     """A 3-RPS that drifts stands beside its own surface, where the geometry alone has no joints."""
     mechanism = off(machine("3-RPS"))
-    specs = effect_kinds()["drift"].parameters("spatial")
+    specs = effect_kinds()["drift"].parameters(SPATIAL)
     mechanism = with_effects(mechanism, [{"kind": "drift", "parameters": {
         s.name: 10.0 * s.size for s in specs}}], SI, "test")
     path = path_of(mechanism, 30)
@@ -307,7 +308,7 @@ SPECIAL: dict[str, dict[str, Any]] = {
     "creep": {"parameters": {"give": 1e-7, "tau": 90.0}},
     "plate_compliance": {"parameters": {"base": 1e-7, "platform": 1e-7, "reach": 0.5}}}
 KINDS = [k for k, kind in effect_kinds().items()
-         if "planar" in kind.motions and kind.joints != "turning"
+         if kind.exists_in(PLANAR) and kind.joints != "turning"
          and not kind.instrument and not kind.onset and k not in ("product", "learned")]
 QUICK = {"drift"}
 """What every test run can bear."""
@@ -318,7 +319,7 @@ def acting(kind: str) -> Mechanism:
     mechanism = machine("3-RPR")
     special = SPECIAL.get(kind)
     if special is None:
-        specs = effect_kinds()[kind].parameters("planar")
+        specs = effect_kinds()[kind].parameters(PLANAR)
         special = {"parameters": {s.name: 10.0 * s.size for s in specs
                                   if not s.constant and not s.needs}}
     if effect_kinds()[kind].carried is not None:
@@ -392,7 +393,7 @@ def test_a_load_that_the_measurements_had_is_not_taken_as_zero() -> None:
 def test_open_coordinates_stay_open_in_the_frame_of_an_instrument() -> None:
     """A 3-RPS names three of six; where an effect moves its surface, in whatever frame it is."""
     mechanism = off(machine("3-RPS"))
-    specs = effect_kinds()["drift"].parameters("spatial")
+    specs = effect_kinds()["drift"].parameters(SPATIAL)
     mechanism = with_effects(mechanism, [{"kind": "drift", "parameters": {
         s.name: 10.0 * s.size for s in specs}}], SI, "test")
     path, given = path_of(mechanism, 5), {"time": np.full(5, 60.0)}

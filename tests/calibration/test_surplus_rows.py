@@ -27,7 +27,7 @@ def bench(request, tmp_path_factory):
     q = inverse(Model(mechanism), there).q
     seen = np.concatenate([cga.translation(there), cga.rotation_vector(there)], axis=1)
     seen += rng.normal(size=seen.shape) * np.repeat([PLACE, TURN], 3)
-    if mechanism.motion == "planar":
+    if mechanism.motion.planar:
         seen[:, 2:5] = np.nan
     data = Dataset.of_poses("d", q + rng.normal(0.0, JOINT, q.shape), seen, (PLACE, TURN), False)
     object.__setattr__(data, "sigma_actuator", np.full(q.shape[1], JOINT))
@@ -62,7 +62,7 @@ def test_chi_squared_is_that_of_the_most_likely_poses(bench):
     # the scale of the closure moves with the pose by noise over length
     np.testing.assert_allclose(found.square, sum(best), rtol=1e-3)
     extra = problem.mechanism.surplus
-    measured = 3 if problem.mechanism.motion == "planar" else 6
+    measured = 3 if problem.mechanism.motion.planar else 6
     assert found.count == 12 * (measured + extra)
 
 

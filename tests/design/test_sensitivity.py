@@ -55,7 +55,7 @@ def near_home(mechanism: Mechanism, count: int = 4) -> Poses:
     q = q + rng.uniform(-1.0, 1.0, (count, len(q))) * step / scale
     found = forward(Model(mechanism), q)
     assert found.converged.all()
-    tool = TOOL * [1, 1, 0] if mechanism.motion == "planar" else TOOL
+    tool = TOOL * [1, 1, 0] if mechanism.motion.planar else TOOL
     return Poses(q, found.pose, tool)
 
 
@@ -296,7 +296,7 @@ def test_every_machine(name: str, tmp_path: Path) -> None:
                       if c in "xyz"] for r in table])
     assert np.sqrt(np.sum(away**2)) == pytest.approx(found["home"]["rss_position"], rel=1e-9)
     assert ("rotation" in columns(tmp_path / "o" / "sensitivity.csv")) is (
-        m.motion != "translational")
+        m.motion.turns)
 
 
 def test_units_do_not_matter(tmp_path: Path) -> None:

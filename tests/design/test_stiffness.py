@@ -530,7 +530,7 @@ def test_every_shipped_machine(tmp_path: Path, name: str) -> None:
     out = tmp_path / "stiffness"
     names = ["stiffness_min", "stiffness_max", "rotational_min", "rotational_max",
              "deflection_position", "deflection_rotation"]
-    if mechanism.motion == "translational":
+    if not mechanism.motion.turns:
         names = [n for n in names if "rotation" not in n]
     assert columns(out / "map.csv") == [*mechanism.coordinates, *names, "status", "reason"]
     record = stiffness_json(out)
@@ -538,7 +538,7 @@ def test_every_shipped_machine(tmp_path: Path, name: str) -> None:
     assert record["findings"] == [] and len(record["said"]) >= 4
     assert record["units"]["stiffness_min"] == mechanism.units.name("N/length")
     assert set(record["pictures"]) == {p.name for p in out.glob("*.png")}
-    assert len(record["pictures"]) == drawn * (len(names) - (mechanism.motion == "planar"))
+    assert len(record["pictures"]) == drawn * (len(names) - (mechanism.motion.planar))
     for picture in record["pictures"]:
         assert (out / picture).read_bytes().startswith(b"\x89PNG\r\n")
     table = rows(out / "map.csv")

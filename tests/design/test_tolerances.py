@@ -183,7 +183,7 @@ def measured(setup: MeasurementSetup, g: np.ndarray, noise: np.ndarray) -> Datas
     """What the setup's instrument shows of one machine, as a data set."""
     m, instrument = setup.mechanism, setup.instrument
     real, _, _ = newton(Model(m, g).closure(setup.q), pose_motor(setup.pose))
-    clean = instrument.dataset(setup.q, pose_vector(real), {}, m.motion == "planar")
+    clean = instrument.dataset(setup.q, pose_vector(real), {}, m.motion.planar)
     if instrument.kind in ("plane", "distance"):
         return replace(clean, value=clean.value + instrument.sigma_value * noise[:, 0])
     pick = list(coordinates_of(instrument.kind, m.motion))

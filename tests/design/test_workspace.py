@@ -28,7 +28,7 @@ from ppmcal.io import read_mechanism
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import Grid, placed, slice_axes, slice_grid
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.model.motions import POSE_COORDINATES
 
 CONFIGS = ROOT / "configs"
 SOME = ("3-RPR", "3-RPS", "6-RUS", "delta-rotary", "delta-linear-6rods", "mixed-planar")

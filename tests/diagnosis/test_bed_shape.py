@@ -11,6 +11,7 @@ import yaml
 import ppmcal
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.model.effects import effect_kinds
+from ppmcal.model.motions import TRANSLATIONAL
 
 
 @pytest.fixture(scope="module")
@@ -96,5 +97,5 @@ def test_touches_of_a_good_printer_miss_nothing(printer):
 
 @pytest.mark.parametrize("kind", ["leg_thermal", "base_thermal", "platform_thermal"])
 def test_what_is_warmed_grows(kind):
-    (expansion, *_) = effect_kinds()[kind].parameters("translational")
+    (expansion, *_) = effect_kinds()[kind].parameters(TRANSLATIONAL)
     assert expansion.name == "expansion" and expansion.usual == (0.0, 120e-6)

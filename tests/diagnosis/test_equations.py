@@ -18,6 +18,7 @@ from ppmcal.diagnosis.result import LearnedTerms
 from ppmcal.io.results.learned_equation import LearnedEquation
 from ppmcal.model.effects.learned import LearnedCurve, learned_kind
 from ppmcal.model.effects.setting import Setting
+from ppmcal.model.motions import SPATIAL
 from ppmcal.units import Units
 
 MM = Units("mm", "deg")
@@ -97,7 +98,7 @@ def _rows(travel: Any, warm: Any, way: Any) -> Setting:
 
     n, nothing = len(warm), np.zeros((len(warm), 6))
     limbs = tuple(LimbSetting(a, {}, {}, {}) for a in range(2))
-    return Setting("spatial", np.zeros(2, dtype=bool), travel, np.zeros((2, 2)), way, travel, warm,
+    return Setting(SPATIAL, np.zeros(2, dtype=bool), travel, np.zeros((2, 2)), way, travel, warm,
                    nothing, warm, np.arange(float(n)), limbs, lambda w: travel, lambda w: w,
                    nothing[:, :3], np.zeros(3), np.tile(np.eye(3), (n, 1, 1)))
 

@@ -68,7 +68,7 @@ def measured(mechanism: Mechanism, instrument: str, real: Mechanism, q: Array,
     found = Dataset.of_poses("d", q, np.full((len(q), 6), np.nan), (SIGMA, SIGMA), False)
     if instrument in ("pose", "position"):
         noisy = pose + SIGMA * rng.standard_normal(pose.shape)
-        planar = mechanism.motion == "planar"
+        planar = mechanism.motion.planar
         noisy[:, [2, 3, 4] if planar else [3, 4, 5]] = np.nan
         return replace(found, kind=instrument, position=noisy[:, :3], rotation=noisy[:, 3:])
     start = np.zeros(6)

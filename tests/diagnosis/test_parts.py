@@ -21,6 +21,7 @@ from ppmcal.diagnosis.lack_of_fit import pure_error
 from ppmcal.diagnosis.linear_system import System, Whitening, build
 from ppmcal.diagnosis.linearisation import linearisation_of
 from ppmcal.model.effects import EffectParameter, effect_kinds
+from ppmcal.model.motions import PLANAR
 
 SMALL = hidden.Options(poses=30)
 
@@ -123,7 +124,7 @@ def surrounded(part: Any, **changes: Any) -> Any:
 def test_what_is_optional_is_tried_alone_after_the_plain_kind() -> None:
     """And not where its columns are missing."""
     system, found = system_of("3-RPR", 1)
-    optional = {s.name for s in effect_kinds()["compliance"].parameters("planar") if s.optional}
+    optional = {s.name for s in effect_kinds()["compliance"].parameters(PLANAR) if s.optional}
     for kind in ("compliance", "leg_thermal"):
         own = [f for f in found.hypotheses if f.family == kind and len(f.on) == 1]
         have = [set(f.constants) & (optional | {"tau"}) for f in own]

@@ -21,6 +21,7 @@ from ppmcal.diagnosis.library_columns import only_slots
 from ppmcal.diagnosis.linear_system import System, build
 from ppmcal.diagnosis.thinning import LEAST, MOST_VALUES, thinned
 from ppmcal.model.effects import effect_kinds
+from ppmcal.model.motions import SPATIAL
 
 Array = NDArray[np.float64]
 SMALL = hidden.Options(poses=30)
@@ -77,7 +78,7 @@ def test_a_kind_on_all_joints_is_the_sum_of_it_on_each(machine: str, name: str) 
     system, _ = system_of(machine)
     kind, setting = effect_kinds()[name], system.parts[0].setting
     motion = system.problem.mechanism.motion
-    if not kind.per_actuator or motion not in kind.motions or kind.carried is not None:
+    if not kind.per_actuator or not kind.exists_in(motion) or kind.carried is not None:
         return
     values = start_values(kind, motion)
     for n, spec in enumerate(kind.parameters(motion)):
@@ -123,7 +124,7 @@ def rows_of(count: int, load: Array | None = None, sessions: list[str] | None = 
             return count
 
     return cast(Problem, SimpleNamespace(
-        mechanism=SimpleNamespace(motion="spatial"), datasets=(Rows(**vars(data)),),
+        mechanism=SimpleNamespace(motion=SPATIAL), datasets=(Rows(**vars(data)),),
         environments=(SimpleNamespace(wrench=wrench),)))
 
 

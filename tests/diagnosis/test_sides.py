@@ -15,6 +15,7 @@ from helpers.diagnoses import CONFIGS, DATA, diagnose, effect, simulate, value
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import side
 from ppmcal.model.effects import effect_kinds, find_effect
+from ppmcal.model.motions import PLANAR
 
 REVERSED = [w for kind in ("backlash", "lag", "friction") for w in ("--kind", kind)]
 REVERSALS = [name for name, kind in effect_kinds().items() if kind.reversal]
@@ -39,7 +40,7 @@ def test_all_that_changes_with_the_direction_has_sides_and_takes_either_sign() -
     kinds = [k for k in effect_kinds().values() if "dir" in k.needs]
     assert {k.name for k in kinds if k.reversal is None} == {"product"}
     for kind in kinds:
-        for spec in kind.parameters("planar"):
+        for spec in kind.parameters(PLANAR):
             if spec.name != "speed" and not spec.constant:
                 assert spec.low == -spec.high and spec.usual[0] == -spec.usual[1]
 

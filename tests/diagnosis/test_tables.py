@@ -38,6 +38,7 @@ from ppmcal.io.results.diagnosis_parts import (
 )
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.model.effects import find_effect
+from ppmcal.model.motions import SPATIAL
 from ppmcal.report.diagnosis import diagnosis_section
 from ppmcal.report.records import Diagnosed
 from ppmcal.units import Units
@@ -214,7 +215,7 @@ def test_what_a_learned_function_looks_like_is_in_plain_words(look: str, words: 
 def test_people_are_told_which_of_two_kinds_of_one_name(capsys: pytest.CaptureFixture[str]
                                                         ) -> None:
     """The base may turn on its floor, or the platform give: both are `base_compliance`."""
-    kinds = {k.label: k for k in find_effect("base_compliance").variants("spatial")}
+    kinds = {k.label: k for k in find_effect("base_compliance").variants(SPATIAL)}
     own, other = (Hypothesis(k.name, (), True, (), (), (), (), effect=k) for k in (
         kinds["base_compliance about base"], kinds["base_compliance"]))
     named = NamedEffect(own.kind, (), (), 0.9, 0.75, (other.label,), (0.25,), own)

@@ -19,6 +19,7 @@ from ppmcal.commands import names
 from ppmcal.io.json_schema import FILES, file_schema
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.limbs import kinds as limb_kinds
+from ppmcal.model.motions import motions
 
 EFFECTS_PAGE = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
 OF_MOTION = {"spatial": "6-UPS", "translational": "delta-linear", "planar": "3-RPR"}
@@ -113,7 +114,7 @@ def test_every_effect_is_in_the_table_and_has_its_section_and_example():
         assert any(name in line.split("|")[1] for line in table), name
         assert f"### {name}\n" in sections
         assert name in kinds.EXAMPLES, f"docs/generators/examples.yaml lacks an example of {name}"
-        motion = next(m for m in OF_MOTION if m in kind.motions)
+        motion = next(m for m in OF_MOTION if kind.exists_in(motions()[m]))
         read_effect(name, "delta-rotary" if kind.joints == "turning" else OF_MOTION[motion])
 
 

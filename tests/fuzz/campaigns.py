@@ -117,17 +117,17 @@ def _table(name, kind, rng):
 
 def _measured(vector, kind, motion, q, actuators, rng, noise):
     if kind == "plane":
-        return {"height": vector[:, 2] if motion != "planar" else vector[:, 1]}
+        return {"height": vector[:, 1 if motion.planar else 2]}
     if kind == "distance":
         if rng.random() < 0.7:
             return {"distance": np.linalg.norm(vector[:, :3], axis=1)}
         other = noise.permutation(len(vector))
         return {**{f"to_q_{a}": q[other, i] for i, a in enumerate(actuators)},
                 "distance": np.linalg.norm(vector[:, :3] - vector[other, :3], axis=1)}
-    planar = motion == "planar"
+    planar = motion.planar
     names = ["x", "y"] if planar else ["x", "y", "z"]
     if kind == "pose":
-        names += ["rz"] if planar else ["rx", "ry", "rz"] if motion == "spatial" else []
+        names += ["rz"] if planar else ["rx", "ry", "rz"] if motion.turns_freely else []
     return {c: vector[:, ("x", "y", "z", "rx", "ry", "rz").index(c)] for c in names}
 
 

@@ -48,7 +48,7 @@ def data_of(mechanism: Mechanism, kind: str, q: Array, second: Array | None, g: 
         frame[[2, 3, 4]] = 0.003, 0.004, -0.002
     if kind == "distance" and second is None:
         frame[:3] = -POINT
-        frame[2] *= mechanism.motion != "planar"
+        frame[2] *= not mechanism.motion.planar
     target = np.array([0.01, -0.02, 0.03])
     if mechanism.motion != "spatial":
         target = np.zeros(3)
@@ -63,7 +63,7 @@ def data_of(mechanism: Mechanism, kind: str, q: Array, second: Array | None, g: 
         blank, kind=kind, value=value + noise * rng.normal(size=len(q)), to_q=second,
         sigma_value=np.full(len(q), SIGMA), frame=Unknown(
             open_frame, np.zeros(6) if open_frame else frame),
-        target=Unknown(unknown and mechanism.motion == "spatial",
+        target=Unknown(unknown and mechanism.motion.turns_freely,
                        np.zeros(3) if unknown else target))
 
 

@@ -37,13 +37,13 @@ def session(mechanism: Mechanism, name: str, g: Array, rng: np.random.Generator,
     pose = mechanism.home_pose + rng.uniform(-1.0, 1.0, (3 * n, 6)) * BOX[name]
     found = inverse(Model(mechanism), pose_motor(pose))
     q = found.q[found.reached][:n]
-    planar = mechanism.motion == "planar"
+    planar = mechanism.motion.planar
     frame = rng.normal(size=6) * ([0.1, 0.1, 0, 0, 0, 0.2] if planar else [0.1] * 3 + [0.05] * 3)
     registration = Registration.of_pose(frame)
     seen = measured_pose(registration, forward(Model(mechanism, g), q).pose)
     seen = seen + rng.normal(size=seen.shape) * ([POSITION] * 3 + [ROTATION] * 3)
     data = Dataset.of_poses(label, q, seen, (POSITION, ROTATION), False)
-    if mechanism.motion == "translational":
+    if not mechanism.motion.turns:
         data = replace(data, kind="position", rotation=np.full((len(q), 3), np.nan))
     return replace(data, frame=Unknown(True, np.zeros(6)))
 

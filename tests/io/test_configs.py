@@ -181,7 +181,7 @@ def test_the_scenario_shows_what_theory_says(name: str) -> None:
     box = load(name)
     if name in RANK:
         assert rank(box.mechanism, box.found) == RANK[name]
-    pose = box.mechanism.motion != "translational"
+    pose = box.mechanism.motion.turns
     assert box.scenario.kind == ("pose" if pose else "position")
     assert box.scenario.error_scale == 1.0
     assert not box.scenario.frame_known

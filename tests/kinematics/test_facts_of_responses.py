@@ -22,6 +22,7 @@ from ppmcal.kinematics.inverse import inverse
 from ppmcal.model.dataset import unknown_environment
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import PLANAR
 from ppmcal.units import SI
 
 
@@ -46,7 +47,7 @@ def test_strokes_are_those_of_joints_where_nothing_else_says_them(
     mechanism = machine("3-RPR", limits, **{kind: values})
     q = np.array([[0.3, 0.5, 0.4], [0.6, 0.35, 0.45], [np.nan, 0.4, 0.4]])
     effect, = with_strokes(mechanism, q).effects
-    names = effect_kinds()[kind].stroke_ends("planar")
+    names = effect_kinds()[kind].stroke_ends(PLANAR)
     found = [with_strokes(mechanism, q).parameters[effect.parameters[n]] for n in names]
     assert [p.value for p in found] == pytest.approx(
         [0.3, 0.6] if spread and not limits else [np.nan, np.nan], nan_ok=True)

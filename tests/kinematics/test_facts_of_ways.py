@@ -134,7 +134,7 @@ def test_home_is_as_far_from_singular_as_home(name: str) -> None:
     pose = np.repeat(mechanism.home[None], 3, axis=0)
     pose[1] = np.nan
     pose[2] = cga.compose(motor(NONE, 0.05 * mechanism.reach * np.array([1.0, 0.5, 0.0])), pose[2])
-    if mechanism.motion == "spatial":
+    if mechanism.motion.turns_freely:
         pose[2] = cga.compose(pose[2], motor([0.3, -0.1, 0.05], NONE))
     made = Ways(mechanism, pose, inverse(Model(mechanism), pose).q)
     at = made._places(pose, made.q)

@@ -83,7 +83,7 @@ def test_forward_and_inverse_scatter_as_they_say(name):
     machine = loaded(name)
     length, angle = machine.units.factor("length"), machine.units.factor("angle")
     poses = poses_near_home(machine)
-    tool = np.array([10.0, 5.0] if machine.motion == "planar" else [10.0, 5.0, 20.0])
+    tool = np.array([10.0, 5.0] if machine.motion.planar else [10.0, 5.0, 20.0])
     found = ppmcal.inverse(machine, poses)
     per = [f for f, _ in machine.joint_units]
     onward = ppmcal.forward(machine, found.q / per, tool=tool)
@@ -93,7 +93,7 @@ def test_forward_and_inverse_scatter_as_they_say(name):
     seen = measured_pose(Registration(target=np.append(tool, np.zeros(3 - tool.size)) * length),
                          forward(many, again(found.q)).pose)
     alike(onward.sure.columns["sigma_position"], seen[:, :3] / length)
-    if machine.motion == "translational":
+    if not machine.motion.turns:
         assert "sigma_rotation" not in onward.sure.columns
     else:
         alike(onward.sure.columns["sigma_rotation"], seen[:, 3:] / angle)

@@ -37,7 +37,7 @@ SHORT = {"3-RPS": (lambda: machines.plain("R(P)S"), (0, 1, 5)),
 
 def tool_of(mechanism):
     """Return a tool point off the platform's origin, m."""
-    return TOOL.get(mechanism.motion, SPATIAL_TOOL)
+    return TOOL.get(mechanism.motion.name, SPATIAL_TOOL)
 
 
 def carried(pose, tool):

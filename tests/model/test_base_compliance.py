@@ -19,6 +19,7 @@ from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.model.dataset import unknown_environment
 from ppmcal.model.effects import find_effect
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import TRANSLATIONAL
 from ppmcal.units import SI
 
 HEXAPOD = read_mechanism(ROOT / "configs" / "6-UPS.yaml")
@@ -129,4 +130,4 @@ def test_a_machine_that_only_translates_has_none() -> None:
         with_effects(delta, [{"kind": "base_compliance", "about": "base"}], SI, "m.yaml")
     variants = find_effect("base_compliance").variants
     assert variants is not None
-    assert {v.written is None for v in variants("translational")} == {True}
+    assert {v.written is None for v in variants(TRANSLATIONAL)} == {True}

@@ -71,7 +71,7 @@ def machine(name: str) -> Mechanism:
 def fits(kind: EffectKind, mechanism: Mechanism) -> bool:
     """Whether an effect of this kind can act on all actuators of the machine."""
     turns = set(mechanism.actuator_quantity) == {"angle"}
-    return mechanism.motion in kind.motions and (kind.joints != "turning" or turns)
+    return kind.exists_in(mechanism.motion) and (kind.joints != "turning" or turns)
 
 
 CASES = [(name, kind) for name in MACHINES for kind, k in effect_kinds().items()
@@ -383,7 +383,7 @@ def test_zero_parameters_change_nothing(name: str, kind: str) -> None:
 
 def registration_of(mechanism: Mechanism) -> Registration:
     """Return an instrument that stands askew and sees a point off the platform's origin."""
-    flat = mechanism.motion == "planar"
+    flat = mechanism.motion.planar
     frame = np.array([0.3, -0.2, 0.0, 0.0, 0.0, 0.4] if flat
                      else [0.3, -0.2, 0.5, 0.2, -0.3, 0.4]) * ([mechanism.reach] * 3 + [1.0] * 3)
     target = mechanism.reach * np.array([0.05, -0.03, 0.0 if flat else 0.04])
@@ -407,9 +407,9 @@ def measured(plain: Mechanism, mechanism: Mechanism) -> tuple[Problem, State]:
     registration = registration_of(mechanism)
     seen = measured_pose(registration, pose)
     seen[:, :3] = stretched(seen[:, :3], shift.stretch)
-    if mechanism.motion == "planar":
+    if mechanism.motion.planar:
         seen[:, 2:5] = np.nan
-    if mechanism.motion == "translational":
+    if not mechanism.motion.turns:
         seen[:, 3:] = np.nan
     data = Dataset.of_poses("d", q, seen, (1.0, 1.0), fitted=True)
     data = replace(data, columns=recorded(plain, q))
@@ -712,7 +712,7 @@ def wanted_about(mechanism: Mechanism) -> Array:
     short = mechanism.equations - len(mechanism.actuators)
     if short:
         wanted[:, [0, 1, 5]] = np.nan
-    if mechanism.motion == "planar":
+    if mechanism.motion.planar:
         wanted[:, 2:5] = 0.0
     return wanted
 

@@ -17,6 +17,7 @@ from ppmcal.model.effects.plate_compliance import _pushed
 from ppmcal.model.effects.setting import COORDINATES, PLACE, Shift, total
 from ppmcal.model.effects.wave import wave
 from ppmcal.model.limbs import kinds as limb_kinds
+from ppmcal.model.motions import SPATIAL
 from ppmcal.model.parameters import Parameter
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ def test_turns_are_angles_and_ways_are_lengths(kind: str) -> None:
 def test_beyond_the_scan_periods_are_those_that_drives_have(
         joints: tuple[str, ...], fine: tuple[float, ...], no: tuple[float, ...]) -> None:
     """Which are coarse enough for the scan are there already."""
-    (scan,) = [s.scan for s in effect_kinds()["periodic"].parameters("spatial") if s.scan]
+    (scan,) = [s.scan for s in effect_kinds()["periodic"].parameters(SPATIAL) if s.scan]
     stroke = 3.0 if "angle" in joints else 0.8
     plain = list(scan(ScanRange(stroke, 90)))
     found = list(scan(ScanRange(stroke, 90, joints=frozenset(joints))))
@@ -82,7 +83,7 @@ def test_modes_are_the_covariance_however_small(size: float) -> None:
 
 def rows(n: int, limbs: tuple[LimbSetting, ...] = (), until: Array | None = None) -> Setting:
     none: Any = np.zeros((n, 2))
-    return Setting("spatial", np.zeros(2, dtype=bool), none, np.zeros((2, 2)), none, none,
+    return Setting(SPATIAL, np.zeros(2, dtype=bool), none, np.zeros((2, 2)), none, none,
                    np.linspace(-2.0, 3.0, n), np.zeros((n, 6)), np.arange(float(n)),
                    np.arange(float(n)), limbs, lambda w: none, lambda w: none, np.zeros((n, 3)),
                    np.array([0.0, 0.0, -1.0]), np.tile(np.eye(3), (n, 1, 1)), until=until)
@@ -135,7 +136,7 @@ def test_shifts_add_slot_by_slot_and_part_by_part() -> None:
 def test_scans_of_a_compliance_cover_what_they_say() -> None:
     """Under the largest load 1/1.3 to about 1/13 as soft; 12 to 84 % at the ends of the stroke."""
     data = ScanRange(0.4, 20, tuple(range(1, 21)), 50.0, 0.4, 0.2)
-    specs = {s.name: s for s in effect_kinds()["compliance"].parameters("spatial")}
+    specs = {s.name: s for s in effect_kinds()["compliance"].parameters(SPATIAL)}
     assert specs["hardening"].scan is not None
     assert specs["by_stroke"].scan is not None
     soft = np.array(specs["hardening"].scan(data)) * data.load + 1.0
@@ -173,7 +174,7 @@ def test_what_is_named_is_possible_and_a_drives_error_is_a_small_part_of_its_str
 
 def test_play_is_looked_for_at_widths_that_some_moves_do_not_cross() -> None:
     """Within a twentieth and a ten thousandth of the stroke, none near the one before."""
-    scan = effect_kinds()["play"].parameters("spatial")[0].scan
+    scan = effect_kinds()["play"].parameters(SPATIAL)[0].scan
     assert scan is not None
     stroke = 0.4
 
@@ -240,7 +241,7 @@ def test_a_plate_bends_along_its_normal_wherever_its_origin_is(away: float) -> N
     normal, along = np.array([1.0, 2.0, 2.0]) / 3.0, np.array([[2.0, 1.0, -2.0], [2.0, -2.0, 1.0]])
     points = (rng.normal(size=(6, 2)) @ along + away * np.array([3.0, -1.0, 2.0]))[None]
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    at: Any = SimpleNamespace(forces=rng.normal(size=(4, 6, 3)), motion="spatial",
+    at: Any = SimpleNamespace(forces=rng.normal(size=(4, 6, 3)), motion=SPATIAL,
                               turn=np.repeat(turn[None], 4, axis=0))
     base = _pushed(at, "base", points)
     np.testing.assert_allclose(base, (at.forces @ normal)[..., None] * normal, atol=1e-12)
@@ -264,7 +265,7 @@ def test_shapes_of_a_flat_are_waves_around_the_middle() -> None:
 
 
 def test_speeds_of_friction_go_up_by_even_parts_about_the_recorded_one() -> None:
-    scan = effect_kinds()["friction"].parameters("spatial")[2].scan
+    scan = effect_kinds()["friction"].parameters(SPATIAL)[2].scan
     assert scan is not None
     found = np.array(scan(ScanRange(0.4, 20, speed=0.03))) / 0.03
     assert 1.0 in found

@@ -25,6 +25,7 @@ from ppmcal.model.effects.inputs import Inputs
 from ppmcal.model.effects.product import FACTORS, product
 from ppmcal.model.effects.setting import PLACE, Shift
 from ppmcal.model.history import History, lagged, slack
+from ppmcal.model.motions import PLANAR, SPATIAL, TRANSLATIONAL, Motion, motions
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
@@ -47,7 +48,7 @@ def turn_of(vector: Array) -> Array:
     return np.asarray(np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * k @ k)
 
 
-def rows(motion: str = "spatial") -> Setting:
+def rows(motion: Motion = "spatial") -> Setting:
     """Return six rows of three drives and four limbs."""
     rng, past = np.random.default_rng(12), history()
 
@@ -210,7 +211,7 @@ def test_what_is_warm_grows_in_proportion(name: str, slots: str, each: bool, sou
     if source == "motion" and not tau:
         tau = 4.0
     size = next(n for n in ("expansion", "growth") if n in
-                {s.name for s in kind.parameters("spatial")})
+                {s.name for s in kind.parameters(SPATIAL)})
     found = kind.evaluate(at, ON, {size: 0.3, "tau": tau}).shift.slots
     want = 0.3 * heat(at, source, each, tau)
     assert set(found) == {(i, s) for i, limb in enumerate(at.limbs) if ON[limb.actuator]
@@ -220,8 +221,8 @@ def test_what_is_warm_grows_in_proportion(name: str, slots: str, each: bool, sou
                                    rtol=1e-9)
 
 
-@pytest.mark.parametrize("motion", ["planar", "translational", "spatial"])
-def test_the_bodies_that_give_way_move_by_their_compliance_times_the_wrench(motion: str) -> None:
+@pytest.mark.parametrize("motion", motions().values(), ids=str)
+def test_the_bodies_that_give_way_move_by_their_compliance_times_the_wrench(motion: Motion) -> None:
     """The platform about its origin; the base about its own, and the platform is carried along."""
     at, rng = rows(motion), np.random.default_rng(3)
     file = effect_kinds()["base_compliance"].from_file
@@ -229,7 +230,7 @@ def test_the_bodies_that_give_way_move_by_their_compliance_times_the_wrench(moti
     units: Any = None
     for about in ("platform", "base"):
         kind = file.make({"about": about}, units, "length")
-        if motion not in kind.motions:
+        if not kind.exists_in(motion):
             continue
         values = {s.name: rng.uniform(-1e-3, 1e-3) for s in kind.parameters(motion)}
         matrix = np.zeros((6, 6))
@@ -239,8 +240,7 @@ def test_the_bodies_that_give_way_move_by_their_compliance_times_the_wrench(moti
             matrix[i, j] = v
             if about == "base":
                 matrix[j, i] = v
-        dof = [PLACE[c] for c in {"planar": ("x", "y", "rz"), "translational": ("x", "y", "z"),
-                                  "spatial": tuple(PLACE)}[motion]]
+        dof = list(motion.dof)
         assert (matrix[np.ix_(dof, dof)] != 0.0).all()
         assert np.count_nonzero(matrix) == len(dof)**2
         p = at.pose[:, :3]
@@ -257,8 +257,8 @@ def test_the_bodies_that_give_way_move_by_their_compliance_times_the_wrench(moti
 
 
 @pytest.mark.parametrize("name", ["drift", "target_shift", "base_shift"])
-@pytest.mark.parametrize("motion", ["planar", "translational", "spatial"])
-def test_steps_and_rates_of_every_coordinate(name: str, motion: str) -> None:
+@pytest.mark.parametrize("motion", motions().values(), ids=str)
+def test_steps_and_rates_of_every_coordinate(name: str, motion: Motion) -> None:
     at, kind = rows(motion), effect_kinds()[name]
     values = {s.name: 0.01 * (n + 1.3) for n, s in enumerate(kind.parameters(motion))}
     factor = at.time if name == "drift" else since(at, 4.0)[:, 0]
@@ -277,7 +277,7 @@ def test_what_a_camera_sees_of_a_plane(angle: float) -> None:
     """Shorter along one direction, as long across it; a scale is one of all directions."""
     d, n = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle),
                                                                    0.0])
-    tilt = effect_kinds()["tilt"].evaluate(rows("planar"), ON, {"shrink": 0.02, "direction": angle})
+    tilt = effect_kinds()["tilt"].evaluate(rows(PLANAR), ON, {"shrink": 0.02, "direction": angle})
     stretch = tilt.shift.stretch
     assert stretch is not None
     np.testing.assert_allclose(stretch[0] @ d, -0.02 * d, atol=1e-15)
@@ -302,7 +302,7 @@ def test_a_weight_is_turned_as_a_body_is() -> None:
         weight, _ = kind.carried(replace(at, gravity=np.array(gravity)),
                                  {"first": 0.3, "second": -0.5})
         np.testing.assert_allclose(weight, at.weight @ turn_of(np.array(vector)).T, rtol=1e-12)
-    flat, _ = kind.carried(rows("planar"), {"turn": 0.4})
+    flat, _ = kind.carried(rows(PLANAR), {"turn": 0.4})
     np.testing.assert_allclose(flat, at.weight @ turn_of(np.array([0.0, 0.0, 0.4])).T, rtol=1e-12)
 
 
@@ -320,7 +320,7 @@ def test_a_weight_beside_the_origin_has_a_moment() -> None:
 
 def test_a_plate_moves_where_it_is_pushed_and_beside_it() -> None:
     """Centre i by give sum_j exp(-(d_ij/reach)^2/2) f_j: in the plane, by every coordinate."""
-    at, reach = rows("planar"), 0.7
+    at, reach = rows(PLANAR), 0.7
     at = replace(at, turn=np.repeat(turn_of(np.array([0.0, 0.0, 0.6]))[None], 6, axis=0))
     kind = effect_kinds()["plate_compliance"]
     found = kind.evaluate(at, ON, {"base": 0.02, "platform": 0.05, "reach": reach}).shift.slots
@@ -338,7 +338,7 @@ def test_a_plate_moves_where_it_is_pushed_and_beside_it() -> None:
 @pytest.mark.parametrize("reach", [1e-6, 1e-120, -1e-300])
 def test_a_plate_of_no_reach_moves_where_it_is_pushed_alone(reach: float) -> None:
     """A fit may step there; no number is too small, and nothing depends on it any more."""
-    at, values = rows("planar"), {"base": 0.02, "platform": 0.0}
+    at, values = rows(PLANAR), {"base": 0.02, "platform": 0.0}
     with np.errstate(all="raise", under="ignore"):
         found = effect_kinds()["plate_compliance"].evaluate(at, ON, values | {"reach": reach})
     near = effect_kinds()["plate_compliance"].evaluate(at, ON, values | {"reach": 1e-4})
@@ -353,8 +353,8 @@ def limb_part(at: Setting, i: int, body: str, c: str) -> float:
 
 def test_a_hill_of_the_flat_is_seen_as_a_hollow() -> None:
     """Where it is touched; elsewhere nothing is."""
-    at, kind = rows("translational"), effect_kinds()["bed_shape"]
-    values = {s.name: 0.0 for s in kind.parameters("translational")} | {
+    at, kind = rows(TRANSLATIONAL), effect_kinds()["bed_shape"]
+    values = {s.name: 0.0 for s in kind.parameters(TRANSLATIONAL)} | {
         "radius": 0.4, "bowl": 0.01, "twist": 0.03}
     found = kind.evaluate(at, ON, values).shift.frame
     assert at.touch is not None
@@ -368,12 +368,12 @@ def test_a_hill_of_the_flat_is_seen_as_a_hollow() -> None:
     assert not bare.any()
 
 
-def variants() -> list[tuple[str, str]]:
+def variants() -> list[tuple[str, Motion]]:
     """Return every kind with each motion, and what is tried in its place."""
     return [(kind.name, motion) for kind in effect_kinds().values() for motion in kind.motions]
 
 
-def tried(kind: EffectKind, motion: str) -> list[EffectKind]:
+def tried(kind: EffectKind, motion: Motion) -> list[EffectKind]:
     others = list(kind.variants(motion)) if kind.variants else []
     file = [product(kind, c) for c in FACTORS] if kind.name in ("gain", "lag") else []
     return [kind, *(k for k in [*others, *file] if motion in k.motions)]
@@ -386,7 +386,7 @@ def parts(shift: Shift) -> dict[object, Array]:
 
 
 @pytest.mark.parametrize(("name", "motion"), variants())
-def test_every_derivative_is_the_slope_of_what_is_added(name: str, motion: str) -> None:
+def test_every_derivative_is_the_slope_of_what_is_added(name: str, motion: Motion) -> None:
     """Of kinds that are made by a file or tried in another's place too, at values off 0."""
     at = rows(motion)
     at = replace(at, travel=np.where(np.isfinite(at.travel), at.travel, 0.2))
@@ -413,7 +413,7 @@ def test_every_derivative_is_the_slope_of_what_is_added(name: str, motion: str) 
                                            err_msg=f"{kind.title} {spec.name}")
 
 
-def off_zero(kind: EffectKind, motion: str) -> dict[str, float]:
+def off_zero(kind: EffectKind, motion: Motion) -> dict[str, float]:
     own = {"stiffness": 700.0, "hardening": 0.03, "by_stroke": 0.4, **STROKES, "period": 0.37,
            "speed": 0.07, "tau": 35.0, "reach": 0.7, "radius": 0.4, "direction": 0.4,
            "from_row": 4.0, "shrink": 0.02, "scale": 0.7}
@@ -445,7 +445,7 @@ SCANNED = [(k.name, m, n) for k in effect_kinds().values() for m in k.motions
 
 
 @pytest.mark.parametrize(("name", "motion", "n"), SCANNED)
-def test_what_a_search_tries_has_the_unit_of_the_data(name: str, motion: str, n: int) -> None:
+def test_what_a_search_tries_has_the_unit_of_the_data(name: str, motion: Motion, n: int) -> None:
     """In other units of length, time and load the same values are tried, none twice."""
     kind = tried(effect_kinds()[name], motion)[n]
     units = length, time, load = 3.0, 7.0, 0.2
@@ -463,7 +463,7 @@ def test_what_a_search_tries_has_the_unit_of_the_data(name: str, motion: str, n:
 
 
 @pytest.mark.parametrize(("name", "motion", "n"), SCANNED)
-def test_what_a_search_tries_can_be_seen_in_the_data(name: str, motion: str, n: int) -> None:
+def test_what_a_search_tries_can_be_seen_in_the_data(name: str, motion: Motion, n: int) -> None:
     """Times between a row and the campaign, ways within the stroke, speeds about the recorded."""
     kind = tried(effect_kinds()[name], motion)[n]
     ends = {"s": (DATA.step, DATA.duration), "joint": (1e-4 * DATA.stroke, DATA.stroke),
@@ -483,7 +483,7 @@ def test_what_a_search_tries_can_be_seen_in_the_data(name: str, motion: str, n: 
 
 
 def test_events_are_looked_for_with_rows_on_either_side() -> None:
-    onset = next(s for s in effect_kinds()["zero_shift"].parameters("spatial") if s.scan)
+    onset = next(s for s in effect_kinds()["zero_shift"].parameters(SPATIAL) if s.scan)
     assert onset.scan is not None
     few = onset.scan(replace(DATA, rows=tuple(range(10, 20))))
     assert list(few) == [13, 14, 15, 16, 17]
@@ -497,7 +497,7 @@ def test_events_are_looked_for_with_rows_on_either_side() -> None:
 
 
 def test_a_plate_is_not_looked_for_within_what_is_about_one_joint() -> None:
-    scan = next(s for s in effect_kinds()["plate_compliance"].parameters("spatial") if s.scan).scan
+    scan = next(s for s in effect_kinds()["plate_compliance"].parameters(SPATIAL) if s.scan).scan
     assert scan is not None
     np.testing.assert_allclose(scan(replace(DATA, size=1.0, near=0.1)), [0.3, 0.6, 0.9])
     np.testing.assert_allclose(scan(replace(DATA, size=1.0, near=0.9)), [0.6, 0.9])
@@ -512,7 +512,7 @@ EVERY = [(k.name, m, n) for k in effect_kinds().values() for m in k.motions
 
 
 @pytest.mark.parametrize(("name", "motion", "n"), EVERY)
-def test_sizes_defaults_and_ranges_of_every_number(name: str, motion: str, n: int) -> None:
+def test_sizes_defaults_and_ranges_of_every_number(name: str, motion: Motion, n: int) -> None:
     """Sizes are small parts of what they are of, defaults do nothing, ranges begin at 0 or below.
 
     Of what may be nothing 0 is possible and usual; what may not begins far below any machine's.
@@ -567,7 +567,7 @@ def test_inputs_are_what_they_are_called() -> None:
 
 
 @pytest.mark.parametrize(("name", "motion"), variants())
-def test_what_a_kind_depends_on_is_what_it_says(name: str, motion: str) -> None:
+def test_what_a_kind_depends_on_is_what_it_says(name: str, motion: Motion) -> None:
     """On the pose or the load; linear or not; in the instrument or not; constants are no slopes."""
     at = rows(motion)
     rng = np.random.default_rng(5)

@@ -34,6 +34,7 @@ from ppmcal.model.dataset import Dataset, environment
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.history import lagged, slack
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import PLANAR
 from ppmcal.model.registration import Registration
 from ppmcal.units import SI
 
@@ -369,7 +370,7 @@ def test_heat_of_motion_is_written_as_it_was_read(kind: str) -> None:
                                 ["lag", "temperature"], ["gain", "travel"]])
 def test_products_are_written_as_they_were_read(of: list[str]) -> None:
     kind = effect_kinds()[of[0]]
-    name = kind.parameters("planar")[0].name
+    name = kind.parameters(PLANAR)[0].name
     one = {"kind": "product", "of": of, "parameters": {name: 2e-6}}
     tree = effects_tree(with_effects(BENCH, [one], BENCH.units, "m.yaml"))
     assert tree[0]["of"] == of

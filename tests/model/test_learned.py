@@ -158,7 +158,7 @@ def test_a_term_that_makes_no_sense(tmp_path: Path, change: dict[str, Any], plac
 def test_a_coordinate_that_the_machine_has_not(tmp_path: Path) -> None:
     tree = yaml.safe_load((ROOT / "configs" / "3-RPR.yaml").read_text(encoding="utf-8"))
     (tmp_path / "p.yaml").write_text(yaml.safe_dump(tree | {"effects": [PLACE]}))
-    with pytest.raises(BadInput, match="exists only in translational and spatial motion"):
+    with pytest.raises(BadInput, match="only in translational, schoenflies and spatial motion"):
         read_mechanism(tmp_path / "p.yaml")
 
 

@@ -53,7 +53,7 @@ def test_every_machine_is_drawn_with_all_its_limbs(name):
     held = scene_in(page)
     drawn = held["machines"][0]
     assert [limb["name"] for limb in drawn["limbs"]] == [limb.name for limb in machine.limbs]
-    assert held["flat"] == (machine.motion == "planar")
+    assert held["flat"] == (machine.motion.planar)
     assert sorted(drawn["platform_outline"]) == list(range(len(machine.limbs)))
     assert set(held["order"]) == set(range(len(drawn["frames"])))
     for frame in drawn["frames"]:

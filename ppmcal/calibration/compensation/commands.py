@@ -286,7 +286,7 @@ def tolerance_sigma(nominal: Model, registration: Registration, full: Array, q: 
     """
     mechanism, rows = nominal.mechanism, unknown_environment(*q.shape)
     problem, state = as_measured(nominal, registration, full, q, "", rows, (), np.zeros(3))
-    places = sum(1 for c in mechanism.dof if c < 3)
+    places = mechanism.motion.axes
     out = np.full((2, len(q)), np.nan)
     for r in problem.rows(state):
         assert r.response is not None
@@ -331,7 +331,7 @@ def pose_sigma(model: Model, registration: Registration, full: Array, q: Array, 
                                    rows.take(good))
     variance = np.einsum("nmc,nmc->nm", jacobian @ knowledge.covariance, jacobian)
     variance += own_variance(model, registration, full[good], q[good], dataset, rows.take(good))
-    places = sum(1 for c in model.mechanism.dof if c < 3)
+    places = model.mechanism.motion.axes
     left = knowledge.missed(q[good], model.mechanism.actuators) ** 2
     position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0) + left[:, 0])
     rotation[good] = np.sqrt(np.maximum(variance[:, places:].sum(axis=1), 0.0) + left[:, 1])
@@ -387,7 +387,8 @@ def prediction_jacobian(model: Model, registration: Registration, full: Array, q
     problem, state = as_measured(model, registration, full, q, dataset, rows, free, about)
     own = {name: c for c, name in enumerate(problem.columns)}
     there = [c for c, name in enumerate(names) if name in own]
-    out = np.full((len(full), len(model.mechanism.dof), len(names)), np.nan)
+    measured = model.mechanism.motion.measured_parts
+    out = np.full((len(full), len(measured), len(names)), np.nan)
     for r in problem.rows(state):
         block = np.zeros((r.index.size, *out.shape[1:]))
         block[..., there] = r.raw_jacobian()[..., [own[names[c]] for c in there]]
@@ -400,7 +401,7 @@ def as_measured(model: Model, registration: Registration, full: Array, q: Array,
     """Return poses as rows of a problem, with sigmas of 1 m and 1 rad; as the function above."""
     mechanism = model.mechanism
     # planar machines measure x, y, rz only
-    flat = np.array([False, False, True, True, True, False]) & (mechanism.motion == "planar")
+    flat = np.array([False, False, True, True, True, False]) & mechanism.motion.planar
     data = Dataset.of_poses(dataset, q, np.where(flat, np.nan, full), (1.0, 1.0), fitted=True)
     closed = reached_poses(model, q, rows, pose_motor(full), q).closed
     return (Problem(mechanism, (data,), free, (about,), (rows,)),
@@ -412,7 +413,7 @@ def own_variance(model: Model, registration: Registration, full: Array, q: Array
     """Return the variance (N, m) of poses by what effects are uncertain by of themselves."""
     mechanism = model.mechanism
     uncertain = [e for e in mechanism.effects if e.kind.spread is not None]
-    out = np.zeros((len(full), len(mechanism.dof)))
+    out = np.zeros((len(full), len(mechanism.motion.measured_parts)))
     if not uncertain:
         return out
     problem, state = as_measured(model, registration, full, q, dataset, rows, (), np.zeros(3))

@@ -108,10 +108,16 @@ def _joint_parts(model: Model, at: PoseRows, knowledge: ParameterCovariance,
         turn = _joints_of_poses(model, some.pose, some.q)
         if by_parameters:
             jacobian = turn @ prediction_jacobian(model, Registration(), some.pose, some.q,
-                                                  knowledge, "", some.rows)
+                                                  knowledge, "", some.rows)[:, _measured(model)]
             out[0, n] = _spread(jacobian, knowledge.covariance)
         out[1, n] = np.sqrt(_beyond_parameters(model, some, turn, knowledge))
     return out
+
+
+def _measured(model: Model) -> list[int]:
+    """Return where the pose's coordinates are among those that an instrument measures."""
+    motion = model.mechanism.motion
+    return [motion.measured_parts.index(c) for c in motion.dof]
 
 
 def _spread(jacobian: Array, covariance: Array) -> Array:
@@ -146,7 +152,8 @@ def _beyond_parameters(model: Model, at: PoseRows, turn: Array,
     left = knowledge.missed(at.q, model.mechanism.actuators) ** 2
     each = np.where(places, left[:, :1] / max(int(places.sum()), 1),
                     left[:, 1:] / max(int((~places).sum()), 1))
-    each = each + own_variance(model, Registration(), at.pose, at.q, "", at.rows)
+    own = own_variance(model, Registration(), at.pose, at.q, "", at.rows)
+    each = each + own[:, _measured(model)]
     return np.asarray(np.einsum("nkm,nm->nk", turn**2, each))
 
 

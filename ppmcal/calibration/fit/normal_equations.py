@@ -78,7 +78,7 @@ def row_squares(problem: Problem, state: State, index: int, rows: Bools) -> Arra
 def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Array | None:
     """Return the same for few rows, by NumPy; None in the plane."""
     data, registration = problem.datasets[index], state.registrations[index]
-    if problem.mechanism.motion == "planar":
+    if problem.mechanism.motion.planar:
         return None
     pose, (seen, white, _) = state.poses[index][rows], problem.measured(index, rows)
     placed = cga.compose(registration.frame, pose)
@@ -239,6 +239,6 @@ def _sight(problem: Problem, state: State, index: int) -> InstrumentTables:
         np.concatenate([cga.rotation_matrix(frame).ravel(), cga.translation(frame)]),
         np.array(frame[:4]), np.array(body[:4]), np.asarray(registration.target, dtype=float),
         left_jacobian(registration.target_rotation).ravel(), np.asarray(about, dtype=float),
-        1.0 if data.kind == "plane" else float(registration.scale), motion == "planar",
+        1.0 if data.kind == "plane" else float(registration.scale), motion.planar,
         np.array(coordinates(data, motion)), np.array(_open_columns(problem, index)[0],
                                                       dtype=np.int64))

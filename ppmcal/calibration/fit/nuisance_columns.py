@@ -13,9 +13,10 @@ from ppmcal.calibration.fit.observation import ResidualJacobian, pivot
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES, Motion
 from ppmcal.model.registration import Registration
 
-PARTS = ("x", "y", "z", "rx", "ry", "rz")
+POINT = (0, 1, 2)
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class NuisanceColumns:
             out[..., self.scale] = seen.by_scale[..., None]
 
 
-def frame_parts(data: Dataset, motion: str) -> tuple[int, ...]:
+def frame_parts(data: Dataset, motion: Motion) -> tuple[int, ...]:
     """Return the components of an unknown frame that the instrument can tell.
 
     Touches of a flat tell its height and tilt, distances the point they are measured from,
@@ -74,18 +75,18 @@ def frame_parts(data: Dataset, motion: str) -> tuple[int, ...]:
     if data.kind == "plane":
         return (2, 3, 4)
     if data.kind == "distance":
-        return () if data.to_q is not None else (0, 1) if motion == "planar" else (0, 1, 2)
-    return (0, 1, 5) if motion == "planar" else (0, 1, 2, 3, 4, 5)
+        return () if data.to_q is not None else POINT[:motion.axes]
+    return motion.frame_parts
 
 
-def target_parts(data: Dataset, motion: str) -> tuple[int, ...]:
+def target_parts(data: Dataset, motion: Motion) -> tuple[int, ...]:
     """Return the components of an unknown target point that the instrument can tell."""
-    if motion == "translational" and data.kind in ("plane", "distance"):
+    if not motion.turns and data.kind in ("plane", "distance"):
         # a platform that never turns carries the target as a constant, as the frame does
         if data.frame.fitted or data.to_q is not None:
             return ()
         return (2,) if data.kind == "plane" else (0, 1, 2)
-    return (0, 1) if motion == "planar" else (0, 1, 2)
+    return POINT[:motion.axes]
 
 
 def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
@@ -103,7 +104,7 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
     motion = mechanism.motion
     opens: dict[int, NuisanceColumns] = {}
     by_name: dict[str, NuisanceColumns] = {}
-    turn_parts = (2,) if motion == "planar" else (0, 1, 2)
+    turn_parts = tuple(p - 3 for p in motion.measured_turns)
     # a frame that another data set owns must have its columns before it is referred to
     for i, data in sorted(enumerate(datasets), key=lambda d: bool(d[1].frame.same_as)):
         def take(wanted: bool, labels: Sequence[str], data: Dataset = data) -> slice:
@@ -114,14 +115,14 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
 
         parts, points = frame_parts(data, motion), target_parts(data, motion)
         frame = take(data.frame.fitted and not data.frame.same_as,
-                     [f"frame.{PARTS[p]}" for p in parts])
+                     [f"frame.{POSE_COORDINATES[p]}" for p in parts])
         about = pivots[i] if pivots else pivot(data)
         owner = by_name.get(data.frame.same_as or "")
         if owner is not None:
             frame, about, parts = owner.frame, owner.about, owner.frame_parts
-        target = take(data.target.fitted, [f"target.{PARTS[p]}" for p in points])
-        turns = data.target_rotation.fitted and data.kind == "pose" and motion != "translational"
-        turn = take(turns, [f"target_rotation.{PARTS[3 + p]}" for p in turn_parts])
+        target = take(data.target.fitted, [f"target.{POSE_COORDINATES[p]}" for p in points])
+        turns = data.target_rotation.fitted and data.kind == "pose" and motion.turns
+        turn = take(turns, [f"target_rotation.{POSE_COORDINATES[3 + p]}" for p in turn_parts])
         homing = take((i > 0 and data.homing == "per-file") or data.homing == "alone",
                       [f"homing.{a}" for a in mechanism.actuators])
         scale = take(data.scale.fitted, ["scale"])

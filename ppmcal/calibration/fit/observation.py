@@ -19,7 +19,8 @@ from ppmcal.linalg import Array, Bools, Ints, finite_rows, row_by_row
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import NUMBERS, SCALARS
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES, Motion
 from ppmcal.model.registration import Registration
 
 
@@ -75,21 +76,19 @@ class ResidualJacobian:
             by_points=tuple(map(padded, self.by_points)), by_scale=padded(self.by_scale))
 
 
-def coordinates(data: Dataset, motion: str) -> tuple[int, ...]:
+def coordinates(data: Dataset, motion: Motion) -> tuple[int, ...]:
     """Return which of (x, y, z, rx, ry, rz) the data set's instrument measures."""
     return coordinates_of(data.kind, motion)
 
 
-def coordinates_of(kind: str, motion: str) -> tuple[int, ...]:
+def coordinates_of(kind: str, motion: Motion) -> tuple[int, ...]:
     """Return which of (x, y, z, rx, ry, rz) a kind of instrument measures.
 
     A height is a z; a distance stands in the place of x.
     """
     if kind in SCALARS:
         return (SCALARS[kind],)
-    if motion == "planar":
-        return (0, 1, 5) if kind == "pose" else (0, 1)
-    return (0, 1, 2, 3, 4, 5) if kind == "pose" and motion == "spatial" else (0, 1, 2)
+    return motion.measured_parts if kind == "pose" else tuple(range(motion.axes))
 
 
 def shown(data: Dataset, rows: Ints | slice = slice(None)) -> Array:
@@ -100,7 +99,7 @@ def shown(data: Dataset, rows: Ints | slice = slice(None)) -> Array:
     return out
 
 
-def labels(data: Dataset, motion: str) -> tuple[str, ...]:
+def labels(data: Dataset, motion: Motion) -> tuple[str, ...]:
     """Return the names of what the instrument measures: ``x``, ..., ``height``, ``distance``."""
     if data.kind in SCALARS:
         return (NUMBERS[data.kind],)
@@ -114,7 +113,7 @@ def pivot(data: Dataset) -> Array:
     return np.asarray(np.where(seen, data.position, 0.0).sum(axis=0) / count, dtype=float)
 
 
-def view(data: Dataset, registration: Registration, poses: Sequence[Array], motion: str,
+def view(data: Dataset, registration: Registration, poses: Sequence[Array], motion: Motion,
          about: Array, stretch: Array | None = None) -> ResidualJacobian:
     """Compare the data set's rows with poses: measured = frame o pose o target.
 
@@ -138,7 +137,7 @@ def view(data: Dataset, registration: Registration, poses: Sequence[Array], moti
     return replace(seen, points=(np.zeros_like(seen.points[0]),)) if data.kind == "plane" else seen
 
 
-def _six_coordinates(data: Dataset, registration: Registration, pose: Array, motion: str,
+def _six_coordinates(data: Dataset, registration: Registration, pose: Array, motion: Motion,
                      about: Array, stretch: Array | None) -> ResidualJacobian:
     """Return rows of one pose before the instrument picks what it measures of them."""
     point, rotation = predict(registration, pose)
@@ -205,10 +204,10 @@ def stretched(point: Array, stretch: Array | None) -> Array:
     return point if stretch is None else point + (stretch @ point[..., None])[..., 0]
 
 
-def rotation_residual(data: Dataset, predicted: Array, motion: str) -> Array:
+def rotation_residual(data: Dataset, predicted: Array, motion: Motion) -> Array:
     """Return measured against predicted rotation (n, 3), nan where incomplete."""
     measured = data.rotation
-    if motion == "planar":
+    if motion.planar:
         angle = np.arctan2(predicted[:, 1, 0], predicted[:, 0, 0])
         out = np.full_like(measured, np.nan)
         difference = measured[:, 2] - angle
@@ -226,7 +225,7 @@ def turn_between(shown: Array, predicted: Array) -> Array:
         shown @ np.swapaxes(predicted, -1, -2), np.zeros(3)))
 
 
-def noise(data: Dataset, motion: str) -> Array:
+def noise(data: Dataset, motion: Motion) -> Array:
     """Return the stated standard deviations of the measured coordinates (n, m)."""
     if data.kind in SCALARS:
         return data.sigma_value[:, None]
@@ -249,14 +248,14 @@ def joint_noise(mechanism: Mechanism, data: Dataset) -> Array:
     return np.asarray(np.where(turns, size / mechanism.length_scale, size))
 
 
-def white_measurements(data: Dataset, motion: str, rows: Ints | slice = slice(None)
+def white_measurements(data: Dataset, motion: Motion, rows: Ints | slice = slice(None)
                        ) -> tuple[Array, Array, Ints]:
     """Return what was measured in some rows: x ... rz (n, 6), 1/sigma (n, m), how many (n,).
 
     The first two are 0 where nothing was measured; a row of less weight has a larger sigma.
     """
     own = shown(data, rows)
-    if motion != "planar":
+    if not motion.planar:
         own[~finite_rows(own[:, 3:]), 3:] = np.nan
     seen = np.isfinite(own[:, list(coordinates(data, motion))])
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -25,10 +25,11 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import SCALARS
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import Motion
 from ppmcal.model.registration import Registration
 
 
-def start_scalar(data: Dataset, pose: Array, registration: Registration, motion: str
+def start_scalar(data: Dataset, pose: Array, registration: Registration, motion: Motion
                  ) -> Registration:
     """Return the registration from which a fit of heights or distances starts.
 
@@ -61,13 +62,13 @@ def _flat(point: Array, height: Array) -> Array:
     return np.array([0.0, 0.0, up, rx, ry, 0.0])
 
 
-def _origin(point: Array, distance: Array, motion: str) -> Array:
+def _origin(point: Array, distance: Array, motion: Motion) -> Array:
     """Return the shift (6,) that brings the point which distances are from to the origin.
 
     |p - c|^2 = d^2 is linear in c once its value at the mean is taken off. Of two mirrored
     answers, as to points in a plane, the nearer to that plane is where the fit starts.
     """
-    free = 2 if motion == "planar" else 3
+    free = motion.axes
     middle = point.mean(axis=0)
     p = (point - middle)[:, :free]
     square = np.sum(p**2, axis=1) - distance**2
@@ -94,7 +95,7 @@ judge a trial (Rousseeuw and Van Driessen 1999, least trimmed squares), and rows
 most: it is where a fit starts."""
 
 
-def start_registration(data: Dataset, pose: Array, motion: str, size: float) -> Registration:
+def start_registration(data: Dataset, pose: Array, motion: Motion, size: float) -> Registration:
     """Return frame and target to start from.
 
     Args:
@@ -112,7 +113,7 @@ def start_registration(data: Dataset, pose: Array, motion: str, size: float) -> 
         return registration
     if data.kind in SCALARS:
         return start_scalar(data, pose, registration, motion)
-    planar = motion == "planar"
+    planar = motion.planar
     position = np.where([False, False, planar], 0.0, data.position)
     rows = np.flatnonzero(finite_rows(position) & finite_rows(pose))
     if rows.size < 3:
@@ -156,14 +157,14 @@ def _aligned(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64
 
 
 def _misses(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64],
-            registration: Registration, motion: str) -> Array:
+            registration: Registration, motion: Motion) -> Array:
     """Return by how much rows miss a registration (R,), m; rotations count over the extent."""
     point, turn = predict(registration, pose[rows])
     away = np.linalg.norm(position[rows] - point, axis=1)
     extent = float(np.median(np.linalg.norm(
         position[rows] - np.median(position[rows], axis=0), axis=1)))
     angle = np.linalg.norm(rotation_residual(data.take(rows), turn, motion), axis=1) if (
-        motion == "spatial" and data.kind == "pose") else np.zeros(rows.size)
+        motion.measures_rotation_vectors and data.kind == "pose") else np.zeros(rows.size)
     return np.asarray(away + extent * np.nan_to_num(angle) + 1e-300, dtype=float)
 
 

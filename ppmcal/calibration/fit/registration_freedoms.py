@@ -216,7 +216,7 @@ def _possible(problem: Problem, keep: Sequence[Bools]) -> list[tuple[int, str]]:
         if data.kind in SCALARS:
             continue
         shared = data.frame.same_as is not None
-        turns = data.kind == "pose" and problem.mechanism.motion != "translational"
+        turns = data.kind == "pose" and problem.mechanism.motion.turns
         # the first file's zeros are those that others differ from
         able = {"frame": True, "target": True, "rotation": turns, "homing": i > 0}
         out += [(i, w) for w in OPEN if able[w] and (

@@ -106,7 +106,7 @@ def _motions(mechanism: Mechanism, data: Dataset) -> list[Array]:
     """
     position = np.where(np.isfinite(data.position).any(axis=0), data.position, 0.0)
     known = np.flatnonzero(finite_rows(data.rotation))
-    if mechanism.motion != "spatial" or not known.size:
+    if not mechanism.motion.measures_rotation_vectors or not known.size:
         return [position]
     rotation = data.rotation[known]
     turns = cga.rotation_matrix(cga.motor_from_rotation_vector(rotation, np.zeros(3)))

@@ -18,7 +18,7 @@ from ppmcal.errors import BadInput
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import SCALARS
-from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.model.repeats import NO_INFLUENCE, identical_rows
 from ppmcal.model.same_rows import KEPT, KnownRows, partners, step_of, tolerances
 from ppmcal.wording import pluralize, row_list

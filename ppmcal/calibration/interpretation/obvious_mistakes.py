@@ -19,7 +19,8 @@ from ppmcal.calibration.interpretation.readings import readable, with_verb
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import ZERO_CELSIUS, Dataset
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.wording import abbreviate_list, pluralize
 
 WORKSHOP = (-10.0, 45.0)

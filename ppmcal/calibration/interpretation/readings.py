@@ -150,7 +150,7 @@ class ColumnInterpretation:
     @classmethod
     def as_declared(cls, mechanism: Mechanism, data: Dataset) -> ColumnInterpretation:
         """Return the reading of a file that is what its sidecar says."""
-        planar, units = mechanism.motion == "planar", data.units
+        planar, units = mechanism.motion.planar, data.units
         turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
         return cls(
             ReadColumns.as_declared([f"q_{a}" for a in mechanism.actuators],

@@ -124,7 +124,7 @@ def _beyond_tolerances(alone: Problem, as_read: Score) -> bool:
 def _registrations(alone: Problem) -> Iterator[Way]:
     """Yield the problem with what the sidecar gives of its registration open instead."""
     data = alone.datasets[0]
-    turns = alone.mechanism.motion != "translational"    # else its platform never does
+    turns = alone.mechanism.motion.turns    # else its platform never does
     given = [key for key in REGISTERED if not getattr(data, key).fitted and (
         key == "frame" or turns) and (key != "target_rotation" or data.kind == "pose")]
     for keys in dict.fromkeys([*((key,) for key in given), tuple(given)]) if given else ():
@@ -201,7 +201,7 @@ class _Scene:
 
     @property
     def planar(self) -> bool:
-        return self.mechanism.motion == "planar"
+        return self.mechanism.motion.planar
 
     def scored(self, poses: Sequence[ColumnInterpretation],
                rotations: Sequence[ColumnInterpretation]
@@ -268,7 +268,7 @@ class _Scene:
                 point = free(a + (turn @ target[:, None, :, None])[..., 0])
                 frame = nearest_rotation(np.swapaxes(w[..., None] * b, -1, -2) @ point, self.planar)
             own, rest = free(turn), free(b @ frame - a)
-            if self.data.target.fitted and self.mechanism.motion != "translational":
+            if self.data.target.fitted and self.mechanism.motion.turns:
                 # where the rows do not tell it from the frame's origin, it stays short
                 back = np.swapaxes(w[..., None, None] * own, -1, -2)
                 normal = (back @ own).sum(axis=1) + (1e-6 + 1e-9) * np.eye(3)

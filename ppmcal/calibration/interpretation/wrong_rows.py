@@ -46,7 +46,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.wording import pluralize
 
 SCREENED = 12

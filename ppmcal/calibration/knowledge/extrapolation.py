@@ -16,7 +16,8 @@ from ppmcal.kinematics.rotations import vector_like
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import WRENCH, ZERO_CELSIUS
 from ppmcal.model.measured import MeasurementBasis
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.wording import pluralize
 
 FAR_OUTSIDE = 0.5

@@ -42,7 +42,8 @@ from ppmcal.calibration.sessions.session_posteriors import session_knowledge
 from ppmcal.errors import BadInput
 from ppmcal.inference.priors import NOISE_FREEDOM, SURE
 from ppmcal.linalg import Array, eigh, reciprocals
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 
 VISIBLE = 1e-3
 """A change counts as seen where one natural unit of it makes so many standard deviations."""

@@ -20,7 +20,8 @@ from ppmcal.inference.shares import everywhere, in_a_part
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.dataset import Dataset, Environment
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.wording import pluralize
 from ppmcal.wording.progress import stage
 

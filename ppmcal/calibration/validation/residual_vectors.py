@@ -103,12 +103,12 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
     out = np.full((len(data), problem.mechanism.equations), np.nan)
     position, rotation = data.position.copy(), data.rotation.copy()
     motion = problem.mechanism.motion
-    if motion == "planar":
+    if motion.planar:
         position[:, 2], rotation[:, :2] = 0.0, 0.0
-    if motion == "translational":
+    if not motion.turns:
         rotation = np.zeros_like(rotation)
     whole = finite_rows(position) & finite_rows(rotation) & finite_rows(data.q)
-    if data.kind != "pose" and motion != "translational":
+    if data.kind != "pose" and motion.turns:
         return out
     joints = problem.joints(index, state)
     for rows, environment in problem.chunks(index):

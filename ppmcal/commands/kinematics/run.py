@@ -131,7 +131,7 @@ def _point(tool: str | Sequence[float] | None, mechanism: Mechanism) -> Array | 
     if tool is None:
         return None
     point = read_point(tool, mechanism)
-    if mechanism.motion == "planar" and point[2] != 0.0:
+    if mechanism.motion.planar and point[2] != 0.0:
         raise BadInput("the tool of a planar machine is a point of its plane", "--tool",
                        f"Write X,Y in {mechanism.units.length}")
     return point

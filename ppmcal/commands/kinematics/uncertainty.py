@@ -103,7 +103,7 @@ def model_sigma(mechanism: Mechanism, solved: SolvedRows, known: CarriedKnowledg
         position, rotation = forward_sigma(Model(mechanism), solved.registration, solved.at,
                                            knowledge, solved.dataset)
         columns["sigma_position"] = position / mechanism.units.factor("length")
-        if mechanism.motion != "translational":
+        if mechanism.motion.turns:
             columns["sigma_rotation"] = rotation / mechanism.units.factor("angle")
         return ModelSigma.of(mechanism, columns, known.source, solved.dataset or "base")
     k = len(mechanism.actuators)

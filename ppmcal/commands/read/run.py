@@ -272,7 +272,7 @@ def _unsaid(table: Table, mechanism: Mechanism) -> tuple[dict[str, Any], list[st
     if "x" not in table.header and ({"height", "distance"} & set(table.header)):
         raise BadInput("heights and distances need a sidecar", table.source,
                        "Write one (README, The measurements) and give it with --sidecar")
-    turning = mechanism.motion != "translational" and any(c in table.header for c in TURNED)
+    turning = mechanism.motion.turns and any(c in table.header for c in TURNED)
     sigma: dict[str, Any] = {"position": _rounded(GUESS, own, "length")}
     if turning:
         sigma["rotation"] = _rounded(GUESS, own, "angle")

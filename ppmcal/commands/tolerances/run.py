@@ -132,7 +132,7 @@ def _demand(machine: Mechanism, asked: TolerancesArguments) -> Demand:
         raise BadInput("no accuracy is demanded", "--accuracy",
                        f"Write the largest allowed error, such as --accuracy 0.05 (in "
                        f"{machine.units.length})")
-    if asked.rotation is not None and machine.motion == "translational":
+    if asked.rotation is not None and not machine.motion.turns:
         raise BadInput("this machine does not turn", "--rotation", "Leave it out")
     for name, value in (("--accuracy", asked.accuracy), ("--rotation", asked.rotation)):
         if value is not None and not 0.0 < value < 1e12:
@@ -159,7 +159,7 @@ def _tool(machine: Mechanism, asked: TolerancesArguments, instrument: Instrument
     """Return the point at which all stages are judged (3,): the tool, else what is measured."""
     if asked.tool is None:
         return np.zeros(3) if instrument is None else instrument.target.value
-    known = machine.motion != "translational" if instrument is None else (
+    known = machine.motion.turns if instrument is None else (
         instrument.kind == "pose" and not instrument.target.fitted)
     tool = read_point(asked.tool, machine)
     if tool.any() and not known:

@@ -58,7 +58,7 @@ def drive_of(mechanism: Mechanism) -> DeltaDrive:
     """
     limbs = mechanism.limbs
     kinds = {limb.kind.name for limb in limbs}
-    if (mechanism.motion != "translational" or kinds != {PUS.name} or len(limbs) != 3
+    if (mechanism.motion.turns or kinds != {PUS.name} or len(limbs) != 3
             or len(mechanism.actuators) != 3):
         raise BadInput(f"the machine is {mechanism.motion} with limbs "
                        f"{', '.join(limb.kind.name for limb in limbs)}", mechanism.source,

@@ -24,7 +24,8 @@ from ppmcal.io import csv_text, read_poses
 from ppmcal.io.results.tables import joint_columns, pose_columns, unit_map
 from ppmcal.kinematics.region import Grid, named
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 
 TABLE = "grid.csv"
 SEED = 1

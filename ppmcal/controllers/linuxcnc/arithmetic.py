@@ -127,7 +127,8 @@ def legs_of(mechanism: Mechanism) -> Legs:
         BadInput: the machine is not a hexapod of six driven struts.
     """
     limbs = mechanism.limbs
-    if (mechanism.motion != "spatial" or [limb.kind.name for limb in limbs] != [UPS.name] * STRUTS
+    if (not mechanism.motion.turns_freely
+            or [limb.kind.name for limb in limbs] != [UPS.name] * STRUTS
             or len({limb.actuator for limb in limbs}) != STRUTS):
         raise BadInput(f"the machine is {mechanism.motion} with limbs "
                        f"{', '.join(limb.kind.name for limb in limbs)}", mechanism.source,

@@ -32,7 +32,7 @@ def too_close(model: Model, q: Array, pose: Array) -> Bools:
     in this sense (planar ones are built in layers): nowhere too close.
     """
     mechanism = model.mechanism
-    if mechanism.motion != "spatial":
+    if not mechanism.motion.turns_freely:
         return np.zeros(len(q), dtype=np.bool_)
     at_home = leg_distances(model, home_state(mechanism).q[None], mechanism.home[None])[0]
     least = np.minimum(OF_HOME * at_home, OF_REACH * mechanism.reach)

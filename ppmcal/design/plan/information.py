@@ -88,7 +88,7 @@ def offer(
         NoResult: nothing can be told.
     """
     q = candidates.q[pose]
-    data = instrument.dataset(q, candidates.pose[pose], columns, mechanism.motion == "planar")
+    data = instrument.dataset(q, candidates.pose[pose], columns, mechanism.motion.planar)
     about = (like.problem.opens[0].about,) if like else None
     problem = Problem(mechanism, (data,), mechanism.free, about)
     state = problem.solve(State(mechanism.values, (instrument.registration,),
@@ -138,7 +138,7 @@ def task_rows(offered: CandidateInformation, instrument: Instrument, tasks: Cand
     jacobian = prediction_jacobian(Model(mechanism), instrument.registration, tasks.pose, tasks.q,
                                    knowledge, instrument.name, rows)
     own = jacobian[..., offered.kept] * offered.scale
-    places = sum(1 for c in mechanism.dof if c < 3)
+    places = mechanism.motion.axes
     parts = (own[:, :places], own[:, places:])
     position, rotation = (np.einsum("nmi,nmj->ij", p, p) / len(own) for p in parts)
     return position, rotation

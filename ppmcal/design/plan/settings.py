@@ -97,9 +97,8 @@ def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
     if name not in effect_kinds():
         raise unknown("effect", name, effect_kinds(), PLACE)
     kind = effect_kinds()[name]
-    if mechanism.motion not in kind.motions:
-        raise BadInput(f"{name} exists only in {' and '.join(kind.motions)} motion", PLACE,
-                       "Remove it")
+    if not kind.exists_in(mechanism.motion):
+        raise BadInput(kind.refused, PLACE, "Remove it")
     if kind.joints == "turning" and "angle" not in mechanism.actuator_quantity:
         raise BadInput(f"{name} is an effect of actuated joints that turn: this machine has none",
                        PLACE, "Remove it")

@@ -94,7 +94,7 @@ def _predicted(mechanism: Mechanism, result: Compensation) -> dict[str, TargetEr
     out = {}
     for kind, quantity in KINDS.items():
         sizes = result.rms(kind)
-        if sizes[0] is None or (kind == "rotation" and mechanism.motion == "translational"):
+        if sizes[0] is None or (kind == "rotation" and not mechanism.motion.turns):
             continue
         before, after, sigma = sizes
         out[kind] = TargetError.filled(None, mechanism.units, before=before, after=after,

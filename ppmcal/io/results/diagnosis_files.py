@@ -18,7 +18,7 @@ from ppmcal.io.results.other_models import other_files
 from ppmcal.io.results.record import Column, table_text
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.model.dataset import ZERO_CELSIUS
-from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.model.motions import POSE_COORDINATES
 
 
 def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRecord

@@ -11,7 +11,8 @@ from dataclasses import field
 from ppmcal.calibration.fit import GrossError, GrossErrors, HomingShift, half_or
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.io.results.units import COLUMN, JOINT, MachineUnits, parameter_unit
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.units import OfUnit
 
 SHOWN = 3

@@ -12,7 +12,8 @@ from ppmcal.io.csv_writer import LongText, csv_text
 from ppmcal.io.results.record import Column, table_lines, table_text
 from ppmcal.io.results.tables import ENVIRONMENT, STAGES, column_units, joint_columns
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 
 PARAMETERS = ("name", "nominal", "value", "error", "sigma", "sigma_data", "tolerance", "unit",
               "status", "low", "high")

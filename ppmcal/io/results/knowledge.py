@@ -29,7 +29,8 @@ from ppmcal.io.results.session_parts import SessionInformation, SessionRows, res
 from ppmcal.io.results.units import Numbers, column_factor
 from ppmcal.linalg import Array, eigh
 from ppmcal.model.measured import MeasurementBasis
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.model.registration import Registration
 from ppmcal.model.same_rows import KnownRows
 from ppmcal.units import Units, coordinate_quantity

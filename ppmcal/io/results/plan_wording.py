@@ -173,7 +173,7 @@ def instrument(plan: Plan) -> str:
         "Instrument (none given; noise a tenth of the median length tolerance)")
     text = (f"{own}: {i.kind}, standard deviation {', '.join(noise)}; frame {_open(i.frame)}, "
             f"target {_open(i.target)}.")
-    if i.target.fitted and plan.mechanism.motion != "translational":
+    if i.target.fitted and plan.mechanism.motion.turns:
         text += " The unknown target is taken to be near the platform's origin."
     return text
 

@@ -28,7 +28,8 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.pose_sweep import PoseSweep, pose_sweep
 from ppmcal.linalg import Array, Bools, finite_rows
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.units import Units, coordinate_quantity
 
 __all__ = ["MeasuredPose", "PlacedLimb", "Point", "Scene", "SceneEffect", "SceneFrame",
@@ -125,7 +126,7 @@ class Scene(Part):
         about = len(sweep.pose)
         rows = tuple(_with_frame(m, kept, about) for m in measured)
         return cls(
-            name=mechanism.name, motion=mechanism.motion, flat=mechanism.motion == "planar",
+            name=mechanism.name, motion=mechanism.motion.name, flat=mechanism.motion.planar,
             units=units, reach=reach, coordinates=mechanism.coordinates,
             coordinate_units=tuple(units.name(coordinate_quantity(c))
                                    for c in mechanism.coordinates),

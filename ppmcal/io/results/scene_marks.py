@@ -96,7 +96,7 @@ def _too_near(model: Model, limbs: Sequence[LimbSkeleton], out: list[list[SceneM
                 f"{mechanism.units.words(found.distance[n], 'length', 2)} apart")
             if found.fixed and found.joints and found.distance[n] < 1e-9 * mechanism.reach:
                 kind, text = "shared", names
-            elif not found.joints and mechanism.motion == "planar":
+            elif not found.joints and mechanism.motion.planar:
                 text = f"links of {names} cross, unless they lie in layers"
             out[n].append(SceneMark.filled(None, mechanism.units, kind=kind, limbs=found.limbs,
                                            text=text, points=[found.place[n]]))

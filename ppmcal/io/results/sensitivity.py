@@ -37,7 +37,8 @@ from ppmcal.io.results.sensitivity_tables import (
 from ppmcal.io.results.sensitivity_wording import LINEAR_WITHIN, findings, linear_limit, sentences
 from ppmcal.io.results.tables import map_table, unit_map
 from ppmcal.kinematics.region import Grid
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.units import Angle, Key, Length, OfUnit, Quantity
 
 MOST_ENTRIES = 500_000

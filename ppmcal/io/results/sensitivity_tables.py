@@ -18,7 +18,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import finite_rows
-from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map
 
 LISTED = 15
@@ -30,7 +30,7 @@ EQUAL = 9
 
 def rotates(found: Sensitivity) -> bool:
     """Whether the platform rotates at all."""
-    return found.mechanism.motion != "translational"
+    return found.mechanism.motion.turns
 
 
 def parameter_name(found: Sensitivity, source: Source) -> str:

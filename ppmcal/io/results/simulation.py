@@ -18,7 +18,8 @@ from ppmcal.io.results.tables import joint_columns
 from ppmcal.io.yaml import printable
 from ppmcal.model.dataset import ZERO_CELSIUS
 from ppmcal.model.instruments import NUMBERS, SCALARS
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.simulation.scenario import Scenario
 from ppmcal.simulation.simulate import Campaign
 from ppmcal.units import Angle, ByCoordinate, Length, Units

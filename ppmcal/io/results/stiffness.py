@@ -24,7 +24,8 @@ from ppmcal.io.results.stiffness_tables import (
 )
 from ppmcal.io.results.stiffness_wording import findings, sentences
 from ppmcal.io.results.tables import map_table, unit_map
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map
 from ppmcal.units import ByCoordinate, Key, Length, OfUnit
 

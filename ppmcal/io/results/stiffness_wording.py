@@ -10,7 +10,8 @@ from ppmcal.design.stiffness import Home, Principal, Stiffnesses
 from ppmcal.io.results.stiffness_tables import AppliedLoad, StiffnessStudy
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 
 ROUND_OFF = 1e-9
 """What is smaller by this is shown as 0."""
@@ -141,7 +142,7 @@ def _assumptions(mechanism: Mechanism) -> list[str]:
     """Return what these numbers are, and what they leave out."""
     out = ["Translational stiffness is (C_tt)^-1, force per displacement of a tool that is free "
            "to turn; it is not the translational block of the stiffness matrix."]
-    if mechanism.motion == "translational":
+    if not mechanism.motion.turns:
         out[0] = ("Stiffness is C^-1; the platform cannot turn in this model, and moments do not "
                   "move it.")
     for a, name in enumerate(mechanism.actuators):

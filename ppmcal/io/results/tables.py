@@ -10,7 +10,8 @@ import numpy as np
 from ppmcal.io import csv_text
 from ppmcal.io.rotations import EULER
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map
 
 

@@ -111,7 +111,7 @@ def errors_table(r: ToleranceResult) -> list[Column]:
     for key, _, errors in r.stages():
         out += [Column(f"{key}_position_rms", rms(errors.position, 0), "length"),
                 Column(f"{key}_position_p95", quantile(errors.position, 0.95), "length")]
-        if r.machine.motion != "translational":
+        if r.machine.motion.turns:
             out.append(Column(f"{key}_rotation_rms", rms(errors.rotation, 0), "angle"))
     return out
 

@@ -24,7 +24,7 @@ from ppmcal.io.results.workspace_tables import (
     size_word,
 )
 from ppmcal.io.results.workspace_wording import assembly_modes, findings, reach, singularities
-from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.units import ByCoordinate, Key, OfUnit
 
 MEANING = {

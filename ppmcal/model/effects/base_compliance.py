@@ -22,11 +22,12 @@ from ppmcal.model.effects.kind import (
     linear,
     register,
 )
-from ppmcal.model.effects.setting import COORDINATES, PLACE, Setting, Shift
+from ppmcal.model.effects.setting import PLACE, Setting, Shift
+from ppmcal.model.motions import Motion
 from ppmcal.units import Units
 
-WRENCH = {"planar": ("fx", "fy", "mz"), "translational": ("fx", "fy", "fz"),
-          "spatial": ("fx", "fy", "fz", "mx", "my", "mz")}
+WRENCH = {"x": "fx", "y": "fy", "z": "fz", "rx": "mx", "ry": "my", "rz": "mz"}
+"""What works along a coordinate."""
 COLUMN = {"fx": 0, "fy": 1, "fz": 2, "mx": 3, "my": 4, "mz": 5}
 AT_BASE = {"fx": "fx", "fy": "fy", "fz": "fz", "mx": "mx fy fz", "my": "my fx fz", "mz": "mz fx fy"}
 """What makes a component at the base's origin, of the wrench at the platform's."""
@@ -38,9 +39,10 @@ def _parameter(c: str, w: str, component: str) -> EffectParameter:
         size=1e-8, component=component)
 
 
-def _parameters(motion: str) -> tuple[EffectParameter, ...]:
+def _parameters(motion: Motion) -> tuple[EffectParameter, ...]:
     """Return one compliance ``x_fx`` per coordinate and component of the wrench."""
-    return tuple(_parameter(c, w, w) for c in COORDINATES[motion] for w in WRENCH[motion])
+    own = motion.coordinates
+    return tuple(_parameter(c, WRENCH[by], WRENCH[by]) for c in own for by in own)
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -54,10 +56,9 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     return linear(values, by)
 
 
-def _of_base(motion: str) -> tuple[EffectParameter, ...]:
+def _of_base(motion: Motion) -> tuple[EffectParameter, ...]:
     """Return the upper triangle of a symmetric C (Maxwell and Betti: work has no order)."""
-    pairs = combinations_with_replacement(
-        list(zip(COORDINATES[motion], WRENCH[motion], strict=True)), 2)
+    pairs = combinations_with_replacement([(c, WRENCH[c]) for c in motion.coordinates], 2)
     return tuple(_parameter(c, w, f"{AT_BASE[v]} {AT_BASE[w]}") for (c, v), (_, w) in pairs)
 
 
@@ -65,8 +66,8 @@ CROSSED = ("x_my", "x_mz", "y_mx", "y_mz", "z_mx", "z_my")
 """What a turn about an axis displaces, whose springs are off the base's origin."""
 
 
-def _some(parameters: Callable[[str], tuple[EffectParameter, ...]], further: Container[str],
-          motion: str) -> tuple[EffectParameter, ...]:
+def _some(parameters: Callable[[Motion], tuple[EffectParameter, ...]], further: Container[str],
+          motion: Motion) -> tuple[EffectParameter, ...]:
     """Return the diagonal of C, and ``further`` names: a file's effect whose other values are 0."""
     return tuple(s for s in parameters(motion) if s.name in further
                  or PLACE[s.name.rsplit("_", 1)[0]] == COLUMN[s.name.rsplit("_", 1)[1]])
@@ -128,9 +129,9 @@ def _made(entries: Mapping[str, object], units: Units, joint: str) -> EffectKind
     return ABOUT_BASE if about == "base" else BASE_COMPLIANCE
 
 
-def _variants(motion: str) -> tuple[EffectKind, ...]:
+def _variants(motion: Motion) -> tuple[EffectKind, ...]:
     """Return what a search tries: springs along the base's axes first, which have few values."""
-    of_base = () if motion == "translational" else (SEATED, ABOUT_BASE)
+    of_base = (SEATED, ABOUT_BASE) if motion.turns else ()
     return (ALONG_AXES, BASE_COMPLIANCE, *of_base)
 
 
@@ -139,7 +140,7 @@ FILE = FromFile(("about",), _made)
 ABOUT_BASE = EffectKind(
     "base_compliance", "base twist = C W, C symmetric, W the wrench at the base's origin",
     "[LIN] section 4.3; Maxwell's and Betti's reciprocity", _of_base, ("wrench",), _base_terms,
-    per_actuator=False, uses_load=True, motions=("planar", "spatial"), from_file=FILE,
+    per_actuator=False, uses_load=True, exists_in=lambda motion: motion.turns, from_file=FILE,
     written=lambda units: {"about": "base"}, title="base_compliance about base", body="base",
     derived=tuple(Derived(f"center_{'xyz'[k]}", "length", _about(k)) for k in range(3)),
     remedy="indicate the base against the ground while the payload is put on")

@@ -8,11 +8,12 @@ from ppmcal.linalg import Bools
 from ppmcal.model.effects.event import step_parameters, stepped
 from ppmcal.model.effects.kind import EffectKind, EffectParameter, Terms, Worked, register
 from ppmcal.model.effects.setting import Setting, Shift
+from ppmcal.model.motions import Motion
 
 
-def _parameters(motion: str) -> tuple[EffectParameter, ...]:
-    """Return one step per pose coordinate, turns also where the machine never turns."""
-    return step_parameters("spatial" if motion == "translational" else motion)
+def _parameters(motion: Motion) -> tuple[EffectParameter, ...]:
+    """Return one step per coordinate of the base, turns also where the machine never turns."""
+    return step_parameters(motion.frame_coordinates)
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:

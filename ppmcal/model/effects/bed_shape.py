@@ -54,8 +54,8 @@ BED_SHAPE = register(EffectKind(
                                  why="beds and plates are flat within some tenths of a millimetre")
                  for name in SHAPES),
                EffectParameter("radius", "length", 0.1, low=1e-6, constant=True)),
-    ("touch",), _terms, per_actuator=False, motions=("translational",), uses_load=True,
-    instrument=True,
+    ("touch",), _terms, per_actuator=False,
+    exists_in=lambda motion: not (motion.turns or motion.planar), uses_load=True, instrument=True,
     follows=POSE, nuisance=True,
     remedy="touch another flat; the same one turned by 60 deg about the middle tells all of its "
     "shape but a bowl: that goes with it, an error of the machine stays",

@@ -8,13 +8,14 @@ import numpy as np
 
 from ppmcal.linalg import Bools
 from ppmcal.model.effects.kind import EffectKind, EffectParameter, Terms, Worked, linear, register
-from ppmcal.model.effects.setting import COORDINATES, PLACE, Setting, Shift
+from ppmcal.model.effects.setting import PLACE, Setting, Shift
+from ppmcal.model.motions import Motion
 
 
-def _parameters(motion: str) -> tuple[EffectParameter, ...]:
+def _parameters(motion: Motion) -> tuple[EffectParameter, ...]:
     """Return one rate per pose coordinate."""
     return tuple(EffectParameter(c, "angle/s" if c[0] == "r" else "length/s", size=1e-9)
-                 for c in COORDINATES[motion])
+                 for c in motion.coordinates)
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from ppmcal.linalg import Array
 from ppmcal.model.effects.kind import EffectParameter, ScanRange, Terms, linear
-from ppmcal.model.effects.setting import COORDINATES, PLACE, Setting, Shift
+from ppmcal.model.effects.setting import PLACE, Setting, Shift
 
 FEWEST = 3
 """Rows before and after an event."""
@@ -28,10 +28,10 @@ ONSET = EffectParameter("from_row", "1", None, low=0.0, constant=True, scan=onse
                         why="an event is in one row")
 
 
-def step_parameters(motion: str) -> tuple[EffectParameter, ...]:
-    """Return one step per coordinate of a motion, and the row."""
+def step_parameters(coordinates: Sequence[str]) -> tuple[EffectParameter, ...]:
+    """Return one step per coordinate, and the row."""
     return (*(EffectParameter(c, "angle" if c[0] == "r" else "length", size=1e-5)
-              for c in COORDINATES[motion]), ONSET)
+              for c in coordinates), ONSET)
 
 
 def stepped(setting: Setting, values: Mapping[str, float], place: Callable[[Array], Shift]

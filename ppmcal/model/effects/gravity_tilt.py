@@ -15,13 +15,13 @@ from ppmcal.model.effects.kind import (
     register,
 )
 from ppmcal.model.effects.setting import Setting
+from ppmcal.model.motions import Motion
 
-NAMES = {"planar": ("turn",), "translational": ("first", "second"), "spatial": ("first", "second")}
 
-
-def _parameters(motion: str) -> tuple[EffectParameter, ...]:
+def _parameters(motion: Motion) -> tuple[EffectParameter, ...]:
+    names = ("turn",) if motion.planar else ("first", "second")
     return tuple(EffectParameter(n, "angle", usual=(-1.6, 1.6), size=1e-3,
-                                 why="weight acts downwards") for n in NAMES[motion])
+                                 why="weight acts downwards") for n in names)
 
 
 def _vector(setting: Setting, values: Mapping[str, float]) -> Array:

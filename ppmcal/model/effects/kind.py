@@ -16,6 +16,7 @@ import numpy as np
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects.inputs import BY_NEED, TRAVEL, EffectInput
 from ppmcal.model.effects.setting import Setting, Shift, total
+from ppmcal.model.motions import OWN, Motion, motions
 from ppmcal.model.registry import Registry
 from ppmcal.units import Units
 
@@ -210,7 +211,7 @@ class EffectKind:
         evaluate: (setting, on (k,), parameter -> value) -> :class:`Terms`.
         per_actuator: whether it belongs to single actuators; else to the whole machine.
         joints: ``any``, ``turning``: which actuators it can act on.
-        motions: in which it exists.
+        exists_in: motion -> whether machines of that motion can have it.
         uses_load: whether the shift depends on the pose, through the actuators' load or itself.
         worked: a case with numbers: (parameters, setting changes, expected); see tests.
         derived: figures that follow from the parameters, told beside them.
@@ -252,12 +253,12 @@ class EffectKind:
     name: str
     equation: str
     source: str
-    parameters: Callable[[str], tuple[EffectParameter, ...]]
+    parameters: Callable[[Motion], tuple[EffectParameter, ...]]
     needs: tuple[str, ...]
     evaluate: Evaluate
     per_actuator: bool = True
     joints: str = "any"
-    motions: tuple[str, ...] = ("planar", "translational", "spatial")
+    exists_in: Callable[[Motion], bool] = lambda motion: True
     uses_load: bool = False
     worked: Worked | None = None
     derived: tuple[Derived, ...] = ()
@@ -274,7 +275,7 @@ class EffectKind:
     carried: Callable[[Setting, Mapping[str, float]], tuple[Array, Array]] | None = None
     from_file: FromFile | None = None
     written: Callable[[Units], Mapping[str, object]] | None = None
-    variants: Callable[[str], Sequence[EffectKind]] | None = None
+    variants: Callable[[Motion], Sequence[EffectKind]] | None = None
     contains: tuple[str, ...] = ()
     seldom: bool = False
     known: tuple[KnownRange, ...] = ()
@@ -289,13 +290,14 @@ class EffectKind:
         """Refuse a name, column or period that means something else, or nothing (ValueError)."""
         if self.name == GEOMETRY:
             raise ValueError(f"effect '{GEOMETRY}' is an error of slots already")
-        asked = {n for m in self.motions for s in self.parameters(m) for n in s.needs}
+        mine = [m for m in OWN if self.exists_in(m)]
+        asked = {n for m in mine for s in self.parameters(m) for n in s.needs}
         strange = [n for n in (*self.needs, *sorted(asked)) if n not in BY_NEED]
         if strange:
             raise ValueError(f"effect '{self.name}' needs {', '.join(strange)}; "
                              f"columns are {', '.join(BY_NEED)}")
         if self.period and any(self.period not in [s.name for s in self.parameters(m) if s.scan]
-                               for m in self.motions):
+                               for m in mine):
             raise ValueError(f"effect '{self.name}': the period '{self.period}' is not a "
                              "parameter with a scan")
 
@@ -309,7 +311,19 @@ class EffectKind:
         """What its residuals are plotted against."""
         return self.follows or (BY_NEED[self.needs[0]] if self.needs else TRAVEL)
 
-    def stroke_ends(self, motion: str) -> tuple[str, ...]:
+    @property
+    def motions(self) -> list[Motion]:
+        """Those in which it exists."""
+        return [m for m in motions().values() if self.exists_in(m)]
+
+    @property
+    def refused(self) -> str:
+        """Why it is refused where it does not exist."""
+        *others, last = map(str, self.motions)
+        names = f"{', '.join(others)} and {last}" if others else last
+        return f"{self.name} exists only in {names} motion"
+
+    def stroke_ends(self, motion: Motion) -> tuple[str, ...]:
         """Return the names of the constants that are the stroke's ends, low and high; or none."""
         ends = {s.stroke_end: s.name for s in self.parameters(motion)}
         return tuple(ends[e] for e in ("low", "high") if e in ends)
@@ -335,7 +349,7 @@ def no_terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     return Terms(Shift(), {name: Shift() for name in values})
 
 
-def fixed_list(*parameters: EffectParameter) -> Callable[[str], tuple[EffectParameter, ...]]:
+def fixed_list(*parameters: EffectParameter) -> Callable[[Motion], tuple[EffectParameter, ...]]:
     """Return the same parameters for every motion."""
     return lambda motion: parameters
 

@@ -36,7 +36,8 @@ from ppmcal.model.effects.learned_curve import (
     si_factor,
     spline_basis,
 )
-from ppmcal.model.effects.setting import COORDINATES, PLACE
+from ppmcal.model.effects.setting import PLACE
+from ppmcal.model.motions import Motion
 from ppmcal.units import Units
 
 MOST_NODES = 200
@@ -52,19 +53,22 @@ def learned_kind(curve: LearnedCurve) -> EffectKind:
     sources = [INPUTS[name] for name in curve.inputs]
     needs = tuple(dict.fromkeys([*(n for s in sources for n in s.needs),
                                  *(["dir"] if curve.signed else [])]))
-    motions = tuple(m for m, names in COORDINATES.items() if curve.acts in (JOINT, *names)
-                    and all(s.name not in PLACE or s.name in names for s in sources))
+
+    def exists_in(motion: Motion) -> bool:
+        return curve.acts in (JOINT, *motion.coordinates) and all(
+            s.name not in PLACE or s.name in motion.coordinates for s in sources)
+
     return EffectKind(
         LEARNED, "du, or a pose coordinate, = scale f(input), f a spline through values at nodes",
         "Kennedy & O'Hagan 2001; Plumlee 2017", fixed_list(SCALE), needs, curve.terms,
-        per_actuator=curve.acts == JOINT, motions=motions,
+        per_actuator=curve.acts == JOINT, exists_in=exists_in,
         uses_load=any(s.by_pose for s in sources),
         worked=WORKED, follows=FOLLOWED[curve.input], remedy="measure more rows over its range",
         from_file=FROM_FILE, written=curve.entries, variants=_never, known=curve.known,
         spread=curve.spread, title=f"{LEARNED} from {' and '.join(curve.inputs)}")
 
 
-def _never(motion: str) -> Sequence[EffectKind]:
+def _never(motion: Motion) -> Sequence[EffectKind]:
     """No search tries it: it is learned from what is left."""
     return ()
 

@@ -15,14 +15,13 @@ from ppmcal.model.effects.kind import (
     register,
 )
 from ppmcal.model.effects.setting import Setting
+from ppmcal.model.motions import Motion
 
-AXES = {"planar": "xy", "spatial": "xyz"}
 
-
-def _parameters(motion: str) -> tuple[EffectParameter, ...]:
+def _parameters(motion: Motion) -> tuple[EffectParameter, ...]:
     return tuple(EffectParameter(c, "length", usual=(-1.0, 1.0), size=1e-4,
                                  why="a payload is held within reach of its platform")
-                 for c in AXES.get(motion, ""))
+                 for c in "xyz"[:motion.axes])
 
 
 def _carried(setting: Setting, values: Mapping[str, float]) -> tuple[Array, Array]:
@@ -36,7 +35,7 @@ def _carried(setting: Setting, values: Mapping[str, float]) -> tuple[Array, Arra
 PAYLOAD_OFFSET = register(EffectKind(
     "payload_offset", "moment of the payload's weight about the platform's origin = R c x weight, "
     "c its centre of mass", "statics: the wrench of a force that does not act at the origin",
-    _parameters, ("wrench",), no_terms, per_actuator=False, motions=("planar", "spatial"),
+    _parameters, ("wrench",), no_terms, per_actuator=False, exists_in=lambda motion: motion.turns,
     uses_load=True, carried=_carried, body="platform",
     remedy="weigh the payload's centre of mass, or put it on in another place",
     worked=Worked({"x": 0.0, "y": -0.05}, {"weight": 100.0}, -5.0)))

@@ -33,7 +33,7 @@ def _pushed(setting: Setting, part: str, points: Array) -> Array:
     force = setting.forces
     if part == "platform":
         force = -np.einsum("nij,nli->nlj", setting.turn, force)
-    if setting.motion != "spatial":
+    if not setting.motion.turns_freely:
         return force
     at = points[0] - points[0].mean(axis=0)
     normal = linalg.svd(at, full=True)[2][-1]

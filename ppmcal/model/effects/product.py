@@ -21,6 +21,7 @@ from ppmcal.model.effects.kind import (
 )
 from ppmcal.model.effects.lag import LAG
 from ppmcal.model.effects.setting import Setting, total
+from ppmcal.model.motions import OWN, Motion
 from ppmcal.units import Units
 
 
@@ -72,7 +73,7 @@ def product(kind: EffectKind, column: str) -> EffectKind:
                      {**{n: setting.scaled(s, rows) for n, s in more.by.items()},
                       **{n + AT_ZERO: s for n, s in plain.by.items()}})
 
-    def parameters(motion: str) -> tuple[EffectParameter, ...]:
+    def parameters(motion: Motion) -> tuple[EffectParameter, ...]:
         plain = kind.parameters(motion)
         return (*(_of(s, factor.per) for s in plain),
                 *(replace(s, name=s.name + AT_ZERO, default=0.0, unless=kind.name) for s in plain),
@@ -81,7 +82,7 @@ def product(kind: EffectKind, column: str) -> EffectKind:
     return EffectKind(
         "product", f"({kind.equation}), its size s_0 + s {EQUATIONS[column]}", kind.source,
         parameters,
-        (*kind.needs, *factor.need), evaluate, joints=kind.joints, motions=kind.motions,
+        (*kind.needs, *factor.need), evaluate, joints=kind.joints, exists_in=kind.exists_in,
         uses_load=kind.uses_load, follows=kind.input,
         remedy=f"measure the same poses at several values of the {column}, from both sides",
         from_file=FILE, written=lambda units: {"of": [kind.name, column]},
@@ -128,7 +129,7 @@ def _linear(kind: EffectKind) -> bool:
     """Whether a kind is of single actuators, and linear in all its parameters."""
     return kind.per_actuator and not kind.from_file and all(
         not (s.nonlinear or s.constant or s.reciprocal)
-        for m in kind.motions for s in kind.parameters(m))
+        for m in OWN if kind.exists_in(m) for s in kind.parameters(m))
 
 
 FILE = FromFile(("of",), _made)

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.history import History
+from ppmcal.model.motions import Motion
 
 Rows = NDArray[np.int64] | NDArray[np.bool_]
 
-COORDINATES = {"planar": ("x", "y", "rz"), "translational": ("x", "y", "z"),
-               "spatial": ("x", "y", "z", "rx", "ry", "rz")}
 PLACE = {"x": 0, "y": 1, "z": 2, "rx": 3, "ry": 4, "rz": 5}
 
 
@@ -98,7 +97,7 @@ class Setting:
     """What an effect may know of N rows with k actuators; nan where it was not recorded.
 
     Attributes:
-        motion: planar, translational or spatial.
+        motion: the coordinates that the platform has.
         turning: (k,) whether the actuated joint turns; else it slides.
         travel: ratio q (N, k), m or rad. stroke: its range (k, 2), nan where unknown.
         approach: side from which each joint came, +1 or -1 (N, k).
@@ -123,7 +122,7 @@ class Setting:
             values of the effects that say what the platform carries.
     """
 
-    motion: str
+    motion: Motion
     turning: Bools
     travel: Array
     stroke: Array

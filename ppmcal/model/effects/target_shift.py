@@ -17,7 +17,8 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 
 TARGET_SHIFT = register(EffectKind(
     "target_shift", "target displaced by a twist, platform axes, from row from_row on",
-    "ISO 230-1, set-up of the instrument", step_parameters, ("row",), _terms, per_actuator=False,
+    "ISO 230-1, set-up of the instrument",
+    lambda motion: step_parameters(motion.coordinates), ("row",), _terms, per_actuator=False,
     instrument=True, onset="from_row", body="platform",
     remedy="put the target back on its seat and repeat the first poses",
     worked=Worked({"x": 3e-5, "from_row": 5.0}, {"row": 6.0}, 3e-5)))

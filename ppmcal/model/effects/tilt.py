@@ -43,5 +43,6 @@ TILT = register(EffectKind(
     "a camera or plate inclined by a: shrink = 1 - cos a",
     fixed_list(EffectParameter("shrink", "1", None, low=0.0, high=0.1, size=1e-5),
                EffectParameter("direction", "angle", None, size=1e-2, scan=_directions)),
-    (), _terms, per_actuator=False, motions=("planar",), instrument=True, follows=POINT,
+    (), _terms, per_actuator=False, exists_in=lambda motion: motion.planar, instrument=True,
+    follows=POINT,
     worked=Worked({"shrink": 1e-4, "direction": 0.0}, {}, -1e-4)))
