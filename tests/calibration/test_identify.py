@@ -199,8 +199,8 @@ def exact_data(mechanism: Mechanism, kind: str, name: str, registration: Registr
     # joint noise in each joint's own unit: comparable effects
     ranges = np.ptp(q, axis=0)
     data = Dataset(
-        name=name, source=name, kind=find_instrument(kind), rows=np.arange(1, n + 1), q=q, commanded=None,
-        position=position, rotation=rotation, value=np.full(n, np.nan), to_q=None,
+        name=name, source=name, kind=find_instrument(kind), rows=np.arange(1, n + 1), q=q,
+        commanded=None, position=position, rotation=rotation, value=np.full(n, np.nan), to_q=None,
         sigma_position=np.full((n, 3), 1e-5) * np.array([1.0, 2.0, 3.0]),
         sigma_rotation=np.full((n, 3), 2e-5), sigma_value=np.ones(n),
         sigma_actuator=noise * ranges * np.linspace(1.0, 2.0, k), groups=np.arange(n), columns={},

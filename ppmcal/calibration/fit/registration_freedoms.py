@@ -53,8 +53,9 @@ class RegistrationHint:
 
     ``dataset``: its index; ``what``: of :data:`REGISTERED`, or ``sessions``; ``before``,
     ``after``: rms of the data set's white residuals; ``position``: of its positions before
-    and after, m; ``square``, ``count``, ``fitted``: sum of white squares of all rows, how many values they have and how many of these the fit takes, with it open; ``keep``:
-    the rows behind these; ``opened``: the problem that has it open; ``instead``: data sets and what
+    and after, m; ``square``, ``count``, ``fitted``: sum of white squares of all rows, how many
+    values they have and how many of these the fit takes, with it open; ``keep``: the rows behind
+    these; ``opened``: the problem that has it open; ``instead``: data sets and what
     of them may have to be open in its place, with it 95 % of the probability.
     """
 

@@ -75,7 +75,7 @@ class InstrumentKind:
 
     def __reduce__(self) -> tuple[Any, tuple[str]]:
         """Pickle as the registered kind of that name."""
-        return find_instrument, (self.name,)
+        return _registered, (self.name,)
 
     @property
     def scalar(self) -> bool:
@@ -105,6 +105,10 @@ class InstrumentKind:
 
 _REGISTRY: Registry[InstrumentKind] = Registry("instrument kind", "ppmcal.instruments")
 register, instruments, find_instrument = _REGISTRY.register, _REGISTRY.kinds, _REGISTRY.find
+
+
+def _registered(name: str) -> InstrumentKind:
+    return find_instrument(name)
 
 
 def number_names() -> tuple[str, ...]:
