@@ -120,7 +120,7 @@ def dataset(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: 
     """Return a campaign as the data set that its files would read as."""
     n = campaign.q.shape[0]
     planar = mechanism.motion.planar
-    pose = scenario.kind == "pose" and mechanism.motion.turns
+    pose = scenario.kind.sees_rotation and mechanism.motion.turns
     seen = np.array([True, True, not planar, pose and not planar, pose and not planar, pose])
     both = np.where(seen, np.concatenate([campaign.position, campaign.rotation], axis=1), np.nan)
     return Dataset(

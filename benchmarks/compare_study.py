@@ -36,6 +36,7 @@ from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import PLANE
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -126,7 +127,7 @@ def measured(kind: str, mechanism: Mechanism, world: World, pose: Array,
                       + world.waves * np.sin(x / 0.03) * np.cos(y / 0.025))
         q = inverse(model, pose_motor(pose)).q - world.homing
         data = Dataset.of_poses("touches", q, np.full((len(q), 6), np.nan), noise, False)
-        return replace(data, kind="plane", value=rng.normal(0.0, noise[0], len(q)),
+        return replace(data, kind=PLANE, value=rng.normal(0.0, noise[0], len(q)),
                        sigma_value=np.full(len(q), noise[0]))
     found = inverse(Model(mechanism), pose_motor(pose))
     q = found.q[found.reached]

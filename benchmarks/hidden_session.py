@@ -23,6 +23,7 @@ from ppmcal.kinematics.forward import forward, smallest_singular_value
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.tables import home_singular_value
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import POSE, POSITION
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import Motion
 from ppmcal.model.registration import Registration
@@ -200,7 +201,7 @@ def joint_noise(scene: Scene, options: Options) -> Array:
 def recorded(scene: Scene, seen: Array, options: Options, seed: int) -> Dataset:
     """Return measurements (N, 6) as the data set that their files would read as."""
     mechanism = scene.mechanism
-    kind = "position" if not mechanism.motion.turns else "pose"
+    kind = POSE if mechanism.motion.turns else POSITION
     data = Dataset.of_poses("hidden", scene.q, seen, options.sigma, True)
     shown = np.isin(np.arange(6), coordinates(replace(data, kind=kind), mechanism.motion))
     seen = np.where(shown, seen, np.nan)

@@ -47,6 +47,7 @@ from ppmcal.design.plan.plan import PlanOptions, plan  # noqa: E402
 from ppmcal.design.virtual_instrument import Instrument, default_instrument  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 from ppmcal.io import read_mechanism  # noqa: E402
+from ppmcal.model.instruments import POSE  # noqa: E402
 from ppmcal.model.mechanism import Mechanism  # noqa: E402
 from ppmcal.simulation.scenario import Listed, Scenario  # noqa: E402
 from ppmcal.simulation.simulate import simulate  # noqa: E402
@@ -114,7 +115,7 @@ def scenario(at: Case, poses: Array, errors: dict[str, float], exact: bool) -> S
 def fresh_errors(fit: Fit, at: Case, truth: Scenario, seed: int) -> tuple[float, float]:
     """Return mean square errors of position and rotation at noise-free fresh poses."""
     m = at.mechanism
-    seen = dataset(m, replace(truth, kind="pose"), simulate(m, replace(truth, kind="pose"), seed),
+    seen = dataset(m, replace(truth, kind=POSE), simulate(m, replace(truth, kind=POSE), seed),
                    "a")
     problem = replace(fit.problem, datasets=(seen,),
                       pivots=tuple(o.about for o in fit.problem.opens))

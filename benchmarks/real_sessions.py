@@ -71,7 +71,7 @@ def on(fit: Fit, target: Dataset, robust: bool = True) -> float:
     """Return the residual of another campaign with a fitted machine, mm rms; frame anew."""
     machine = without_events(fit.problem.mechanism.with_values(fit.state.g))
     anew = identify(Problem(machine, (target,), ()), FitOptions(method="flat", robust=robust))
-    if target.kind == "pose":
+    if target.kind.sees_rotation:
         return real_stewart.leg_rms(anew.problem, anew.state)
     error = residuals(anew.problem, anew.state).position[0][finite_rows(anew.state.poses[0])]
     return 1e3 * float(np.sqrt(np.mean(error**2)))

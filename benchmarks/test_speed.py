@@ -39,6 +39,7 @@ from ppmcal.kinematics.forward import forward  # noqa: E402
 from ppmcal.kinematics.registration import predict  # noqa: E402
 from ppmcal.kinematics.tables import inverse_table, pose_vector  # noqa: E402
 from ppmcal.model.dataset import Dataset, Unknown  # noqa: E402
+from ppmcal.model.instruments import POSE  # noqa: E402
 from ppmcal.model.registration import Registration  # noqa: E402
 
 Array = NDArray[np.float64]
@@ -73,7 +74,7 @@ def problem_of(count: int) -> Problem:
     seen, turn = predict(registration, pose)
     vector = pose_vector(_motors(turn)) + rng.normal(size=(count, 6)) * sigma
     data = Dataset(
-        name="a", source="a", kind="pose", rows=np.arange(1, count + 1), q=q, commanded=None,
+        name="a", source="a", kind=POSE, rows=np.arange(1, count + 1), q=q, commanded=None,
         position=seen + vector[:, :3], rotation=vector[:, 3:], value=np.full(count, np.nan),
         to_q=None, sigma_position=np.tile(sigma[:3], (count, 1)),
         sigma_rotation=np.tile(sigma[3:], (count, 1)), sigma_value=np.ones(count),

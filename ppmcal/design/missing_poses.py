@@ -83,7 +83,7 @@ def weak_campaign(fit: Fit, seed: int) -> WeakCampaign | None:
     chosen = pool.take(_chosen(start, jacobian, wanted, least))
     unknown = tuple(n for n, w in zip(names, wanted, strict=True) if w)
     return WeakCampaign(shapes, unknown, grouped(machine, unknown, names[:count]),
-                    fit.problem.datasets[i].kind == "plane",
+                    fit.problem.datasets[i].kind.touches,
                     MissingPoses(chosen.q, chosen.pose, _where(fit, chosen.pose)))
 
 
@@ -129,10 +129,10 @@ def _known(fit: Fit) -> Array:
 
 def _like(fit: Fit) -> int | None:
     """Return the data set that new rows are like: the most numbers a row; None: none can be."""
-    order = ("pose", "position", "plane", "distance")
-    found = [(order.index(d.kind), i) for i, d in enumerate(fit.problem.datasets)
-             if d.to_q is None and fit.keep[i].any()]
-    return min(found)[1] if found else None
+    motion = fit.problem.mechanism.motion
+    found = [(-len(d.kind.coordinates(motion)), not d.kind.sees_rotation, d.kind.along_line, i)
+             for i, d in enumerate(fit.problem.datasets) if d.to_q is None and fit.keep[i].any()]
+    return min(found)[-1] if found else None
 
 
 def _instrument(fit: Fit, i: int) -> Instrument:
@@ -155,7 +155,7 @@ def _pool(fit: Fit, i: int, seed: int) -> Candidates:
     """Return poses to choose from: of the machine's region; of touches those at the flat."""
     nominal = fit.problem.mechanism.nominal()
     pool = draw(nominal, region_of(nominal), CANDIDATES, seed)
-    if fit.problem.datasets[i].kind != "plane":
+    if not fit.problem.datasets[i].kind.touches:
         return pool
     seen = poses_in_use(fit)
     flat = linalg.lstsq(np.c_[np.ones(len(seen)), seen[:, :2]], seen[:, 2], rcond=None)[0]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.fit import coordinates_of, turn_between
+from ppmcal.calibration.fit import turn_between
 from ppmcal.design.error_jacobian import Poses, displacement
 from ppmcal.design.recalibration import Calibrated, MeasurementSetup, calibrate
 from ppmcal.kinematics.closure import Model
@@ -86,7 +86,7 @@ def run(fleet: Fleet, batch: tuple[int, np.random.SeedSequence]) -> MonteCarloEr
     if fleet.setup is None:
         return MonteCarloErrors(built)
     setup = fleet.setup
-    m = len(coordinates_of(setup.instrument.kind, setup.mechanism.motion))
+    m = len(setup.instrument.kind.coordinates(setup.mechanism.motion))
     noise = rng.normal(size=(count, len(setup.q), m))
     plain = calibrate(setup, setup.registration, g, noise)
     known = calibrate(setup, setup.linear, g, noise)

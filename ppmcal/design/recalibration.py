@@ -25,7 +25,6 @@ from ppmcal.calibration.fit import (
     Problem,
     State,
     column_scale,
-    coordinates_of,
     identify,
     prior_weights,
     turn_between,
@@ -38,7 +37,6 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset, unknown_environment
-from ppmcal.model.instruments import SCALARS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import Motion
 from ppmcal.model.registration import Registration
@@ -199,10 +197,10 @@ def alone(
 
 def perturbed(data: Dataset, raw: Array, motion: Motion) -> Dataset:
     """Return measurements with errors ``raw`` (N, m) of the coordinates measured, m and rad."""
-    if data.kind in SCALARS:
+    if data.kind.scalar:
         return replace(data, value=data.value + raw[:, 0])
     whole = np.zeros((len(raw), 6))
-    whole[:, list(coordinates_of(data.kind, motion))] = raw
+    whole[:, list(data.kind.coordinates(motion))] = raw
     own = cga.motor_from_rotation_vector(np.nan_to_num(data.rotation), np.zeros(3))
     shake = cga.motor_from_rotation_vector(whole[:, 3:], np.zeros(3))
     turned = cga.rotation_vector(cga.compose(shake, own))
@@ -273,9 +271,9 @@ def _residual(
 ) -> Array:
     """Return shown - predicted (R, m) as the instrument has it: m, rad, m."""
     kind, motion = setup.instrument.kind, setup.mechanism.motion
-    if kind == "distance":
+    if kind.along_line:
         far, near = (np.linalg.norm(p[0], axis=1) for p in (shown, predicted))
         return np.asarray((far - near)[:, None])
     both = np.concatenate([shown[0] - predicted[0], turn_between(shown[1], predicted[1])],
                           axis=1)
-    return np.asarray(both[:, list(coordinates_of(kind, motion))])
+    return np.asarray(both[:, list(kind.coordinates(motion))])

@@ -11,7 +11,7 @@ from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import TRUE_SCALE, Dataset, Unknown
-from ppmcal.model.instruments import SCALARS
+from ppmcal.model.instruments import POSE, POSITION, InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -30,7 +30,7 @@ class Instrument:
     ``chosen``: whether the user gave it; ``name``: of its data set.
     """
 
-    kind: str
+    kind: InstrumentKind
     sigma_position: float
     sigma_rotation: float
     sigma_value: float
@@ -55,9 +55,8 @@ class Instrument:
         seen = measured_pose(self.registration, pose_motor(pose))
         seen[:, [2, 3, 4]] = np.where(planar, np.nan, seen[:, [2, 3, 4]])
         value = np.full(n, np.nan)
-        if self.kind in SCALARS:
-            value = seen[:, 2] if self.kind == "plane" else np.linalg.norm(
-                np.nan_to_num(seen[:, :3]), axis=1)
+        if self.kind.value is not None:
+            value = self.kind.value(seen[:, :3], np.zeros(3))
         return Dataset(
             name=self.name, source=self.name, kind=self.kind, rows=np.arange(1, n + 1), q=q,
             commanded=None, position=seen[:, :3], rotation=seen[:, 3:], value=value, to_q=None,
@@ -77,7 +76,7 @@ def default_instrument(mechanism: Mechanism) -> Instrument:
     free = [mechanism.parameters[i] for i in mechanism.free]
     sigmas = [p.prior_sigma for p in free if p.quantity == "length" and p.prior_sigma]
     sigma = OF_TOLERANCE * (float(np.median(sigmas)) if sigmas else 1e-3 * mechanism.reach)
-    kind = "pose" if mechanism.motion.turns else "position"
+    kind = POSE if mechanism.motion.turns else POSITION
     nothing = Unknown(False, np.zeros(3))
     return Instrument(kind, sigma, sigma / mechanism.length_scale, np.nan,
                       np.zeros(len(mechanism.actuators)), Unknown(True, np.zeros(6)), nothing,

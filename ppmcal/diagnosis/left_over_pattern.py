@@ -16,7 +16,6 @@ from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.linear_system import INVISIBLE, System, build, range_basis
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
-from ppmcal.model.instruments import SCALARS
 from ppmcal.wording import pluralize
 
 FEW = 3
@@ -99,7 +98,7 @@ def _kind(fit: Fit, slot: str) -> str:
 
 def _wave(fit: Fit, system: System, rest: Array) -> int:
     """Return how many waves about the middle of the poses a residual (N,) of one number has."""
-    if any(d.kind not in SCALARS for d in fit.problem.datasets) or rest.size != len(system.row):
+    if any(not d.kind.scalar for d in fit.problem.datasets) or rest.size != len(system.row):
         return 0
     place = pose_vector(np.concatenate([p.response.pose for p in system.firsts]))[:, :2]
     away = place - place.mean(axis=0)

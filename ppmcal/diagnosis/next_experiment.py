@@ -25,7 +25,6 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.instruments import SCALARS
 from ppmcal.wording import pluralize, shorten_label
 
 POSES = 150
@@ -168,7 +167,7 @@ def possible_rows(stage: Linearisation, rng: np.random.Generator) -> Dataset | N
                                      first.sigma_value))
     data = Dataset.of_poses(first.name, q, np.where(flat, np.nan, pose), (place, turn), False)
     # of a height or a distance only the slopes count here, whatever the value
-    value = np.full(len(q), np.nan if first.kind not in SCALARS else float(
+    value = np.full(len(q), np.nan if not first.kind.scalar else float(
         np.median(first.value[np.isfinite(first.value)])))
     return replace(data, columns=columns, kind=first.kind, frame=first.frame, value=value,
                    sigma_value=np.full(len(q), number), target=first.target,

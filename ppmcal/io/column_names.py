@@ -10,6 +10,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.io.schema import did_you_mean
 from ppmcal.model.dataset import WRENCH
+from ppmcal.model.instruments import number_names
 from ppmcal.model.mechanism import Mechanism
 
 ENVIRONMENT = ("temperature", "payload", "time", *WRENCH)
@@ -57,10 +58,10 @@ def known_columns(mechanism: Mechanism) -> list[str]:
     """Return every column name that a measurement file of this machine may have."""
     actuators = mechanism.actuators
     out = ["pose", "session", *(f"q_{a}" for a in actuators), *COORDINATES, *QUATERNION,
-           "height", "distance", *ENVIRONMENT, *(f"to_q_{a}" for a in actuators),
+           *number_names(), *ENVIRONMENT, *(f"to_q_{a}" for a in actuators),
            *(f"dir_{a}" for a in (*actuators, "x", "y", "z")),
            *(f"vel_{a}" for a in actuators), *(f"cmd_{c}" for c in (*COORDINATES, *QUATERNION)),
-           *(f"sigma_{c}" for c in (*COORDINATES, "position", "rotation", "height", "distance"))]
+           *(f"sigma_{c}" for c in (*COORDINATES, "position", "rotation", *number_names()))]
     return list(dict.fromkeys(out))
 
 

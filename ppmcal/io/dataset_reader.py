@@ -39,7 +39,6 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.pose_readings import shifted_rows
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
-from ppmcal.model.instruments import refuse_flat
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.repeats import commanded_poses
 from ppmcal.units import Units
@@ -123,7 +122,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
     to_q = second_joints(table, mechanism, joint, file.instrument.kind)
     labels = _groups(table)
     groups = commanded_poses(labels, q, (to_q, commanded), sigma_actuator,
-                             file.instrument.kind == "plane")
+                             file.instrument.kind.touches)
     data = Dataset(
         name=file.name or Path(source).stem, source=source, kind=file.instrument.kind,
         rows=np.arange(1, len(table) + 1, dtype=np.int64), q=q, commanded=commanded,
@@ -142,7 +141,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         extra=_fixed_point(file, to_q, mechanism, units, side), units=units,
         convention=convention, read=read.model_dump(exclude_unset=True),
         headers=headers)
-    refuse_flat(data.kind, mechanism.motion, side)
+    data.kind.refuse(mechanism.motion, side)
     refuse_noise(data, mechanism, side)
     remark_data(data, table, file, side)
     data = replace(data, chance=chance(data, steps_of(plain.numbers, data, mechanism.reach)))
@@ -160,7 +159,7 @@ def _in_seconds(table: Table, read: ReadFile) -> Table:
 
 def _from_point(data: Dataset, side: str) -> Dataset:
     """Return distances with the fixed point, of the measuring frame, as that frame's origin."""
-    if data.kind != "distance":
+    if not data.kind.along_line:
         return data
     point = data.extra["point"]
     if point is None:
@@ -178,7 +177,7 @@ def _from_point(data: Dataset, side: str) -> Dataset:
 def _fixed_point(file: SidecarFile, to_q: Array | None, mechanism: Mechanism, units: Units,
                  side: str) -> dict[str, object]:
     """Return ``{"point": Unknown}`` for distances from a fixed point."""
-    if file.instrument.kind != "distance":
+    if not file.instrument.kind.along_line:
         return {}
     if to_q is not None:
         return {"point": None}

@@ -14,7 +14,7 @@ from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.io.sidecar import SidecarFile, sigma_needs
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import unknown
-from ppmcal.model.instruments import NUMBERS
+from ppmcal.model.instruments import InstrumentKind, number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 from ppmcal.wording import row_list
@@ -40,8 +40,8 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
         BadInput: a needed column is missing or wholly empty, or a sigma is not positive.
     """
     units, kind, n = file.units.units(), file.instrument.kind, len(table)
-    if kind in NUMBERS:
-        return _scalar(table, file, side, NUMBERS[kind], units)
+    if kind.scalar:
+        return _scalar(table, file, side, units)
     position, rotation, findings = _pose(table, mechanism, kind, units)
     turning = bool(np.isfinite(rotation).any())
     sigma_needs(file, side, turning)
@@ -63,17 +63,17 @@ def _sigmas(table: Table, what: str, shared: float | None, factor: float) -> Arr
     return out
 
 
-def _pose(table: Table, mechanism: Mechanism, kind: str, units: Units
+def _pose(table: Table, mechanism: Mechanism, kind: InstrumentKind, units: Units
           ) -> tuple[Array, Array, list[str]]:
     """Return position (N, 3) and rotation (N, 3) as far as the instrument and motion go."""
     planar = mechanism.motion.planar
     needed = ("x", "y") if planar else ("x", "y", "z")
     _need(table, needed, f"instrument `{kind}`")
     position = stacked(table, COORDINATES[:3]) * units.factor("length")
-    findings = _unused(table, kind, lambda c: _scalar_column(c, ""))
+    findings = _unused(table, kind, lambda c: _scalar_column(c, kind))
     turns = [c for c in table.header if c in COORDINATES[3:] or c in QUATERNION]
     nothing = np.full((len(table), 3), np.nan)
-    if kind == "position":
+    if not kind.sees_rotation:
         rotation = nothing
         if turns:
             findings.append(f"{table.source}: columns {', '.join(turns)}: not used, because the "
@@ -122,33 +122,35 @@ def _need(table: Table, names: tuple[str, ...], who: str) -> None:
                            f"Fill it in: the {who} needs it")
 
 
-def _scalar(table: Table, file: SidecarFile, side: str, name: str, units: Units) -> Measured:
+def _scalar(table: Table, file: SidecarFile, side: str, units: Units) -> Measured:
     """Return heights or distances with their noise."""
+    kind, sigma = file.instrument.kind, file.instrument.sigma
+    name = kind.number
     sigma_needs(file, side, False)
-    _need(table, (name,), f"instrument `{file.instrument.kind}`")
-    n, length, sigma = len(table), units.factor("length"), file.instrument.sigma
+    _need(table, (name,), f"instrument `{kind}`")
+    n, length = len(table), units.factor("length")
     value = stacked(table, [name])[:, 0] * length
-    if name == "distance" and np.any(value <= 0.0):
-        raise BadInput("a distance must be greater than 0",
+    if kind.along_line and np.any(value <= 0.0):
+        raise BadInput(f"a {name} must be greater than 0",
                        table.at(name, int(np.argmax(value <= 0.0))), "Check the value")
-    own = (sigma.height if name == "height" else sigma.distance) or sigma.position
+    own = kind.sigma_of(sigma) or sigma.position
     sigma_value = np.full(n, (own or np.nan) * length)
     _override(sigma_value, table, f"sigma_{name}", length)
     nothing = np.full((n, 3), np.nan)
-    findings = _unused(table, file.instrument.kind, lambda c: (
-        c in COORDINATES or c in QUATERNION or _scalar_column(c, name)))
+    findings = _unused(table, kind, lambda c: (
+        c in COORDINATES or c in QUATERNION or _scalar_column(c, kind)))
     return Measured(nothing, nothing.copy(), value,
                     np.repeat(sigma_value[:, None], 3, axis=1), nothing.copy(), sigma_value,
                     tuple(findings))
 
 
-def _scalar_column(name: str, own: str) -> bool:
-    """Whether a column belongs to an instrument for heights or distances other than ``own``."""
-    return (name in ("height", "distance") and name != own) or (
-        name.startswith("to_q_") and own != "distance")
+def _scalar_column(name: str, own: InstrumentKind) -> bool:
+    """Whether a column belongs to an instrument for one number other than ``own``."""
+    return (name in number_names() and name != own.number) or (
+        name.startswith("to_q_") and not own.along_line)
 
 
-def _unused(table: Table, kind: str, which: Callable[[str], bool]) -> list[str]:
+def _unused(table: Table, kind: InstrumentKind, which: Callable[[str], bool]) -> list[str]:
     """Return the finding that names the columns which the instrument cannot use."""
     unused = [c for c in table.header if which(c)]
     return [f"{table.source}: columns {', '.join(unused)}: not used, because the instrument's "

@@ -12,6 +12,7 @@ from ppmcal.io.csv import Table, refuse_absurd
 from ppmcal.io.pose_fields import COORDINATES, NORM_TOLERANCE, QUATERNION, factors, rotation_vectors
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import ZERO_CELSIUS
+from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 from ppmcal.wording import row_list
@@ -119,11 +120,12 @@ def _not_empty(table: Table, name: str) -> None:
                        "Fill it in, or remove the column")
 
 
-def second_joints(table: Table, mechanism: Mechanism, joint: Array, kind: str) -> Array | None:
+def second_joints(table: Table, mechanism: Mechanism, joint: Array, kind: InstrumentKind
+                  ) -> Array | None:
     """Return the joint values (N, k) at the other end of a distance, None where there is none."""
     names = [f"to_q_{a}" for a in mechanism.actuators]
     have = [n for n in names if n in table.header]
-    if not have or kind != "distance":
+    if not have or not kind.along_line:
         return None
     if len(have) < len(names):
         raise BadInput(f"the columns {', '.join(n for n in names if n not in have)} are missing",

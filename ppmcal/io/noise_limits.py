@@ -30,7 +30,7 @@ def refuse_noise(data: Dataset, mechanism: Mechanism, side: str) -> None:
     for name, sigma, quantity in (("position", data.sigma_position, "length"),
                                   ("rotation", data.sigma_rotation, "angle"),
                                   ("value", data.sigma_value, "length")):
-        known = {"plane": "height"}.get(data.kind, "distance") if name == "value" else name
+        known = data.kind.number if name == "value" else name
         refuse_sigma(sigma, quantity, mechanism, data.units,
                      f"{side}: instrument.sigma.{known}, or columns of their own")
     bare = np.array(mechanism.actuator_has_ratio)

@@ -26,6 +26,7 @@ from ppmcal.kinematics.pose_readings import (
     understood,
 )
 from ppmcal.linalg import Array, finite_rows
+from ppmcal.model.instruments import number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import LENGTHS, TURN, Units
 
@@ -112,7 +113,7 @@ def _choices(name: str, mechanism: Mechanism, units: Units) -> tuple[Mapping[str
     bare_name = name.removeprefix("cmd_").removeprefix("sigma_")
     if bare_name in (*TURNS, "rotation", "wx", "wy", "wz") or name.startswith("euler_"):
         return ANGULAR, units.factor("angle")
-    if bare_name in (*AXES, "height", "distance", "position", "vx", "vy", "vz"):
+    if bare_name in (*AXES, *number_names(), "position", "vx", "vy", "vz"):
         return LENGTHS, units.factor("length")
     kind = {"payload": "payload", "time": "time", **dict.fromkeys(("fx", "fy", "fz"), "force"),
             **dict.fromkeys(("mx", "my", "mz"), "moment")}

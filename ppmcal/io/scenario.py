@@ -51,7 +51,7 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
     length, angle = units.factor("length"), units.factor("angle")
     errors, scale = _errors(file.errors, mechanism, units, source)
     sigma = file.instrument.sigma
-    own = {"plane": sigma.height, "distance": sigma.distance}.get(file.instrument.kind)
+    own = file.instrument.kind.sigma_of(sigma)
     for value, quantity in ((sigma.position, "length"), (own, "length"), (sigma.rotation, "angle")):
         # next to none is none; more than the machine could not be read again
         size = (value or 0.0) * units.factor(quantity)
@@ -97,7 +97,7 @@ def _pairs(file: ScenarioFile, source: str) -> bool:
     """Whether distances are between two platform positions."""
     if file.instrument.between == "point":
         return False
-    if file.instrument.kind != "distance" or file.instrument.point is not None:
+    if not file.instrument.kind.along_line or file.instrument.point is not None:
         raise BadInput("only distances without a fixed point are between positions",
                        f"{source}: instrument.between", "Take out `between` or `point`")
     return True

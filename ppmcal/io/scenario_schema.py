@@ -16,6 +16,7 @@ from ppmcal.io.schema import (
     Label,
     Number,
     Positive,
+    Registered,
     Sigma,
     Strict,
     UnitsFile,
@@ -24,7 +25,7 @@ from ppmcal.io.schema import (
     numbers,
     refuse,
 )
-from ppmcal.model.dataset import KINDS
+from ppmcal.model.instruments import InstrumentKind, instruments
 
 FORMAT = "ppmcal/scenario/1"
 _CENTER = {"center": "center: {x: 0, y: 0, rz: 0}", "count": "count: 30",
@@ -135,7 +136,7 @@ class ScenarioInstrumentFile(Strict):
 
     examples: ClassVar[Mapping[str, str]] = {"kind": "kind: pose",
                                              "sigma": "sigma: {position: 0.005, rotation: 0.001}"}
-    kind: Annotated[str, choice("instrument kind", *KINDS)]
+    kind: Annotated[InstrumentKind, Registered("instrument kind", instruments)]
     """What is measured."""
     sigma: ScenarioSigmaFile
     """Standard deviations of the noise."""

@@ -21,6 +21,7 @@ from ppmcal.io.schema import (
     Flag,
     Label,
     Positive,
+    Registered,
     Strict,
     UnitsFile,
     check,
@@ -32,8 +33,8 @@ from ppmcal.io.schema import (
 from ppmcal.io.yaml import read_yaml
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array
-from ppmcal.model.dataset import KINDS, Unknown
-from ppmcal.model.instruments import refuse_flat
+from ppmcal.model.dataset import Unknown
+from ppmcal.model.instruments import InstrumentKind, instruments
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import Motion
 from ppmcal.units import Units
@@ -76,7 +77,7 @@ class InstrumentFile(Strict):
 
     examples: ClassVar[Mapping[str, str]] = {"kind": "kind: pose",
                                              "sigma": "sigma: {position: 0.01}"}
-    kind: Annotated[str, choice("instrument kind", *KINDS)]
+    kind: Annotated[InstrumentKind, Registered("instrument kind", instruments)]
     """What is measured."""
     sigma: SigmaFile
     """Standard deviations of the noise."""
@@ -157,11 +158,10 @@ def sigma_needs(file: SidecarFile, source: str, rotation: bool) -> None:
     """Refuse a sidecar without the standard deviations that its instrument needs."""
     kind, sigma = file.instrument.kind, file.instrument.sigma
     place = f"{source}: instrument.sigma"
-    value = {"plane": sigma.height, "distance": sigma.distance}.get(kind)
-    if value is None and sigma.position is None:
+    if kind.sigma_of(sigma) is None and sigma.position is None:
         raise BadInput("the key 'position' is missing", place,
                        "Add the instrument's standard deviation, such as `position: 0.01`")
-    if kind == "pose" and rotation and sigma.rotation is None:
+    if kind.sees_rotation and rotation and sigma.rotation is None:
         raise BadInput("the key 'rotation' is missing", place,
                        "Add the standard deviation of a measured angle, such as "
                        "`rotation: 0.002`, or write `kind: position`")
@@ -212,13 +212,13 @@ def _three(raw: object, sizes: tuple[int, ...], factor: float, place: str, form:
     return Unknown(False, np.array([*numbers, 0.0][:3]) * factor)
 
 
-def scale_of(raw: object, kind: str, source: str, where: str = "scale") -> Unknown:
+def scale_of(raw: object, kind: InstrumentKind, source: str, where: str = "scale") -> Unknown:
     """Return what measured lengths are times the true ones (1,): known (1), unknown, or given.
 
     A printed part that shrank, a caliper or a tracker in another scale: all rows of the file are
     off together. ``{value: 0.995, sigma: 0.0015}``: fitted, known to be so near that.
     """
-    if kind == "plane" and raw not in ("known", 1, 1.0):
+    if kind.touches and raw not in ("known", 1, 1.0):
         raise BadInput("heights of a flat have no scale of their own", f"{source}: {where}",
                        "Take it out; a scale goes with pose, position or distance")
     if raw in ("unknown", "known"):
@@ -293,20 +293,19 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
     source = str(path)
     file = check(SidecarFile, read_yaml(Path(path)), source)
     units, kind, sigma = file.units.units(), file.instrument.kind, file.instrument.sigma
-    refuse_flat(kind, mechanism.motion, source)
+    kind.refuse(mechanism.motion, source)
     sigma_needs(file, source, mechanism.motion.turns)
     frame = frame_of(file.frame, mechanism.motion, units, source)
     if frame.same_as is not None:
         raise BadInput("a plan has one instrument, and no other data set to refer to", f"{source}: "
                        "frame.same_as", "Write unknown, known, or the pose")
-    if kind == "distance":
+    if kind.along_line:
         frame = _from_point(file, frame, mechanism, units, source)
     length, angle = units.factor("length"), units.factor("angle")
-    own = {"plane": sigma.height, "distance": sigma.distance}.get(kind) or sigma.position
-    scalar = kind in ("plane", "distance")
+    own, scalar = kind.sigma_of(sigma) or sigma.position, kind.scalar
     found = Instrument(
         kind, np.nan if scalar else (sigma.position or np.nan) * length,
-        (sigma.rotation or np.nan) * angle if kind == "pose" else np.nan,
+        (sigma.rotation or np.nan) * angle if kind.sees_rotation else np.nan,
         (own or np.nan) * length if scalar else np.nan,
         actuator_noise(sigma.actuator, mechanism, mechanism.joint_factors(units), source),
         frame, point_of(file.target, mechanism.motion, units, source),

@@ -50,7 +50,7 @@ def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
     place = seen.place if data.place is None or seen.place is None else seen.place[data.place]
     found = replace(environment(data.columns, mechanism.actuators, mechanism.gravity, data.q),
                     row=data.numbers().astype(float), history=seen.history, place=place,
-                    touch=np.full(len(data), data.kind == "plane"))
+                    touch=np.full(len(data), data.kind.touches))
     visited = data.directions()
     if visited is not None:
         return replace(found, approach=visited)

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from ppmcal.linalg import Array, Bools, Ints, row_by_row, taken, ways
 from ppmcal.model.history import History, history_of, straight
+from ppmcal.model.instruments import POSE, InstrumentKind
 from ppmcal.units import SI, Units
 from ppmcal.wording import pluralize
-
-KINDS = ("pose", "position", "plane", "distance")
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Dataset:
     Attributes:
         name: the sidecar's name, unique within a campaign.
         source: path of the CSV, for messages.
-        kind: ``pose``, ``position``, ``plane`` or ``distance``.
+        kind: of instrument.
         rows: row numbers in the CSV, counting data rows from 1, (N,).
         q: joint values by actuator in SI (m, rad; bare numbers where the drive has a
             ratio), (N, k); nan where the file gives a commanded pose instead.
@@ -90,7 +89,7 @@ class Dataset:
 
     name: str
     source: str
-    kind: str
+    kind: InstrumentKind
     rows: NDArray[np.int64]
     q: Array
     commanded: Array | None
@@ -141,7 +140,7 @@ class Dataset:
         n, one = pose.shape[0], np.ones((pose.shape[0], 3))
         point = Unknown(fitted, np.zeros(3))
         return cls(
-            name=name, source=name, kind="pose", rows=np.arange(1, n + 1), q=q, commanded=None,
+            name=name, source=name, kind=POSE, rows=np.arange(1, n + 1), q=q, commanded=None,
             position=pose[:, :3], rotation=pose[:, 3:], value=np.full(n, np.nan), to_q=None,
             sigma_position=sigma[0] * one, sigma_rotation=sigma[1] * one,
             sigma_value=np.ones(n), sigma_actuator=np.zeros(q.shape[1]), groups=np.arange(n),

@@ -18,8 +18,6 @@ from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.same_rows import in_step, partners, tolerances
 
-HEIGHTS_AND_DISTANCES = ("plane", "distance")
-
 
 def session_masks(datasets: Sequence[Dataset]) -> list[tuple[str, list[Bools]]]:
     """Return label and rows, a mask (N,) by data set, of each session in order of appearance.
@@ -111,7 +109,7 @@ def _one_frame(one: Dataset, two: Dataset) -> bool:
         names = [{d.name, d.frame.same_as} - {None} for d in (one, two)]
         return one.frame.fitted and two.frame.fitted and not names[0].isdisjoint(names[1])
     return np.array_equal(one.frame.value, two.frame.value) and one.kind == two.kind and (
-        one.kind not in HEIGHTS_AND_DISTANCES)
+        not one.kind.scalar)
 
 
 def _at_one_time(one: Dataset, two: Dataset) -> bool:
@@ -158,7 +156,7 @@ def _heights_and_distances(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
     Of several files of heights nobody knows which of them the distances belong to.
     """
     plain = [d for d in datasets if not d.sessions]
-    found = [[d for d in plain if d.kind == kind] for kind in HEIGHTS_AND_DISTANCES]
+    found = [d for d in plain if d.kind.touches], [d for d in plain if d.kind.along_line]
     if any(len(some) != 1 for some in found) or len(datasets) != 2:
         return tuple(datasets)
     first, second = datasets

@@ -154,7 +154,7 @@ def _of_dataset(table: Columns, rows: Ints, data: Dataset, entry: FittedDataset,
     before = _registration(entry.registration_before, plain) or after
     point = cga.move_point(pose, after.target)
     along = None
-    if data.kind == "distance":
+    if data.kind.along_line:
         along = _lines(model, data, at, pose, after, point)
     errors = [_in_base(table, rows, stage, registration, along) for stage, registration in
               zip(STAGES, (before, after), strict=True)]
@@ -162,7 +162,7 @@ def _of_dataset(table: Columns, rows: Ints, data: Dataset, entry: FittedDataset,
     if lost:
         notes = (f"{pluralize(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} no "
                  "pose of this machine or no joint values.",)
-    if data.kind == "distance":
+    if data.kind.along_line:
         notes += (f"Errors of {entry.name} are along the measured distance.",)
     return PlacedRows(_points(table, rows, plain, (entry.name, index), point, errors),
                       data.q[at], pose, notes)

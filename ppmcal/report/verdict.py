@@ -12,6 +12,7 @@ from ppmcal.io.results.diagnosis_wording import gap_closed, left_out_error, next
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_wording import noise_verdict
+from ppmcal.model.instruments import find_instrument
 from ppmcal.report.format import count, typeset
 from ppmcal.report.headlines import accuracy, figure, main_kind, unseen
 from ppmcal.report.records import Diagnosed, Identified, ReportData
@@ -140,10 +141,10 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
 def _size(one: Identified) -> str:
     """Return what the machine's size rests on where that is little, else nothing."""
     scale = one.record.identifiability.scale
-    kinds = {d.kind for d in one.record.datasets}
+    kinds = [find_instrument(d.kind) for d in one.record.datasets]
     if scale is not None and scale.open and (scale.sigma is None or scale.prior_dominated):
         return "how large the machine is rests on tolerances, not on these data"
-    if "distance" in kinds and not kinds - {"distance", "plane"}:
+    if any(k.along_line for k in kinds) and all(k.scalar for k in kinds):
         return ("how large the machine is rests on the measured distances alone: rods and the "
                 "scale of distances are one direction")
     return ""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.linalg import Array
+from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 
@@ -114,7 +115,7 @@ class Scenario:
         poses: where to measure.
         errors: parameter name -> difference from its present value, SI.
         error_scale: draw errors from the tolerances times this, or None.
-        kind: ``pose``, ``position``, ``plane`` or ``distance``.
+        kind: of instrument.
         sigma_position, sigma_rotation: noise of the instrument, 0 where none, m and rad.
         sigma_value: noise of a height or distance, m.
         sigma_actuator: noise of the joints (k,), unit of q.
@@ -138,7 +139,7 @@ class Scenario:
     poses: Pattern
     errors: Mapping[str, float]
     error_scale: float | None
-    kind: str
+    kind: InstrumentKind
     sigma_position: float
     sigma_rotation: float
     sigma_value: float

@@ -23,7 +23,6 @@ from ppmcal.kinematics.needed_columns import ORDER, missing_columns, remembers
 from ppmcal.kinematics.registration import displaced, predict
 from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Environment, environment
-from ppmcal.model.instruments import SCALARS, refuse_flat
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.simulation.pose_patterns import commands
@@ -77,7 +76,7 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
         BadInput: an instrument that is not simulated, or no pose inside the workspace.
         NoResult: the true machine cannot reach any pose.
     """
-    refuse_flat(scenario.kind, mechanism.motion, scenario.source)
+    scenario.kind.refuse(mechanism.motion, scenario.source)
     rng = np.random.default_rng(scenario.seed if seed is None else seed)
     q, left_out, listed = commands(mechanism.nominal(), scenario, rng)
     own = listed.columns if listed else {}
@@ -99,7 +98,7 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     visited = np.full_like(direction, np.nan) if scenario.pairs else q[order]
     rows = replace(
         _environment(mechanism, direction, velocity, payload, temperature, time, visited),
-        touch=np.full(n, scenario.kind == "plane"))
+        touch=np.full(n, scenario.kind.touches))
     with_effects = with_strokes(scenario.with_effects, q)
     model = Model(with_effects, g)
     _recorded(with_effects, rows, scenario)
@@ -168,8 +167,9 @@ def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mecha
     position = stretched(position, stretch)
     far = stretched(predict(registration, other)[0], stretch) if scenario.pairs else scenario.point
     error, outlier = _errors(len(position), scenario, rng)
-    return (position + error[:, :3], _turned(turn, error[:, 3:], mechanism),
-            _value(position, far, error[:, 0], scenario.kind), outlier)
+    value = np.full(len(position), np.nan) if scenario.kind.value is None else (
+        scenario.kind.value(position, far) + error[:, 0])
+    return position + error[:, :3], _turned(turn, error[:, 3:], mechanism), value, outlier
 
 
 @stage("moving the machine")
@@ -278,9 +278,9 @@ def _errors(n: int, scenario: Scenario, rng: np.random.Generator
         noise[row] = scenario.ar * noise[row - 1] + np.sqrt(1.0 - scenario.ar**2) * noise[row]
     outlier = np.asarray(rng.uniform(size=n) < scenario.outliers, dtype=np.bool_)
     way = rng.normal(size=(n, 6))
-    if scenario.kind in SCALARS:
+    if scenario.kind.scalar:
         sigma, way[:, 1:] = np.full(6, scenario.sigma_value), 0.0
-    way *= np.sqrt(1.0 if scenario.kind in SCALARS else 6.0) / np.linalg.norm(
+    way *= np.sqrt(1.0 if scenario.kind.scalar else 6.0) / np.linalg.norm(
         way, axis=1, keepdims=True)
     noise += np.where(outlier[:, None], OUTLIER_SIGMAS * way, 0.0)
     return noise * sigma, outlier
@@ -295,15 +295,6 @@ def _turned(turn: Array, error: Array, mechanism: Mechanism) -> Array:
     own = cga.motor_from_matrix(turn, np.zeros(3))
     shake = cga.motor_from_rotation_vector(error, np.zeros(3))
     return cga.rotation_vector(cga.compose(shake, own))
-
-
-def _value(position: Array, far: Array, error: Array, kind: str) -> Array:
-    """Return measured heights, or distances from ``far`` (3,) or (n, 3), (n,), else nan."""
-    if kind == "plane":
-        return position[:, 2] + error
-    if kind == "distance":
-        return np.asarray(np.linalg.norm(position - far, axis=1) + error)
-    return np.full(len(position), np.nan)
 
 
 def _draw(rng: np.random.Generator, tails: str, shape: tuple[int, int]) -> Array:

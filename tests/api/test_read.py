@@ -15,6 +15,7 @@ from helpers.mistakes import SAMPLE
 from scipy.spatial.transform import Rotation
 
 import ppmcal
+from ppmcal.model.instruments import POSITION
 
 MACHINE = SAMPLE / "hexapod.yaml"
 LEGS = [f"q_leg{i}" for i in range(1, 7)]
@@ -82,7 +83,7 @@ def test_lists_of_points_join_a_log_by_name(tmp_path: Path, measured: list[dict[
     for name in (*LEGS, "x", "y", "z"):
         assert [float(r[name]) for r in found] == [float(r[name]) for r in measured]
     (data,) = ppmcal.read_data(MACHINE, tmp_path / "run.csv")
-    assert data.kind == "position" and data.estimated and len(data) == COUNT
+    assert data.kind is POSITION and data.estimated and len(data) == COUNT
 
 
 def test_points_are_joined_by_time(tmp_path: Path, measured: list[dict[str, str]]) -> None:

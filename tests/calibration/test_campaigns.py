@@ -26,6 +26,7 @@ from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.model.sessions import campaign, one_session, pose_labels, session_masks
@@ -57,7 +58,7 @@ def seen(name: str, q: NDArray[np.float64], target: Sequence[float], rehomed: in
     rng = np.random.default_rng([seed, *name.encode()])
     pose[:, :3] += POSITION * rng.normal(size=(len(q), 3)) * [1.0, 1.0, 0.0]
     data = Dataset.of_poses(name, q, pose, (POSITION, np.inf), True)
-    return replace(data, kind="position", rotation=np.full((len(q), 3), np.nan),
+    return replace(data, kind=find_instrument("position"), rotation=np.full((len(q), 3), np.nan),
                    target_rotation=Unknown(False, np.zeros(3)),
                    frame=Unknown(True, np.zeros(6), None if name == "A" else "A"))
 

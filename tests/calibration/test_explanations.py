@@ -28,6 +28,7 @@ from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -159,7 +160,8 @@ def test_rods_that_all_grow_and_a_scale(tmp_path: Path) -> None:
         q = inverse(Model(mechanism, values), pose_motor(pose)).q
         data = Dataset.of_poses("a", q, pose + 1e-5 * rng.normal(size=pose.shape), (1e-5, 1e-5),
                                 False)
-        return replace(data, kind="position", rotation=np.full((len(q), 3), np.nan))
+        return replace(data, kind=find_instrument("position"),
+                       rotation=np.full((len(q), 3), np.nan))
 
     found = compared(mechanism, positions(g), positions(h))
     assert "length of all limbs alike" in tied(found)

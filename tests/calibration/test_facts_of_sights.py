@@ -12,6 +12,7 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.fit.observation import view
 from ppmcal.kinematics.forward import moved
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import find_instrument
 from ppmcal.model.motions import SPATIAL
 from ppmcal.model.registration import Registration
 
@@ -28,7 +29,7 @@ def case(kind: str, ends: int) -> tuple[Dataset, Registration, list[Array]]:
                                                        rng.normal(size=(N, 3))))
              for _ in range(ends)]
     data = Dataset.of_poses("a", np.zeros((N, 6)), np.zeros((N, 6)), (1e-3, 1e-3), False)
-    return replace(data, kind=kind, value=rng.normal(size=N)), registration, poses
+    return replace(data, kind=find_instrument(kind), value=rng.normal(size=N)), registration, poses
 
 
 @pytest.mark.parametrize(("kind", "ends"), [("position", 1), ("plane", 1), ("distance", 1),

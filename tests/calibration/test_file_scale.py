@@ -23,6 +23,7 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.registration import carried_back, measured_pose
 from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -40,7 +41,7 @@ def session(name: str, kind: str, n: int, seed: int, noise: float = 0.0
     if kind in ("pose", "position"):
         pose = pose_vector(forward(Model(mechanism, g), q).pose)
         data = Dataset.of_poses("tracker", q, pose, (SIGMA, SIGMA), True)
-        data = replace(data, kind=kind)
+        data = replace(data, kind=find_instrument(kind))
         moved = data.position + rng.normal(0.0, max(noise, 1e-300), data.position.shape)
         return mechanism, replace(data, position=SCALE * moved, scale=OPEN), g
     second = joints(mechanism, name, n, rng) if kind == "pair" else None

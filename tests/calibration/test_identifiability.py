@@ -27,6 +27,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import POSITION
 from ppmcal.model.registration import Registration
 
 NAME = "delta-linear"
@@ -96,7 +97,7 @@ def test_positions_tell_scale() -> None:
     g = truth(mechanism, rng, 0.3)
     pose = np.concatenate([cga.translation(forward(Model(mechanism, g), q).pose),
                            np.full((len(q), 3), np.nan)], axis=1)
-    data = replace(Dataset.of_poses("camera", q, pose, (1e-5, 1.0), False), kind="position")
+    data = replace(Dataset.of_poses("camera", q, pose, (1e-5, 1.0), False), kind=POSITION)
     found = identifiability(fitted(mechanism, data))
     assert found.scale is not None and not found.scale.open
     assert not any("Scale" in s for s in IdentifiabilitySummary.of(

@@ -22,6 +22,7 @@ from ppmcal.calibration.fit.rank import Rank, analyse
 from ppmcal.calibration.validation.summary import rank_of
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.simulation.scenario import Circle, Random, Scenario
 from ppmcal.simulation.simulate import simulate
@@ -117,12 +118,14 @@ def fit_of(case: Setup, kind: str, unknown: bool, target: Array | None = None,
     mechanism = case.mechanism
     target = np.zeros(3) if target is None else target
     frame = case.scenario.frame if unknown else np.zeros(6)
-    plan = replace(case.scenario, kind=kind, frame=frame, target=target, sigma_position=0.0,
+    plan = replace(case.scenario, kind=find_instrument(kind), frame=frame, target=target,
+                   sigma_position=0.0,
                    sigma_rotation=0.0, outliers=0.0)
     seen = simulate(mechanism, plan, 3)
     n = len(seen.q)
     data = Dataset(
-        name="a", source="a", kind=kind, rows=np.arange(1, n + 1), q=seen.q, commanded=None,
+        name="a", source="a", kind=find_instrument(kind), rows=np.arange(1, n + 1), q=seen.q,
+        commanded=None,
         position=seen.position, rotation=seen.rotation, value=np.full(n, np.nan), to_q=None,
         sigma_position=np.full((n, 3), 1e-5), sigma_rotation=np.full((n, 3), 3e-5),
         sigma_value=np.ones(n), sigma_actuator=np.zeros(len(mechanism.actuators)),

@@ -32,6 +32,7 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.registration import predict
 from ppmcal.kinematics.tables import pose_vector
 from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.instruments import POSITION, find_instrument
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.simulation.scenario import Circle, Random, Scenario
@@ -125,7 +126,8 @@ def test_exact_data_give_the_exact_machine(request: pytest.FixtureRequest, name:
             strict=True, reason="one point of a platform that hardly turns: its tilt and the "
             "target are felt only at second order"))
     mechanism, scenario = machine(name)
-    plan = replace(noiseless(scenario), kind=kind, target_known=False, frame_known=False)
+    plan = replace(noiseless(scenario), kind=find_instrument(kind), target_known=False,
+                   frame_known=False)
     if not mechanism.motion.turns:
         plan = replace(plan, target_known=True)
     if kind == "position":
@@ -142,7 +144,7 @@ def test_the_papers_case(kind: str) -> None:
     tree = yaml.safe_load((CONFIGS / "3-RPR.yaml").read_text(encoding="utf-8"))
     mechanism = read_text(yaml.safe_dump({**tree, "free": PAPER}))
     scenario = read_scenario(CONFIGS / "scenarios" / "3-RPR.yaml", mechanism)
-    plan = replace(noiseless(scenario), kind=kind)
+    plan = replace(noiseless(scenario), kind=find_instrument(kind))
     made = run(mechanism, plan if kind == "pose" else box(plan, 60), 3)
     fit = identify(made.problem, PLAIN)
     assert_exact(fit, made)
@@ -197,8 +199,8 @@ def exact_data(mechanism: Mechanism, kind: str, name: str, registration: Registr
     # joint noise in each joint's own unit: comparable effects
     ranges = np.ptp(q, axis=0)
     data = Dataset(
-        name=name, source=name, kind=kind, rows=np.arange(1, n + 1), q=q, commanded=None,
-        position=position, rotation=rotation, value=np.full(n, np.nan), to_q=None,
+        name=name, source=name, kind=find_instrument(kind), rows=np.arange(1, n + 1), q=q,
+        commanded=None, position=position, rotation=rotation, value=np.full(n, np.nan), to_q=None,
         sigma_position=np.full((n, 3), 1e-5) * np.array([1.0, 2.0, 3.0]),
         sigma_rotation=np.full((n, 3), 2e-5), sigma_value=np.ones(n),
         sigma_actuator=noise * ranges * np.linspace(1.0, 2.0, k), groups=np.arange(n), columns={},
@@ -549,7 +551,7 @@ def test_per_file_homing_finds_the_shift_of_the_zeros() -> None:
 def test_a_shared_frame_is_fitted_once() -> None:
     mechanism, scenario = machine("3-RPR")
     first = run(mechanism, noiseless(scenario), 1)
-    other = second(first, 2, kind="position", target=np.array([-0.03, 0.01, 0.0]))
+    other = second(first, 2, kind=POSITION, target=np.array([-0.03, 0.01, 0.0]))
     same = replace(other.data, frame=Unknown(True, np.zeros(6), "a"))
     problem = replace(together(first, other), datasets=(first.data, same))
     assert [c for c in problem.columns if c.startswith("frame.")] == [

@@ -15,7 +15,6 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.fit.fit_result import FitOptions
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.linearisation import column_scale
-from ppmcal.calibration.fit.observation import coordinates_of
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.design.error_jacobian import Poses
 from ppmcal.design.error_sources import geometry_only, sources, tolerances
@@ -41,6 +40,7 @@ from ppmcal.kinematics.region import named
 from ppmcal.kinematics.registration import predict
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism
 
 CONFIGS = ROOT / "configs"
@@ -57,7 +57,8 @@ def fleet(name: str, kind: str | None = None, measured: int = 30) -> Fleet:
     tasks, poses = evenly(m, region, 12, 1), evenly(m, region, measured, 2)
     instrument = default_instrument(m)
     if kind is not None:
-        instrument = replace(instrument, kind=kind, sigma_value=instrument.sigma_position)
+        instrument = replace(instrument, kind=find_instrument(kind),
+                             sigma_value=instrument.sigma_position)
     return Fleet(m, tuple(s.parameter for s in found), tolerances(m, found),
                  Poses(tasks.q, pose_motor(tasks.pose), np.zeros(3)),
                  MeasurementSetup(m, instrument, poses.q, poses.pose))
@@ -164,7 +165,7 @@ def test_the_fleet_is_calibrated_as_identify_would(name: str, kind: str) -> None
     rng = np.random.default_rng(4)
     g = np.tile(m.values, (5, 1))
     g[:, list(one.wanted)] += rng.normal(size=(5, len(one.wanted))) * one.sigma
-    width = len(coordinates_of(kind, m.motion))
+    width = len(find_instrument(kind).coordinates(m.motion))
     noise = rng.normal(size=(5, len(setup.q), width))
     found = calibrate(setup, setup.linear, g, noise)
     assert found.settled.all()
@@ -184,9 +185,9 @@ def measured(setup: MeasurementSetup, g: np.ndarray, noise: np.ndarray) -> Datas
     m, instrument = setup.mechanism, setup.instrument
     real, _, _ = newton(Model(m, g).closure(setup.q), pose_motor(setup.pose))
     clean = instrument.dataset(setup.q, pose_vector(real), {}, m.motion.planar)
-    if instrument.kind in ("plane", "distance"):
+    if instrument.kind.scalar:
         return replace(clean, value=clean.value + instrument.sigma_value * noise[:, 0])
-    pick = list(coordinates_of(instrument.kind, m.motion))
+    pick = list(instrument.kind.coordinates(m.motion))
     whole = np.zeros((len(noise), 6))
     whole[:, pick] = noise
     position = clean.position + instrument.sigma_position * whole[:, :3]

@@ -21,6 +21,7 @@ from ppmcal.diagnosis.library_columns import only_slots
 from ppmcal.diagnosis.linear_system import System, build
 from ppmcal.diagnosis.thinning import LEAST, MOST_VALUES, thinned
 from ppmcal.model.effects import effect_kinds
+from ppmcal.model.instruments import POSE
 from ppmcal.model.motions import SPATIAL
 
 Array = NDArray[np.float64]
@@ -114,7 +115,7 @@ def test_a_bootstrap_is_drawn_poses_summed(poses: int) -> None:
 
 def rows_of(count: int, load: Array | None = None, sessions: list[str] | None = None) -> Problem:
     """Return what thinning asks of a problem: rows with a load and in sessions, of six values."""
-    data = SimpleNamespace(name="a", kind="pose", sessions=sessions, campaign="",
+    data = SimpleNamespace(name="a", kind=POSE, sessions=sessions, campaign="",
                            __len__=lambda: count)
     wrench = np.zeros((count, 6))
     wrench[:, 2] = 0.0 if load is None else load

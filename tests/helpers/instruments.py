@@ -13,6 +13,7 @@ from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import predict
 from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -50,7 +51,7 @@ def data_of(mechanism: Mechanism, kind: str, q: Array, second: Array | None, g: 
         frame[:3] = -POINT
         frame[2] *= not mechanism.motion.planar
     target = np.array([0.01, -0.02, 0.03])
-    if mechanism.motion != "spatial":
+    if not mechanism.motion.turns_freely:
         target = np.zeros(3)
     registration = Registration.of_pose(frame, target)
     point = positions(mechanism, g, q, registration)
@@ -60,7 +61,8 @@ def data_of(mechanism: Mechanism, kind: str, q: Array, second: Array | None, g: 
     blank = Dataset.of_poses(kind, q, np.full((len(q), 6), np.nan), (SIGMA, SIGMA), False)
     open_frame = unknown and second is None
     return replace(
-        blank, kind=kind, value=value + noise * rng.normal(size=len(q)), to_q=second,
+        blank, kind=find_instrument(kind),
+        value=value + noise * rng.normal(size=len(q)), to_q=second,
         sigma_value=np.full(len(q), SIGMA), frame=Unknown(
             open_frame, np.zeros(6) if open_frame else frame),
         target=Unknown(unknown and mechanism.motion.turns_freely,

@@ -15,6 +15,7 @@ from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -44,7 +45,8 @@ def session(mechanism: Mechanism, name: str, g: Array, rng: np.random.Generator,
     seen = seen + rng.normal(size=seen.shape) * ([POSITION] * 3 + [ROTATION] * 3)
     data = Dataset.of_poses(label, q, seen, (POSITION, ROTATION), False)
     if not mechanism.motion.turns:
-        data = replace(data, kind="position", rotation=np.full((len(q), 3), np.nan))
+        data = replace(data, kind=find_instrument("position"),
+                       rotation=np.full((len(q), 3), np.nan))
     return replace(data, frame=Unknown(True, np.zeros(6)))
 
 

@@ -18,6 +18,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward, smallest_singular_value
 from ppmcal.kinematics.inverse import Inverse, home_state
 from ppmcal.kinematics.partial_pose import inverse_partial
+from ppmcal.model.instruments import POSE, POSITION
 from ppmcal.model.limbs import kinds
 from ppmcal.model.mechanism import Mechanism
 
@@ -182,7 +183,7 @@ def test_the_scenario_shows_what_theory_says(name: str) -> None:
     if name in RANK:
         assert rank(box.mechanism, box.found) == RANK[name]
     pose = box.mechanism.motion.turns
-    assert box.scenario.kind == ("pose" if pose else "position")
+    assert box.scenario.kind == (POSE if pose else POSITION)
     assert box.scenario.error_scale == 1.0
     assert not box.scenario.frame_known
     assert box.scenario.target_known != pose

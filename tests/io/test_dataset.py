@@ -40,7 +40,7 @@ def dataset(tmp_path, text, mechanism=BENCH, *edits, side=SIDE):
 
 def test_the_good_one():
     d = read_dataset(GOOD / "good_run.csv", BENCH)
-    assert (d.name, d.kind, d.approach, d.homing) == ("run 3", "pose", "columns", "shared")
+    assert (d.name, d.kind.name, d.approach, d.homing) == ("run 3", "pose", "columns", "shared")
     np.testing.assert_array_equal(d.rows, [1, 2, 3, 4])
     np.testing.assert_array_equal(d.groups, [0, 0, 1, 2])
     np.testing.assert_allclose(d.q[0], [0.4501, 0.4602, 0.4703])

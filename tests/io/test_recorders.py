@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 import ppmcal
 from ppmcal.commands.read.run import ReadResult
 from ppmcal.errors import PpmcalError
+from ppmcal.model.instruments import POSE
 
 MACHINE = ppmcal.load(SAMPLE / "hexapod.yaml")
 LEGS = [f"leg{i}" for i in range(1, 7)]
@@ -288,7 +289,7 @@ def check_ros(files: list[Path]) -> None:
     np.testing.assert_allclose(result.data.position, AXES / 1e3, rtol=1e-12)
     np.testing.assert_allclose(np.degrees(result.data.rotation), [
         [float(r[a]) for a in ("rx", "ry", "rz")] for r in ROWS], atol=1e-9)
-    assert result.data.kind == "pose"
+    assert result.data.kind is POSE
     assert "m (ROS)" in result.sentences[0] and "zone" not in result.sentences[0]
 
 

@@ -12,10 +12,10 @@ from helpers.sources import nodes_of
 
 import ppmcal as package
 from ppmcal.calibration.fit.nuisance_columns import frame_parts, lay_out, target_parts
-from ppmcal.calibration.fit.observation import coordinates_of
 from ppmcal.errors import BadInput
 from ppmcal.io import read_dataset, read_mechanism
 from ppmcal.model.effects import effect_kinds
+from ppmcal.model.instruments import POSE, POSITION
 from ppmcal.model.motions import (
     PLANAR,
     PLANAR_POINT,
@@ -84,10 +84,10 @@ def test_coordinates_that_nothing_could_compute_with(coordinates: tuple[str, ...
 
 def test_what_instruments_measure_of_a_platform_that_turns_about_one_axis() -> None:
     """Frame and target may be tilted, so that all of a rotation is measured."""
-    assert coordinates_of("pose", SCHOENFLIES) == (0, 1, 2, 3, 4, 5)
-    assert coordinates_of("position", SCHOENFLIES) == (0, 1, 2)
-    assert coordinates_of("pose", PLANAR_POINT) == (0, 1)
-    assert coordinates_of("position", PLANAR_POINT) == (0, 1)
+    assert POSE.coordinates(SCHOENFLIES) == (0, 1, 2, 3, 4, 5)
+    assert POSITION.coordinates(SCHOENFLIES) == (0, 1, 2)
+    assert POSE.coordinates(PLANAR_POINT) == (0, 1)
+    assert POSITION.coordinates(PLANAR_POINT) == (0, 1)
 
 
 def test_effects_of_the_new_motions() -> None:

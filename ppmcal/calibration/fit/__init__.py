@@ -68,7 +68,6 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.normal_equations import white_blocks as white_blocks
     from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns as NuisanceColumns
     from ppmcal.calibration.fit.observation import coordinates as coordinates
-    from ppmcal.calibration.fit.observation import coordinates_of as coordinates_of
     from ppmcal.calibration.fit.observation import labels as labels
     from ppmcal.calibration.fit.observation import noise as noise
     from ppmcal.calibration.fit.observation import shown as shown
@@ -107,8 +106,6 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.rank import pivoted as pivoted
     from ppmcal.calibration.fit.rank import unidentifiable as unidentifiable
     from ppmcal.calibration.fit.rank import whole_rank as whole_rank
-    from ppmcal.calibration.fit.registration_freedoms import OPEN as OPEN
-    from ppmcal.calibration.fit.registration_freedoms import OPENED as OPENED
     from ppmcal.calibration.fit.registration_freedoms import WORTH as WORTH
     from ppmcal.calibration.fit.registration_freedoms import RegistrationHint as RegistrationHint
     from ppmcal.calibration.fit.registration_freedoms import hint_sentences as hint_sentences

@@ -46,7 +46,7 @@ def flats(fit: Fit) -> Iterator[Flat]:
     """Yield the shape of each flat that was touched often enough."""
     count = len(fit.problem.columns)
     for i, data in enumerate(fit.problem.datasets):
-        if data.kind != "plane":
+        if not data.kind.touches:
             continue
         mine = [k & (j == i) for j, k in enumerate(fit.keep)]
         keep = subsample(mine, MOST)

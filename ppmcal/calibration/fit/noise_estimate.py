@@ -24,7 +24,6 @@ from ppmcal.calibration.fit.linearisation import prior_weights, qr_factor, seen_
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.linalg import Array, Bools, svd
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.instruments import SCALARS
 from ppmcal.model.repeats import repeats
 from ppmcal.units import Finite, OrNull
 
@@ -99,7 +98,7 @@ def with_estimated_noise(problem: Problem, options: FitOptions,
 
 def typical_noise(data: Dataset) -> float:
     """Return the median noise of a data set's values or positions, m."""
-    return float(np.nanmedian(data.sigma_value if data.kind in SCALARS else data.sigma_position))
+    return float(np.nanmedian(data.sigma_value if data.kind.scalar else data.sigma_position))
 
 
 def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> list[str]:

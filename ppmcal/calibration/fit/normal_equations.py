@@ -82,7 +82,7 @@ def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Arra
         return None
     pose, (seen, white, _) = state.poses[index][rows], problem.measured(index, rows)
     placed = cga.compose(registration.frame, pose)
-    scale = 1.0 if data.kind == "plane" else registration.scale
+    scale = 1.0 if data.kind.touches else registration.scale
     left = seen - np.pad(scale * cga.move_point(placed, registration.target), ((0, 0), (0, 3)))
     parts = list(coordinates(data, problem.mechanism.motion))
     if parts[-1] > 2:
@@ -209,7 +209,7 @@ def _has_sight(problem: Problem, state: State, index: int) -> bool:
     data = problem.datasets[index]
     own_scale = data.scale.fitted or state.registrations[index].scale != 1.0
     return (not problem.mechanism.effects and not problem.mechanism.surplus
-            and data.kind != "distance" and not (data.kind == "plane" and own_scale)
+            and not data.kind.along_line and not (data.kind.touches and own_scale)
             and not np.any(data.sigma_actuator > 0.0))
 
 
@@ -239,6 +239,6 @@ def _sight(problem: Problem, state: State, index: int) -> InstrumentTables:
         np.concatenate([cga.rotation_matrix(frame).ravel(), cga.translation(frame)]),
         np.array(frame[:4]), np.array(body[:4]), np.asarray(registration.target, dtype=float),
         left_jacobian(registration.target_rotation).ravel(), np.asarray(about, dtype=float),
-        1.0 if data.kind == "plane" else float(registration.scale), motion.planar,
+        1.0 if data.kind.touches else float(registration.scale), motion.planar,
         np.array(coordinates(data, motion)), np.array(_open_columns(problem, index)[0],
                                                       dtype=np.int64))

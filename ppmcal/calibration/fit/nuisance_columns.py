@@ -16,8 +16,6 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES, Motion
 from ppmcal.model.registration import Registration
 
-POINT = (0, 1, 2)
-
 
 @dataclass(frozen=True)
 class NuisanceColumns:
@@ -67,26 +65,13 @@ class NuisanceColumns:
 
 
 def frame_parts(data: Dataset, motion: Motion) -> tuple[int, ...]:
-    """Return the components of an unknown frame that the instrument can tell.
-
-    Touches of a flat tell its height and tilt, distances the point they are measured from,
-    distances between two platform positions nothing.
-    """
-    if data.kind == "plane":
-        return (2, 3, 4)
-    if data.kind == "distance":
-        return () if data.to_q is not None else POINT[:motion.axes]
-    return motion.frame_parts
+    """Return the components of an unknown frame that the instrument can tell."""
+    return data.kind.frame_parts(motion, data.to_q is not None)
 
 
 def target_parts(data: Dataset, motion: Motion) -> tuple[int, ...]:
     """Return the components of an unknown target point that the instrument can tell."""
-    if not motion.turns and data.kind in ("plane", "distance"):
-        # a platform that never turns carries the target as a constant, as the frame does
-        if data.frame.fitted or data.to_q is not None:
-            return ()
-        return (2,) if data.kind == "plane" else (0, 1, 2)
-    return POINT[:motion.axes]
+    return data.kind.target_parts(motion, data.frame.fitted or data.to_q is not None)
 
 
 def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
@@ -121,7 +106,7 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
         if owner is not None:
             frame, about, parts = owner.frame, owner.about, owner.frame_parts
         target = take(data.target.fitted, [f"target.{POSE_COORDINATES[p]}" for p in points])
-        turns = data.target_rotation.fitted and data.kind == "pose" and motion.turns
+        turns = data.target_rotation.fitted and data.kind.sees_rotation and motion.turns
         turn = take(turns, [f"target_rotation.{POSE_COORDINATES[3 + p]}" for p in turn_parts])
         homing = take((i > 0 and data.homing == "per-file") or data.homing == "alone",
                       [f"homing.{a}" for a in mechanism.actuators])

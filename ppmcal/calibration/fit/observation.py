@@ -17,7 +17,6 @@ from ppmcal import linalg
 from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, row_by_row
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.instruments import NUMBERS, SCALARS
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES, Motion
@@ -78,31 +77,21 @@ class ResidualJacobian:
 
 def coordinates(data: Dataset, motion: Motion) -> tuple[int, ...]:
     """Return which of (x, y, z, rx, ry, rz) the data set's instrument measures."""
-    return coordinates_of(data.kind, motion)
-
-
-def coordinates_of(kind: str, motion: Motion) -> tuple[int, ...]:
-    """Return which of (x, y, z, rx, ry, rz) a kind of instrument measures.
-
-    A height is a z; a distance stands in the place of x.
-    """
-    if kind in SCALARS:
-        return (SCALARS[kind],)
-    return motion.measured_parts if kind == "pose" else tuple(range(motion.axes))
+    return data.kind.coordinates(motion)
 
 
 def shown(data: Dataset, rows: Ints | slice = slice(None)) -> Array:
     """Return what was measured in the places of x, y, z, rx, ry, rz (n, 6), nan elsewhere."""
     out = np.concatenate([data.position[rows], data.rotation[rows]], axis=1)
-    if data.kind in SCALARS:
-        out[:, SCALARS[data.kind]] = data.value[rows]
+    if data.kind.scalar:
+        out[:, data.kind.place] = data.value[rows]
     return out
 
 
 def labels(data: Dataset, motion: Motion) -> tuple[str, ...]:
     """Return the names of what the instrument measures: ``x``, ..., ``height``, ``distance``."""
-    if data.kind in SCALARS:
-        return (NUMBERS[data.kind],)
+    if data.kind.scalar:
+        return (data.kind.number,)
     return tuple(POSE_COORDINATES[c] for c in coordinates(data, motion))
 
 
@@ -126,15 +115,15 @@ def view(data: Dataset, registration: Registration, poses: Sequence[Array], moti
         about: the frame's pivot (3,), m in the measuring frame.
         stretch: the instrument shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
     """
-    if data.kind == "plane":
+    if data.kind.touches:
         stretch = None    # a touch is not a reading: the flat's height is as it is given
     stretch = in_scale(stretch, registration.scale)
     sights = [_six_coordinates(data, registration, pose, motion, about, stretch) for pose in poses]
-    if data.kind == "distance":
+    if data.kind.along_line:
         return _distance(data, sights, registration.scale)
     seen = sights[0].picked(coordinates(data, motion))
     # heights times a scale would hold the very noise that it is to explain
-    return replace(seen, points=(np.zeros_like(seen.points[0]),)) if data.kind == "plane" else seen
+    return replace(seen, points=(np.zeros_like(seen.points[0]),)) if data.kind.touches else seen
 
 
 def _six_coordinates(data: Dataset, registration: Registration, pose: Array, motion: Motion,
@@ -227,7 +216,7 @@ def turn_between(shown: Array, predicted: Array) -> Array:
 
 def noise(data: Dataset, motion: Motion) -> Array:
     """Return the stated standard deviations of the measured coordinates (n, m)."""
-    if data.kind in SCALARS:
+    if data.kind.scalar:
         return data.sigma_value[:, None]
     chosen = list(coordinates(data, motion))
     return row_by_row(lambda *both: np.concatenate(both, axis=1)[:, chosen],

@@ -19,7 +19,6 @@ from ppmcal.inference.priors import MOST_GROSS, NO_WEIGHT, NOISE_FREEDOM
 from ppmcal.inference.row_weights import row_weights
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, Bools, finite_rows, reciprocals
-from ppmcal.model.instruments import NUMBERS, SCALARS
 from ppmcal.wording.progress import stage
 
 HUBER = 1.5
@@ -257,7 +256,7 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
                           # as it was judged, and where nobody did as it is
                           (fit.times[rows.dataset] if fit.times else {}).get(
                               index, float(abs(rows.residual[n, c]))),
-                          NUMBERS.get(data.kind, ""))
+                          data.kind.number)
 
 
 def _would(fit: Fit, covariance: Array, noise: float) -> dict[str, tuple[float, float]]:
@@ -287,7 +286,7 @@ def _would(fit: Fit, covariance: Array, noise: float) -> dict[str, tuple[float, 
 def unchecked(fit: Fit, covariance: Array) -> Iterator[tuple[str, tuple[int, ...]]]:
     """Yield rows of one-number instruments whose own error would hardly show."""
     found: dict[str, list[int]] = {}
-    keep = [k & (d.kind in SCALARS) for d, k in zip(fit.problem.datasets, fit.keep, strict=True)]
+    keep = [k & (d.kind.scalar) for d, k in zip(fit.problem.datasets, fit.keep, strict=True)]
     for rows in fit.problem.rows(fit.state, True, keep):
         data = fit.problem.datasets[rows.dataset]
         flat = rows.jacobian[:, 0]

@@ -22,7 +22,6 @@ from ppmcal.kinematics.registration import predict
 from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.linalg import Array, finite_rows, nearest_rotation
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.instruments import SCALARS
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import Motion
@@ -49,34 +48,9 @@ def start_scalar(data: Dataset, pose: Array, registration: Registration, motion:
         raise BadInput(f"only {rows.size} usable rows: an unknown frame needs at least 3",
                        data.source, "Measure more poses")
     point, _ = predict(registration, pose[rows])
-    step = (_flat(point, data.value[rows]) if data.kind == "plane"
-            else _origin(point, data.value[rows], motion))
+    assert data.kind.start is not None
+    step = data.kind.start(point, data.value[rows], motion)
     return replace(registration, frame=cga.compose(pose_motor(step), registration.frame))
-
-
-def _flat(point: Array, height: Array) -> Array:
-    """Return height and tilt (6,) that best turn points' z into the heights."""
-    x, y, z = point.T
-    columns = np.stack([np.ones_like(z), y, -x], axis=1)
-    up, rx, ry = linalg.lstsq(columns, height - z, rcond=None)[0]
-    return np.array([0.0, 0.0, up, rx, ry, 0.0])
-
-
-def _origin(point: Array, distance: Array, motion: Motion) -> Array:
-    """Return the shift (6,) that brings the point which distances are from to the origin.
-
-    |p - c|^2 = d^2 is linear in c once its value at the mean is taken off. Of two mirrored
-    answers, as to points in a plane, the nearer to that plane is where the fit starts.
-    """
-    free = motion.axes
-    middle = point.mean(axis=0)
-    p = (point - middle)[:, :free]
-    square = np.sum(p**2, axis=1) - distance**2
-    columns = np.concatenate([2.0 * p, np.ones((len(p), 1))], axis=1)
-    solution = linalg.lstsq(columns, square, rcond=1e-9)[0]
-    out = np.zeros(6)
-    out[:free] = -(solution[:free] + middle[:free])
-    return out
 
 
 def unscaled(data: Dataset) -> Dataset:
@@ -111,7 +85,7 @@ def start_registration(data: Dataset, pose: Array, motion: Motion, size: float) 
                                         data.target_rotation.value)
     if not data.frame.fitted and not data.target.fitted and not data.target_rotation.fitted:
         return registration
-    if data.kind in SCALARS:
+    if data.kind.scalar:
         return start_scalar(data, pose, registration, motion)
     planar = motion.planar
     position = np.where([False, False, planar], 0.0, data.position)
@@ -164,7 +138,7 @@ def _misses(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64]
     extent = float(np.median(np.linalg.norm(
         position[rows] - np.median(position[rows], axis=0), axis=1)))
     angle = np.linalg.norm(rotation_residual(data.take(rows), turn, motion), axis=1) if (
-        motion.measures_rotation_vectors and data.kind == "pose") else np.zeros(rows.size)
+        motion.measures_rotation_vectors and data.kind.sees_rotation) else np.zeros(rows.size)
     return np.asarray(away + extent * np.nan_to_num(angle) + 1e-300, dtype=float)
 
 
@@ -204,7 +178,8 @@ def _rotations(data: Dataset, rows: NDArray[np.int64], rotation: Array, origin: 
         measured = np.where(np.isfinite(measured[:, 2:]), np.nan_to_num(measured), np.nan)
     whole = finite_rows(measured)
     translational = bool(np.ptp(rotation, axis=0).max() < 1e-12)
-    if whole.sum() < 3 or (translational and data.target_rotation.fitted) or data.kind != "pose":
+    if whole.sum() < 3 or (translational and data.target_rotation.fitted) or (
+            not data.kind.sees_rotation):
         if data.frame.fitted:
             turn = frame_turn(data, rotation, origin, position, registration, planar)
         return turn, body

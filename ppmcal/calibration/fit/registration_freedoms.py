@@ -28,13 +28,9 @@ from ppmcal.inference.given import Conditioned
 from ppmcal.inference.priors import MOVED, SURE, SURE_ODDS
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.instruments import SCALARS
+from ppmcal.model.instruments import REGISTERED
 from ppmcal.wording.progress import stage
 
-OPEN = ("frame", "target", "rotation", "homing")
-"""What a registration may fit, simplest first."""
-OPENED = {"position": ("frame", "target", "homing"), "plane": ("frame",), "distance": ()}
-"""What of it the data of an instrument can demand: of a flat its height and tilt say the rest."""
 FIELDS = {"frame": "frame", "target": "target", "rotation": "target_rotation"}
 REMEDIES = {"frame": "frame: unknown", "target": "target: unknown",
             "rotation": "target_rotation: unknown", "homing": "homing: per-file",
@@ -55,11 +51,11 @@ out just those that were registered otherwise."""
 class RegistrationHint:
     """Something kept closed that the data ask to be open.
 
-    ``dataset``: its index; ``what``: of :data:`OPEN`, or ``sessions``; ``before``, ``after``: rms
-    of the data set's white residuals; ``position``: of its positions before and after, m;
-    ``square``, ``count``, ``fitted``: sum of white squares of
-    all rows, how many values they have and how many of these the fit takes, with it open; ``keep``:
-    the rows behind these; ``opened``: the problem that has it open; ``instead``: data sets and what
+    ``dataset``: its index; ``what``: of :data:`REGISTERED`, or ``sessions``; ``before``,
+    ``after``: rms of the data set's white residuals; ``position``: of its positions before
+    and after, m; ``square``, ``count``, ``fitted``: sum of white squares of all rows, how many
+    values they have and how many of these the fit takes, with it open; ``keep``: the rows behind
+    these; ``opened``: the problem that has it open; ``instead``: data sets and what
     of them may have to be open in its place, with it 95 % of the probability.
     """
 
@@ -82,7 +78,7 @@ class RegistrationHint:
 
 
 def is_open(data: Dataset, what: str) -> bool:
-    """Whether a registration of a data set fits ``what`` of :data:`OPEN` already."""
+    """Whether a registration of a data set fits ``what`` of :data:`REGISTERED` already."""
     return data.homing != "shared" if what == "homing" else bool(
         getattr(data, FIELDS[what]).fitted)
 
@@ -121,7 +117,7 @@ def odds_of_opening(problem: Problem, state: State, keep: Sequence[Bools], prior
         state: of its fit.
         keep: rows that count.
         prior: weight of each of its columns (C,).
-        feasible: data set and what of it, of :data:`OPEN` or ``sessions``.
+        feasible: data set and what of it, of :data:`REGISTERED` or ``sessions``.
     """
     words = [["frame" if w == SESSIONS else w for j, w in feasible if j == i]
              for i in range(len(problem.datasets))]
@@ -213,13 +209,13 @@ def _possible(problem: Problem, keep: Sequence[Bools]) -> list[tuple[int, str]]:
     """Return what may have to be open: data set, and what of it."""
     out = list[tuple[int, str]]()
     for i, data in enumerate(problem.datasets):
-        if data.kind in SCALARS:
+        if data.kind.scalar:
             continue
         shared = data.frame.same_as is not None
-        turns = data.kind == "pose" and problem.mechanism.motion.turns
+        turns = data.kind.sees_rotation and problem.mechanism.motion.turns
         # the first file's zeros are those that others differ from
         able = {"frame": True, "target": True, "rotation": turns, "homing": i > 0}
-        out += [(i, w) for w in OPEN if able[w] and (
+        out += [(i, w) for w in REGISTERED if able[w] and (
             not is_open(data, w) or (w == "frame" and shared))]
         sizes = [int((m & keep[i]).sum()) for m in _sessions_of(data)]
         if len(sizes) > 1 and min(sizes) >= FEWEST:

@@ -222,7 +222,7 @@ def rotation_readings(plain: ColumnInterpretation, data: Dataset) -> list[Column
 
 def whole_pose_readings(plain: ColumnInterpretation, data: Dataset) -> list[ColumnInterpretation]:
     """Return readings in which positions depend on the rotations: inverse poses."""
-    if not np.isfinite(data.rotation).any() or data.kind != "pose":
+    if not np.isfinite(data.rotation).any() or not data.kind.sees_rotation:
         return []
     units = _others(LENGTHS, plain.places.factors[0])
     return [replace(_placed(r, units=(u, u, u)), inverse=True)

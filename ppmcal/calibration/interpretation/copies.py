@@ -17,7 +17,7 @@ import numpy as np
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.instruments import SCALARS
+from ppmcal.model.instruments import number_names
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.model.repeats import NO_INFLUENCE, identical_rows
 from ppmcal.model.same_rows import KEPT, KnownRows, partners, step_of, tolerances
@@ -54,12 +54,12 @@ def steps_of(numbers: Mapping[str, Array], data: Dataset, reach: float) -> Array
     """
     length, angle = data.units.factor("length"), data.units.factor("angle")
     own = {name: (i, length if i < 3 else angle) for i, name in enumerate(POSE_COORDINATES)}
-    own |= {"height": (6, length), "distance": (6, length)}
+    own |= dict.fromkeys(number_names(), (6, length))
     out = np.full(7, math.inf)
     for name, (i, factor) in own.items():
         if name in numbers:
             out[i] = step_of(numbers[name]) * factor
-    if data.kind in SCALARS and not out[6] < math.inf:
+    if data.kind.scalar and not out[6] < math.inf:
         # the whole range of a joint moves the platform by no more than the reach
         out[6] = reach * max((step_of(q) / float(np.nanmax(q) - np.nanmin(q)) for q in data.q.T
                               if np.isfinite(q).any() and np.nanmax(q) > np.nanmin(q)),
@@ -73,7 +73,7 @@ def chance(data: Dataset, steps: Array) -> float:
     By the stated noise, or by the scatter of those repeats that do not agree where that is less.
     """
     values, sigma = _values(data), _sigmas(data)
-    if data.kind in SCALARS:
+    if data.kind.scalar:
         steps, values, sigma = steps[6:], values[:, 6:], sigma[6:]
     scatter = _scatter(data, values)
     sigma = np.where(np.isfinite(scatter), np.fmin(sigma, scatter), sigma)
@@ -193,7 +193,8 @@ def known_rows(data: Dataset, actuators: Sequence[str]) -> KnownRows:
     Joint values or commanded poses, and what was measured; :data:`KEPT` rows at most.
     """
     columns, table = _told(data, actuators)
-    return KnownRows(data.source, data.kind, len(data), data.chance, columns, table).thinned(KEPT)
+    return KnownRows(data.source, data.kind.name, len(data), data.chance, columns, table
+                     ).thinned(KEPT)
 
 
 def _told(data: Dataset, actuators: Sequence[str]) -> tuple[tuple[str, ...], Array]:
@@ -213,7 +214,7 @@ def among(data: Dataset, actuators: Sequence[str], known: KnownRows) -> Bools:
     """Return which rows (N,) are copies of known ones, within their digits; none by chance."""
     again = np.zeros(len(data), dtype=bool)
     columns, table = _told(data, actuators)
-    if data.kind != known.kind or columns != known.columns or not len(known.table):
+    if data.kind.name != known.kind or columns != known.columns or not len(known.table):
         return again
     one, two = (np.nan_to_num(t, nan=0.5) for t in (known.table, table))
     again[partners(one, two, tolerances(one, two))[1]] = True

@@ -146,7 +146,7 @@ def _far(values: Array, limit: float) -> NDArray[np.bool_]:
 def _positions(mechanism: Mechanism, data: Dataset, side: str) -> list[str]:
     """Compare the measured motion with the machine's reach."""
     reach, out = mechanism.reach, []
-    values = data.position if data.kind in ("pose", "position") else data.value
+    values = data.value if data.kind.scalar else data.position
     far = _far(values, TOO_FAR * reach)
     if far.any():
         out.append(f"{data.source}: {row_list(data.rows[far] - 1)}: measured "
@@ -158,7 +158,7 @@ def _positions(mechanism: Mechanism, data: Dataset, side: str) -> list[str]:
         out.append(f"{data.source}: the measured motion spans {span:.4g} m, but the machine "
                    f"reaches {reach:.4g} m{_factor(span / reach)}; check units.length in "
                    f"{side} and in {mechanism.source}.")
-    elif 0.0 < span < TOO_LITTLE * reach and len(data) > 2 and data.kind in ("pose", "position"):
+    elif 0.0 < span < TOO_LITTLE * reach and len(data) > 2 and not data.kind.scalar:
         out.append(f"{data.source}: the measured motion spans only {span:.4g} m, but the machine "
                    f"reaches {reach:.4g} m{_factor(span / reach)}; check units.length in "
                    f"{side} and in {mechanism.source}.")

@@ -27,7 +27,6 @@ from ppmcal.kinematics.pose_readings import (
 )
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.instruments import SCALARS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import ANGLES, LENGTHS, TURN
 from ppmcal.wording import pluralize
@@ -123,7 +122,7 @@ def with_verb(names: Sequence[str], one: str, several: str) -> str:
 
 def readable(data: Dataset) -> bool:
     """Whether a data set can be read otherwise: poses or positions at given joint values."""
-    return data.kind not in SCALARS and data.commanded is None
+    return not data.kind.scalar and data.commanded is None
 
 
 @dataclass(frozen=True)
@@ -188,7 +187,7 @@ class ColumnInterpretation:
 
     def mistakes(self, data: Dataset) -> tuple[FileFault, ...]:
         """Return what this way says is wrong in a file."""
-        measured = (*AXES, *TURNS) if data.kind == "pose" else AXES
+        measured = (*AXES, *TURNS) if data.kind.sees_rotation else AXES
         written_in = QUATERNION if self.convention in QUATERNIONS else TURNS
         left, back, late = self.places.turned, self.turns.turned, self.shift > 0
         out = [*self.joints.mistakes("permuted"), *self.places.mistakes("exchanged", FileFault(

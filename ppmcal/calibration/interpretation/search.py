@@ -126,7 +126,7 @@ def _registrations(alone: Problem) -> Iterator[Way]:
     data = alone.datasets[0]
     turns = alone.mechanism.motion.turns    # else its platform never does
     given = [key for key in REGISTERED if not getattr(data, key).fitted and (
-        key == "frame" or turns) and (key != "target_rotation" or data.kind == "pose")]
+        key == "frame" or turns) and (key != "target_rotation" or data.kind.sees_rotation)]
     for keys in dict.fromkeys([*((key,) for key in given), tuple(given)]) if given else ():
         opened = replace(data, **{k: replace(getattr(data, k), fitted=True) for k in keys})
         yield Way(tuple(FileFault(k.replace("_", "-"), (), REGISTERED[k]) for k in keys),

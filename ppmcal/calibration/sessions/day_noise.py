@@ -17,8 +17,6 @@ from scipy.special import chdtrc
 from ppmcal.calibration.fit import (
     ENOUGH_REPEATS,
     LARGER,
-    OPEN,
-    OPENED,
     Fit,
     FitOptions,
     Problem,
@@ -72,8 +70,8 @@ def day_noise(machines: Sequence[Mechanism], data: Dataset) -> DayNoise:
         machines: with their free geometry, which may be another that day; the least noise counts.
         data: the data set.
     """
-    wide = opened(data, OPENED.get(data.kind, OPEN))
-    known = float("nan") if data.kind == "pose" and not np.isfinite(
+    wide = opened(data, data.kind.opened)
+    known = float("nan") if data.kind.sees_rotation and not np.isfinite(
         data.sigma_position).any() else typical_noise(data)
     fits = [f for m in machines if (f := _own_fit(m, wide)) is not None]
     factor, source = min((_noise(fit, own, data) for fit, own in fits), default=(1.0, STATED))

@@ -41,7 +41,6 @@ from ppmcal.linalg import (
     without_range,
 )
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.instruments import SCALARS
 from ppmcal.model.same_rows import ROUND_OFF
 
 SHAPES = ("bowl", "saddle", "twist")
@@ -139,7 +138,7 @@ def _opened(problem: Problem) -> Problem:
                                for u in (d.frame, d.target, d.target_rotation))
         # heights are so small, or so alike, that their scale is nothing but their noise
         return replace(d, frame=frame, target=target, target_rotation=turn, homing="alone",
-                       scale=replace(d.scale, fitted=d.scale.fitted or d.kind != "plane"))
+                       scale=replace(d.scale, fitted=d.scale.fitted or not d.kind.touches))
 
     return problem.changed(datasets=tuple(map(opened, problem.datasets)),
                            given=problem.environments if problem.mechanism.effects else None)
@@ -168,7 +167,7 @@ def _columns(own: Problem, problem: Problem) -> _Columns:
     unit = max(v for n, v in natural.items() if n.startswith("homing."))
     names, scale = [*homing, *place], [unit] * len(homing) + [natural[n] for n in place]
     for d in own.datasets:
-        if d.kind == "plane":
+        if d.kind.touches:
             names += [f"shape.{s} of {d.name}" for s in SHAPES]
             scale += [1e-3 * mechanism.reach] * len(SHAPES)
     return _Columns(tuple(names), np.array(scale),
@@ -191,7 +190,7 @@ def _blocks(fit: Fit, problem: Problem, columns: _Columns, keep: Sequence[Bools]
             block[..., at[f"homing.{a} of {SESSION}"]] = jacobian[..., homing.start + c]
         for name, c in columns.place.items():
             block[..., at[name]] = jacobian[..., c]
-        if data.kind == "plane":
+        if data.kind.touches:
             for name, shape in zip(SHAPES, _shapes(rows, problem.mechanism.reach), strict=True):
                 block[..., at[f"shape.{name} of {data.name}"]] = _white(rows, shape)
         block[..., free + len(at):-1] = jacobian[..., list(columns.gone)]
@@ -232,10 +231,11 @@ def _sights(fit: Fit, problem: Problem, columns: _Columns, found: _Reduced
     sights = []
     for data, parts in zip(problem.datasets, left, strict=True):
         if parts:
-            turns = 0 if data.kind in SCALARS else sum(
+            turns = 0 if data.kind.scalar else sum(
                 c >= 3 for c in coordinates(data, problem.mechanism.motion))
-            sights.append(PoseResiduals(data.name, data.kind, np.concatenate([q for q, _ in parts]),
-                                        np.concatenate([r for _, r in parts]), turns))
+            sights.append(PoseResiduals(
+                data.name, data.kind.name, np.concatenate([q for q, _ in parts]),
+                np.concatenate([r for _, r in parts]), turns))
     return tuple(sights), square / (share * max(1, found.basis.shape[1]))
 
 
@@ -258,7 +258,7 @@ def _raw(fit: Fit, rows: Rows, data: Dataset, rest: Array) -> Array:
     if rows.weight is not None:
         raw = np.sqrt(rows.weight)[:, None] * raw
     raw = raw[:, :raw.shape[1] - rows.surplus]
-    if data.kind in SCALARS:
+    if data.kind.scalar:
         return raw
     six = np.zeros((len(raw), 6))
     six[:, list(coordinates(data, motion))] = raw

@@ -8,7 +8,6 @@ from ppmcal.lazy import on_first_use
 
 if TYPE_CHECKING:
     from ppmcal.calibration.validation.frozen_models import FEWEST as FEWEST
-    from ppmcal.calibration.validation.frozen_models import OPEN as OPEN
     from ppmcal.calibration.validation.frozen_models import FrozenModel as FrozenModel
     from ppmcal.calibration.validation.frozen_models import ModelError as ModelError
     from ppmcal.calibration.validation.frozen_models import Validated as Validated

@@ -17,7 +17,6 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.calibration.fit import (
     FAILURES,
-    OPENED,
     Fit,
     FitOptions,
     Problem,
@@ -34,7 +33,6 @@ from ppmcal.calibration.fit import (
     values_taken,
     white_squares,
 )
-from ppmcal.calibration.fit import OPEN as OPEN
 from ppmcal.calibration.validation.error_intervals import RmsDraws, quantile_interval, rms_interval
 from ppmcal.calibration.validation.residual_vectors import Residuals, register_only, residuals
 from ppmcal.errors import BadInput
@@ -43,6 +41,7 @@ from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.registration import carried_back, measured_pose
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import REGISTERED
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.wording import actuator_list
 
@@ -94,7 +93,7 @@ class Validated:
     Attributes:
         name, source: of the data set.
         rows: how many rows every machine was judged by, and of how many.
-        fitted: what the registration fitted, of :data:`OPEN`.
+        fitted: what the registration fitted, of :data:`REGISTERED`.
         demanded: those of them that neither file nor user asked for.
         errors: by machine, the reference first.
         elsewhere: of the judged rows, how many the reference machine closes in another assembly
@@ -150,7 +149,7 @@ def validated(models: Sequence[FrozenModel], datasets: Sequence[Dataset],
     Args:
         models: the machines; the first is the reference.
         datasets: measurements that no fit of theirs has seen.
-        register: what to fit of :data:`OPEN`; None: what the files leave open, and what the data
+        register: what to fit of :data:`REGISTERED`; None: what the files leave open, and what data
             of all machines demand beyond that.
         seed: of the bootstrap.
         notes: to which is added which of the other machines is left out, for it could not be
@@ -183,8 +182,8 @@ def _with_the_others(models: Sequence[FrozenModel], data: Dataset, register: Seq
 
 def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[str] | None,
                seed: int, notes: list[str]) -> Validated:
-    asked = tuple(w for w in OPEN if is_open(data, w)) if register is None else tuple(
-        w for w in OPEN if w in register)
+    asked = tuple(w for w in REGISTERED if is_open(data, w)) if register is None else tuple(
+        w for w in REGISTERED if w in register)
     whole, data = data, opened(data, asked, register is not None)
     data = secondary("rows that are typed wrong", partial(_typed_right, models, data), data, notes)
     demanded, known = secondary("what else the registration has to fit", partial(
@@ -234,7 +233,7 @@ def _demanded(models: Sequence[FrozenModel], data: Dataset
     It has to lower the error of every machine: what only one of them asks for is its own fault.
     """
     found: list[str] = []
-    feasible = [w for w in OPENED.get(data.kind, OPEN) if not is_open(data, w)]
+    feasible = [w for w in data.kind.opened if not is_open(data, w)]
     now: dict[int, Fit] = {}
     while feasible:
         least = np.full(len(feasible), np.inf)
@@ -335,7 +334,7 @@ def in_other_assembly(fit: Fit) -> Bools:
     mechanism = fit.problem.mechanism.with_values(state.g)
     q, pose = fit.problem.ends(0, state)[0]
     out = np.zeros(len(data), dtype=bool)
-    if data.kind not in ("pose", "position"):
+    if data.kind.scalar:
         return out
     # where the platform would be by what was measured, else as predicted
     seen = shown(data)

@@ -108,7 +108,7 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
     if not motion.turns:
         rotation = np.zeros_like(rotation)
     whole = finite_rows(position) & finite_rows(rotation) & finite_rows(data.q)
-    if data.kind != "pose" and motion.turns:
+    if not data.kind.sees_rotation and motion.turns:
         return out
     joints = problem.joints(index, state)
     for rows, environment in problem.chunks(index):

@@ -252,7 +252,7 @@ def left_over(fit: Fit, seed: int) -> list[str]:
     pattern = left_over_pattern(fit)
     if pattern is None:
         return []
-    touches = all(d.kind == "plane" for d in fit.problem.datasets)
+    touches = all(d.kind.touches for d in fit.problem.datasets)
     more = poses_to_tell(fit, pattern.slots, seed)
     return [f"{pattern_sentence(pattern, more, touches)}."]
 

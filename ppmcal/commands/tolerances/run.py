@@ -160,7 +160,7 @@ def _tool(machine: Mechanism, asked: TolerancesArguments, instrument: Instrument
     if asked.tool is None:
         return np.zeros(3) if instrument is None else instrument.target.value
     known = machine.motion.turns if instrument is None else (
-        instrument.kind == "pose" and not instrument.target.fitted)
+        instrument.kind.sees_rotation and not instrument.target.fitted)
     tool = read_point(asked.tool, machine)
     if tool.any() and not known:
         raise BadInput("a tool point apart from what is measured is not known after a "

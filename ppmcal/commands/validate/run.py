@@ -13,7 +13,6 @@ import numpy as np
 from ppmcal.calibration.fit import secondary
 from ppmcal.calibration.sessions import DayNoise, with_day_noise
 from ppmcal.calibration.validation import (
-    OPEN,
     FrozenModel,
     Validated,
     validated,
@@ -36,6 +35,7 @@ from ppmcal.io.results.validation import (
     registered_sentence,
 )
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import REGISTERED
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import number
 from ppmcal.wording.progress import start_stage
@@ -150,8 +150,8 @@ def _words(register: Sequence[str] | str | None) -> tuple[str, ...] | None:
         return None
     words = (register,) if isinstance(register, str) else tuple(register)
     for word in words:
-        if word not in (*OPEN, "none"):
-            raise unknown("part of a registration", word, [*OPEN, "none"], "--register")
+        if word not in (*REGISTERED, "none"):
+            raise unknown("part of a registration", word, [*REGISTERED, "none"], "--register")
     return tuple(w for w in words if w != "none")
 
 

@@ -73,7 +73,7 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
     if not mechanism.free:
         raise BadInput("no parameter is free: there is nothing to measure for", mechanism.source,
                        "Give tolerances, or name what may change under `free`")
-    if instrument.kind == "plane" and given is None:
+    if instrument.kind.touches and given is None:
         raise BadInput("touches happen where the flat is, which only you know", "--instrument",
                        "Give --candidates: poses at which the machine touches the flat")
     refuse(mechanism, options.asked)

@@ -176,7 +176,7 @@ def _correlations(result: Identification) -> tuple[CorrelatedPair, ...]:
 def _datasets(result: Identification) -> tuple[FittedDataset, ...]:
     units, fit = result.mechanism.units, result.fit
     return tuple(FittedDataset(
-        name=d.name, source=d.source, kind=d.kind, rows=len(d), used=int(k.sum()),
+        name=d.name, source=d.source, kind=d.kind.name, rows=len(d), used=int(k.sum()),
         registration=RegistrationEntry.of(result.mechanism.registrations[d.name], units),
         registration_before=RegistrationEntry.of(result.before_registrations[d.name], units))
         for d, k in zip(fit.problem.datasets, fit.keep, strict=True))

@@ -12,13 +12,14 @@ from ppmcal.io.csv_writer import LongText, csv_text
 from ppmcal.io.results.record import Column, table_lines, table_text
 from ppmcal.io.results.tables import ENVIRONMENT, STAGES, column_units, joint_columns
 from ppmcal.linalg import Array
+from ppmcal.model.instruments import number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 
 PARAMETERS = ("name", "nominal", "value", "error", "sigma", "sigma_data", "tolerance", "unit",
               "status", "low", "high")
 SESSIONS = ("sigma_sessions", "disagree")
-COORDINATES = (*POSE_COORDINATES, "height", "distance")
+COORDINATES = (*POSE_COORDINATES, *number_names())
 
 
 def parameters_csv(entries: Sequence[object]) -> str:

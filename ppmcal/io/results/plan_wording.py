@@ -10,7 +10,6 @@ from ppmcal import linalg
 from ppmcal.design.plan.information import PAYS, reaching
 from ppmcal.design.plan.result import Plan
 from ppmcal.model.dataset import Unknown
-from ppmcal.model.instruments import NUMBERS
 from ppmcal.wording import pluralize
 
 FEWEST = 2
@@ -157,11 +156,11 @@ def instrument(plan: Plan) -> str:
     """Return the instrument in words."""
     i, units = plan.instrument, plan.mechanism.units
     noise = []
-    if i.kind in NUMBERS:
-        noise.append(f"{NUMBERS[i.kind]} {units.words(i.sigma_value, 'length')}")
+    if i.kind.scalar:
+        noise.append(f"{i.kind.number} {units.words(i.sigma_value, 'length')}")
     else:
         noise.append(f"position {units.words(i.sigma_position, 'length')}")
-    if i.kind == "pose" and np.isfinite(i.sigma_rotation):
+    if i.kind.sees_rotation and np.isfinite(i.sigma_rotation):
         noise.append(f"rotation {units.words(i.sigma_rotation, 'angle')}")
     largest: dict[str, float] = {}
     for s, (f, name) in zip(i.sigma_actuator, plan.mechanism.joint_units, strict=True):

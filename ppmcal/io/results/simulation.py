@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 import yaml
 
-from ppmcal.calibration.fit import coordinates_of
 from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.effects import effects_tree
 from ppmcal.io.results.codec import unsaid
@@ -17,7 +16,6 @@ from ppmcal.io.results.record import Provenance, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.io.yaml import printable
 from ppmcal.model.dataset import ZERO_CELSIUS
-from ppmcal.model.instruments import NUMBERS, SCALARS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.simulation.scenario import Scenario
@@ -76,10 +74,10 @@ def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: st
     header |= joint_columns(mechanism, campaign.q, "q_{}")
     if campaign.to_q is not None:
         header |= joint_columns(mechanism, campaign.to_q, "to_q_{}")
-    if scenario.kind in SCALARS:
-        header[NUMBERS[scenario.kind]] = campaign.value / units.factor("length")
+    if scenario.kind.scalar:
+        header[scenario.kind.number] = campaign.value / units.factor("length")
     else:
-        for c in coordinates_of(scenario.kind, mechanism.motion):
+        for c in scenario.kind.coordinates(mechanism.motion):
             part = campaign.position[:, c] if c < 3 else campaign.rotation[:, c - 3]
             header[POSE_COORDINATES[c]] = part / units.factor("length" if c < 3 else "angle")
     header |= {f"dir_{a}": campaign.direction[:, i].astype(int)
@@ -101,9 +99,9 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
     units = mechanism.units
     length, angle = units.factor("length"), units.factor("angle")
     sigma: dict[str, Any] = {"position": _sigma(scenario.sigma_position, length)}
-    if scenario.kind in SCALARS:
-        sigma = {NUMBERS[scenario.kind]: _sigma(scenario.sigma_value, length)}
-    if scenario.kind == "pose":
+    if scenario.kind.scalar:
+        sigma = {scenario.kind.sigma: _sigma(scenario.sigma_value, length)}
+    if scenario.kind.sees_rotation:
         sigma["rotation"] = _sigma(scenario.sigma_rotation, angle)
     if np.any(scenario.sigma_actuator > 0.0):
         shown = joint_columns(mechanism, scenario.sigma_actuator[None], "{}")
@@ -111,7 +109,7 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
     content: dict[str, Any] = {
         "format": "ppmcal/dataset/1", "name": printable(name),
         "units": {"length": units.length, "angle": units.angle},
-        "instrument": {"kind": scenario.kind, "sigma": sigma} | _point(scenario, length),
+        "instrument": {"kind": scenario.kind.name, "sigma": sigma} | _point(scenario, length),
         "frame": "known" if scenario.frame_known or scenario.pairs else "unknown",
         "target": "known" if scenario.target_known else "unknown",
         "target_rotation": "known" if scenario.target_rotation_known else "unknown",
@@ -121,7 +119,7 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
 
 def _point(scenario: Scenario, length: float) -> dict[str, Any]:
     """Return the fixed point of a distance instrument."""
-    if scenario.kind != "distance" or scenario.pairs:
+    if not scenario.kind.along_line or scenario.pairs:
         return {}
     return {"point": (scenario.point / length).tolist() if scenario.point_known else "unknown"}
 

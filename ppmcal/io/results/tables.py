@@ -10,6 +10,7 @@ import numpy as np
 from ppmcal.io import csv_text
 from ppmcal.io.rotations import EULER
 from ppmcal.linalg import Array
+from ppmcal.model.instruments import number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map
@@ -75,7 +76,7 @@ def column_units(mechanism: Mechanism, header: Sequence[str]) -> dict[str, str]:
             out[name] = joints.get(name.removeprefix("to_q_"), "")
         for stage in STAGES:
             bare = name.removeprefix(stage)
-            if bare != name and bare in (*POSE_COORDINATES, "height", "distance"):
+            if bare != name and bare in (*POSE_COORDINATES, *number_names()):
                 out[name] = units.angle if bare.startswith("r") else units.length
     return out
 
