@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Generic, TypeAlias, TypeVar
 
@@ -246,7 +246,7 @@ class ComparedMachines:
 
 @dataclass(frozen=True)
 class ReportData:
-    """Everything that the folders held; ``uses``: by folder, what may be done with its model."""
+    """Everything that the folders held; ``use``: what may be done with the model of a folder."""
 
     folders: tuple[str, ...]
     identified: tuple[Identified, ...] = ()
@@ -260,4 +260,4 @@ class ReportData:
     compared: tuple[Held[ComparisonRecord], ...] = ()
     exported: tuple[Held[ExportRecord], ...] = ()
     comparisons: tuple[ComparedMachines, ...] = field(default=())
-    uses: Mapping[str, str] = field(default_factory=dict)
+    use: Callable[[str], str] = lambda _: ""

@@ -78,6 +78,23 @@ def test_no_yes_beside_a_doubt(change, diagnosis, word, state, then):
     assert (last.state == "ok") == (state == "ok")
 
 
+@pytest.mark.parametrize(("verdict", "words"), [
+    ("named", ("Yes", "Sure")), ("named-set", ("Yes, cause open", "With doubts"))])
+def test_nothing_is_sure_beside_an_open_cause(verdict, words):
+    """Both lines follow the record: its verdict, and how probable it says that the cause is."""
+    effects = [{"kind": "backlash", "on": [a], "probability": p, "alternatives_on": [other]}
+               for a, p, other in (("leg1", 0.97, "gain on leg1"), ("leg2", 0.84, "drift"))]
+    found = {"verdict": verdict, "confirmed": True, "effects": effects}
+    good, sure, _ = lines(one(redundant=[]), found)
+    assert (good.word, sure.word) == words
+    assert "the named causes have probability 0.84" in sure.text
+    sets = [{"effects": ["backlash on leg1"], "probability": 0.8}, {"probability": 0.2}]
+    told = lines(one(redundant=[]), found | {"effects": effects[:1], "sets": sets})[1].text
+    assert "the named cause has probability 0.8" in told
+    bare = lines(one(), found | {"effects": [{"kind": "backlash", "on": ["leg1"]}]})[1].text
+    assert "probability" not in bare
+
+
 def test_doubts_of_certainty_are_told():
     assert lines(one(noise=NOISY))[1].state == "warn"
     assert lines(one(noise={}, redundant=[]))[1].word == "Not known"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,7 +12,7 @@ from ppmcal.commands.inputs import load
 from ppmcal.commands.recording import source_of
 from ppmcal.commands.report.options import ReportArguments
 from ppmcal.commands.result import Result
-from ppmcal.controllers.export import uses
+from ppmcal.controllers import uses
 from ppmcal.errors import BadInput
 from ppmcal.io import csv_text, json_text
 from ppmcal.io.folder import read_runs
@@ -68,7 +69,8 @@ class ReportResult(Result):
 def run(asked: ReportArguments) -> ReportResult:
     """Gather output folders into one page."""
     data = collect([Path(f) for f in asked.folders])
-    data = replace(data, uses={one.folder: _use(one) for one in data.identified})
+    by_folder = {one.folder: one for one in data.identified}
+    data = replace(data, use=cache(lambda folder: _use(by_folder[folder])))
     content = to_json(data)
     return ReportResult(source_of("make_report", [], None), (), data, content)
 
