@@ -9,15 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.io.csv import Table
+from ppmcal.io.results.identification_tables import COORDINATES, quantity_of
 from ppmcal.linalg import Array
 from ppmcal.plotting.layers import Points, Undrawn
 from ppmcal.report.format import number, sig, with_unit
-from ppmcal.report.records import Columns, MeasuredRows
+from ppmcal.report.records import MeasuredRows
 from ppmcal.report.rows import row_key, row_numbers
 from ppmcal.units import Units
 
 OWN = ("row", "dataset", "used")
-"""Columns of residuals.csv that say which row it is, not what held in it."""
+"""Table of residuals.csv that say which row it is, not what held in it."""
 MOST = 18
 """So many columns of the measurement file are shown of a row, three in a line."""
 MOST_HELD, MOST_RUNS = 20_000, 500
@@ -38,7 +40,7 @@ class DataRows:
     """
 
     fit: int | str
-    table: Columns
+    table: Table
     units: Units
     positions: Array | None = None
     measured: MeasuredRows | None = None
@@ -85,16 +87,8 @@ class DataRows:
                 continue
             if name in self.table.numbers:
                 value = number(float(self.table.numbers[name][i]))
-                quantity = _quantity(name)
-                unit = self.units.name(quantity) if quantity else ""
+                unit = self.units.name(quantity_of(name)) if name in COORDINATES else ""
                 if value is not None:
                     yield f"{name} {with_unit(value, unit, 5)}"
             elif self.table.words(name)[i]:
                 yield f"{name}: {self.table.words(name)[i]}"
-
-
-def _quantity(column: str) -> str:
-    """Return what a column of residuals.csv measures, as far as its name says."""
-    if column in ("x", "y", "z", "height", "distance"):
-        return "length"
-    return "angle" if column in ("rx", "ry", "rz") else ""

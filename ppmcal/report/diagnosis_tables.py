@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ppmcal.io.csv import Table
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.report.diagnosis_figures import step_name
 from ppmcal.report.format import number, sig, whole
 from ppmcal.report.html import csv_cell, number_cell, paragraph, table, text_cell
-from ppmcal.report.records import Columns
 from ppmcal.wording import actuator_list
 
 TRIED = 60
@@ -51,7 +51,7 @@ def _share(gone: float | None, whole_gap: float) -> str:
     return f"{100.0 * part:.{decimals}f} %".replace("-", "−")
 
 
-def tried(effects: Columns | None) -> str:
+def tried(effects: Table | None) -> str:
     """Return the strongest hypotheses of effects.csv with what became of them."""
     if effects is None or not effects.size:
         return ""
@@ -68,7 +68,7 @@ def tried(effects: Columns | None) -> str:
                  ["effect", "on", "values", "probability", "what became of it"], rows, sort=True)
 
 
-def next_poses(poses: Columns | None) -> str:
+def next_poses(poses: Table | None) -> str:
     """Return the first poses of next.csv."""
     if poses is None or not poses.size:
         return ""
@@ -79,7 +79,7 @@ def next_poses(poses: Columns | None) -> str:
     return table(more, poses.header, rows)
 
 
-def _cell(table_: Columns, name: str, row: int) -> str:
+def _cell(table_: Table, name: str, row: int) -> str:
     if name in table_.text:
         return table_.text[name][row]
     value = float(table_.numbers[name][row])

@@ -15,6 +15,7 @@ from ppmcal.io.results.identification_parts import (
     ParameterEstimate,
     before_words,
 )
+from ppmcal.io.results.identification_tables import quantity_of
 from ppmcal.io.results.identification_wording import combination, short_intervals
 from ppmcal.report.format import (
     NBSP,
@@ -44,7 +45,7 @@ from ppmcal.report.html import (
 from ppmcal.report.identifiability import gross_error_section, identifiability_section
 from ppmcal.report.records import Identified
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
-from ppmcal.report.residuals import quantity_of, used
+from ppmcal.report.residuals import used
 from ppmcal.report.rows import row_key, rows_section
 from ppmcal.report.section import Section, filled
 from ppmcal.wording import MOST, abbreviate_list

@@ -12,6 +12,11 @@ import numpy as np
 from ppmcal.calibration.knowledge import FAR
 from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_tables import (
+    NEXT_TABLE,
+    PARAMETER_TABLE,
+    RESIDUAL_TABLE,
+)
 from ppmcal.io.results.identification_wording import noise_verdict
 from ppmcal.report.format import count, listed, with_unit
 from ppmcal.report.headlines import IN_THE_FIT, figure, headline, unseen
@@ -22,7 +27,6 @@ from ppmcal.report.machine_section import machine_section
 from ppmcal.report.records import Identified, ReportData
 from ppmcal.report.residuals import used, white
 from ppmcal.report.section import Section, chapter, filled
-from ppmcal.report.sources import with_parameters
 from ppmcal.wording import abbreviate_list
 
 FEW = 3
@@ -38,9 +42,9 @@ def is_fit(folder: Folder) -> bool:
 def _read(folder: Folder) -> Iterator[Identified]:
     if is_fit(folder):
         yield Identified(
-            folder.name, with_parameters(folder.record(IdentificationRecord),
-                                         lambda: folder.table("parameters.csv")),
-            folder.table("residuals.csv"), next=folder.table("next.csv"),
+            folder.name, PARAMETER_TABLE.parameters(folder.record(IdentificationRecord),
+                                                    folder.table(PARAMETER_TABLE)),
+            folder.table(RESIDUAL_TABLE), next=folder.table(NEXT_TABLE),
             diagnosed=folder.has("diagnosis.json", "effects.csv"))
 
 

@@ -9,22 +9,23 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.errors import BadInput
+from ppmcal.io.csv import Table
 from ppmcal.io.folder import digest_of
-from ppmcal.report.records import Columns, Identified, MeasuredRows, Simulated
-from ppmcal.report.sources import read_columns
+from ppmcal.io.tables import read_table
+from ppmcal.report.records import Identified, MeasuredRows, Simulated
 
 NOT_SHOWN = ("q_", "q2_", "vel_", "sigma_", "cmd_")
-"""Columns that begin so are not conditions that a person looks for."""
+"""Table that begin so are not conditions that a person looks for."""
 
 
-def is_place(column: str) -> bool:
-    """Whether a column of a measurement file is x or y."""
-    return column in ("x", "y")
+def conditions(path: Path) -> Table:
+    """Return what a measurement file says of a row: pose, temperature, load, time.
 
-
-def is_condition(column: str) -> bool:
-    """Whether a column of a measurement file is shown of a row: pose, temperature, load, time."""
-    return not column.startswith(NOT_SHOWN)
+    Raises:
+        BadInput: as :func:`ppmcal.io.tables.read_table`.
+    """
+    return read_table(path, loose=lambda name: name not in ("x", "y"), rowless=True,
+                      wanted=lambda name: not name.startswith(NOT_SHOWN))
 
 
 def with_measured(one: Identified, simulated: Sequence[Simulated]) -> Identified:
@@ -32,7 +33,7 @@ def with_measured(one: Identified, simulated: Sequence[Simulated]) -> Identified
     table = one.residuals
     if table is None or not table.size:
         return one
-    tables: list[Columns] = []
+    tables: list[Table] = []
     which, line = (np.full(table.size, -1, dtype=np.int64) for _ in range(2))
     datasets = one.record.datasets
     names = np.array(table.words("dataset"), dtype=object)
@@ -52,7 +53,7 @@ def with_measured(one: Identified, simulated: Sequence[Simulated]) -> Identified
     return replace(one, measured=measured, positions=places if known else None)
 
 
-def _places(table: Columns, measured: MeasuredRows | None) -> np.ndarray:
+def _places(table: Table, measured: MeasuredRows | None) -> np.ndarray:
     """Return measured x, y (N, 2), nan where unknown: those of residuals.csv if it has them."""
     if _has_places(table):
         return np.column_stack([table.number("x"), table.number("y")])
@@ -64,7 +65,7 @@ def _places(table: Columns, measured: MeasuredRows | None) -> np.ndarray:
     return out
 
 
-def _has_places(table: Columns) -> bool:
+def _has_places(table: Table) -> bool:
     return "x" in table.numbers and "y" in table.numbers
 
 
@@ -75,7 +76,7 @@ def recorded_inputs(one: Identified, source: str) -> list[str]:
         k for k in inputs if source and Path(k).name == Path(source).name]
 
 
-def _measured(one: Identified, source: str, simulated: Sequence[Simulated]) -> Columns | None:
+def _measured(one: Identified, source: str, simulated: Sequence[Simulated]) -> Table | None:
     """Return the conditions of a measurement file, if it is the very one that was fitted."""
     inputs, names = one.record.provenance.inputs, recorded_inputs(one, source)
     if len(names) != 1 or not inputs[names[0]]:
@@ -83,8 +84,7 @@ def _measured(one: Identified, source: str, simulated: Sequence[Simulated]) -> C
     table = next((s.measurements for s in simulated if s.digest == inputs[names[0]]), None)
     if table is None and digest_of(Path(names[0])) == inputs[names[0]]:
         try:
-            return read_columns(Path(names[0]), whole=False, wanted=is_condition,
-                                numeric=is_place)
+            return conditions(Path(names[0]))
         except BadInput:
             return None
     return table

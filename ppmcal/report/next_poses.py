@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ppmcal.io.csv import Table
 from ppmcal.io.results.scene import ScenePoses
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.report.records import Columns
 
 KEY = "next:"
 """Keys of these poses begin so; those of measured rows with a number."""
@@ -16,7 +16,7 @@ MOST = 24
 """So many poses are drawn."""
 
 
-def with_next(poses: ScenePoses, wanted: Columns | None, mechanism: Mechanism) -> ScenePoses:
+def with_next(poses: ScenePoses, wanted: Table | None, mechanism: Mechanism) -> ScenePoses:
     """Return poses followed by those of next.csv, by its joint values.
 
     Args:
@@ -37,7 +37,7 @@ def with_next(poses: ScenePoses, wanted: Columns | None, mechanism: Mechanism) -
                       np.concatenate([poses.q, q[order]]))
 
 
-def _label(wanted: Columns, row: int) -> str:
+def _label(wanted: Table, row: int) -> str:
     """Return which row it is, and the load it is measured under if there is one."""
     more: Sequence[str] = [f"{name} {wanted.number(name)[row - 1]:.4g}"
                            for name in ("mass", "payload", "temperature")

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.io.csv import Table
+from ppmcal.io.results.identification_tables import quantity_of
 from ppmcal.linalg import Array, Bools
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import (
@@ -25,7 +27,7 @@ from ppmcal.plotting.plot import Axis, Plot, span
 from ppmcal.report.data_rows import DataRows
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
 from ppmcal.report.plane_figures import plane
-from ppmcal.report.records import Columns, ComparedMachines, MeasuredRows, ResidualRows
+from ppmcal.report.records import ComparedMachines, MeasuredRows, ResidualRows
 from ppmcal.report.residuals import (
     BINS,
     POINTS,
@@ -35,7 +37,6 @@ from ppmcal.report.residuals import (
     envelope,
     groups,
     predicted,
-    quantity_of,
     used,
     white,
 )
@@ -49,7 +50,7 @@ ROWS = "row, in the order of the file"
 BEFORE_AFTER = (("before", "before"), ("after", "after"))
 
 
-def residual_figures(table: Columns | None, units: Units, fit: int | str = 0,
+def residual_figures(table: Table | None, units: Units, fit: int | str = 0,
                      measured: MeasuredRows | None = None) -> list[Drawing]:
     """Return the pictures of all residuals together: over their noise, and as norms by row.
 
@@ -67,7 +68,7 @@ def residual_figures(table: Columns | None, units: Units, fit: int | str = 0,
     return [p for p in out if p is not None]
 
 
-def coordinate_figures(table: Columns | None, units: Units, positions: Array | None = None,
+def coordinate_figures(table: Table | None, units: Units, positions: Array | None = None,
                        fit: int | str = 0, measured: MeasuredRows | None = None
                        ) -> list[Drawing]:
     """Return the pictures of each measured coordinate, and those in the plane.
@@ -182,7 +183,7 @@ def subsampled(size: int) -> str:
             "largest are dots.")
 
 
-def _starts(table: Columns) -> Layer:
+def _starts(table: Table) -> Layer:
     """Draw a mark where each further data set begins (of up to twelve)."""
     found = boundaries(table)
     return Starts([(i + 0.5, name) for i, name in found] if 1 < len(found) <= 12 else [])

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.io.csv import Table
 from ppmcal.linalg import Array
 from ppmcal.report.format import exact, whole, with_label
 from ppmcal.report.html import number_cell, paragraph, table, text_cell
-from ppmcal.report.records import Columns, Identified
+from ppmcal.report.records import Identified
 from ppmcal.report.residuals import coordinates, groups, used
 from ppmcal.report.section import Section
 
@@ -27,19 +28,19 @@ def row_key(index: int | str, dataset: str, row: int) -> str:
     return f"{index}:{dataset}:{row}"
 
 
-def row_keys(index: int, residuals: Columns) -> list[str]:
+def row_keys(index: int, residuals: Table) -> list[str]:
     """Return the key of every row of residuals.csv."""
     return [row_key(index, d, int(n)) for d, n in
             zip(residuals.words("dataset"), row_numbers(residuals), strict=True)]
 
 
-def row_numbers(residuals: Columns) -> NDArray[np.int64]:
+def row_numbers(residuals: Table) -> NDArray[np.int64]:
     """Return the number of every row in its file (N,), -1 where residuals.csv does not say."""
     found = np.nan_to_num(np.clip(residuals.number("row"), -1.0, 1e15), nan=-1.0)
     return found.astype(np.int64)
 
 
-def times_noise(residuals: Columns) -> Array:
+def times_noise(residuals: Table) -> Array:
     """Return how far each row is from the model: rms of its residuals over their sigma (N,)."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         ratios = np.stack([residuals.number(f"after_{c}") / residuals.number(f"sigma_{c}")

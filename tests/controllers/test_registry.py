@@ -78,9 +78,9 @@ def test_a_controller_of_another_package_says_what_to_do_with_a_machine(site, tm
             "print(uses(read_mechanism(sys.argv[1]), 'fit'))\n"
             "print([m for m in sys.modules if m.endswith('.controller')])")
     for machine, told in (("6-UPS", True), ("3-RPR", False)):
-        found, loaded = subprocess.run(
+        found, loaded = subprocess.check_output(
             [sys.executable, "-c", code, str(PACKAGE.parent / "configs" / f"{machine}.yaml")],
-            env=environment(site), cwd=tmp_path, check=True, capture_output=True, text=True).stdout.splitlines()
+            env=environment(site), cwd=tmp_path, text=True).splitlines()
         assert ("'bench fit takes the machine'" in found) == told and "export joints fit" in found
         assert loaded == "[]"
 

@@ -35,6 +35,7 @@ from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_tables import RESIDUAL_TABLE
 from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.sensitivity import SensitivityRecord
@@ -47,7 +48,6 @@ from ppmcal.io.scenario import read_scenario
 from ppmcal.io.tables import read_table
 from ppmcal.io.yaml import read_yaml
 from ppmcal.report.collect import collect
-from ppmcal.report.sources import read_columns
 
 GOOD = ROOT / "tests" / "broken"
 WORDS = ("note", "session")
@@ -273,7 +273,7 @@ def readers():
                texts("sample_data/targets.csv") + (b"x,y,rz,note\n500,280,20,a\n510,270,22,b\n",)),
         Reader("joints", from_file("j.csv", lambda p: read_joints(p, bench())),
                (b"q_leg1,q_leg2,q_leg3,time\n450,460,470,1\n451,461,471,2\n",)),
-        Reader("columns", from_file("c.csv", read_columns),
+        Reader("columns", from_file("c.csv", RESIDUAL_TABLE.read),
                (b"row,name,x,used\n1,a,0.5,true\n2,b,,false\n",)),
         Reader("dataset", _dataset, (run[0] + b"\n====\n" + run[1],)),
         Reader("foreign", _foreign, (

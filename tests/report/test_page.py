@@ -344,7 +344,9 @@ BROKEN_CSV = {
     b"row,before_x\n1,2\n2,abc\n": "row 2, column before_x",
     b"row,before_x\n1,1e300\n": "row 1, column before_x",
     b"row,row\n1,2\n": "called 'row'",
-    b"\n": "no header",
+    b"\n": "is empty",
+    b",\n": "column 1 has no name",
+    b"row,used\n1,yes\n": "row 1, column used: 'yes' is not a number",
     b"row,before_x\n1,\xff\n": "UTF-8",
     b'row,reason\n1,"open\n': "CSV",
 }

@@ -16,9 +16,11 @@ from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_tables import residuals_csv
 from ppmcal.io.results.other_models import other_files
 from ppmcal.io.results.record import Column, table_text
-from ppmcal.io.results.tables import joint_columns
+from ppmcal.io.results.tables import WrittenTable, joint_columns
 from ppmcal.model.dataset import ZERO_CELSIUS
 from ppmcal.model.mechanism import POSE_COORDINATES
+
+EFFECT_TABLE = WrittenTable("effects.csv", ("p_value", "survival", "probability").__contains__)
 
 
 def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRecord
