@@ -16,8 +16,8 @@ from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.report.kind import Folder
 from ppmcal.report.kinds import KINDS, KNOWN
-from ppmcal.report.measured_rows import with_measured
 from ppmcal.report.records import Identified, ReportData, Simulated
+from ppmcal.report.rows import with_measured
 from ppmcal.report.truth import compare
 from ppmcal.wording.progress import stage
 

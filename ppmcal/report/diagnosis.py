@@ -36,8 +36,7 @@ from ppmcal.io.results.diagnosis_wording import (
 from ppmcal.io.results.identification_tables import NEXT_TABLE, RESIDUAL_TABLE
 from ppmcal.io.results.validation import misled
 from ppmcal.report.diagnosis_figures import pictures
-from ppmcal.report.diagnosis_format import amounts, in_unit, odds_to
-from ppmcal.report.diagnosis_tables import ladder, next_poses, tried
+from ppmcal.report.diagnosis_tables import amounts, in_unit, ladder, next_poses, odds_to, tried
 from ppmcal.report.format import count, number, probability, sig
 from ppmcal.report.html import (
     Cell,

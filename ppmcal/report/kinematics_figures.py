@@ -17,7 +17,7 @@ from ppmcal.plotting.layers import Dots, Layer, Marks, Polyline, Strokes, Zero
 from ppmcal.plotting.plot import Axis, Plot, span
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
 from ppmcal.report.kinematics_motion import GONE, Motion, motion_of
-from ppmcal.report.plane_figures import square
+from ppmcal.report.residual_figures import square
 from ppmcal.report.residuals import POINTS
 
 POSITION, VECTOR = ("x", "y", "z"), ("rx", "ry", "rz")

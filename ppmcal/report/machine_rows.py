@@ -23,10 +23,9 @@ from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
-from ppmcal.report.measured_rows import recorded_inputs
 from ppmcal.report.records import Identified
 from ppmcal.report.residuals import used
-from ppmcal.report.rows import row_key
+from ppmcal.report.rows import recorded_inputs, row_key
 from ppmcal.wording import pluralize
 
 POINTS, WORST = 2000, 200

@@ -15,9 +15,9 @@ from ppmcal.report.format import count, sig, to_sigma
 from ppmcal.report.headlines import other_machine
 from ppmcal.report.html import Cell, figures, name_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.kind import Chapter, Folder, Kind
-from ppmcal.report.measured_rows import conditions
 from ppmcal.report.records import ComparedMachines, ReportData, Simulated
 from ppmcal.report.residual_figures import truth_figures
+from ppmcal.report.rows import conditions
 from ppmcal.report.section import Section
 from ppmcal.report.truth import stray_note
 from ppmcal.wording import abbreviate_list, sentence

@@ -23,6 +23,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate
+from ppmcal.io.results.identification_tables import RESIDUAL_TABLE
 from ppmcal.io.results.identification_wording import combination, noise_verdict
 from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.simulation import TruthRecord
@@ -358,6 +359,45 @@ def test_broken_csv_is_refused(tmp_path: Path, content: bytes) -> None:
     with pytest.raises(BadInput, match=BROKEN_CSV[content]) as refusal:
         collect([tmp_path])
     assert "residuals.csv" in str(refusal.value)
+
+
+def test_tables_are_read_back_by_their_specs(tmp_path: Path) -> None:
+    """Which columns hold numbers is said beside what writes them, whatever words look like."""
+    write_csv(tmp_path / "residuals.csv", {
+        "row": [1, 2], "dataset": ["0701", "0702"], "after_x": ["", "-1e-3"], "sigma_x": [1, "inf"],
+        "used": ["true", 0], "reason": ["", "7.0"]})
+    found = RESIDUAL_TABLE.read(tmp_path / "residuals.csv")
+    assert found.words("dataset") == ("0701", "0702") and found.words("reason") == ("", "7.0")
+    assert found.number("used").tolist() == [1.0, 0.0] and found.number("sigma_x")[1] == np.inf
+    assert np.isnan(found.number("after_x")[0]) and found.number("after_x")[1] == -1e-3
+    assert RESIDUAL_TABLE.entries(found)[0] == {
+        "row": 1.0, "dataset": "0701", "after_x": None, "sigma_x": 1.0, "used": True, "reason": ""}
+    only = RESIDUAL_TABLE.read(tmp_path / "residuals.csv", ("row",).__contains__)
+    assert (set(only.numbers), only.text, only.size) == ({"row"}, {}, 2)
+
+
+def test_a_folder_without_its_record_has_the_parameters_of_its_table(tmp_path: Path) -> None:
+    write_csv(tmp_path / "parameters.csv", {
+        "name": ["a", "b"], "value": [1.5, 2], "sigma": [0.1, ""], "unit": ["mm", "mm"],
+        "status": ["identified", "fixed"], "sigma_sessions": [0.2, ""], "disagree": [1, ""]})
+    (one,) = collect([tmp_path]).identified
+    first, second = one.record.parameters
+    assert (first.name, first.value, first.sigma, first.disagree) == ("a", 1.5, 0.1, True)
+    assert (second.sigma, second.status, second.disagree) == (None, "fixed", None)
+
+
+def test_what_was_tried_is_told_with_its_probability(tmp_path: Path) -> None:
+    write_csv(tmp_path / "effects.csv", {
+        "kind": ["gain", "play", "drift"], "on": ["leg1", "leg2", ""], "form": ["each"] * 3,
+        "p_value": [""] * 3, "survival": [0.5, 0.4, ""], "status": ["tried", "named", "tried"],
+        "probability": [0.03, 0.9999, 1e-5]})
+    data = collect([tmp_path])
+    rows = cells(to_html(data), "Every hypothesis")[1:]
+    assert [(r[0], r[3]) for r in rows] == [
+        ("play", "> 0.999"), ("gain", "0.030"), ("drift", "< 0.001")]
+    (shown,) = to_json(data)["diagnoses"]
+    assert [c["probability"] for c in shown["candidates"]] == [0.03, 0.9999, 1e-5]
+    assert shown["candidates"][2]["survival"] is None
 
 
 def test_headers_without_rows_are_fine(tmp_path: Path) -> None:

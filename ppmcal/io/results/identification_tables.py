@@ -31,7 +31,8 @@ RESIDUAL_TABLE = WrittenTable(
     "residuals.csv", lambda name: name in ("row", "used", "x", "y") or name.startswith(STAGES),
     frozenset({"used"}))
 """With measured x and y in files of earlier versions."""
-NEXT_TABLE = WrittenTable("next.csv", lambda _: True)
+NEXT_TABLE = WrittenTable("next.csv", lambda name: name in (*POSE_COORDINATES, *ENVIRONMENT)
+                          or name.startswith(("q_", "dir_", "vel_", "temperature")))
 
 
 def quantity_of(coordinate: str) -> str:
