@@ -116,11 +116,11 @@ def boundaries(table: Table) -> list[tuple[int, str]]:
 
 
 def predicted(table: Table, kind: str) -> dict[str, Array]:
-    """Return by stage the errors (N,) that commands.csv predicts of one kind, in its units.
+    """Return by stage the errors (N,) that commands.csv says are to be expected of one kind.
 
-    What corrected commands leave is the model's own uncertainty: the arithmetic's round-off is
-    none; nan where that is unknown.
+    In its units; of corrected commands nan where the model's own uncertainty is unknown. In files
+    of earlier versions that uncertainty, ``sigma``, is not in what is left of the arithmetic.
     """
     left = np.nan_to_num(table.number(f"error_{kind}_after"))
     return {"uncorrected": table.number(f"error_{kind}_before"),
-            "corrected": np.hypot(left, table.number(f"sigma_{kind}"))}
+            "corrected": np.maximum(left, table.number(f"sigma_{kind}"))}

@@ -386,6 +386,19 @@ def test_a_folder_without_its_record_has_the_parameters_of_its_table(tmp_path: P
     assert (second.sigma, second.status, second.disagree) == (None, "fixed", None)
 
 
+@pytest.mark.parametrize("left", [(0.03, 0.04), (1e-9, 2e-9)])
+def test_the_models_uncertainty_counts_once_in_corrected_commands(tmp_path: Path, left: tuple
+                                                                  ) -> None:
+    """It is in what commands.csv says is left; files of earlier versions have it beside."""
+    folder = write_commands(tmp_path / "comp")
+    write_csv(folder / "commands.csv", {
+        "x": [1.0, 2.0], "error_position_before": [0.3, 0.4], "error_position_after": left,
+        "sigma_position": [0.03, 0.04], "status": ["ok", "ok"], "reason": ["", ""]})
+    row = next(r for r in cells(to_html(collect([folder])), "Error predicted")
+               if r[0] == "position, corrected")
+    assert row[2:] == ["0.0350", "0.0354", "0.0400"]
+
+
 def test_what_was_tried_is_told_with_its_probability(tmp_path: Path) -> None:
     write_csv(tmp_path / "effects.csv", {
         "kind": ["gain", "play", "drift"], "on": ["leg1", "leg2", ""], "form": ["each"] * 3,
