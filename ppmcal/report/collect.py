@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import digest_of
-from ppmcal.io.stage import recover
 from ppmcal.report.kind import Folder
 from ppmcal.report.kinds import KINDS, KNOWN
 from ppmcal.report.measured_rows import with_measured
 from ppmcal.report.records import Identified, ReportData, Simulated
 from ppmcal.report.sources import read_columns
 from ppmcal.report.truth import compare
+from ppmcal.store.inputs import digest_of
+from ppmcal.store.transaction import recover
 from ppmcal.wording.progress import stage
 
 ROUND_OFF = 1e-11

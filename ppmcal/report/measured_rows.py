@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import digest_of
 from ppmcal.report.records import Columns, Identified, MeasuredRows, Simulated
 from ppmcal.report.sources import read_columns
+from ppmcal.store.inputs import digest_of
 
 NOT_SHOWN = ("q_", "q2_", "vel_", "sigma_", "cmd_")
 """Columns that begin so are not conditions that a person looks for."""

@@ -16,16 +16,15 @@ from typing import TypeVar
 
 import numpy as np
 
+from ppmcal.codec import AGAIN
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import track_input
-from ppmcal.io.input_files import refuse_no_file
-from ppmcal.io.json import AGAIN
-from ppmcal.io.limits import TABLE_BYTES, TABLE_COLUMNS, refuse_shape
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.limits import TABLE_BYTES, TABLE_COLUMNS, refuse_shape
 from ppmcal.linalg import Array
 from ppmcal.report.format import LARGEST
 from ppmcal.report.records import Columns
+from ppmcal.store.inputs import refuse_no_file, track_input
 
 CHUNK = 50_000
 P = TypeVar("P", IdentificationRecord, ComparisonRecord)

@@ -30,7 +30,6 @@ from ppmcal.calibration.knowledge import extrapolated, measured_ranges
 from ppmcal.commands.compensate.options import CompensateArguments
 from ppmcal.commands.inputs import files_of, load, place_of, refuse_unrecorded
 from ppmcal.commands.own_data import refuse_unfit
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import CalibratedMachine, Result
 from ppmcal.commands.spec import Machine, Path_
 from ppmcal.errors import BadInput, NoResult, unknown
@@ -52,6 +51,7 @@ from ppmcal.linalg import finite_rows
 from ppmcal.model.dataset import WRENCH, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.store.provenance import source_of
 from ppmcal.wording import pluralize
 from ppmcal.wording.told import Told
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ppmcal.commands.import_.options import ImportArguments
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.controllers import IMPORTS, loaded
 from ppmcal.controllers.delta.before import before_sentence, printer_before
@@ -18,6 +17,7 @@ from ppmcal.controllers.delta.files import RODS, SCALES, files, rods_of
 from ppmcal.controllers.delta.geometry import SMALLEST
 from ppmcal.controllers.delta.printer import Importer, Printer
 from ppmcal.errors import BadInput, unknown
+from ppmcal.store.provenance import source_of
 from ppmcal.wording import pluralize
 from ppmcal.wording.told import CommandLine, Told
 

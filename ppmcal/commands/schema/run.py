@@ -5,10 +5,10 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from ppmcal import codec
 from ppmcal.commands.schema.options import SchemaArguments
 from ppmcal.errors import unknown
 from ppmcal.io.json_schema import DIALECT, FILES, file_schema
-from ppmcal.io.results import codec
 from ppmcal.io.results.record import Record
 
 RESULTS = {"identification": "identification.IdentificationRecord",

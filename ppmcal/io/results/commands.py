@@ -10,18 +10,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.calibration.compensation import KINDS, Compensation
-from ppmcal.io.results.record import (
-    Column,
-    Finite,
-    Part,
-    Provenance,
-    Record,
-    Text,
-    Whole,
-    table_text,
-)
+from ppmcal.io.results.record import Column, Finite, Part, Record, Text, Whole, table_text
 from ppmcal.io.results.tables import column_units, filled_columns, joint_columns, pose_columns
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import OfUnit
 from ppmcal.wording import number, pluralize
 

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import Annotated, Any, ClassVar
 
-from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
+from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import Key
 from ppmcal.wording import MOST
 

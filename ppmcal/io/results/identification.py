@@ -11,16 +11,11 @@ import numpy as np
 from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FreedomChoice
 from ppmcal.calibration.validation import DEFINITION, Dependence, Identification
+from ppmcal.codec import unsaid
 from ppmcal.io import write_mechanism
-from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.campaign import CampaignSummary
-from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.gross_errors import GrossErrorSummary
-from ppmcal.io.results.identifiability import (
-    FlatShape,
-    IdentifiabilitySummary,
-    UnidentifiableSet,
-)
+from ppmcal.io.results.identifiability import FlatShape, IdentifiabilitySummary, UnidentifiableSet
 from ppmcal.io.results.identification_parts import (
     CorrelatedPair,
     CovarianceEntry,
@@ -42,8 +37,10 @@ from ppmcal.io.results.identification_tables import (
     table_units,
 )
 from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
-from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, Whole
+from ppmcal.io.results.record import Finite, Flag, Record, Text, Whole
 from ppmcal.io.results.units import Numbers
+from ppmcal.store.output import Content
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import ByCoordinate, Units
 
 CORRELATED = 0.95
