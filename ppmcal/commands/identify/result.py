@@ -91,7 +91,7 @@ class IdentificationResult(Result):
 
     def remarks(self) -> Sequence[str]:
         """Return the findings, and which drives lost their zero."""
-        return [*self.findings, *self.record.gross_errors.shift_sentences()]
+        return self.record.all_findings()
 
     @property
     def warnings(self) -> list[str]:

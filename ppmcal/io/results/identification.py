@@ -139,6 +139,10 @@ class IdentificationRecord(Record):
             known_rows=tuple(RowsOfTable.of_rows(k, mechanism) for k in rows_behind(result)),
             covariance=CovarianceEntry.of(result))
 
+    def all_findings(self) -> list[str]:
+        """Return the findings, and which drives lost their zero."""
+        return [*self.findings, *self.gross_errors.shift_sentences()]
+
     def summary(self) -> dict[str, Any]:
         """Return the content without the covariance and the rows of the tables."""
         return {k: v for k, v in self.entries().items() if k not in ("covariance", "known_rows")}
