@@ -17,8 +17,8 @@ from helpers.fleets import DESIGN, write_fleet
 import ppmcal as face
 from ppmcal.commands.batch import campaign as campaign_module
 from ppmcal.commands.batch.campaign import KEPT
+from ppmcal.commands.batch.manifest import CampaignJob
 from ppmcal.commands.face import carry_out
-from ppmcal.io.batch_manifest import CampaignJob
 from ppmcal.io.results.batch import CampaignRecord
 from ppmcal.io.yaml import dump_yaml, read_yaml
 from ppmcal.store.folder import RECORD

@@ -13,13 +13,13 @@ import numpy as np
 from helpers.paths import ROOT
 
 from fuzz.judge import SECONDS
+from ppmcal.commands.batch.manifest import read_manifest
 from ppmcal.controllers.joints import file as joint_tables_file
 from ppmcal.controllers.klipper import config as klipper_config
 from ppmcal.controllers.klipper import reading as klipper_reading
 from ppmcal.controllers.linuxcnc import hal as linuxcnc_hal
 from ppmcal.controllers.reprap import config as reprap_config
 from ppmcal.controllers.reprap import reading as reprap_reading
-from ppmcal.io.batch_manifest import read_manifest
 from ppmcal.io.column_names import LABELS
 from ppmcal.io.csv import csv_table
 from ppmcal.io.dataset_reader import read_dataset

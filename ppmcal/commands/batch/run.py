@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ppmcal.commands.batch.campaign import COMPARE, BatchPlace, finished, recalled, run_campaign
+from ppmcal.commands.batch.manifest import CampaignJob, read_manifest
 from ppmcal.commands.batch.options import BatchArguments
 from ppmcal.commands.result import Result
 from ppmcal.design.processes import cores as all_cores
 from ppmcal.design.processes import over
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import csv_text
-from ppmcal.io.batch_manifest import CampaignJob, read_manifest
 from ppmcal.io.parquet import refuse_without_pyarrow
 from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table, with_findings
 from ppmcal.notes import FINDING, NOTE, Note
