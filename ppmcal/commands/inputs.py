@@ -28,6 +28,7 @@ from ppmcal.kinematics.tables import with_joints
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
+from ppmcal.notes import Note
 from ppmcal.store.inputs import path_errors
 from ppmcal.store.transaction import recover
 
@@ -263,6 +264,7 @@ def same_machine(mechanism: Mechanism, other: Mechanism, source: Path) -> list[s
              if name not in free and found.get(name, mechanism.values[i]) != mechanism.values[i]]
     if not apart:
         return []
-    return [f"{len(apart)} fixed value{'s' if len(apart) > 1 else ''} are not as in {source}: "
-            f"{', '.join(apart[:3])}{' ...' if len(apart) > 3 else ''}; use one mechanism file for "
-            "both"]
+    return [Note(
+        f"{len(apart)} fixed value{'s' if len(apart) > 1 else ''} are not as in {source}: "
+        f"{', '.join(apart[:3])}{' ...' if len(apart) > 3 else ''}; use one mechanism file for "
+        "both")]

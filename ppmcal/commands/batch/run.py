@@ -216,8 +216,8 @@ def _read(at: BatchPlace, todo: Sequence[Sequence[CampaignJob]], names: Collecti
                        "Give a folder that the workers see under the same path") from None
 
 
-def _findings(records: Sequence[CampaignRecord]) -> Iterator[str]:
+def _findings(records: Sequence[CampaignRecord]) -> Iterator[Note]:
     """Yield who failed, with the message."""
     for r in records:
         if r.failed:
-            yield f"{r.campaign} failed (exit code {r.exit_code}): {r.message}"
+            yield Note(f"{r.campaign} failed (exit code {r.exit_code}): {r.message}")

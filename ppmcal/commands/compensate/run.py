@@ -182,9 +182,9 @@ def run(asked: CompensateArguments) -> CompensationResult:
                                 known, (), poses.given)
     worse = worse_rows(machine, found)
     if asked.regardless and worse:
-        lifted.append(
+        lifted.append(Note(
             f"{pluralize(len(worse), 'row')} commanded though refused without --regardless "
-                      f"(first row {min(worse) + 1}: {worse[min(worse)]})")
+            f"(first row {min(worse) + 1}: {worse[min(worse)]})"))
     else:
         _refuse_worse(result, worse, machine.source)
         found = refused(found, worse)
