@@ -18,9 +18,9 @@ from ppmcal.io.results.export import (
     NotExpressedEntry,
     PredictedErrors,
 )
-from ppmcal.io.results.record import Provenance
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import Provenance
 
 AXIS_OFFSET = ".axis_offset"
 """How the slots end whose universal joints no controller knows."""

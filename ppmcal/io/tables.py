@@ -11,8 +11,8 @@ from ppmcal.io.csv import Table, csv_table, refuse_absurd
 from ppmcal.io.csv_body import Cells
 from ppmcal.io.excel import MAGIC as EXCEL
 from ppmcal.io.excel import excel_table
-from ppmcal.io.input_files import read_bytes
 from ppmcal.io.parquet import MAGIC, parquet_table
+from ppmcal.store.inputs import read_bytes
 
 SUFFIXES = (".csv", ".parquet", ".xlsx")
 """Of measurement files, beside which a sidecar is looked for."""

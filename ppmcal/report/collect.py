@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import digest_of
-from ppmcal.io.stage import recover
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.report.kind import Folder
@@ -19,6 +17,8 @@ from ppmcal.report.kinds import KINDS, KNOWN
 from ppmcal.report.records import Identified, ReportData, Simulated
 from ppmcal.report.rows import with_measured
 from ppmcal.report.truth import compare
+from ppmcal.store.inputs import digest_of
+from ppmcal.store.transaction import recover
 from ppmcal.wording.progress import stage
 
 ROUND_OFF = 1e-11

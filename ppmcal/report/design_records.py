@@ -10,9 +10,8 @@ import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from ppmcal.codec import AGAIN
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import track_input
-from ppmcal.io.json import AGAIN
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
@@ -21,6 +20,7 @@ from ppmcal.io.results.tolerances import TolerancesRecord
 from ppmcal.io.results.workspace import WorkspaceRecord
 from ppmcal.notes import NOTE, Note
 from ppmcal.report.records import Designed, DesignRecord, Picture
+from ppmcal.store.inputs import track_input
 
 DESIGNS: Mapping[str, tuple[str, ...]] = {
     "sensitivity": ("sensitivity.csv", "map.csv", "linearity.csv", "jacobian.csv"),

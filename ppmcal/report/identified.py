@@ -100,8 +100,8 @@ def place(one: Identified, data: ReportData) -> str:
 
 def _findings(one: Identified, data: ReportData) -> list[tuple[str, str]]:
     record = one.record
-    out = [*record.findings, *record.gross_errors.shift_sentences(),
-           *record.gross_errors.unchecked_sentences(), *campaign_sentences(record.campaign)]
+    out = [*record.all_findings(), *record.gross_errors.unchecked_sentences(),
+           *campaign_sentences(record.campaign)]
     scale = record.identifiability.scale
     if scale is not None and scale.sentence():
         out.append(scale.sentence())

@@ -12,7 +12,6 @@ from ppmcal import algebra as cga
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io import read_dataset
 from ppmcal.io.csv import Table
-from ppmcal.io.folder import digest_of
 from ppmcal.io.results.identification_parts import FittedDataset, RegistrationEntry
 from ppmcal.io.results.scene_parts import MeasuredPose, Point
 from ppmcal.io.sidecar import sidecar_path
@@ -26,6 +25,7 @@ from ppmcal.model.registration import Registration
 from ppmcal.report.records import Identified
 from ppmcal.report.residuals import used
 from ppmcal.report.rows import recorded_inputs, row_key
+from ppmcal.store.inputs import digest_of
 from ppmcal.wording import pluralize
 
 POINTS, WORST = 2000, 200

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
-from ppmcal.io.folder import digest_of
 from ppmcal.io.results.identification_tables import COORDINATES, quantity_of
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
@@ -22,6 +21,7 @@ from ppmcal.report.html import number_cell, paragraph, table, text_cell
 from ppmcal.report.records import Identified, MeasuredRows, Simulated
 from ppmcal.report.residuals import coordinates, groups, used
 from ppmcal.report.section import Section
+from ppmcal.store.inputs import digest_of
 from ppmcal.units import Units
 
 NOT_SHOWN = ("q_", "q2_", "vel_", "sigma_", "cmd_")

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.io.folder import digest_of
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.report.format import count, sig, to_sigma
 from ppmcal.report.headlines import other_machine
@@ -20,6 +19,7 @@ from ppmcal.report.residual_figures import truth_figures
 from ppmcal.report.rows import conditions
 from ppmcal.report.section import Section
 from ppmcal.report.truth import stray_note
+from ppmcal.store.inputs import digest_of
 from ppmcal.wording import abbreviate_list, sentence
 
 

@@ -19,13 +19,12 @@ from ppmcal import commands, report
 from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge.parameter_estimates import FAR
 from ppmcal.calibration.validation import Dependence
+from ppmcal.codec import unsaid
 from ppmcal.errors import BadInput
-from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate
 from ppmcal.io.results.identification_tables import RESIDUAL_TABLE
 from ppmcal.io.results.identification_wording import combination, noise_verdict
-from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.plotting.plot import Axis, span
 from ppmcal.report import collect, to_html, to_json
@@ -34,6 +33,7 @@ from ppmcal.report.kinds import KINDS, KNOWN
 from ppmcal.report.records import Identified, ReportData, Simulated
 from ppmcal.report.residuals import envelope, evenly_spread
 from ppmcal.report.truth import compare
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import Units
 
 

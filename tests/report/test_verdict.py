@@ -17,7 +17,6 @@ from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html
 from ppmcal.report.diagnosis_tables import ladder
@@ -25,6 +24,7 @@ from ppmcal.report.page import summary
 from ppmcal.report.records import Diagnosed, Held, Identified, ReportData, ResidualRows
 from ppmcal.report.section import Section, placed
 from ppmcal.report.verdict import MOST, verdicts
+from ppmcal.store.provenance import Provenance
 
 
 def one(folder="fit", name="bench", **change):

@@ -8,16 +8,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ppmcal.codec import json_text
 from ppmcal.commands.inputs import load
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.report.options import ReportArguments
 from ppmcal.commands.result import Result
 from ppmcal.controllers import uses
 from ppmcal.errors import BadInput
-from ppmcal.io import csv_text, json_text
-from ppmcal.io.folder import read_runs
+from ppmcal.io import csv_text
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.records import Identified, ReportData
+from ppmcal.store.folder import read_record
+from ppmcal.store.provenance import source_of
 from ppmcal.wording.told import Told
 
 
@@ -82,7 +83,7 @@ def _use(one: Identified) -> str:
     """
     model = Path(one.folder) / "identified.yaml"
     imports = [run.get("options", {}) for name in one.record.provenance.inputs
-               for run in [read_runs(Path(name).parent).get("import", {})]]
+               for run in [read_record(Path(name).parent).runs.get("import", {})]]
     form, old = next(((str(o["form"]), str(o["file"])) for o in imports
                       if {"form", "file"} <= o.keys()), ("", ""))
     try:

@@ -10,16 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.calibration.compensation import KINDS, Compensation
-from ppmcal.io.results.record import (
-    Column,
-    Finite,
-    Part,
-    Provenance,
-    Record,
-    Text,
-    Whole,
-    table_text,
-)
+from ppmcal.io.results.record import Column, Finite, Part, Record, Text, Whole, table_text
 from ppmcal.io.results.tables import (
     WrittenTable,
     column_units,
@@ -28,6 +19,7 @@ from ppmcal.io.results.tables import (
     pose_columns,
 )
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import OfUnit
 from ppmcal.wording import number, pluralize
 

@@ -9,18 +9,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.calibration.fit import half_or
-from ppmcal.calibration.sessions import (
-    Change,
-    Comparison,
-    DifferenceNoise,
-    PoseDifference,
-)
+from ppmcal.calibration.sessions import Change, Comparison, DifferenceNoise, PoseDifference
 from ppmcal.inference.priors import SURE
 from ppmcal.io import csv_text
-from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Text, Whole
+from ppmcal.io.results.record import Finite, Flag, Part, Record, Text, Whole
 from ppmcal.io.results.tables import WrittenTable
 from ppmcal.io.results.units import COLUMN, MachineUnits
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import OfUnit, Units
 from ppmcal.wording import pluralize
 

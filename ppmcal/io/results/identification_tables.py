@@ -8,7 +8,7 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit, MissingPoses, Problem, labels
 from ppmcal.calibration.validation import Residuals
-from ppmcal.io.csv_writer import LongText, csv_text
+from ppmcal.io.csv_writer import csv_text
 from ppmcal.io.results.record import Column, table_lines, table_text
 from ppmcal.io.results.tables import (
     ENVIRONMENT,
@@ -19,6 +19,7 @@ from ppmcal.io.results.tables import (
 )
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.store.output import LongText
 
 PARAMETERS = ("name", "nominal", "value", "error", "sigma", "sigma_data", "tolerance", "unit",
               "status", "low", "high")

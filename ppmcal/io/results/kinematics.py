@@ -11,7 +11,7 @@ import numpy as np
 from ppmcal.io import csv_text
 from ppmcal.io.pose_fields import QUATERNION
 from ppmcal.io.results.kinematics_uncertainty import KinematicsUncertainty, ModelSigma
-from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Shown, Text, Whole
+from ppmcal.io.results.record import Finite, Flag, Part, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import (
     WrittenTable,
     column_units,
@@ -24,6 +24,7 @@ from ppmcal.kinematics.rotations import euler_like, to_quaternion
 from ppmcal.kinematics.tables import SINGULAR, KinematicsTable, home_singular_value
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import OfUnit
 from ppmcal.wording import pluralize
 

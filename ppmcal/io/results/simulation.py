@@ -10,10 +10,10 @@ import numpy as np
 import yaml
 
 from ppmcal.calibration.fit import coordinates_of
-from ppmcal.io.csv_writer import Content, csv_lines
+from ppmcal.codec import unsaid
+from ppmcal.io.csv_writer import csv_lines
 from ppmcal.io.effects import effects_tree
-from ppmcal.io.results.codec import unsaid
-from ppmcal.io.results.record import Provenance, Record, Shown, Text, Whole
+from ppmcal.io.results.record import Record, Shown, Text, Whole
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.io.yaml import printable
 from ppmcal.model.dataset import ZERO_CELSIUS
@@ -21,6 +21,8 @@ from ppmcal.model.instruments import NUMBERS, SCALARS
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.simulation.scenario import Scenario
 from ppmcal.simulation.simulate import Campaign
+from ppmcal.store.output import Content
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import Angle, ByCoordinate, Length, Units
 
 

@@ -9,17 +9,17 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ppmcal.codec import AGAIN
 from ppmcal.errors import BadInput
 from ppmcal.io import csv_text
 from ppmcal.io.csv import Table, csv_table, refuse_absurd
 from ppmcal.io.csv_body import Cells
-from ppmcal.io.input_files import read_bytes
-from ppmcal.io.json import AGAIN
 from ppmcal.io.results.record import Part
 from ppmcal.io.rotations import EULER
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.plotting.map_data import Map
+from ppmcal.store.inputs import read_bytes
 
 
 def joint_columns(mechanism: Mechanism, q: Array, pattern: str) -> dict[str, Array]:
