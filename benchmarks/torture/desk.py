@@ -19,7 +19,8 @@ from unittest import mock
 
 from ppmcal.commands import command, names, work
 from ppmcal.commands.spec import taken
-from ppmcal.io.folder import RECORD, current
+from ppmcal.store.folder import RECORD
+from ppmcal.store.inputs import current
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 WORDS = {

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ppmcal.io.folder import RECORD, read_record
-from ppmcal.io.stage import recover
+from ppmcal.store.folder import RECORD, read_record
+from ppmcal.store.transaction import recover
 from torture.desk import NOTHING, Case, State, age, leftovers, states
 from torture.trace import TAKING, End, Runner, forked
 
@@ -203,9 +203,8 @@ def _other(now: dict[str, State], start: Start) -> list[str]:
 
 def _whole(folder: Path, held: State, known: Sequence[State]) -> bool:
     """Whether a folder is as its own record has it: that of a batch may say which have failed."""
-    record = read_record(folder) or {}
     return {*held} in map(set, known) and all(
-        held.get(name) == written.digest for name, written in record.items())
+        held.get(name) == written.digest for name, written in read_record(folder).files.items())
 
 
 def _again(case: Case, start: Start, where: str, tally: Tally, number: int = 0) -> None:

@@ -10,7 +10,7 @@ import yaml
 
 from generators.markdown import anchor, code, fenced, plain, table
 from generators.paths import DOCS
-from ppmcal.io.json_schema import FILES, file_schema
+from ppmcal.commands.schema.run import FILES, file_schema
 from ppmcal.io.yaml import read_yaml
 
 Schema = Mapping[str, Any]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from generators.markdown import table
-from ppmcal.io.limits import ASKED_LIMITS, FILE_LIMITS, Limit, grouped
+from ppmcal.limits import ASKED_LIMITS, FILE_LIMITS, Limit, grouped
 
 
 def limits_table() -> str:

@@ -87,7 +87,7 @@ def _whole(spec: Command) -> Any:
 
 def _of_folder(spec: Command, out: Path) -> dict[str, Any]:
     """Return those of the arguments that say where results go, which Python has as arguments."""
-    from ppmcal.io.folder import current
+    from ppmcal.store.inputs import current
 
     known = {"out": out, "force": current().force}
     return {one.name: known[one.name] for one in taken(spec.arguments)

@@ -132,7 +132,7 @@ def single_files(function: F) -> F:
     """
     @functools.wraps(function)
     def body(*args: Any, **options: Any) -> Any:
-        from ppmcal.io.folder import running
+        from ppmcal.store.folder import running
 
         name = click.get_current_context().command.name or ""
         with running(name, None, bool(options.get("force"))):
@@ -144,13 +144,13 @@ def single_files(function: F) -> F:
 def out_option(default: str, replace: str = "--force") -> Callable[[F], F]:
     """Return the options ``--out``, with a default folder, and ``replace``.
 
-    The command's body runs as one run of :mod:`ppmcal.io.folder`: what it reads is never
+    The command's body runs as one run of :mod:`ppmcal.store.folder`: what it reads is never
     replaced, and what it did not write only with ``replace``.
     """
     def decorate(function: F) -> F:
         @functools.wraps(function)
         def body(*args: Any, out: Path, force: bool, **options: Any) -> Any:
-            from ppmcal.io.folder import running
+            from ppmcal.store.folder import running
 
             name = click.get_current_context().command.name or ""
             with running(name, out, force, option=replace):
@@ -237,7 +237,7 @@ class Console:
     def summary(self, content: Mapping[str, Any]) -> None:
         """Print the summary where ``--json`` asks for it."""
         if self.as_json:
-            from ppmcal.io import json_text
+            from ppmcal.codec import json_text
 
             with aside():
                 # what UTF-8 cannot hold, as JSON has it

@@ -6,14 +6,17 @@ import inspect
 import re
 import textwrap
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cache
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
+from ppmcal.codec import LARGEST_WHOLE
 from ppmcal.commands import command, folder, functions, names, work
-from ppmcal.commands.recording import as_json, recording, refuse_seed, refuse_words
 from ppmcal.commands.spec import CONSOLE, Arguments, Command, Face, Refusal, Taken, taken
-from ppmcal.errors import PpmcalError
+from ppmcal.errors import BadInput, PpmcalError
+from ppmcal.store.provenance import as_json, recording
 from ppmcal.wording.progress import no_progress, reports_progress
 
 WIDTH = 99
@@ -35,12 +38,46 @@ def carry_out(spec: Command, asked: Arguments, *, progress: Any = no_progress) -
     for one in taken(spec.arguments, CONSOLE):
         value = getattr(asked, one.name)
         if one.name == "seed":
-            refuse_seed(value)
-        refuse_words(one.name, one.kind, value)
+            _refuse_seed(value)
+        _refuse_words(one.name, one.kind, value)
         if one.option.recorded:
             options[one.name] = as_json(value, one.value)
     with recording(recorded_as(spec), options):
         return run(asked)
+
+
+def _refuse_seed(seed: object) -> None:
+    """Refuse what is not a seed, or one that its own record could not hold.
+
+    Raises:
+        BadInput: not a whole number from 0 to 2^53.
+    """
+    if seed is None or (isinstance(seed, Integral) and not isinstance(seed, bool)
+                        and 0 <= int(seed) <= LARGEST_WHOLE):
+        return
+    raise BadInput(f"{str(seed)[:40]} is not a seed", "--seed",
+                   f"Give a whole number from 0 to {LARGEST_WHOLE}")
+
+
+def _refuse_words(name: str, kind: str, value: Any) -> None:
+    """Refuse what is not a number where an argument takes nothing else.
+
+    Args:
+        name: of the argument.
+        kind: its annotation.
+        value: as it was given.
+
+    Raises:
+        BadInput: with the name of the argument.
+    """
+    if value is None or kind.removesuffix(" | None") not in ("float", "int"):
+        return
+    with suppress(TypeError, ValueError):
+        if not isinstance(value, str):
+            float(value)
+            return
+    raise BadInput(f"{str(value)[:40]!r} is not a number",
+                   f"--{name.replace('_', '-')}", "Give a bare number, without a unit")
 
 
 def recorded_as(spec: Command) -> str:

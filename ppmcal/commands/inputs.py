@@ -18,10 +18,8 @@ from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.io.campaign import joined
 from ppmcal.io.dataset_reader import dataset_of, may_be_words, read_files
 from ppmcal.io.frames import as_table, is_path
-from ppmcal.io.input_files import path_errors
 from ppmcal.io.read_block import ReadFile
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
-from ppmcal.io.stage import recover
 from ppmcal.io.tables import read_table
 from ppmcal.io.templates import find_template
 from ppmcal.kinematics.effect_response import environment_of, with_strokes
@@ -30,6 +28,9 @@ from ppmcal.kinematics.tables import with_joints
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
+from ppmcal.notes import Note
+from ppmcal.store.inputs import path_errors
+from ppmcal.store.transaction import recover
 
 Machine = Mechanism | Path_ | Mapping[str, Any]
 """A mechanism, the path of its file, or what such a file holds."""
@@ -263,6 +264,7 @@ def same_machine(mechanism: Mechanism, other: Mechanism, source: Path) -> list[s
              if name not in free and found.get(name, mechanism.values[i]) != mechanism.values[i]]
     if not apart:
         return []
-    return [f"{len(apart)} fixed value{'s' if len(apart) > 1 else ''} are not as in {source}: "
-            f"{', '.join(apart[:3])}{' ...' if len(apart) > 3 else ''}; use one mechanism file for "
-            "both"]
+    return [Note(
+        f"{len(apart)} fixed value{'s' if len(apart) > 1 else ''} are not as in {source}: "
+        f"{', '.join(apart[:3])}{' ...' if len(apart) > 3 else ''}; use one mechanism file for "
+        "both")]

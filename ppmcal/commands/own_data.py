@@ -10,6 +10,7 @@ from ppmcal.errors import NoResult
 from ppmcal.io.results.knowledge import read_basis
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 
 HINT = ("Use `ppmcal diagnose` to find what the model lacks; if the stated noise is too small, "
         "use `identify --sigma estimated`; --regardless uses the model as it is")
@@ -20,7 +21,7 @@ HINT_UNENDED = ("Run identify again without --iterations, or with more; measure 
 
 
 def refuse_unfit(mechanism: Mechanism, knowledge: Path | None = None, regardless: bool = False
-                 ) -> list[str]:
+                 ) -> list[Note]:
     """Refuse a model whose fit had not converged, or whose residuals are far beyond their noise.
 
     Args:
@@ -46,7 +47,7 @@ def refuse_unfit(mechanism: Mechanism, knowledge: Path | None = None, regardless
     if refusals and not regardless:
         what, hint = refusals[0]
         raise NoResult(what, mechanism.source, hint)
-    return [f"{what}; used anyway, because of --regardless" for what, _ in refusals]
+    return [Note(f"{what}; used anyway, because of --regardless") for what, _ in refusals]
 
 
 def _basis(mechanism: Mechanism, knowledge: Path | None) -> MeasurementBasis:

@@ -16,14 +16,13 @@ import numpy as np
 from ppmcal.calibration.compensation import Readings
 from ppmcal.calibration.validation import Identification
 from ppmcal.errors import unknown
-from ppmcal.io import Output
-from ppmcal.io.csv_writer import Content
-from ppmcal.io.environment import one_thread
-from ppmcal.io.folder import current, running, track_input
-from ppmcal.io.input_files import path_errors
 from ppmcal.io.results.batch import CampaignQuantity
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import has_findings
+from ppmcal.store.folder import running
+from ppmcal.store.inputs import current, path_errors, track_input
+from ppmcal.store.output import Content, Output
+from ppmcal.store.provenance import one_thread
 from ppmcal.wording.progress import stage
 from ppmcal.wording.told import Told
 

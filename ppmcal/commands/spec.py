@@ -40,7 +40,8 @@ class Option:
         complete: ``module:name`` of what the shell completes it with; see
             :func:`ppmcal.cli.completion.completed`.
         argument: whether it is an argument, and not an option; ``words``: what it is called in
-            Python's docs, without an article, where that is not its name.
+            Python's docs and in refusals, without an article, where that is not its name.
+        key: what it is as a key of a file, where that is said in other words.
         folder: whether a path is of a folder.
         common: whether other commands have it too, so that it stands behind those of its own.
         only: :data:`CONSOLE` or :data:`PYTHON`, where it is asked for there alone.
@@ -65,6 +66,7 @@ class Option:
     complete: str = ""
     argument: bool = False
     words: str = ""
+    key: str = ""
     folder: bool = False
     common: bool = False
     only: str = ""
@@ -118,7 +120,8 @@ EFFECTS = "ppmcal.model.effects:effect_kinds"
 
 def seed(default: int | None = 0) -> Any:
     """Return the field ``seed``."""
-    return option(default, "Seed of everything drawn at random.", least=0, common=True)
+    return option(default, "Seed of everything drawn at random.", least=0, common=True,
+                  key="Of everything drawn at random.")
 
 
 def cores() -> Any:
@@ -133,16 +136,17 @@ def scheduler() -> Any:
                   "--scheduler", "--dask", metavar="ADDRESS", common=True, recorded=False)
 
 
-def regardless(lifted: str) -> Any:
+def regardless(lifted: str, key: str = "") -> Any:
     """Return the field ``regardless``, which lifts the refusals ``lifted`` and no other."""
     return option(False, f"Lift the refusal of {lifted}, and no other; ends with exit code 1 where "
-                  "there was one.")
+                  "there was one.", key=key)
 
 
 def leave_out() -> Any:
     """Return the field ``leave_out``, which goes with :func:`two_holdouts`."""
     return option("", "Predict each session (label of a column `session`, or files of one "
-                  "campaign) by the others, in place of held-out poses.", choices=("session",))
+                  "campaign) by the others, in place of held-out poses.", choices=("session",),
+                  words="part to leave out", key="Predict each session by the others.")
 
 
 def two_holdouts(chosen: str, typed: Collection[str]) -> str:

@@ -9,7 +9,7 @@ Folders without ``CONTROLLER`` hold what several share.
 
 Another package adds a format through the entry points ``ppmcal.controllers``, for ``export``, and
 ``ppmcal.imports``, for ``import``: an entry has the format's name in small letters and loads a
-module, or an object, with these functions.
+module, or an object, with these functions; it may have a ``CONTROLLER`` too.
 """
 
 from __future__ import annotations
@@ -23,9 +23,11 @@ from ppmcal.errors import unknown
 
 TYPE_CHECKING = False    # help needs the names alone
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from importlib.metadata import EntryPoint
     from typing import Any
+
+    from ppmcal.model.mechanism import Mechanism
 
 EXPORTS, IMPORTS = "ppmcal.controllers", "ppmcal.imports"
 """Groups of entry points: what writes a format, and what reads one."""
@@ -33,7 +35,7 @@ EXPORTS, IMPORTS = "ppmcal.controllers", "ppmcal.imports"
 
 @dataclass(frozen=True)
 class Controller:
-    """What help says of a controller's format.
+    """What is said of a controller's format.
 
     Attributes:
         order: place in lists.
@@ -42,6 +44,10 @@ class Controller:
         meshes: what ``import --mesh`` takes of it; radius: what it calls a delta's radius.
         copies: whether ``export --write`` copies a file of it.
         examples: command lines to copy, by their command.
+        use: what somebody does with a calibrated machine who has this controller. ``{model}`` is
+            the machine's file or folder, ``{old}`` the controller's own file that it was imported
+            from: words with that are said of such machines alone.
+        drives: whether it drives a machine.
     """
 
     order: int
@@ -52,6 +58,8 @@ class Controller:
     radius: str = ""
     copies: bool = False
     examples: tuple[tuple[str, str], ...] = ()
+    use: str = ""
+    drives: Callable[[Mechanism], bool] = lambda _: True
 
 
 @cache
@@ -110,6 +118,26 @@ def about(group: str = EXPORTS) -> Iterator[str]:
         one = own().get(name)
         yield f"{name}: " + (_docstring(entry.module) if one is None else
                              one.exports if group == EXPORTS else one.imports)
+
+
+def uses(mechanism: Mechanism, model: str, form: str = "", old: str = "") -> list[str]:
+    """Return what may be done with a calibrated machine on the controllers that drive it, in words.
+
+    Of ppmcal's own formats no module is loaded.
+
+    Args:
+        mechanism: the machine.
+        model: path of its file, or of the folder.
+        form: the format that it was imported from, which is then its controller.
+        old: the controller's file that it was imported from.
+    """
+    known = exported()
+    asked = {form: known[form]} if form in known else known
+    found = (own().get(name) or getattr(entry.load(), "CONTROLLER", None)
+             for name, entry in asked.items())
+    return [one.use.format(model=model, old=old) for one in found
+            if one is not None and one.use and (old or "{old}" not in one.use)
+            and one.drives(mechanism)]
 
 
 def examples(command: str) -> tuple[str, ...]:

@@ -9,7 +9,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ppmcal.controllers import exported
 from ppmcal.controllers.model_uncertainty import UNKNOWN, PoseUncertainty
 from ppmcal.controllers.pose_errors import ErrorSummary
 from ppmcal.io.results.export import (
@@ -19,9 +18,9 @@ from ppmcal.io.results.export import (
     NotExpressedEntry,
     PredictedErrors,
 )
-from ppmcal.io.results.record import Provenance
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import Provenance
 
 AXIS_OFFSET = ".axis_offset"
 """How the slots end whose universal joints no controller knows."""
@@ -99,12 +98,7 @@ class Exported:
 
 
 class Exporter(Protocol):
-    """A module, or an object, that writes one format.
-
-    It may have ``use(mechanism, model, old)`` too: in words, what somebody does with the model, a
-    path, who has this controller; empty where it does not drive the machine. ``old`` is the
-    controller's own file that the machine was imported from, empty where it was not.
-    """
+    """A module, or an object, that writes one format."""
 
     def export(self, mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
         """Return the machine in this format.
@@ -119,21 +113,6 @@ class Exporter(Protocol):
             NoResult: the file does not read back as what it was written from.
         """
         ...
-
-
-def uses(mechanism: Mechanism, model: str, form: str = "", old: str = "") -> list[str]:
-    """Return what may be done with a calibrated machine on the controllers that drive it, in words.
-
-    Args:
-        mechanism: the machine.
-        model: path of its file, or of the folder.
-        form: the format that it was imported from, which is then its controller.
-        old: the controller's file that it was imported from.
-    """
-    known = exported()
-    own = [known[form]] if form in known else known.values()
-    told = (getattr(entry.load(), "use", None) for entry in own)
-    return [words for use in told if use is not None and (words := use(mechanism, model, old))]
 
 
 def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> ExportRecord:

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from ppmcal.io.dataset_reader import read_dataset as read_dataset
     from ppmcal.io.mechanism_reader import read_mechanism as read_mechanism
     from ppmcal.io.mechanism_writer import write_mechanism as write_mechanism
-    from ppmcal.io.output import Output as Output
-    from ppmcal.io.output import json_text as json_text
-    from ppmcal.io.output import provenance as provenance
     from ppmcal.io.poses import JointTable as JointTable
     from ppmcal.io.poses import PoseTable as PoseTable
     from ppmcal.io.poses import read_joints as read_joints

@@ -12,6 +12,7 @@ from ppmcal.io.schema import did_you_mean
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.instruments import number_names
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 
 ENVIRONMENT = ("temperature", "payload", "time", *WRENCH)
 MISSPELT = 0.8
@@ -144,8 +145,8 @@ def ambiguous_directions(header: Sequence[str], mechanism: Mechanism, source: st
             f"Give the direction of every joint ({', '.join(joints)}); or, if it is the "
             f"platform's, call the actuator otherwise in the mechanism file, such as joint_{own}, "
             f"and write `read: {{columns: {{q_joint_{own}: q_{own}}}}}` into the sidecar")
-    return [f"{source}: {names} are taken for the directions of the joints called so, not "
-            "for the platform's."]
+    return [Note(f"{source}: {names} are taken for the directions of the joints called so, not "
+                 "for the platform's.")]
 
 
 def recorders_names(header: Sequence[str], mechanism: Mechanism, source: str
@@ -163,8 +164,8 @@ def recorders_names(header: Sequence[str], mechanism: Mechanism, source: str
         joints = [c for c in header if c not in names and (c in actuators or (
             c not in own and not c.startswith("temperature_")))]
         if not set(actuators) <= set(joints) and len(joints) == len(actuators):
-            findings.append(f"{source}: header: the joint columns {', '.join(joints)} are "
-                            f"taken in order for the actuators {', '.join(actuators)}.")
+            findings.append(Note(f"{source}: header: the joint columns {', '.join(joints)} are "
+                                 f"taken in order for the actuators {', '.join(actuators)}."))
             names.update({c: f"q_{a}" for c, a in zip(joints, actuators, strict=True)})
         else:
             names.update({c: f"q_{c}" for c in joints if c in actuators})

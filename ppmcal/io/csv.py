@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.csv_body import read_body
+from ppmcal.io.csv_body import Cells, read_body
 from ppmcal.io.csv_dialect import Dialect, declared, separator_of
 from ppmcal.io.csv_numbers import PLAIN
-from ppmcal.io.limits import TABLE_COLUMNS, refuse_long_lines, refuse_shape
+from ppmcal.limits import TABLE_COLUMNS, refuse_long_lines, refuse_shape
 from ppmcal.linalg import Array
 
 LARGEST = 1e15
@@ -40,6 +40,14 @@ class Table:
     def __len__(self) -> int:
         """Return the number of rows N."""
         return self.size
+
+    def number(self, column: str) -> Array:
+        """Return a column of numbers (N,), all nan if it is not there."""
+        return self.numbers.get(column, np.full(self.size, np.nan))
+
+    def words(self, column: str) -> tuple[str, ...]:
+        """Return a column of words, all empty if it is not there."""
+        return self.text.get(column, ("",) * self.size)
 
     def labels(self, column: str) -> tuple[str, ...]:
         """Return a column's cells as words."""
@@ -75,27 +83,38 @@ class Table:
         return f"{self.source}: {place}"
 
 
-def csv_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) -> Table:
+def csv_table(data: bytes, source: str, cells: Cells | Callable[[str], bool],
+              rowless: bool = False) -> Table:
     """Return a CSV as columns.
 
     Args:
         data: of the file; a BOM, CRLF line ends and a first line ``sep=;`` are accepted.
         source: what messages call it.
-        may_be_text: says of a column name whether it may hold text.
+        cells: what columns may hold; or says of a column's name whether it may hold text.
+        rowless: whether there may be a header alone.
 
     Raises:
         BadInput: empty, binary, ragged, without rows, duplicate columns, or a cell that is
             not a number (with row and column).
     """
+    cells = cells if isinstance(cells, Cells) else Cells(cells)
     data, mark = declared(cleaned(data, source))
     separator = mark or separator_of(data, source)
     first = data.find(b"\n") if b"\n" in data else len(data)
     header = _header(data[:first], source, separator)
     if not data[first:first + 4096].strip() and not data[first:].strip():
+        if rowless:
+            return _no_rows(source, header, cells)
         raise BadInput("has a header but no rows", source, "Add at least one row of numbers")
     refuse_shape(data.count(b"\n", first + 1), len(header), source)
-    body = read_body(data, first + 1, header, source, may_be_text, separator)
+    body = read_body(data, first + 1, header, source, cells, separator)
     return Table(source, header, body.numbers, body.text, body.size, body.dialect)
+
+
+def _no_rows(source: str, header: tuple[str, ...], cells: Cells) -> Table:
+    wanted = [h for h in header if cells.wanted(h)]
+    return Table(source, header, {h: np.zeros(0) for h in wanted if not cells.words(h)},
+                 {h: () for h in wanted if cells.words(h)}, 0)
 
 
 def cleaned(data: bytes, source: str) -> bytes:
@@ -145,11 +164,19 @@ def _header(line: bytes, source: str, separator: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def refuse_absurd(numbers: Mapping[str, Array], source: str) -> None:
-    """Refuse numbers that no machine has, inf too; they would only end in overflow."""
+def refuse_absurd(numbers: Mapping[str, Array], source: str, largest: float = LARGEST,
+                  infinite: bool = False) -> None:
+    """Refuse numbers that no machine has; they would only end in overflow.
+
+    Args:
+        numbers: columns (N,) by name.
+        source: what messages call the table.
+        largest: the largest number that is taken.
+        infinite: whether inf is taken all the same.
+    """
     for name, values in numbers.items():
         with np.errstate(invalid="ignore"):
-            absurd = np.flatnonzero(np.abs(values) > LARGEST)
+            absurd = np.flatnonzero((np.abs(values) > largest) & ~(infinite & np.isinf(values)))
         if absurd.size:
             row = int(absurd[0])
             what = ("an infinite value cannot have been measured" if np.isinf(values[row])

@@ -33,6 +33,21 @@ ROWS = 20_000
 """Bytes that are parsed at once, and rows that are looked at cell by cell at once."""
 
 
+@dataclass(frozen=True)
+class Cells:
+    """What the cells of a table may hold, asked by a column's name.
+
+    Attributes:
+        may_be_text: words, where some are no numbers; else numbers.
+        words: words, whatever they look like.
+        wanted: of others nothing is kept, and nothing refused.
+    """
+
+    may_be_text: Callable[[str], bool]
+    words: Callable[[str], bool] = lambda _: False
+    wanted: Callable[[str], bool] = lambda _: True
+
+
 class Body(NamedTuple):
     """Rows as columns: ``numbers`` (N,), nan where empty, and ``text`` by name; N; dialect."""
 
@@ -59,7 +74,7 @@ class _Part:
 
 
 def read_body(data: bytes, start: int, header: tuple[str, ...], source: str,
-              is_text: Callable[[str], bool], separator: str) -> Body:
+              cells: Cells, separator: str) -> Body:
     """Return the rows of a CSV from byte ``start`` on.
 
     Args:
@@ -67,35 +82,38 @@ def read_body(data: bytes, start: int, header: tuple[str, ...], source: str,
         start: behind the header.
         header: names of the columns.
         source: what messages call the file.
-        is_text: says of a column's name whether it may hold words.
+        cells: what the columns may hold.
         separator: of the columns.
 
     Raises:
         BadInput: ragged rows, none at all, two decimal marks, or a cell that is not a number.
     """
-    reader = _Reader(data, start, header, source, is_text, separator)
+    reader = _Reader(data, start, header, source, cells, separator)
     parts = list(reader.parts())
     size = sum(p.size for p in parts)
     if not size:
         raise BadInput("has a header but no rows", source, "Add at least one row of numbers")
     blocks = [p.block for p in parts if p.block is not None and not p.words]
-    if len(blocks) == len(parts):
+    if len(blocks) == len(parts) and reader.wanted == header and not reader.always:
         whole = np.concatenate(blocks) if len(blocks) != 1 else blocks[0]
         return Body({h: whole[:, i] for i, h in enumerate(header)}, {}, size, reader.dialect)
-    wordy = frozenset().union(*(p.wordy for p in parts))
+    wordy = reader.always.union(*(p.wordy for p in parts))
     return Body({h: np.concatenate([reader.numbers(p, h) for p in parts])
-                 for h in header if h not in wordy},
+                 for h in reader.wanted if h not in wordy},
                 {h: tuple(chain.from_iterable(reader.words(p, h) for p in parts))
-                 for h in header if h in wordy}, size, reader.dialect)
+                 for h in reader.wanted if h in wordy}, size, reader.dialect)
 
 
 class _Reader:
     """The rows of one file, and the dialect that they turn out to be in."""
 
     def __init__(self, data: bytes, start: int, header: tuple[str, ...], source: str,
-                 is_text: Callable[[str], bool], separator: str) -> None:
+                 cells: Cells, separator: str) -> None:
         self.data, self.start, self.header, self.source = data, start, header, source
-        self.loose = frozenset(h for h in header if is_text(h))
+        self.wanted = tuple(h for h in header if cells.wanted(h))
+        self.always = frozenset(h for h in self.wanted if cells.words(h))
+        self.loose = self.always.union(
+            h for h in header if cells.may_be_text(h) or h not in self.wanted)
         self.quoted = data.find(b'"', start) >= 0
         decimal = "." if separator == "," else decimal_of(data, start, separator)
         self.dialect = Dialect(separator, decimal or ".")
@@ -136,14 +154,15 @@ class _Reader:
         block = parse(bare if ours is None else bare.translate(ours), width)
         if block is None:
             return None
-        words = {self.header[i]: words_of(chunk, edges, i) for i in among}
+        words = {self.header[i]: words_of(chunk, edges, i) for i in among
+                 if self.header[i] in self.wanted}
         return _Part(len(block), block, (start, stop), words, self._wordy(words))
 
     def _wordy(self, words: Mapping[str, tuple[str, ...]]) -> frozenset[str]:
         """Return the columns of words that hold one."""
-        return frozenset(h for h, cells in words.items()
-                         if plain_column(cells, self.dialect) is None
-                         and not all(is_number(c, self.dialect) for c in cells))
+        return frozenset(h for h, cells in words.items() if h in self.always or (
+            plain_column(cells, self.dialect) is None
+            and not all(is_number(c, self.dialect) for c in cells)))
 
     def _spans(self) -> Iterator[tuple[int, int]]:
         """Yield where whole lines begin and end; all of them where quotes may hold line ends."""
@@ -202,6 +221,8 @@ class _Reader:
         """Return some rows as columns; ``count``: rows before them."""
         words, numbers = dict[str, tuple[str, ...]](), dict[str, Array]()
         for name, given in zip(self.header, zip(*rows, strict=True), strict=True):
+            if name not in self.wanted:
+                continue
             spaced = len(f"-{'-'.join(given)}-".split()) > 1    # at either end of a cell
             cells = tuple([c.strip() for c in given]) if spaced else given
             if name in self.loose:

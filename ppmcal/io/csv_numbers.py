@@ -109,7 +109,9 @@ def cell_edges(chunk: bytes, width: int, separator: str) -> NDArray[np.int64] | 
 def words_of(chunk: bytes, edges: NDArray[np.int64], column: int) -> tuple[str, ...]:
     """Return one column's cells, stripped; ``edges``: of :func:`cell_edges`."""
     starts, stops = (edges[:, column] + 1).tolist(), edges[:, column + 1].tolist()
-    return tuple([chunk[a:b].decode("utf-8").strip() for a, b in zip(starts, stops, strict=True)])
+    cells = [chunk[a:b] for a, b in zip(starts, stops, strict=True)]
+    known = {cell: cell.decode("utf-8").strip() for cell in set(cells)}    # most stand often
+    return tuple([known[cell] for cell in cells])
 
 
 def without_columns(chunk: bytes, edges: NDArray[np.int64], among: Sequence[int]) -> bytes:

@@ -2,39 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from ppmcal.store.output import LongText
 from ppmcal.wording.progress import note
 
 CHUNK = 20_000
-
-
-@dataclass(frozen=True, eq=False)
-class LongText:
-    """A text that is made while it is written; ``parts`` makes it, piece by piece."""
-
-    parts: Callable[[], Iterator[str]]
-
-    def __str__(self) -> str:
-        """Return it whole."""
-        return "".join(self.parts())
-
-
-Content = str | bytes | LongText
-"""What a file holds."""
-
-
-def encoded(content: Content) -> Iterator[bytes]:
-    r"""Yield a file's bytes; what UTF-8 cannot hold becomes ``\udcff``."""
-    if isinstance(content, bytes):
-        yield content
-        return
-    for part in content.parts() if isinstance(content, LongText) else (content,):
-        yield part.encode("utf-8", "backslashreplace")
 
 
 def csv_text(header: Sequence[str], columns: Sequence[Any]) -> str:

@@ -41,6 +41,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.repeats import commanded_poses
+from ppmcal.notes import Note
 from ppmcal.units import Units
 from ppmcal.wording import row_list
 from ppmcal.wording.progress import stage
@@ -228,9 +229,10 @@ def _contradicted(labels: NDArray[np.int64], groups: NDArray[np.int64], source: 
     count, other = np.unique(labels[apart]).size, int(apart[0])
     earlier = int(first[inverse.reshape(-1)[other]])
     reused = "one label stands" if count == 1 else f"{count} of {first.size} labels stand"
-    return [f"{source}, column pose: {reused} for different joint values (first at rows "
-            f"{earlier + 1} and {other + 1}); such rows are not repeats, and count as separate "
-            "poses. Give each commanded pose its own label."]
+    return [Note(
+        f"{source}, column pose: {reused} for different joint values (first at rows "
+        f"{earlier + 1} and {other + 1}); such rows are not repeats, and count as separate "
+        "poses. Give each commanded pose its own label.")]
 
 
 def _sessions(table: Table) -> tuple[str, ...] | None:
@@ -257,7 +259,8 @@ def _usable(data: Dataset, mechanism: Mechanism) -> Dataset:
                         (joints & ~seen, "nothing was measured")):
         rows = np.flatnonzero(bad)
         if rows.size:
-            findings.append(f"{data.source}: {row_list(data.rows[rows] - 1)}: {reason}; left out.")
+            findings.append(Note(
+                f"{data.source}: {row_list(data.rows[rows] - 1)}: {reason}; left out."))
             dropped += [(int(i), reason) for i in data.rows[rows]]
     if not dropped:
         return data

@@ -12,7 +12,7 @@ from typing import Any
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table
 from ppmcal.io.frames import as_table
-from ppmcal.io.limits import TABLE_CELLS, UNPACKED_BYTES, refuse_shape
+from ppmcal.limits import TABLE_CELLS, UNPACKED_BYTES, refuse_shape
 
 MAGIC = b"PK\x03\x04"
 """What every such file begins with, as every zip does."""

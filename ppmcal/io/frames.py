@@ -11,7 +11,7 @@ import numpy as np
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table, refuse_absurd
 from ppmcal.io.csv_numbers import PLAIN
-from ppmcal.io.limits import CELL_SIZE, refuse_shape
+from ppmcal.limits import CELL_SIZE, refuse_shape
 
 Tabular = str | os.PathLike[str] | Mapping[str, Any] | Any
 """A path of a CSV, a data frame (pandas, polars), a mapping of columns, or an array (N, c)."""

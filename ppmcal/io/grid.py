@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.limits import GRID_POSES
 from ppmcal.kinematics.region import Grid, slice_axes, slice_grid
+from ppmcal.limits import GRID_POSES
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 

@@ -12,6 +12,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.yaml import number_text
 from ppmcal.linalg import Array
+from ppmcal.notes import Note
 from ppmcal.wording import row_list
 
 PARTIAL = "or leave out what matches nothing with --partial"
@@ -295,7 +296,7 @@ def _left(table: Table, rows: np.ndarray, called: list[str], other: Table, parti
     what = f"{row_list(rows)} ({shown}): nothing in {other.source} matches{within}"
     if not partial:
         raise NoMatch(what, table.source, f"Correct names or times, {PARTIAL}")
-    return [f"{table.source}: {what}; left out."]
+    return [Note(f"{table.source}: {what}; left out.")]
 
 
 def _some(rows: np.ndarray, taken: np.ndarray, log: Table, points: Table, findings: list[str]

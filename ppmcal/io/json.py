@@ -10,13 +10,11 @@ import math
 from pathlib import Path
 from typing import Any
 
+from ppmcal.codec import AGAIN
 from ppmcal.errors import BadInput
-from ppmcal.io.input_files import read_bytes
-from ppmcal.io.limits import JSON_BYTES, JSON_DEPTH, JSON_NODES
+from ppmcal.limits import JSON_BYTES, JSON_DEPTH, JSON_NODES
+from ppmcal.store.inputs import read_bytes
 
-AGAIN = "Run the command that writes it again"
-LARGEST_WHOLE = 2 ** 53
-"""Up to here a float holds every whole number."""
 LONGEST = 300
 """Digits of a number; more do not fit into a float."""
 

@@ -12,7 +12,6 @@ from typing import Any
 from pydantic import BaseModel
 
 from ppmcal.errors import unknown
-from ppmcal.io.batch_schema import OPTIONS, ManifestFile
 from ppmcal.io.effects import EffectFile
 from ppmcal.io.mechanism_schema import MechanismFile
 from ppmcal.io.pose_fields import PoseFile
@@ -29,7 +28,7 @@ Schema = dict[str, Any]
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SLOT, POINT, DIRECTION, POSE = ({"$ref": f"#/$defs/{name}"}
                                 for name in ("Slot", "Point", "Direction", "PoseFile"))
-FILES = ("mechanism", "dataset", "scenario", "batch")
+FILES = ("mechanism", "dataset", "scenario")
 NUMBER: Schema = {"type": "number"}
 VECTOR: Schema = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 3}
 NAMED = "Name of the limb; parameters begin with it."
@@ -43,15 +42,14 @@ SPRINGS = {"bar": "N per unit of length along the limb's contact line; .inf: rig
 
 
 def file_schema(name: str) -> Schema:
-    """Return the JSON Schema of the files ``mechanism``, ``dataset``, ``scenario`` or ``batch``.
+    """Return the JSON Schema of the files ``mechanism``, ``dataset`` or ``scenario``.
 
     Raises:
         BadInput: there is no such file.
     """
     if name not in FILES:
         raise unknown("file", name, FILES)
-    return {"mechanism": _mechanism, "dataset": _dataset, "scenario": _scenario,
-            "batch": _batch}[name]()
+    return {"mechanism": _mechanism, "dataset": _dataset, "scenario": _scenario}[name]()
 
 
 def _of(model: type[BaseModel], title: str) -> Schema:
@@ -68,11 +66,11 @@ def _of(model: type[BaseModel], title: str) -> Schema:
     definitions["Point"] = _point()
     definitions["Direction"] = {"anyOf": [VECTOR, {"$ref": "#/$defs/DirectionFile"}]}
     definitions["Effect"] = _effect(definitions.pop("EffectFile"))
-    _null_free(out)
+    without_null(out)
     return {"$schema": DIALECT, "title": title, **{k: v for k, v in out.items() if k != "title"}}
 
 
-def _null_free(node: Any) -> None:
+def without_null(node: Any) -> None:
     """Drop the null that stands for "not given": in YAML the key is left out."""
     if isinstance(node, dict):
         kinds_ = node.get("anyOf")
@@ -88,10 +86,10 @@ def _null_free(node: Any) -> None:
         if node.get("default", 0) is None and set(node) <= {"default", "title", "description"}:
             node.pop("default")
         for value in node.values():
-            _null_free(value)
+            without_null(value)
     elif isinstance(node, list):
         for value in node:
-            _null_free(value)
+            without_null(value)
 
 
 def _mechanism() -> Schema:
@@ -146,19 +144,6 @@ def _scenario() -> Schema:
         hint = {k: own.pop(k) for k in ("description", "title", "default") if k in own}
         conditions[key] = {**hint, "anyOf": [single, dict(own)]}
     return out
-
-
-def _batch() -> Schema:
-    out = ManifestFile.model_json_schema()
-    for name, options in OPTIONS.items():
-        out["$defs"].setdefault(options.__name__, options.model_json_schema())
-        out["$defs"][options.__name__]["title"] = f"Options of {name}"
-    out["$defs"]["CampaignFile"]["properties"]["options"] |= {"anyOf": [
-        {"$ref": f"#/$defs/{options.__name__}"} for options in OPTIONS.values()]}
-    out["properties"]["campaigns"]["minItems"] = 1
-    _null_free(out)
-    title = "ppmcal batch (a manifest of campaigns)"
-    return {"$schema": DIALECT, "title": title, **{k: v for k, v in out.items() if k != "title"}}
 
 
 def _places(properties: dict[str, Schema]) -> None:

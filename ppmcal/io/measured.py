@@ -16,6 +16,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import unknown
 from ppmcal.model.instruments import InstrumentKind, number_names
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.units import Units
 from ppmcal.wording import row_list
 
@@ -76,8 +77,9 @@ def _pose(table: Table, mechanism: Mechanism, kind: InstrumentKind, units: Units
     if not kind.sees_rotation:
         rotation = nothing
         if turns:
-            findings.append(f"{table.source}: columns {', '.join(turns)}: not used, because the "
-                            "instrument's kind is `position`; write `kind: pose` to use them.")
+            findings.append(Note(
+                f"{table.source}: columns {', '.join(turns)}: not used, because the "
+                "instrument's kind is `position`; write `kind: pose` to use them."))
     else:
         rotation = _rotation(table, mechanism, units)
     if planar:
@@ -85,8 +87,9 @@ def _pose(table: Table, mechanism: Mechanism, kind: InstrumentKind, units: Units
         rotation = np.where([False, False, True], rotation, np.nan)
         unused = [c for c in table.header if c in ("z", "rx", "ry")]
         if unused:
-            findings.append(f"{table.source}: columns {', '.join(unused)}: not used, because a "
-                            "planar pose is x, y, rz.")
+            findings.append(Note(
+                f"{table.source}: columns {', '.join(unused)}: not used, because a "
+                "planar pose is x, y, rz."))
     return position, rotation, findings
 
 

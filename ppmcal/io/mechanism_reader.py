@@ -173,7 +173,7 @@ def _a(what: str) -> str:
 
 
 def _parameters(file: MechanismFile, drafts: Sequence[Draft], units: Units, home_pose: Array,
-                source: str) -> tuple[tuple[Parameter, ...], dict[str, float], list[str]]:
+                source: str) -> tuple[tuple[Parameter, ...], dict[str, float], list[Note]]:
     """Return all parameters, the class tolerances, file units, and a warning for each default."""
     given = {} if file.tolerances is None else file.tolerances.model_dump(exclude_none=True)
     classes: dict[str, float | None] = {
@@ -186,7 +186,7 @@ def _parameters(file: MechanismFile, drafts: Sequence[Draft], units: Units, home
     if not waiting:
         return made, given, []
     made = assemble.with_defaults(made, waiting, _reach(drafts, made, home_pose))
-    findings, said = list[str](), set()
+    findings, said = list[Note](), set()
     for p in made:
         if p.name not in waiting:
             continue

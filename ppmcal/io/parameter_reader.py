@@ -170,7 +170,7 @@ def slot_map(draft: Draft, index: Mapping[str, int]) -> SlotMap:
 
 
 def check_patterns(made: Sequence[Parameter], drafts: Sequence[Draft], patterns: Sequence[str],
-                   source: str) -> list[str]:
+                   source: str) -> list[Note]:
     """Refuse ``free`` patterns that name nothing; warn of those that name only fixed ones.
 
     Raises:

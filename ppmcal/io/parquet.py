@@ -12,7 +12,7 @@ import numpy as np
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.frames import as_table
-from ppmcal.io.limits import CELL_SIZE, UNPACKED_BYTES, refuse_shape
+from ppmcal.limits import CELL_SIZE, UNPACKED_BYTES, refuse_shape
 
 MAGIC = b"PAR1"
 """What every such file begins with."""

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.limits import BAG_BYTES, TABLE_ROWS, UNPACKED_BYTES
 from ppmcal.io.ros_tables import POSE_COLUMNS, Recording, joint_header, recording, seconds
+from ppmcal.limits import BAG_BYTES, TABLE_ROWS, UNPACKED_BYTES
 from ppmcal.model.mechanism import Mechanism
 
 MAGIC = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")

@@ -11,7 +11,6 @@ import numpy as np
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.effects import with_effects
-from ppmcal.io.limits import POSES, SIMULATED_ROWS
 from ppmcal.io.noise_limits import refuse_sigma
 from ppmcal.io.pose_fields import COORDINATES, pose_from_map
 from ppmcal.io.poses import read_poses
@@ -20,19 +19,12 @@ from ppmcal.io.schema import LARGEST, check, did_you_mean, show
 from ppmcal.io.sidecar import actuator_noise, frame_of, point_of, rotation_of
 from ppmcal.io.yaml import read_yaml
 from ppmcal.io.yaml_merge import IN_MEMORY
+from ppmcal.limits import POSES, SIMULATED_ROWS
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import ZERO_CELSIUS, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import Parameter
-from ppmcal.simulation.scenario import (
-    Circle,
-    GridPattern,
-    Helix,
-    Listed,
-    Pattern,
-    Random,
-    Scenario,
-)
+from ppmcal.simulation.scenario import Circle, GridPattern, Helix, Listed, Pattern, Random, Scenario
 from ppmcal.units import Units
 
 

@@ -15,8 +15,8 @@ from typing import Any
 import yaml
 
 from ppmcal.errors import BadInput
-from ppmcal.io.input_files import read_bytes
-from ppmcal.io.limits import YAML_BYTES, YAML_DEPTH, YAML_NODES
+from ppmcal.limits import YAML_BYTES, YAML_DEPTH, YAML_NODES
+from ppmcal.store.inputs import read_bytes
 from ppmcal.units import to_file as to_file
 
 _FLOAT = re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$"

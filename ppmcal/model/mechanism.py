@@ -16,6 +16,7 @@ from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.motions import Motion
 from ppmcal.model.parameters import Parameter, SlotMap, free_indices, with_values
 from ppmcal.model.registration import Registration
+from ppmcal.notes import Note
 from ppmcal.units import Units
 from ppmcal.wording import pluralize
 
@@ -96,7 +97,7 @@ class Mechanism:
     registrations: Mapping[str, Registration] = field(default_factory=dict)
     measured: MeasurementBasis | None = None
     digits: Mapping[str, float] = field(default_factory=dict)
-    findings: tuple[str, ...] = ()
+    findings: tuple[Note, ...] = ()
     source: str = ""
     inputs: tuple[str, ...] = ()
     stiffness: tuple[Mapping[str, float], ...] = ()

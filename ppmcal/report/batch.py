@@ -16,8 +16,13 @@ from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord, with_findi
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes
 from ppmcal.plotting.plot import row_y, rows_plot, span
-from ppmcal.report.batch_changes import changes, effect_changes
-from ppmcal.report.batch_common import common_effects, common_parameters, common_sentences
+from ppmcal.report.batch_common import (
+    changes,
+    common_effects,
+    common_parameters,
+    common_sentences,
+    effect_changes,
+)
 from ppmcal.report.format import count, listed, typeset
 from ppmcal.report.html import Cell, figures, number_cell, paragraph, table, text_cell
 from ppmcal.report.section import Section, chapter, filled, page

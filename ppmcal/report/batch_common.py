@@ -1,97 +1,87 @@
-"""What the machines of a batch have in common: the design's share, and the units'."""
+"""What the machines of a batch have in common, and what changed since last time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ppmcal.calibration.sessions import (
-    CERTAIN,
-    FEWEST,
-    CommonError,
-    common_errors,
-    share_interval,
-)
-from ppmcal.io.results.batch import CampaignRecord
+from ppmcal.calibration.fit import half_or
+from ppmcal.calibration.sessions import CERTAIN, CommonError
+from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
+from ppmcal.io.results.batch_common import MOST, shared_effects, shared_parameters
 from ppmcal.linalg import Array
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Points, Strokes, Zero
 from ppmcal.plotting.plot import row_y, rows_plot, span
-from ppmcal.report.format import count, listed, probability, sig
+from ppmcal.report.format import count, listed, probability, sig, to_sigma, typeset
 from ppmcal.report.html import figures, name_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.section import Section
 
-MOST = 0.5
-SHOWN, NAMES, ROW = 30, 150.0, 15.0
+APART = 3.0
+"""Sizes differ from so many standard deviations of the difference on."""
 
 
-@dataclass(frozen=True)
-class SharedEffect:
-    """An effect that some of the machines have."""
-
-    kind: str
-    machines: tuple[str, ...]
-    of: int
-    low: float
-    high: float
-    sizes: tuple[tuple[str, str, Array], ...]
-
-    @property
-    def whose(self) -> str:
-        """Return whether it is of the design, or of single units."""
-        if self.of < FEWEST:
-            return "too few machines to say"
-        if self.low > MOST:
-            return "the design's"
-        return "perhaps the design's" if len(self.machines) > MOST * self.of else "the units'"
+def changes(compared: Sequence[CampaignRecord]) -> Section | None:
+    """Return what has changed of each machine's geometry, the changed ones first."""
+    rows = []
+    for r in sorted(compared, key=lambda r: (r.verdict != "changed", r.machine)):
+        what = "; ".join(_change(q) for q in r.of_kind("change"))
+        if not what:
+            what = typeset(r.message) if r.failed or r.verdict == "changed" else ""
+        rows.append([text_cell(r.machine), text_cell(r.date),
+                     text_cell(r.verdict, "warn" if r.exit_code else ""), text_cell(what, "wrap")])
+    note = ("The last two identifications of each machine; what compare says of them is "
+            "in the folder of the later date.")
+    return Section("Geometry since last time",
+                   table("", ["machine", "date", "geometry", "likeliest changes"], rows)
+                   + paragraph(note, "note")) if rows else None
 
 
-def _latest(records: Iterable[CampaignRecord], *commands: str) -> list[CampaignRecord]:
-    out: dict[str, CampaignRecord] = {}
+def _change(q: CampaignQuantity) -> str:
+    name = f"{q.name}: {q.parameter}" if q.parameter else q.name
+    wide = half_or(q.half, q.sigma)
+    half = "" if wide is None else f" ± {sig(wide, 2)}"
+    instead = f" (or {listed(q.status.split(', '), 3)})" if q.status else ""
+    return f"{name} {to_sigma(q.value, q.sigma)}{half} {q.unit}".rstrip() + instead
+
+
+def effect_changes(records: Sequence[CampaignRecord]) -> Section | None:
+    """Return which effects came, went or changed between each machine's last two diagnoses."""
+    own: dict[tuple[str, str], list[CampaignRecord]] = {}
     for r in sorted(records, key=lambda r: r.date):
-        if r.command in commands and not r.failed:
-            out[r.machine] = r
-    return list(out.values())
+        if r.command == "diagnose" and not r.failed:
+            own.setdefault((r.machine, r.campaign.rpartition("/")[2]), []).append(r)
+    rows = [[text_cell(new.machine), text_cell(old.date), text_cell(new.date),
+             text_cell("; ".join(found) or "the same effects", "wrap" if found else "wrap soft")]
+            for *_, old, new in (o for o in own.values() if len(o) > 1)
+            for found in [list(differences(old, new))]]
+    rows.sort(key=lambda row: "soft" in row[3].kind)
+    return Section("Effects since last time", table(
+        "", ["machine", "earlier", "now", "what is new"], rows)) if rows else None
 
 
-def shared_effects(records: Sequence[CampaignRecord]) -> list[SharedEffect]:
-    """Return the effects of the latest diagnosis of each machine, most frequent first."""
-    diagnosed = [r for r in _latest(records, "diagnose") if r.verdict != "misread"]
-    kinds = dict.fromkeys(q.name for r in diagnosed for q in r.of_kind("effect"))
-    out = []
-    for kind in kinds:
-        own = [(r.machine, q) for r in diagnosed for q in r.of_kind("effect") if q.name == kind]
-        machines = tuple(dict.fromkeys(m for m, _ in own))
-        sizes = [(name, unit, np.array([q.value for _, q in own if (q.parameter, q.unit) == (
-            name, unit) and q.value is not None and q.sigma is not None])) for name, unit in
-            dict.fromkeys((q.parameter, q.unit) for _, q in own if q.sigma is not None)]
-        low, high = share_interval(len(machines), len(diagnosed))
-        out.append(SharedEffect(kind, machines, len(diagnosed), low, high, tuple(sizes)))
-    return sorted(out, key=lambda e: -len(e.machines))
+def differences(old: CampaignRecord, new: CampaignRecord) -> Iterator[str]:
+    """Yield which effects a later diagnosis names anew, no more, or with another size."""
+    before, after = ({(q.name, q.on, q.parameter): q for q in r.of_kind("effect")}
+                     for r in (old, new))
+    for text, one, other in (("new", after, before), ("no longer named", before, after)):
+        there = {k[:2] for k in other}
+        for name, on in dict.fromkeys(k[:2] for k in one if k[:2] not in there):
+            yield f"{text}: {name}" + (f" on {on}" if on else "")
+    for key in after.keys() & before.keys():
+        a, b = before[key], after[key]
+        if (a.value is None or b.value is None or a.sigma is None or b.sigma is None
+                or a.unit != b.unit):
+            continue
+        step, wide = b.value - a.value, math.hypot(a.sigma, b.sigma)
+        if abs(step) > APART * wide > 0.0:
+            yield (f"{b.name} on {b.on}: {b.parameter} {to_sigma(a.value, a.sigma)} → "
+                   f"{to_sigma(b.value, b.sigma)} {b.unit}")
 
 
-def shared_parameters(records: Sequence[CampaignRecord]
-                      ) -> list[tuple[str, str, float | None, CommonError]]:
-    """Return name, unit, tolerance and mean error of each parameter, surest first.
-
-    Of those that every machine has: what is there only where it was found is never 0 on average.
-    """
-    columns: dict[tuple[str, str], list[tuple[float, float | None]]] = {}
-    fits = _latest(records, "identify", "diagnose")
-    for r in fits:
-        named = {q.name for q in r.of_kind("effect")}
-        for q in r.of_kind("parameter"):
-            if (q.value is not None and q.nominal is not None and q.status != "fixed"
-                    and q.name.partition(".")[0] not in named):
-                columns.setdefault((q.name, q.unit), []).append(
-                    (q.value - q.nominal, q.tolerance))
-    columns = {k: own for k, own in columns.items() if len(own) == len(fits)}
-    found = common_errors([np.array([e for e, _ in own]) for own in columns.values()])
-    out = [(name, unit, own[0][1], f) for ((name, unit), own), f in
-           zip(columns.items(), found, strict=True) if f is not None]
-    return sorted(out, key=lambda o: o[3].p_value)
+SHOWN, NAMES, ROW = 30, 150.0, 15.0
 
 
 def common_sentences(records: Sequence[CampaignRecord]) -> list[str]:

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import digest_of
-from ppmcal.io.stage import recover
+from ppmcal.io.tables import read_table
+from ppmcal.linalg import Array
 from ppmcal.report.kind import Folder
 from ppmcal.report.kinds import KINDS, KNOWN
-from ppmcal.report.measured_rows import with_measured
 from ppmcal.report.records import Identified, ReportData, Simulated
-from ppmcal.report.sources import read_columns
+from ppmcal.report.rows import with_measured
 from ppmcal.report.truth import compare
+from ppmcal.store.inputs import digest_of
+from ppmcal.store.transaction import recover
 from ppmcal.wording.progress import stage
 
 ROUND_OFF = 1e-11
@@ -82,19 +83,13 @@ def _with_copies(one: Simulated, identified: Sequence[Identified]) -> Simulated:
 def _same_numbers(one: Path, other: Path) -> bool:
     """Whether two CSV files have the same columns, and numbers that differ by round-off at most."""
     try:
-        a, b = (read_columns(p, whole=False, numeric=lambda _: False) for p in (one, other))
+        a, b = (read_table(p, loose=lambda _: True, rowless=True) for p in (one, other))
     except BadInput:
         return False
-    return a.header == b.header and a.size == b.size and all(
-        _same_column(a.words(name), b.words(name)) for name in a.header)
+    return (a.header, a.size, a.text) == (b.header, b.size, b.text) and all(
+        _same_column(a.numbers[name], b.numbers[name]) for name in a.numbers)
 
 
-def _same_column(one: Sequence[str], other: Sequence[str]) -> bool:
-    if tuple(one) == tuple(other):
-        return True
-    try:
-        a, b = (np.array([float(v or "nan") for v in column]) for column in (one, other))
-    except ValueError:
-        return False
-    largest = float(np.max(np.abs(a), initial=0.0, where=np.isfinite(a)))
-    return np.allclose(a, b, rtol=0.0, atol=ROUND_OFF * largest, equal_nan=True)
+def _same_column(one: Array, other: Array) -> bool:
+    largest = float(np.max(np.abs(one), initial=0.0, where=np.isfinite(one)))
+    return np.allclose(one, other, rtol=0.0, atol=ROUND_OFF * largest, equal_nan=True)

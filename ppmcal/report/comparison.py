@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.io.results.comparison import (
+    COMPARE_TABLE,
     NOT_COMPARED,
     ComparisonRecord,
     ParameterDifference,
@@ -27,11 +28,10 @@ from ppmcal.report.html import Cell, figures, name_cell, number_cell, paragraph,
 from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.records import Held, ReportData
 from ppmcal.report.section import Section
-from ppmcal.report.sources import with_parameters
 
 SHOWN, PLOTTED = 12, 40
 WORDS = frozenset({"name", "unit", "status"})
-"""Columns of compare.csv that are words; the others are numbers."""
+"""Table of compare.csv that are words; the others are numbers."""
 STYLES = {"changed": "out", "possible": "before"}
 KEYS = {"changed": "changed", "possible": "possible instead"}
 
@@ -170,9 +170,8 @@ def _ratio(p: ParameterDifference) -> float | None:
 
 def _read(folder: Folder) -> Iterator[Held[ComparisonRecord]]:
     if folder.has("comparison.json", "compare.csv"):
-        yield Held(folder.name, with_parameters(
-            folder.record(ComparisonRecord), lambda: folder.table(
-                "compare.csv", numeric=lambda c: c not in WORDS)))
+        yield Held(folder.name, COMPARE_TABLE.parameters(folder.record(ComparisonRecord),
+                                                         folder.table(COMPARE_TABLE)))
 
 
 def _shown(one: Held[ComparisonRecord], _: ReportData) -> dict[str, Any]:

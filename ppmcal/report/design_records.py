@@ -10,17 +10,17 @@ import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from ppmcal.codec import AGAIN
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import track_input
-from ppmcal.io.json import AGAIN
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
+from ppmcal.io.results.tables import ANY_TABLE
 from ppmcal.io.results.tolerances import TolerancesRecord
 from ppmcal.io.results.workspace import WorkspaceRecord
 from ppmcal.notes import NOTE, Note
 from ppmcal.report.records import Designed, DesignRecord, Picture
-from ppmcal.report.sources import read_columns
+from ppmcal.store.inputs import track_input
 
 DESIGNS: Mapping[str, tuple[str, ...]] = {
     "sensitivity": ("sensitivity.csv", "map.csv", "linearity.csv", "jacobian.csv"),
@@ -63,7 +63,7 @@ def designed(folder: Path) -> list[Designed]:
         file, tables = folder / f"{kind}.json", DESIGNS[kind]
         record = RECORDS[kind].read(file) if file.is_file() else RECORDS[kind]()
         _refuse_uneven(record, str(file))
-        rows = {name: read_columns(folder / name, wanted=lambda _: False).size
+        rows = {name: ANY_TABLE.read(folder / name, lambda _: False).size
                 for name in tables if (folder / name).is_file()}
         out.append(Designed(str(folder), kind, record, rows, _pictures(folder, record)))
     return out

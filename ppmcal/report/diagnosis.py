@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
 from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_files import EFFECT_TABLE
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
@@ -32,10 +33,10 @@ from ppmcal.io.results.diagnosis_wording import (
     unknown_causes,
     verdict,
 )
+from ppmcal.io.results.identification_tables import NEXT_TABLE, RESIDUAL_TABLE
 from ppmcal.io.results.validation import misled
 from ppmcal.report.diagnosis_figures import pictures
-from ppmcal.report.diagnosis_format import amounts, in_unit, odds_to
-from ppmcal.report.diagnosis_tables import ladder, next_poses, tried
+from ppmcal.report.diagnosis_tables import amounts, in_unit, ladder, next_poses, odds_to, tried
 from ppmcal.report.format import count, number, probability, sig
 from ppmcal.report.html import (
     Cell,
@@ -49,7 +50,7 @@ from ppmcal.report.html import (
 )
 from ppmcal.report.identified import calibrations, is_fit
 from ppmcal.report.kind import Chapter, Folder, Kind
-from ppmcal.report.records import Columns, Diagnosed, ReportData
+from ppmcal.report.records import Diagnosed, ReportData
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
 from ppmcal.report.section import Section, filled
 from ppmcal.report.validation import days
@@ -211,9 +212,9 @@ def _next(d: Diagnosed) -> Section | None:
 
 def _read(folder: Folder) -> Iterator[Diagnosed]:
     if folder.has("diagnosis.json", "effects.csv"):
-        yield Diagnosed(folder.name, folder.record(DiagnosisRecord), folder.table("effects.csv"),
-                        None if is_fit(folder) else folder.table("residuals.csv"),
-                        folder.table("next.csv"))
+        yield Diagnosed(folder.name, folder.record(DiagnosisRecord), folder.table(EFFECT_TABLE),
+                        None if is_fit(folder) else folder.table(RESIDUAL_TABLE),
+                        folder.table(NEXT_TABLE))
 
 
 def _chapters(data: ReportData) -> Iterator[Chapter]:
@@ -234,16 +235,8 @@ def _findings(d: Diagnosed, _: ReportData) -> list[tuple[str, str]]:
 
 
 def _shown(d: Diagnosed, _: ReportData) -> dict[str, Any]:
-    return {"folder": d.folder, "diagnosis": d.record.entries(), "candidates": _rows(d.effects)}
-
-
-def _rows(table: Columns | None) -> list[dict[str, Any]]:
-    """Return a small CSV row by row."""
-    if table is None:
-        return []
-    columns: dict[str, Sequence[Any]] = {**table.text,
-                                         **{k: v.tolist() for k, v in table.numbers.items()}}
-    return [{h: columns[h][i] for h in table.header} for i in range(table.size)]
+    return {"folder": d.folder, "diagnosis": d.record.entries(),
+            "candidates": [] if d.effects is None else EFFECT_TABLE.entries(d.effects)}
 
 
 DIAGNOSE: Kind[Diagnosed] = Kind(

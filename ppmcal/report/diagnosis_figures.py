@@ -8,25 +8,175 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from ppmcal.calibration.fit import pictures_beside
-from ppmcal.diagnosis.plot_data import SelectionStep
+import numpy as np
+
+from ppmcal.calibration.fit import Z95, pictures_beside
+from ppmcal.diagnosis.residual_series import Series
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
+    effect_name,
     gap_closed,
     group_name,
+    learned_name,
     left_out_poses,
-    name_of,
     together,
 )
+from ppmcal.io.results.learned_parts import LearnedEntry
+from ppmcal.linalg import Array
 from ppmcal.plotting.bars import Chart, Row, ratio_ticks
-from ppmcal.plotting.canvas import Drawing
+from ppmcal.plotting.canvas import HEIGHT, Drawing
+from ppmcal.plotting.layers import Between, Intervals, Layer, Marks, Points, Polyline, Zero
+from ppmcal.plotting.plot import CLASS_ROOM, Plot, span
 from ppmcal.plotting.style import SMALLEST
-from ppmcal.report.diagnosis_format import finer, left_out, odds_to
-from ppmcal.report.diagnosis_inputs import input_pictures
-from ppmcal.report.format import number, sig
-from ppmcal.report.learned_figures import term_pictures
-from ppmcal.wording import shorten_label
+from ppmcal.report.diagnosis_tables import INPUTS, finer, left_out, odds_to, step_name
+from ppmcal.report.format import number, sig, with_label
+from ppmcal.wording import actuator_list, shorten_label
+
+SHOWN = 0.99
+"""This part of the rows is within the axis; the others are drawn at its edge."""
+
+
+def term_pictures(record: DiagnosisRecord) -> list[Drawing]:
+    """Return one picture for each shape that was learned."""
+    found = [_picture(record, e) for e in record.learned]
+    return [p for p in found if p is not None]
+
+
+def _columns(*columns: tuple[float | None, ...]) -> Array | None:
+    """Return columns of numbers (c, n), None where there are none or they are not alike."""
+    table = [[np.nan if (n := number(v)) is None else n for v in c] for c in columns]
+    if len({len(c) for c in table}) != 1 or len(table[0]) < 2:
+        return None
+    found = np.array(table)
+    return found if np.isfinite(found).all() else None
+
+
+def _picture(record: DiagnosisRecord, entry: LearnedEntry) -> Drawing | None:
+    curve, rows = _columns(entry.x, entry.value, entry.sigma), _columns(entry.at, entry.partial)
+    if curve is None or rows is None:
+        return None
+    half = (record.coverage or Z95) * curve[2]
+    factor, unit = finer(entry.unit, float(np.max(np.abs(curve[1]) + half)))
+    ends = factor * np.quantile(rows[1], [1.0 - SHOWN, SHOWN])
+    up = span(np.concatenate([ends, factor * (curve[1] - half), factor * (curve[1] + half)]))
+    other = _columns(entry.x, entry.other) if entry.by_ends else None
+    both = [] if other is None else [Polyline(
+        other[0], factor * other[1],
+        f"learned, {entry.by} = {sig(entry.by_ends[0], 4)} {entry.by_unit}")]
+    at = "" if other is None else f" Two lines: {entry.by} = " + " and ".join(
+        f"{sig(e, 4)} {entry.by_unit}" for e in entry.by_ends) + "; the band is the second one's."
+    what = "joint" if entry.on else entry.acts
+    name = learned_name(record, entry)
+    return Plot(
+        span(curve[0], margin=0.02), up,
+        (with_label(INPUTS.get(entry.input, entry.input), entry.input_unit),
+         with_label(f"error of {what}", unit)),
+        [Zero(), Marks(rows[0], factor * rows[1], "before", "o", 3.0),
+         Between(curve[0], factor * (curve[1] - half), factor * (curve[1] + half)),
+         Polyline(curve[0], factor * curve[1], "what was learned"), *both],
+        (entry.input_unit, unit)).drawing(
+        f"Learned: {name}",
+        "Line: what was learned, with its 95 % band; rings: what single rows say of it, all else "
+        f"taken out. It is a shape, not a cause; nothing is known beyond the ends.{at}",
+        f"{name}: {number(entry.rms)} {entry.unit} rms.")
+
+
+APART = 2.5
+"""Before and after are plotted so many points to each side of their place."""
+
+
+def input_pictures(record: DiagnosisRecord) -> list[Drawing]:
+    """Return one panel for each series of the plot data."""
+    out = [_panel(record, s) for s in record.plot_data.series]
+    return [p for p in out if p is not None]
+
+
+def _values(s: Series) -> tuple[Array, Array] | None:
+    """Return input (B,) and means and half intervals before and after (4, B), if drawable."""
+    columns = [np.array([np.nan if (n := number(v)) is None else n for v in some])
+               for some in (s.x, s.before, s.before_95, s.after, s.after_95)]
+    size = min(map(len, columns))
+    x, table = columns[0][:size], np.stack([c[:size] for c in columns[1:]])
+    seen = [np.isfinite(mean + half).any() for mean, half in (table[:2], table[2:])]
+    return (x, table) if size > 1 and np.isfinite(x).all() and all(seen) else None
+
+
+def _panel(record: DiagnosisRecord, series: Series) -> Drawing | None:
+    """Return one panel, None where there is too little to draw."""
+    found = _values(series)
+    if found is None:
+        return None
+    x, table = found
+    size = len(x)
+    both = bool(record.effects)
+    if not both:
+        table[:2] = table[2:]
+    ends = np.append(table[::2] - table[1::2], table[::2] + table[1::2])
+    factor, unit = finer(series.unit, float(np.nanmax(np.abs(ends))))
+    table *= factor
+    per, x_unit = finer(series.input_unit, _largest(series, x))
+    what = _what(series, actuators(record))
+    classes = series.names if len(series.names) == size else ()
+    x_name = _input_name(series, x_unit)
+    period = number(series.period)
+    tail = "" if not period else f"; one period is {period:.4g} {series.input_unit}".rstrip()
+    subject = f"measured {series.coordinate}" if series.coordinate else "the joint"
+    return _plot(x * per, table, both, classes, (x_name, with_label(f"error of {what}", unit)),
+                 (x_unit, unit), np.append(factor * ends, 0.0)).drawing(
+        _title(record, series, what),
+        f"Means of {size} {'classes' if classes else 'bins'} with 95 % bars; positive: {subject} "
+        f"is further than the model says{tail}. {left_out(record)}".rstrip(),
+        f"Mean error of {what} in {size} bins of {x_name}; largest "
+        f"{np.nanmax(np.abs(table[0])):.3g} {unit} before and "
+        f"{np.nanmax(np.abs(table[2])):.3g} {unit} after.",
+        (("ring", "geometry alone"), ("after", "with what is named")) if both else
+        (("after", "geometry alone"),),
+        "○ geometry alone, ● with what is named." if both else "● geometry alone.")
+
+
+def _plot(x: Array, table: Array, both: bool, classes: Sequence[str], names: tuple[str, str],
+          units: tuple[str, str], ends: Array) -> Plot:
+    """Return means with their intervals; below the axis the names of classes."""
+    said = Points(classes)
+    layers: list[Layer] = [Zero()]
+    if both:
+        layers.append(Intervals(x, table[0], table[1], "before", -APART, said))
+    layers.append(Intervals(x, table[2], table[3], "after", APART if both else 0.0, said))
+    parts = [name.rpartition(" ") for name in classes]
+    return Plot(span(x, margin=0.06), span(ends), names, layers, units,
+                height=HEIGHT + (CLASS_ROOM if parts else 0.0),
+                classes=[(at, owner, sign) for at, (owner, _, sign) in
+                         zip(x.tolist() if parts else (), parts, strict=True)])
+
+
+def _largest(series: Series, x: Array) -> float:
+    """Return the size that decides an input's unit: positions keep that of the file."""
+    keeps = series.input not in ("time", "phase", "velocity")
+    return float("inf") if keeps else float(np.max(np.abs(x)))
+
+
+def _what(series: Series, total: int) -> str:
+    if series.coordinate:
+        return f"measured {series.coordinate}"
+    on = series.on
+    return actuator_list(on, total) if len(on) < 4 or len(on) == total else f"{len(on)} actuators"
+
+
+def _title(record: DiagnosisRecord, series: Series, what: str) -> str:
+    n = series.effect
+    if n is not None and 0 <= n < len(record.effects):
+        place = f" ({what})" if series.coordinate else ""
+        return effect_name(record, record.effects[n]) + place
+    name = INPUTS.get(series.input, series.input).partition(" (")[0]
+    against = " ".join(w for w in (what, "against", name, series.which) if w)
+    return f"What is left: {against}" if series.role == "left" and record.effects else against
+
+
+def _input_name(series: Series, unit: str) -> str:
+    name = INPUTS.get(series.input, series.input or "input")
+    return with_label(f"{name} {series.which}".strip(), unit)
+
 
 LONG_ODDS = 150.0
 """Beyond these an alternative is in the set only for what it can imitate."""
@@ -79,15 +229,6 @@ def _gap_row(label: str, value: float, kind: str) -> Row:
 def times(ratio: float) -> str:
     """Return ``0.94 ×``, ``1.05 ×``, ``21.9 ×``."""
     return f"{sig(ratio, 3 if float(f'{ratio:.2f}') >= 1.0 else 2)} ×"
-
-
-def step_name(record: DiagnosisRecord, step: SelectionStep) -> str:
-    """Return what one step adds to the model."""
-    if step.what == "start":
-        return "machine as in its file, only frames fitted"
-    if step.what == "geometry":
-        return "+ geometry identified"
-    return "+ " + name_of(record, step.kind, step.on)
 
 
 def by_actuator(record: DiagnosisRecord) -> Drawing | None:

@@ -9,10 +9,10 @@ from markupsafe import Markup
 
 from ppmcal import __version__
 from ppmcal.errors import BadInput
-from ppmcal.io import Output
 from ppmcal.io.results.scene import Scene
 from ppmcal.report.html import template_text, whole_page
 from ppmcal.report.machine_scene import machine_css, machine_scripts, scene_html
+from ppmcal.store.output import Output
 
 GENERATOR = "ppmcal machine drawing"
 """What a page says of itself, so that a later one may replace it."""

@@ -14,7 +14,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from ppmcal.io.output import json_text
+from ppmcal.codec import json_text
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.web import spec, told
 from ppmcal.report.format import exact, number, sig

@@ -12,6 +12,11 @@ import numpy as np
 from ppmcal.calibration.knowledge import FAR
 from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_tables import (
+    NEXT_TABLE,
+    PARAMETER_TABLE,
+    RESIDUAL_TABLE,
+)
 from ppmcal.io.results.identification_wording import noise_verdict
 from ppmcal.report.format import count, listed, with_unit
 from ppmcal.report.headlines import IN_THE_FIT, figure, headline, unseen
@@ -22,7 +27,6 @@ from ppmcal.report.machine_section import machine_section
 from ppmcal.report.records import Identified, ReportData
 from ppmcal.report.residuals import used, white
 from ppmcal.report.section import Section, chapter, filled
-from ppmcal.report.sources import with_parameters
 from ppmcal.wording import abbreviate_list
 
 FEW = 3
@@ -38,9 +42,9 @@ def is_fit(folder: Folder) -> bool:
 def _read(folder: Folder) -> Iterator[Identified]:
     if is_fit(folder):
         yield Identified(
-            folder.name, with_parameters(folder.record(IdentificationRecord),
-                                         lambda: folder.table("parameters.csv")),
-            folder.table("residuals.csv"), next=folder.table("next.csv"),
+            folder.name, PARAMETER_TABLE.parameters(folder.record(IdentificationRecord),
+                                                    folder.table(PARAMETER_TABLE)),
+            folder.table(RESIDUAL_TABLE), next=folder.table(NEXT_TABLE),
             diagnosed=folder.has("diagnosis.json", "effects.csv"))
 
 
@@ -96,8 +100,8 @@ def place(one: Identified, data: ReportData) -> str:
 
 def _findings(one: Identified, data: ReportData) -> list[tuple[str, str]]:
     record = one.record
-    out = [*record.findings, *record.gross_errors.shift_sentences(),
-           *record.gross_errors.unchecked_sentences(), *campaign_sentences(record.campaign)]
+    out = [*record.all_findings(), *record.gross_errors.unchecked_sentences(),
+           *campaign_sentences(record.campaign)]
     scale = record.identifiability.scale
     if scale is not None and scale.sentence():
         out.append(scale.sentence())

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from ppmcal.io.csv import Table
 from ppmcal.io.results.record import Record
-from ppmcal.report.records import Columns, Held, ReportData
+from ppmcal.io.results.tables import WrittenTable
+from ppmcal.report.records import Held, ReportData
 from ppmcal.report.section import Section
-from ppmcal.report.sources import is_number_column, read_columns
 
 E = TypeVar("E")
 R = TypeVar("R", bound=Record)
@@ -65,7 +66,7 @@ class Folder:
     def __init__(self, path: Path) -> None:
         """Take a folder that is there."""
         self.path, self.name = path, str(path)
-        self._whole = cache(lambda file: read_columns(path / file))
+        self._whole = cache(lambda spec: spec.read(path / spec.file))
 
     def has(self, *files: str) -> bool:
         """Whether any of some files is there."""
@@ -75,16 +76,15 @@ class Folder:
         """Return the JSON of one kind, an empty one if it is not there."""
         return kind.read(self.path / kind.FILE) if self.has(kind.FILE) else kind()
 
-    def table(self, file: str, only: Collection[str] | None = None,
-              wanted: Callable[[str], bool] | None = None,
-              numeric: Callable[[str], bool] = is_number_column) -> Columns | None:
-        """Return a table, None where it is not there; see :func:`read_columns`."""
-        if not self.has(file):
+    def table(self, spec: WrittenTable, wanted: Callable[[str], bool] | None = None
+              ) -> Table | None:
+        """Return the ``wanted`` columns of a table (default: all), None where it is not there."""
+        if not self.has(spec.file):
             return None
-        if only is None and wanted is None and numeric is is_number_column:
-            return self._whole(file)
-        return read_columns(self.path / file, wanted=wanted if only is None else only.__contains__,
-                            numeric=numeric)
+        if wanted is None:
+            found: Table = self._whole(spec)
+            return found
+        return spec.read(self.path / spec.file, wanted)
 
 
 def recorded(kind: type[R]) -> Callable[[Folder], Iterator[Held[R]]]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ppmcal.io.csv import Table
 from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.rotations import EULER
 from ppmcal.kinematics.path_rates import accelerations, rates, without_turns
@@ -16,8 +17,7 @@ from ppmcal.plotting.layers import Dots, Layer, Marks, Polyline, Strokes, Zero
 from ppmcal.plotting.plot import Axis, Plot, span
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
 from ppmcal.report.kinematics_motion import GONE, TimedRows, motion_of
-from ppmcal.report.plane_figures import square
-from ppmcal.report.records import Columns
+from ppmcal.report.residual_figures import square
 from ppmcal.report.residuals import POINTS
 
 POSITION, VECTOR = ("x", "y", "z"), ("rx", "ry", "rz")
@@ -39,7 +39,7 @@ TOLD = {"out": "red where singular or beyond a singularity", "ink": "black witho
 BY_DIFFERENCES = "By differences of neighbouring rows."
 
 
-def kinematics_figures(record: KinematicsRecord, columns: Columns) -> dict[str, list[Drawing]]:
+def kinematics_figures(record: KinematicsRecord, columns: Table) -> dict[str, list[Drawing]]:
     """Return the pictures of kinematics.csv by name; a name without one is left out.
 
     Args:

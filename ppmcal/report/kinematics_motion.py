@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.io.results.kinematics import KinematicsRecord
+from ppmcal.io.csv import Table
+from ppmcal.io.results.kinematics import KINEMATICS_TABLE, KinematicsRecord
 from ppmcal.kinematics.path_rates import follows
 from ppmcal.linalg import Array, Bools
 from ppmcal.plotting.plot import Axis, span
 from ppmcal.report.format import with_label
-from ppmcal.report.records import Columns
-from ppmcal.report.sources import is_kinematics_number, is_shown_of_kinematics
 
 NOT_FOUND = "not converged"
 GONE = ("unreachable", NOT_FOUND, "refused")
@@ -32,7 +31,7 @@ class TimedRows:
     """
 
     record: KinematicsRecord
-    columns: Columns
+    columns: Table
     at: Array
     name: str
     timed: bool
@@ -57,19 +56,24 @@ class TimedRows:
         return span(self.at, margin=0.02)
 
 
-def drawn_columns(columns: Mapping[str, Any]) -> Columns:
+def is_shown(name: str) -> bool:
+    """Whether a column of kinematics.csv is drawn, or says how its row went."""
+    return KINEMATICS_TABLE.numbers(name) or name in ("t", "row", "own", "status", "reason")
+
+
+def drawn_columns(columns: Mapping[str, Any]) -> Table:
     """Return columns (N,) of numbers or words as those of a file."""
     numbers, text = {}, {}
     for name, values in columns.items():
-        if is_kinematics_number(name):
+        if KINEMATICS_TABLE.numbers(name):
             numbers[name] = np.asarray(values, dtype=float)
-        elif is_shown_of_kinematics(name):
+        elif is_shown(name):
             text[name] = tuple(str(v) for v in values)
     size = max((len(v) for v in columns.values()), default=0)
-    return Columns("kinematics.csv", tuple(columns), numbers, text, size)
+    return Table("kinematics.csv", tuple(columns), numbers, text, size)
 
 
-def _own_modes(record: KinematicsRecord, columns: Columns) -> Columns:
+def _own_modes(record: KinematicsRecord, columns: Table) -> Table:
     """Return the machine's own assembly mode of each row, all rows where there is one mode a row.
 
     A row whose own mode is not known stays as a gap.
@@ -89,7 +93,7 @@ def _own_modes(record: KinematicsRecord, columns: Columns) -> Columns:
     return replace(columns, size=len(lines), numbers=numbers, text=text)
 
 
-def motion_of(record: KinematicsRecord, columns: Columns) -> TimedRows:
+def motion_of(record: KinematicsRecord, columns: Table) -> TimedRows:
     """Return the rows over time, or over their numbers where there is no time."""
     columns = _own_modes(record, columns)
     name = next((h for h in ("time", "t") if h in columns.header), "")
@@ -102,7 +106,7 @@ def motion_of(record: KinematicsRecord, columns: Columns) -> TimedRows:
     return TimedRows(record, columns, at, axis, timed, columns.words("status"), note)
 
 
-def _numbers(columns: Columns, name: str) -> Array:
+def _numbers(columns: Table, name: str) -> Array:
     """Return a column (N,), all nan where it holds other words than numbers."""
     if name in columns.numbers or not name:
         return columns.number(name)

@@ -11,7 +11,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io import read_dataset
-from ppmcal.io.folder import digest_of
+from ppmcal.io.csv import Table
 from ppmcal.io.results.identification_parts import FittedDataset, RegistrationEntry
 from ppmcal.io.results.scene_parts import MeasuredPose, Point
 from ppmcal.io.sidecar import sidecar_path
@@ -23,10 +23,10 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.model.registration import Registration
-from ppmcal.report.measured_rows import recorded_inputs
-from ppmcal.report.records import Columns, Identified
+from ppmcal.report.records import Identified
 from ppmcal.report.residuals import used
-from ppmcal.report.rows import row_key
+from ppmcal.report.rows import recorded_inputs, row_key
+from ppmcal.store.inputs import digest_of
 from ppmcal.wording import pluralize
 
 POINTS, WORST = 2000, 200
@@ -92,7 +92,7 @@ def placed_rows(one: Identified, index: int, mechanism: Mechanism, most: int = P
     return replace(joined, notes=tuple(notes))
 
 
-def _chosen(table: Columns, most: int) -> tuple[Ints, str]:
+def _chosen(table: Table, most: int) -> tuple[Ints, str]:
     """Return the rows to draw, and how they were chosen; empty where they are all."""
     if table.size <= most:
         return np.arange(table.size), ""
@@ -136,7 +136,7 @@ def _read(one: Identified, entry: FittedDataset, mechanism: Mechanism) -> Datase
     return read_dataset(same, mechanism)
 
 
-def _of_dataset(table: Columns, rows: Ints, data: Dataset, entry: FittedDataset,
+def _of_dataset(table: Table, rows: Ints, data: Dataset, entry: FittedDataset,
                 plain: Mechanism, index: int) -> PlacedRows:
     """Return some rows of one data set."""
     number = np.nan_to_num(table.number("row")[rows], nan=-1.0).astype(int)
@@ -168,7 +168,7 @@ def _of_dataset(table: Columns, rows: Ints, data: Dataset, entry: FittedDataset,
                       data.q[at], pose, notes)
 
 
-def _points(table: Columns, rows: Ints, plain: Mechanism, owner: tuple[str, int], point: Array,
+def _points(table: Table, rows: Ints, plain: Mechanism, owner: tuple[str, int], point: Array,
             errors: Sequence[Array]) -> tuple[MeasuredPose, ...]:
     """Return the points, file units; ``errors``: before and after (R, 3), base axes."""
     f, (name, index) = plain.units.factor("length"), owner
@@ -202,7 +202,7 @@ def _registration(entry: RegistrationEntry | None, mechanism: Mechanism) -> Regi
     return Registration.of_pose(values[:6], values[6:])
 
 
-def _in_base(table: Columns, rows: Ints, stage: str, registration: Registration,
+def _in_base(table: Table, rows: Ints, stage: str, registration: Registration,
              along: Array | None) -> Array:
     """Return residuals as vectors in base axes (R, 3), file units; nan where nothing is known."""
     if along is not None:
@@ -228,7 +228,7 @@ def _lines(model: Model, data: Dataset, at: Ints, pose: Array, registration: Reg
     return np.asarray(apart / np.where(size > 0.0, size, 1.0))
 
 
-def _residual(table: Columns, rows: Ints, stage: str,
+def _residual(table: Table, rows: Ints, stage: str,
               columns: Sequence[str] = ("x", "y", "z", "height", "distance")) -> Array:
     """Return residuals (R, c), file units, nan where not measured."""
     return np.stack([table.number(f"{stage}_{c}")[rows] for c in columns], axis=1)

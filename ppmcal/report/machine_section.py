@@ -1,4 +1,4 @@
-"""The section in which an identification's machine is drawn, with its measured rows."""
+"""The section in which an identification's machine is drawn, with measured rows and next poses."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
+from ppmcal.io.csv import Table
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import group_name, own_values, together
 from ppmcal.io.results.scene import MeasuredPose, Scene, SceneEffect, ScenePoses
@@ -16,13 +17,47 @@ from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Effect, Mechanism
-from ppmcal.report.diagnosis_format import amounts
+from ppmcal.report.diagnosis_tables import amounts
 from ppmcal.report.html import paragraph
 from ppmcal.report.machine_rows import POINTS, PlacedRows, placed_rows
 from ppmcal.report.machine_scene import scene_html
-from ppmcal.report.next_poses import with_next
 from ppmcal.report.records import Diagnosed, Identified
 from ppmcal.wording import actuator_list, number
+
+KEY = "next:"
+"""Keys of these poses begin so; those of measured rows with a number."""
+MOST = 24
+"""So many poses to measure next are drawn."""
+
+
+def with_next(poses: ScenePoses, wanted: Table | None, mechanism: Mechanism) -> ScenePoses:
+    """Return poses followed by those of next.csv, by its joint values.
+
+    Args:
+        poses: to draw the machine at.
+        wanted: next.csv, in the file's units; None without one.
+        mechanism: the machine.
+    """
+    names = [f"q_{a}" for a in mechanism.actuators]
+    if wanted is None or not set(names) <= set(wanted.numbers):
+        return poses
+    factors = np.array([factor for factor, _ in mechanism.joint_units])
+    q = np.stack([wanted.number(n) for n in names], axis=-1) * factors
+    q, first = np.unique(q, axis=0, return_index=True)
+    order = np.argsort(first)[:MOST]
+    rows = [int(r) + 1 for r in first[order]]
+    return ScenePoses([*poses.labels, *(_label(wanted, r) for r in rows)],
+                      [*poses.keys, *(f"{KEY}{r}" for r in rows)],
+                      np.concatenate([poses.q, q[order]]))
+
+
+def _label(wanted: Table, row: int) -> str:
+    """Return which row it is, and the load it is measured under if there is one."""
+    more: Sequence[str] = [f"{name} {wanted.number(name)[row - 1]:.4g}"
+                           for name in ("mass", "payload", "temperature")
+                           if name in wanted.numbers]
+    return f"measure next, row {row}" + "".join(f", {m}" for m in more)
+
 
 MODELS = ("model.yaml", "identified.yaml")
 """Files that hold the machine of a folder, the one with effects first."""

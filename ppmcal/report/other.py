@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ppmcal.io.results.commands import CommandsRecord, accepted_sentence
-from ppmcal.io.results.kinematics import KinematicsRecord, modes_sentence, solved_sentence
+from ppmcal.io.csv import Table
+from ppmcal.io.results.commands import COMMAND_TABLE, CommandsRecord, accepted_sentence
+from ppmcal.io.results.kinematics import (
+    KINEMATICS_TABLE,
+    KinematicsRecord,
+    modes_sentence,
+    solved_sentence,
+)
 from ppmcal.io.results.record import AnyRecord
+from ppmcal.io.results.tables import ANY_TABLE
 from ppmcal.report.design_records import DESIGNS, designs_in
 from ppmcal.report.format import count, sig, whole
 from ppmcal.report.headlines import finding_text
@@ -27,15 +34,11 @@ from ppmcal.report.html import (
 )
 from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.kinematics_figures import kinematics_figures
-from ppmcal.report.records import Columns, Other, ReportData, ResidualRows
+from ppmcal.report.kinematics_motion import is_shown
+from ppmcal.report.records import Other, ReportData, ResidualRows
 from ppmcal.report.residual_figures import command_figure
 from ppmcal.report.residuals import predicted
 from ppmcal.report.section import Section, filled
-from ppmcal.report.sources import (
-    is_command_number,
-    is_kinematics_number,
-    is_shown_of_kinematics,
-)
 
 SHOWN = 30
 """Rows of commands.csv that are shown; the file holds them all."""
@@ -74,10 +77,11 @@ def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> Sect
                    parts=filled([_commands(t, np.flatnonzero(good)), refused(rows)]))
 
 
-def _commands(t: Columns, rows: Sequence[int] | np.ndarray[Any, Any]) -> Section:
+def _commands(t: Table, rows: Sequence[int] | np.ndarray[Any, Any]) -> Section:
     """Return the first accepted rows: what was wanted, what to send, and by how much it differs."""
     sent = [h for h in t.header if h.startswith(("q_", "cmd_")) and not h.endswith("_nominal")]
-    errors = [h for h in t.numbers if h.startswith(("error_", "sigma_"))]
+    errors = [h for h in t.header if h in t.numbers
+              and not h.startswith(("q_", "cmd_")) and h not in ("x", "y")]
     asked = [h for h in t.header if h in t.text or h in ("x", "y")]
     asked = [h for h in asked if h not in ("status", "reason")]
     heads = ["row", *asked]
@@ -208,7 +212,7 @@ def _shown(rows: ResidualRows, _: ReportData) -> dict[str, Any]:
 def _commands_of(folder: Folder) -> Iterator[ResidualRows]:
     if folder.has("commands.csv", "commands.json"):
         yield ResidualRows(folder.name, "commands", folder.record(CommandsRecord),
-                           folder.table("commands.csv", numeric=is_command_number))
+                           folder.table(COMMAND_TABLE))
 
 
 COMPENSATE: Kind[ResidualRows] = Kind(
@@ -222,7 +226,7 @@ COMPENSATE: Kind[ResidualRows] = Kind(
 def _kinematics_of(folder: Folder) -> Iterator[ResidualRows]:
     if folder.has("kinematics.csv", "kinematics.json"):
         yield ResidualRows(folder.name, "kinematics", folder.record(KinematicsRecord), folder.table(
-            "kinematics.csv", wanted=is_shown_of_kinematics, numeric=is_kinematics_number))
+            KINEMATICS_TABLE, is_shown))
 
 
 KINEMATICS: Kind[ResidualRows] = Kind(
@@ -239,7 +243,8 @@ def _others_of(folder: Folder) -> Iterator[Other]:
         if f"{stem}.csv" not in held and folder.has(f"{stem}.csv", f"{stem}.json"):
             path = folder.path / f"{stem}.json"
             record = AnyRecord.read(path) if path.is_file() else AnyRecord()
-            yield Other(folder.name, kind, record, folder.table(f"{stem}.csv", only=()))
+            yield Other(folder.name, kind, record, folder.table(
+                replace(ANY_TABLE, file=f"{stem}.csv"), lambda _: False))
 
 
 OTHER: Kind[Other] = Kind(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ppmcal import __version__
-from ppmcal.io.output import plain
+from ppmcal.codec import plain
 from ppmcal.report.format import exact, typeset
 from ppmcal.report.html import definitions, number_cell, table, text_cell
 from ppmcal.report.kinds import IN_ORDER, KINDS

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Generic, TypeAlias, TypeVar
 
-import numpy as np
-
+from ppmcal.io.csv import Table
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
@@ -29,25 +28,6 @@ DesignRecord: TypeAlias = (SensitivityRecord | TolerancesRecord | StiffnessRecor
                 | PlanRecord)
 
 
-@dataclass(frozen=True)
-class Columns:
-    """A CSV with N rows: ``numbers`` (N,) by column, nan where empty; ``text`` by column."""
-
-    source: str
-    header: tuple[str, ...]
-    numbers: Mapping[str, Array]
-    text: Mapping[str, tuple[str, ...]]
-    size: int
-
-    def number(self, name: str) -> Array:
-        """Return one column of numbers (N,), all nan if it is not there."""
-        return self.numbers.get(name, np.full(self.size, np.nan))
-
-    def words(self, name: str) -> tuple[str, ...]:
-        """Return one column of text, all empty if it is not there."""
-        return self.text.get(name, ("",) * self.size)
-
-
 def shown(cell: str) -> str:
     """Return a cell of a CSV with six digits if it is a number."""
     try:
@@ -65,7 +45,7 @@ class MeasuredRows:
         table, line: of each row (N,), from 0; -1 where unknown.
     """
 
-    tables: tuple[Columns, ...]
+    tables: tuple[Table, ...]
     table: Ints
     line: Ints
 
@@ -97,10 +77,10 @@ class Identified:
 
     folder: str
     record: IdentificationRecord
-    residuals: Columns | None = None
+    residuals: Table | None = None
     positions: Array | None = None
     diagnosed: bool = False
-    next: Columns | None = None
+    next: Table | None = None
     measured: MeasuredRows | None = None
 
     @property
@@ -118,7 +98,7 @@ class Simulated:
 
     folder: str
     truth: TruthRecord | None
-    measurements: Columns | None
+    measurements: Table | None
     digest: str = ""
     copies: tuple[str, ...] = ()
 
@@ -130,7 +110,7 @@ class ResidualRows:
     folder: str
     kind: str
     record: CommandsRecord | KinematicsRecord
-    table: Columns | None
+    table: Table | None
 
     @property
     def flagged(self) -> tuple[int, ...]:
@@ -153,9 +133,9 @@ class Diagnosed:
 
     folder: str
     record: DiagnosisRecord
-    effects: Columns | None
-    residuals: Columns | None = None
-    next: Columns | None = None
+    effects: Table | None
+    residuals: Table | None = None
+    next: Table | None = None
 
 
 @dataclass(frozen=True)
@@ -173,7 +153,7 @@ class Other:
     folder: str
     kind: str
     record: AnyRecord
-    table: Columns | None = None
+    table: Table | None = None
 
 
 @dataclass(frozen=True)
@@ -246,7 +226,7 @@ class ComparedMachines:
 
 @dataclass(frozen=True)
 class ReportData:
-    """Everything that the folders held; ``uses``: by folder, what may be done with its model."""
+    """Everything that the folders held; ``use``: what may be done with the model of a folder."""
 
     folders: tuple[str, ...]
     identified: tuple[Identified, ...] = ()
@@ -260,4 +240,4 @@ class ReportData:
     compared: tuple[Held[ComparisonRecord], ...] = ()
     exported: tuple[Held[ExportRecord], ...] = ()
     comparisons: tuple[ComparedMachines, ...] = field(default=())
-    uses: Mapping[str, str] = field(default_factory=dict)
+    use: Callable[[str], str] = lambda _: ""

@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.io.csv import Table
+from ppmcal.io.results.identification_tables import quantity_of
 from ppmcal.linalg import Array, Bools
-from ppmcal.plotting.canvas import Drawing
+from ppmcal.plotting.canvas import HEIGHT, WIDTH, Drawing
 from ppmcal.plotting.layers import (
+    Arrows,
     Band,
     Dots,
     Histogram,
@@ -20,12 +23,12 @@ from ppmcal.plotting.layers import (
     Polyline,
     Starts,
     Strokes,
+    WordsAt,
+    Zero,
 )
-from ppmcal.plotting.plot import Axis, Plot, span
-from ppmcal.report.data_rows import DataRows
+from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, TOP, Axis, Plot, span
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
-from ppmcal.report.plane_figures import plane
-from ppmcal.report.records import Columns, ComparedMachines, MeasuredRows, ResidualRows
+from ppmcal.report.records import ComparedMachines, MeasuredRows, ResidualRows
 from ppmcal.report.residuals import (
     BINS,
     POINTS,
@@ -33,13 +36,94 @@ from ppmcal.report.residuals import (
     boundaries,
     coordinates,
     envelope,
+    evenly_spread,
     groups,
     predicted,
-    quantity_of,
     used,
     white,
 )
+from ppmcal.report.rows import DataRows
 from ppmcal.units import Units
+
+
+def plane(rows: DataRows, unit: str) -> list[Drawing | None]:
+    """Return error vectors where they were measured, or their scatter where that is unknown."""
+    table = rows.table
+    keep = used(table)
+    out = []
+    for stage in ("before", "after"):
+        vector = np.column_stack([table.number(f"{stage}_x"), table.number(f"{stage}_y")])
+        vector[~keep] = np.nan
+        if not np.isfinite(vector).all(axis=1).any():
+            continue
+        if rows.positions is not None:
+            out.append(error_vectors(rows, rows.positions, vector, stage, unit))
+        elif stage == "after":
+            out.append(scatter(rows, vector, unit))
+    return out
+
+
+def square(x: Array, y: Array) -> tuple[Axis, Axis]:
+    """Return axes with equal scales in x and y that hold the points."""
+    a, b = span(x, margin=0.1), span(y, margin=0.1)
+    wide = (WIDTH - LEFT - RIGHT) / (HEIGHT - TOP - BOTTOM)
+    half = 0.5 * max(b.high - b.low, (a.high - a.low) / wide)
+    cx, cy = (a.low + a.high) / 2.0, (b.low + b.high) / 2.0
+    return Axis(cx - half * wide, cx + half * wide), Axis(cy - half, cy + half)
+
+
+def error_vectors(data: DataRows, places: Array, vector: Array, stage: str, unit: str
+                  ) -> Drawing | None:
+    """Return error vectors at the measured places, enlarged, with their scale."""
+    size = np.hypot(vector[:, 0], vector[:, 1])
+    rows = evenly_spread(places, size)
+    if not rows.size:
+        return None
+    at, largest = places[rows], float(size[rows].max())
+    largest = largest if largest > 1e-140 else 1.0
+    step = next(s for s in sorted(m * 10.0 ** (np.floor(np.log10(largest)) - d)
+                                  for d in (0, 1) for m in (1, 2, 5))[::-1] if s <= largest)
+    scale = 34.0 / largest
+    dx, dy = (vector[rows] * scale).T
+    x, y = square(at[:, 0], at[:, 1])
+    per, length = (x.high - x.low) / (WIDTH - LEFT - RIGHT), np.array([step * scale])
+    total = int(np.sum(np.isfinite(size)))
+    note = (f" Thinned: the largest of each cell, {rows.size} of {whole(total)} rows."
+            if rows.size < total else "")
+    return Plot(
+        x, y, ("measured x (unit of the file)", "measured y (unit of the file)"),
+        [Arrows(at[:, 0], at[:, 1], dx, dy, stage, size[rows], unit, replace(
+            data.points(rows), undrawn=data.undrawn(
+                np.where(np.isfinite(size), places[:, 1], np.nan), places[:, 0])
+            if rows.size < total else None)),
+         Arrows(x.high - per * (10.0 + length), np.array([y.high - 10.0 * per]), length,
+                0.0 * length, "ink"),
+         WordsAt(14.0 + float(length[0]), 14.0, with_unit(step, unit, 1))], equal=True).drawing(
+        f"Error vectors in the plane, {stage}",
+        f"Each plot has its own scale (arrow at the top right).{note}",
+        f"{rows.size} vectors; the longest is {with_unit(largest, unit)}.", ((stage, stage),))
+
+
+def scatter(data: DataRows, vector: Array, unit: str) -> Drawing:
+    """Return residuals in x and y against each other."""
+    rows = np.flatnonzero(np.isfinite(vector).all(axis=1))
+    total = rows.size
+    if total > POINTS:
+        order = rows[np.argsort(np.hypot(*vector[rows].T))]
+        rows = np.unique(np.concatenate([order[-200:], order[::max(1, total // 1000)]]))
+    v = vector[rows]
+    x, y = square(v[:, 0], v[:, 1])
+    note = (f" Thinned: {whole(rows.size)} of {whole(total)} rows, with the 200 largest."
+            if rows.size < total else "")
+    return Plot(
+        x, y, (with_label("x", unit), with_label("y", unit)),
+        [Zero(upright=True), Zero(), Dots(v[:, 0], v[:, 1], "after", points=replace(
+            data.points(rows), undrawn=data.undrawn(vector[:, 1], vector[:, 0])
+            if rows.size < total else None))],
+        (unit, unit), equal=True).drawing(
+        "Residuals in the plane, after", f"A round cloud about 0 is what noise gives.{note}",
+        f"Residual in y against residual in x of {total} rows.")
+
 
 CROSSES = 100
 """At most so many of the rows left out are drawn."""
@@ -49,7 +133,7 @@ ROWS = "row, in the order of the file"
 BEFORE_AFTER = (("before", "before"), ("after", "after"))
 
 
-def residual_figures(table: Columns | None, units: Units, fit: int | str = 0,
+def residual_figures(table: Table | None, units: Units, fit: int | str = 0,
                      measured: MeasuredRows | None = None) -> list[Drawing]:
     """Return the pictures of all residuals together: over their noise, and as norms by row.
 
@@ -67,7 +151,7 @@ def residual_figures(table: Columns | None, units: Units, fit: int | str = 0,
     return [p for p in out if p is not None]
 
 
-def coordinate_figures(table: Columns | None, units: Units, positions: Array | None = None,
+def coordinate_figures(table: Table | None, units: Units, positions: Array | None = None,
                        fit: int | str = 0, measured: MeasuredRows | None = None
                        ) -> list[Drawing]:
     """Return the pictures of each measured coordinate, and those in the plane.
@@ -182,7 +266,7 @@ def subsampled(size: int) -> str:
             "largest are dots.")
 
 
-def _starts(table: Columns) -> Layer:
+def _starts(table: Table) -> Layer:
     """Draw a mark where each further data set begins (of up to twelve)."""
     found = boundaries(table)
     return Starts([(i + 0.5, name) for i, name in found] if 1 < len(found) <= 12 else [])

@@ -9,8 +9,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.io.csv import Table
+from ppmcal.io.results.identification_tables import quantity_of
 from ppmcal.linalg import Array, Bools
-from ppmcal.report.records import Columns
 
 POINTS = 1200
 """More rows than this are plotted thinned."""
@@ -31,24 +32,19 @@ class LimbResiduals:
     after: Array
 
 
-def coordinates(table: Columns) -> list[str]:
+def coordinates(table: Table) -> list[str]:
     """Return the measured coordinates, in the file's order."""
     return [h.removeprefix("after_") for h in table.header if h.startswith("after_")]
 
 
-def used(table: Columns) -> Bools:
+def used(table: Table) -> Bools:
     """Return which rows the fit used (N,); all of them if the file does not say."""
     if "used" not in table.numbers:
         return np.ones(table.size, dtype=bool)
     return np.asarray(table.number("used") != 0.0, dtype=bool)
 
 
-def quantity_of(coordinate: str) -> str:
-    """Return ``angle`` for a rotation coordinate, else ``length``."""
-    return "angle" if coordinate in ("rx", "ry", "rz") else "length"
-
-
-def groups(table: Columns) -> list[LimbResiduals]:
+def groups(table: Table) -> list[LimbResiduals]:
     """Return the norms of position and rotation, and further coordinates by themselves."""
     have = coordinates(table)
     parts: list[tuple[str, list[str]]] = [
@@ -69,7 +65,7 @@ def norm(parts: Sequence[Array]) -> Array:
     return np.where(seen.any(axis=0), total, np.nan)
 
 
-def white(table: Columns) -> Array:
+def white(table: Table) -> Array:
     """Return all residuals of used rows over their sigma, flat."""
     keep = used(table)
     out = []
@@ -109,7 +105,7 @@ def evenly_spread(places: Array, size: Array, cells: int = 22) -> NDArray[np.int
     return np.asarray(good[order[first]], dtype=np.intp)
 
 
-def boundaries(table: Columns) -> list[tuple[int, str]]:
+def boundaries(table: Table) -> list[tuple[int, str]]:
     """Return where each data set begins: (row index, name)."""
     names = table.words("dataset")
     out: list[tuple[int, str]] = []
@@ -119,12 +115,12 @@ def boundaries(table: Columns) -> list[tuple[int, str]]:
     return out
 
 
-def predicted(table: Columns, kind: str) -> dict[str, Array]:
-    """Return by stage the errors (N,) that commands.csv predicts of one kind, in its units.
+def predicted(table: Table, kind: str) -> dict[str, Array]:
+    """Return by stage the errors (N,) that commands.csv says are to be expected of one kind.
 
-    What corrected commands leave is the model's own uncertainty: the arithmetic's round-off is
-    none; nan where that is unknown.
+    In its units; of corrected commands nan where the model's own uncertainty is unknown. In files
+    of earlier versions that uncertainty, ``sigma``, is not in what is left of the arithmetic.
     """
     left = np.nan_to_num(table.number(f"error_{kind}_after"))
     return {"uncorrected": table.number(f"error_{kind}_before"),
-            "corrected": np.hypot(left, table.number(f"sigma_{kind}"))}
+            "corrected": np.maximum(left, table.number(f"sigma_{kind}"))}

@@ -1,16 +1,180 @@
-"""Measured rows by themselves: their keys on the page, and those that miss most."""
+"""Measured rows by themselves: what their files say, their keys, and those that miss most."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.errors import BadInput
+from ppmcal.io.csv import Table
+from ppmcal.io.results.identification_tables import COORDINATES, quantity_of
+from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
-from ppmcal.report.format import exact, whole, with_label
+from ppmcal.plotting.layers import Points, Undrawn
+from ppmcal.report.format import exact, number, sig, whole, with_label, with_unit
 from ppmcal.report.html import number_cell, paragraph, table, text_cell
-from ppmcal.report.records import Columns, Identified
+from ppmcal.report.records import Identified, MeasuredRows, Simulated
 from ppmcal.report.residuals import coordinates, groups, used
 from ppmcal.report.section import Section
+from ppmcal.store.inputs import digest_of
+from ppmcal.units import Units
+
+NOT_SHOWN = ("q_", "q2_", "vel_", "sigma_", "cmd_")
+"""Table that begin so are not conditions that a person looks for."""
+
+
+def conditions(path: Path) -> Table:
+    """Return what a measurement file says of a row: pose, temperature, load, time.
+
+    Raises:
+        BadInput: as :func:`ppmcal.io.tables.read_table`.
+    """
+    return read_table(path, loose=lambda name: name not in ("x", "y"), rowless=True,
+                      wanted=lambda name: not name.startswith(NOT_SHOWN))
+
+
+def with_measured(one: Identified, simulated: Sequence[Simulated]) -> Identified:
+    """Find the lines of the residual rows, in files with the check sum of the input."""
+    table = one.residuals
+    if table is None or not table.size:
+        return one
+    tables: list[Table] = []
+    which, line = (np.full(table.size, -1, dtype=np.int64) for _ in range(2))
+    datasets = one.record.datasets
+    names = np.array(table.words("dataset"), dtype=object)
+    rows = np.clip(table.number("row"), -1.0, 1e9)
+    for entry in datasets:
+        found = _measured(one, entry.source, simulated)
+        mine = (names == entry.name) | (len(datasets) == 1)
+        if found is None or not np.isfinite(rows[mine]).all() or not mine.any():
+            continue
+        index = np.nan_to_num(rows, nan=-1.0).astype(int) - (0 if rows[mine].min() < 1 else 1)
+        mine &= (index >= 0) & (index < found.size)
+        which[mine], line[mine] = len(tables), index[mine]
+        tables.append(found)
+    measured = MeasuredRows(tuple(tables), which, line) if tables else None
+    places = _places(table, measured)
+    known = np.isfinite(places).all(axis=1).any()
+    return replace(one, measured=measured, positions=places if known else None)
+
+
+def _places(table: Table, measured: MeasuredRows | None) -> np.ndarray:
+    """Return measured x, y (N, 2), nan where unknown: those of residuals.csv if it has them."""
+    if _has_places(table):
+        return np.column_stack([table.number("x"), table.number("y")])
+    out = np.full((table.size, 2), np.nan)
+    for n, own in enumerate(measured.tables if measured is not None else ()):
+        if measured is not None and _has_places(own):
+            mine = measured.table == n
+            out[mine] = np.column_stack([own.number("x"), own.number("y")])[measured.line[mine]]
+    return out
+
+
+def _has_places(table: Table) -> bool:
+    return "x" in table.numbers and "y" in table.numbers
+
+
+def recorded_inputs(one: Identified, source: str) -> list[str]:
+    """Return the inputs of a record that a data set came from: the very one, else its namesakes."""
+    inputs = one.record.provenance.inputs
+    return [k for k in inputs if k == source] or [
+        k for k in inputs if source and Path(k).name == Path(source).name]
+
+
+def _measured(one: Identified, source: str, simulated: Sequence[Simulated]) -> Table | None:
+    """Return the conditions of a measurement file, if it is the very one that was fitted."""
+    inputs, names = one.record.provenance.inputs, recorded_inputs(one, source)
+    if len(names) != 1 or not inputs[names[0]]:
+        return None
+    table = next((s.measurements for s in simulated if s.digest == inputs[names[0]]), None)
+    if table is None and digest_of(Path(names[0])) == inputs[names[0]]:
+        try:
+            return conditions(Path(names[0]))
+        except BadInput:
+            return None
+    return table
+
+
+OWN = ("row", "dataset", "used")
+"""Table of residuals.csv that say which row it is, not what held in it."""
+MOST = 18
+"""So many columns of the measurement file are shown of a row, three in a line."""
+MOST_HELD, MOST_RUNS = 20_000, 500
+"""So many rows at most are held by each thinned plot, numbered through in so many pieces."""
+STAGES = ("before_", "after_", "sigma_")
+
+
+@dataclass(frozen=True, eq=False)
+class DataRows:
+    """The rows of a residuals.csv, with what is known of each.
+
+    Attributes:
+        fit: which identification of the page, from 0.
+        table: residuals.csv, N rows.
+        units: of its columns.
+        positions: measured x, y (N, 2), nan where unknown; None: all are.
+        measured: the rows in the files that were fitted; None where these are not at hand.
+    """
+
+    fit: int | str
+    table: Table
+    units: Units
+    positions: Array | None = None
+    measured: MeasuredRows | None = None
+
+    def points(self, index: NDArray[np.integer[Any]]) -> Points:
+        """Return what some rows (M,), counted from 0, are."""
+        names, rows = self.table.words("dataset"), row_numbers(self.table)
+        picked = index.tolist()
+        return Points([self._said(i) for i in picked],
+                      [row_key(self.fit, names[i], int(rows[i])) for i in picked])
+
+    def undrawn(self, y: Array, x: Array | None = None) -> Undrawn | None:
+        """Return all rows at their places, for a layer that draws some; None for too many.
+
+        Args:
+            y: (N,), nan where a row has no place.
+            x: likewise  [default: the number of the row in the table].
+        """
+        names, rows = self.table.words("dataset"), row_numbers(self.table)
+        starts = [i for i in range(rows.size) if i == 0 or names[i] != names[i - 1]
+                  or rows[i] != rows[i - 1] + 1]
+        if rows.size > MOST_HELD or len(starts) > MOST_RUNS:
+            return None
+        runs = [(row_key(self.fit, names[i], int(rows[i])).rpartition(":")[0], int(rows[i]), j - i)
+                for i, j in zip(starts, [*starts[1:], rows.size], strict=True)]
+        return Undrawn(runs, y, x)
+
+    def _said(self, i: int) -> str:
+        """Return data set, row and what held in it, in lines."""
+        row = number(float(self.table.number("row")[i]))
+        name = ", ".join(t for t in (self.table.words("dataset")[i],
+                                     "" if row is None else f"row {row:.0f}") if t)
+        return "\n".join(t for t in (name, *self._conditions(i)) if t)
+
+    def _conditions(self, i: int) -> Iterator[str]:
+        """Yield where the row was measured, and what other columns say of it."""
+        told = [] if self.measured is None else self.measured.said(i)
+        yield from (", ".join(told[n:n + 3]) for n in range(0, min(len(told), MOST), 3))
+        if not told and self.positions is not None and np.isfinite(self.positions[i]).all():
+            x, y = self.positions[i].tolist()
+            yield f"measured x {sig(x, 5)}, y {sig(y, 5)}"
+        for name in self.table.header:
+            if name in OWN or name.startswith(STAGES):
+                continue
+            if name in self.table.numbers:
+                value = number(float(self.table.numbers[name][i]))
+                unit = self.units.name(quantity_of(name)) if name in COORDINATES else ""
+                if value is not None:
+                    yield f"{name} {with_unit(value, unit, 5)}"
+            elif self.table.words(name)[i]:
+                yield f"{name}: {self.table.words(name)[i]}"
+
 
 SHOWN = 100
 """Rows that the table holds: those furthest from the model for their noise."""
@@ -27,19 +191,19 @@ def row_key(index: int | str, dataset: str, row: int) -> str:
     return f"{index}:{dataset}:{row}"
 
 
-def row_keys(index: int, residuals: Columns) -> list[str]:
+def row_keys(index: int, residuals: Table) -> list[str]:
     """Return the key of every row of residuals.csv."""
     return [row_key(index, d, int(n)) for d, n in
             zip(residuals.words("dataset"), row_numbers(residuals), strict=True)]
 
 
-def row_numbers(residuals: Columns) -> NDArray[np.int64]:
+def row_numbers(residuals: Table) -> NDArray[np.int64]:
     """Return the number of every row in its file (N,), -1 where residuals.csv does not say."""
     found = np.nan_to_num(np.clip(residuals.number("row"), -1.0, 1e15), nan=-1.0)
     return found.astype(np.int64)
 
 
-def times_noise(residuals: Columns) -> Array:
+def times_noise(residuals: Table) -> Array:
     """Return how far each row is from the model: rms of its residuals over their sigma (N,)."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         ratios = np.stack([residuals.number(f"after_{c}") / residuals.number(f"sigma_{c}")

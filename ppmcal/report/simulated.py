@@ -9,18 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.io.folder import digest_of
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.report.format import count, sig, to_sigma
 from ppmcal.report.headlines import other_machine
 from ppmcal.report.html import Cell, figures, name_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.kind import Chapter, Folder, Kind
-from ppmcal.report.measured_rows import is_condition, is_place
 from ppmcal.report.records import ComparedMachines, ReportData, Simulated
 from ppmcal.report.residual_figures import truth_figures
+from ppmcal.report.rows import conditions
 from ppmcal.report.section import Section
-from ppmcal.report.sources import read_columns
 from ppmcal.report.truth import stray_note
+from ppmcal.store.inputs import digest_of
 from ppmcal.wording import abbreviate_list, sentence
 
 
@@ -63,8 +62,7 @@ def _read(folder: Folder) -> Iterator[Simulated]:
         return
     file, truth = folder.path / "measurements.csv", folder.has(TruthRecord.FILE)
     yield Simulated(folder.name, folder.record(TruthRecord) if truth else None,
-                    read_columns(file, whole=False, wanted=is_condition, numeric=is_place)
-                    if file.is_file() else None, digest_of(file))
+                    conditions(file) if file.is_file() else None, digest_of(file))
 
 
 def _chapters(data: ReportData) -> Iterator[Chapter]:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from ppmcal.calibration.fit import LARGER
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_wording import gap_closed, left_out_error, next_step
+from ppmcal.io.results.diagnosis_wording import (
+    cause_probability,
+    gap_closed,
+    left_out_error,
+    next_step,
+)
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_wording import noise_verdict
@@ -86,7 +91,7 @@ def _inputs(record: IdentificationRecord | DiagnosisRecord) -> set[str]:
 
 def _lines(one: Identified, d: DiagnosisRecord | None, data: ReportData) -> tuple[Line, ...]:
     good = _calibrated(one, d, _accuracy(one, d, data))
-    return good, _certainty(one, d), _next(one, d, good.state, data.uses.get(one.folder, ""))
+    return good, _certainty(one, d), _next(one, d, good.state, data.use)
 
 
 def _calibrated(one: Identified, d: DiagnosisRecord | None, text: str) -> Line:
@@ -103,8 +108,8 @@ def _calibrated(one: Identified, d: DiagnosisRecord | None, text: str) -> Line:
     if r.campaign is not None:
         return Line("Calibrated?", "In part", f"{text}; these poses cannot tell all of it.", "warn")
     if d is not None and d.verdict == "named-set" and not noisy:
-        return Line("Calibrated?", "Yes, cause open", f"{text}; several effects explain "
-                    "equally well what geometry does not.", "warn")
+        return Line("Calibrated?", "Yes, cause open", f"{text}; more than one explanation "
+                    "remains of what geometry does not explain.", "warn")
     if noisy or (d is not None and d.verdict not in SETTLED):
         return Line("Calibrated?", "Not fully", f"{text}; unmodelled residuals remain.", "warn")
     return Line("Calibrated?", "Yes", f"{text}.", "ok")
@@ -118,7 +123,7 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
     if r.noise.tight:
         parts.append("the errors are larger than the tolerances allow")
     if d is not None and d.effects:
-        parts.append(gap_closed(d).rstrip("."))
+        parts += filter(None, [cause_probability(d), gap_closed(d).rstrip(".")])
     free = sum(p.status != "fixed" for p in r.parameters)
     if r.redundant:
         parts.append(f"{count(len(r.redundant), 'combination')} of {count(free, 'parameter')} "
@@ -130,7 +135,7 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
     parts += [size] if size else []
     text = "; ".join((p[:1].lower() if i else p[:1].upper()) + p[1:] for i, p in enumerate(parts))
     sure = fine and not r.noise.tight and not weak and not size and (
-        d is None or d.confirmed is not False or not d.effects)
+        d is None or (d.verdict in SETTLED and (d.confirmed is not False or not d.effects)))
     if not parts:
         return Line("How sure?", "Not known", "The folder does not hold a check of the noise.",
                     "warn")
@@ -150,8 +155,9 @@ def _size(one: Identified) -> str:
     return ""
 
 
-def _next(one: Identified, d: DiagnosisRecord | None, state: State, use: str) -> Line:
-    """Return what to do now; ``use``: with the model, where it is good."""
+def _next(one: Identified, d: DiagnosisRecord | None, state: State, use: Callable[[str], str]
+          ) -> Line:
+    """Return what to do now; ``use``: with a folder's model, where it is good."""
     if d is not None and d.next_measurements.file:
         return Line("Next?", "Measure", next_step(d), "warn")
     if one.record.campaign is not None:
@@ -159,8 +165,8 @@ def _next(one: Identified, d: DiagnosisRecord | None, state: State, use: str) ->
         return Line("Next?", "Measure", f"{poses}, listed in next.csv, would tell the rest.",
                     "warn")
     if state == "ok":
-        use = use or f"ppmcal compensate {one.folder} TARGETS.csv corrects commands"
-        return Line("Next?", "Use it", f"{use}; ppmcal validate tells on another day whether it "
+        told = use(one.folder) or f"ppmcal compensate {one.folder} TARGETS.csv corrects commands"
+        return Line("Next?", "Use it", f"{told}; ppmcal validate tells on another day whether it "
                     "still holds.", "ok")
     if d is None:
         return Line("Next?", "Diagnose", "ppmcal diagnose MODEL DATA finds which effect is "

@@ -17,13 +17,14 @@ from helpers.fleets import DESIGN, write_fleet
 import ppmcal as face
 from ppmcal.commands.batch import campaign as campaign_module
 from ppmcal.commands.batch.campaign import KEPT
+from ppmcal.commands.batch.manifest import CampaignJob
 from ppmcal.commands.face import carry_out
-from ppmcal.io.batch_manifest import CampaignJob
-from ppmcal.io.folder import RECORD, digest_of
-from ppmcal.io.journal import NEW, write_journal
 from ppmcal.io.results.batch import CampaignRecord
-from ppmcal.io.stage import INSIDE
 from ppmcal.io.yaml import dump_yaml, read_yaml
+from ppmcal.store.folder import RECORD
+from ppmcal.store.inputs import digest_of
+from ppmcal.store.stage import INSIDE, NEW
+from ppmcal.store.transaction import write_journal
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("pyarrow") is None,
                                 reason="writes Parquet")

@@ -78,6 +78,7 @@ def test_compensate_sends_commands_without_what_is_told_beside_them(folders, bre
     bare = ppmcal.compensate(model, TARGETS, frame="base")
     np.testing.assert_array_equal(bare.compensation.q, whole.compensation.q)
     assert len(left_out(bare.notes)) == 2
+    assert (whole.exit_code, bare.exit_code) == (0, 1)
 
 
 @pytest.mark.parametrize("name", ["averaged", "worse_rows", "unsafe_ways"])

@@ -11,7 +11,7 @@ from generators import stub
 import ppmcal
 from ppmcal.commands import functions
 from ppmcal.commands.result import Result
-from ppmcal.io.environment import _function, _libraries, environment
+from ppmcal.store.provenance import _function, _libraries, environment
 
 BENCH = ppmcal.shipped("3-RPR")
 

@@ -15,6 +15,9 @@ from helpers.mistakes import SAMPLE
 from scipy.spatial.transform import Rotation
 
 import ppmcal
+from ppmcal.commands.read.words import understood
+from ppmcal.io.csv import Table
+from ppmcal.io.foreign import ForeignTable
 from ppmcal.model.instruments import POSITION
 
 MACHINE = SAMPLE / "hexapod.yaml"
@@ -251,3 +254,12 @@ def test_headers_with_numbers_in_them_are_no_rows(tmp_path: Path, measured, mark
     assert f"{COUNT} rows" in done.out
     for got, row in zip(rows(tmp_path / "out.csv"), measured, strict=True):
         assert all(float(got[c]) == float(row[c]) for c in (*LEGS, "x", "y", "z"))
+
+
+def test_why_an_uncertainty_is_ignored_is_told_whatever_unit_stands_behind_it() -> None:
+    ignored = ("u(x) [mm]", "unc y (mm)", "U(z)", "note [a]")
+    told = understood(ForeignTable(Table("p.csv", (), {}, {}, 0), {}, ignored, ()),
+                      lambda found, name: ("", ""))
+    lines = " ".join(told.split())
+    assert "Ignored: u(x) [mm], unc y (mm), U(z), note [a]." in lines
+    assert "u(x) [mm], unc y (mm), U(z): an uncertainty whose coverage" in lines

@@ -16,9 +16,9 @@ from torture.desk import COMMANDS, make_desk
 import ppmcal as face
 from ppmcal.commands import command
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import RECORD, read_runs
-from ppmcal.io.results.differences import compared
 from ppmcal.io.yaml import dump_yaml
+from ppmcal.store.differences import compared
+from ppmcal.store.folder import RECORD, read_record
 
 WRITING = {
     "may": "simulate mine.yaml mine.scenario.yaml --seed 5",
@@ -141,7 +141,7 @@ def test_an_edited_record_hides_nothing(desk: Path, tmp_path: Path) -> None:
     """Whoever forges the sum too is found by the values."""
     own = copied(desk, tmp_path, "identified")
     path, record = own / "identified" / "identified.yaml", own / "identified" / RECORD
-    from ppmcal.io.folder import digest_of
+    from ppmcal.store.inputs import digest_of
 
     before = digest_of(path)
     path.write_text(path.read_text().replace("name:", "name: x", 1))
@@ -312,7 +312,7 @@ def test_a_made_up_out_writes_nowhere(desk: Path, tmp_path: Path, out: str) -> N
     write(desk, "batch")
     own = copied(desk, tmp_path, "batch")
     outside = tmp_path / "outside"
-    run = read_runs(own / "batch")["batch"]
+    run = read_record(own / "batch").runs["batch"]
     forged(own / "batch", options={**run["options"], "out": out.format(outside=outside)})
     before = tree(tmp_path)
     ppmcal("verify", "batch", cwd=own)
@@ -351,7 +351,8 @@ def test_another_processor_is_within_bounds(desk: Path, monkeypatch: pytest.Monk
     monkeypatch.setenv("NPY_DISABLE_CPU_FEATURES", "X86_V4 AVX512_ICL AVX512F AVX2 FMA3")
     for name in QUICK:
         run = ppmcal_process("verify", name, "--json", cwd=desk)
-        if "blas_kernel" not in read_runs(desk / name)[WRITING[name].split()[0]]["environment"]:
+        recorded = read_record(desk / name).runs[WRITING[name].split()[0]]
+        if "blas_kernel" not in recorded["environment"]:
             pytest.skip("another BLAS")
         assert run.code == 0, run
         found, = run.json["runs"]
@@ -363,7 +364,7 @@ def test_another_processor_is_within_bounds(desk: Path, monkeypatch: pytest.Monk
 def test_an_environment_that_is_recorded_otherwise_allows_round_off_alone(
         desk: Path, tmp_path: Path) -> None:
     own = copied(desk, tmp_path, "identified")
-    run = read_runs(own / "identified")["identify"]
+    run = read_record(own / "identified").runs["identify"]
     forged(own / "identified", environment={**run["environment"], "blas_kernel": "other"})
     found, = checked(own, "identified", code=0)
     assert found["environment"] == [f"blas kernel other then, "
@@ -409,7 +410,7 @@ def test_what_a_session_knows_has_one_sign(desk: Path, monkeypatch: pytest.Monke
 
 def test_a_folder_of_everything_is_not_searched_for_ever(tmp_path: Path,
                                                          monkeypatch: pytest.MonkeyPatch) -> None:
-    from ppmcal.io.results import recorded_runs as module
+    from ppmcal.store import runs as module
     monkeypatch.setattr(module, "FOLDERS", replace(module.FOLDERS, most=5))
     for n in range(6):
         (tmp_path / f"{n}").mkdir()

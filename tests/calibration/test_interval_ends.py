@@ -32,7 +32,7 @@ KNOWN = {
     "calibration/knowledge/parameter_estimates.py": "the sigma that is as wide as an interval",
     "calibration/knowledge/identifiability_report.py": "before a fit the noise is as stated",
     "io/results/identifiability.py": "the same, and files that do not say",
-    "report/learned_figures.py": "files that do not say",
+    "report/diagnosis_figures.py": "files that do not say",
     "controllers/delta/files.py": "printed parts, of which an interval is known, no noise",
     "diagnosis/result.py": "the default of no noise",
     "diagnosis/residual_series.py": "a standard normal of the same chance, no interval",

@@ -27,7 +27,7 @@ from ppmcal.calibration.fit.noise_estimate import (
 )
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.validation.summary import report
-from ppmcal.io.results.codec import unsaid
+from ppmcal.codec import unsaid
 from ppmcal.io.results.identification_wording import noise_verdict, short_intervals
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism

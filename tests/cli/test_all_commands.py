@@ -15,7 +15,7 @@ from helpers.commands import columns, number, pick, ppmcal, ppmcal_process, rows
 
 from ppmcal.cli import cli
 from ppmcal.commands import command, names
-from ppmcal.io.folder import RECORD
+from ppmcal.store.folder import RECORD
 
 MACHINES = {"planar": "3-RPR", "translational": "delta-linear", "spatial": "6-UPS"}
 

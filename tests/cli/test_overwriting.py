@@ -19,8 +19,9 @@ from torture.desk import COMMANDS, make_desk, remember
 
 from ppmcal.commands import command, names
 from ppmcal.errors import BadInput
-from ppmcal.io import Output
-from ppmcal.io.folder import RECORD, digest_of, owners_of, read_record, read_runs, running
+from ppmcal.store.folder import RECORD, read_record, running
+from ppmcal.store.inputs import digest_of
+from ppmcal.store.output import Output
 
 FOLDERS = {name: words.replace("{desk}/", "") for name, words in COMMANDS.items()}
 """Commands that write into a folder, and their words before --out."""
@@ -294,8 +295,8 @@ def test_read_leaves_no_half_of_its_two_files(here: Path, monkeypatch: pytest.Mo
     '{"format": "ppmcal/folder/1", "commands": ["plan"]}'])
 def test_a_record_that_is_no_list_of_commands_names_none(text: str, tmp_path: Path) -> None:
     (tmp_path / RECORD).write_text(text)
-    assert owners_of(tmp_path) == []
-    assert read_runs(tmp_path) == {}
+    assert read_record(tmp_path).commands == ()
+    assert read_record(tmp_path).runs == {}
 
 
 @pytest.mark.parametrize("deep", [False, True])
@@ -324,4 +325,4 @@ def test_a_pipe_in_a_result_s_place_was_edited(tmp_path: Path) -> None:
         pass
     (tmp_path / RECORD).unlink()
     os.mkfifo(tmp_path / RECORD)
-    assert read_record(tmp_path) is None
+    assert not read_record(tmp_path).sound

@@ -170,13 +170,13 @@ def test_nobody_reads_to_the_end(bench, tmp_path, name):
 @pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="signals of POSIX")
 def test_a_signal_waits_while_a_folder_is_locked(bench, tmp_path):
     """Between the lock and who gives it back."""
-    code = ("import os, signal, sys\nfrom ppmcal.io import stage\n"
-            "locked = stage._locked\n"
+    code = ("import os, signal, sys\nfrom ppmcal.store import transaction\n"
+            "locked = transaction.locked\n"
             "def slow(*given):\n"
             "    found = locked(*given)\n"
             "    os.kill(os.getpid(), signal.SIGTERM)\n"
             "    return found\n"
-            "stage._locked = slow\n"
+            "transaction.locked = slow\n"
             "from ppmcal.cli import main\nmain()\n")
     run = process(sys.executable, "-c", code, "simulate", bench / "m.yaml",
                   bench / "m.scenario.yaml", "--out", tmp_path / "o")

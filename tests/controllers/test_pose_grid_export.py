@@ -24,9 +24,9 @@ from ppmcal.controllers.pose_grid import (
     nearest_rotations,
 )
 from ppmcal.io import read_mechanism, write_mechanism
-from ppmcal.io.folder import RECORD
 from ppmcal.kinematics.region import Grid, named
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.folder import RECORD
 
 CONFIGS = ROOT / "configs"
 COUNTS = {"3-RPR": 11 * 11 * 9, "delta-linear": 11**3, "6-UPS": 5**3 * 3**3, "3-RPS": 11 * 9 * 9}

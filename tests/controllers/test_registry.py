@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import yaml
-from helpers.commands import install, ppmcal_process
+from helpers.commands import environment, install, ppmcal_process
 from helpers.sources import nodes_of
 
 import ppmcal
 from ppmcal import controllers
+from ppmcal.io import read_mechanism
 
 PACKAGE = Path(ppmcal.__file__).parent
-LOGS = {"io/klipper_log.py", "io/foreign.py", "io/limits.py"}
+LOGS = {"io/klipper_log.py", "io/foreign.py", "limits.py"}
 """What reads recordings, and the table of limits: a log is data, and no format of a controller."""
 WORKSHOP = '''"""Offsets of the workshop's controller."""
 
+from ppmcal.controllers import Controller
 from ppmcal.controllers.delta.geometry import ANGLES, DeltaGeometry
 from ppmcal.controllers.delta.printer import Printer, nominal_of
+
+CONTROLLER = Controller(9, "offsets.", use="bench {model} takes the machine",
+                        drives=lambda mechanism: mechanism.motion == "spatial")
 
 
 def export(mechanism, old, poses):
@@ -62,6 +69,28 @@ def test_a_printer_of_another_package_is_imported(site, tmp_path):
     assert tree["limbs"][0]["length"]["value"] == 300.0
     refused = ppmcal_process("import", "bench", "p.txt", cwd=tmp_path, expect=2)
     assert "unknown format 'bench'" in " ".join(refused.err.split())
+
+
+def test_a_controller_of_another_package_says_what_to_do_with_a_machine(site, tmp_path):
+    """As ppmcal's own do: in its declaration, for the machines that it drives."""
+    code = ("import sys\nfrom ppmcal.controllers import uses\n"
+            "from ppmcal.io import read_mechanism\n"
+            "print(uses(read_mechanism(sys.argv[1]), 'fit'))\n"
+            "print([m for m in sys.modules if m.endswith('.controller')])")
+    for machine, told in (("6-UPS", True), ("3-RPR", False)):
+        found, loaded = subprocess.check_output(
+            [sys.executable, "-c", code, str(PACKAGE.parent / "configs" / f"{machine}.yaml")],
+            env=environment(site), cwd=tmp_path, text=True).splitlines()
+        assert ("'bench fit takes the machine'" in found) == told and "export joints fit" in found
+        assert loaded == "[]"
+
+
+def test_words_with_the_old_file_are_said_of_imported_machines_alone():
+    delta = read_mechanism(PACKAGE.parent / "configs" / "delta-linear.yaml")
+    assert not [t for t in controllers.uses(delta, "fit") if "--old" in t]
+    (told,) = controllers.uses(delta, "fit", "reprap", "config.g")
+    assert told == ("ppmcal export reprap fit --old config.g writes the lines M665 and M666: paste "
+                    "them into config.g")
 
 
 def test_every_controller_says_what_it_does_and_is_in_the_docs():

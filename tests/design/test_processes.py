@@ -60,7 +60,7 @@ def test_what_the_first_process_ignores_ends_none(tmp_path: Path) -> None:
 def test_a_second_signal_lets_a_process_clean_up(tmp_path: Path) -> None:
     """The pool ends its processes when a terminal has told them already."""
     code = ("import os, signal, sys\nfrom helpers.staging import stay\n"
-            "from ppmcal.design import processes\nfrom ppmcal.io import stage\n"
+            "from ppmcal.design import processes\nfrom ppmcal.store import stage\n"
             "release = stage.Staging.release\n"
             "def slow(self):\n"
             "    os.kill(os.getpid(), signal.SIGTERM)\n"

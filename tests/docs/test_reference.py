@@ -16,7 +16,7 @@ from jsonschema import Draft202012Validator
 import ppmcal
 from ppmcal.cli import cli
 from ppmcal.commands import names
-from ppmcal.io.json_schema import FILES, file_schema
+from ppmcal.commands.schema.run import FILES, file_schema
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.limbs import kinds as limb_kinds
 from ppmcal.model.motions import motions

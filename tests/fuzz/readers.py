@@ -13,17 +13,16 @@ import numpy as np
 from helpers.paths import ROOT
 
 from fuzz.judge import SECONDS
+from ppmcal.commands.batch.manifest import read_manifest
 from ppmcal.controllers.joints import file as joint_tables_file
 from ppmcal.controllers.klipper import config as klipper_config
 from ppmcal.controllers.klipper import reading as klipper_reading
 from ppmcal.controllers.linuxcnc import hal as linuxcnc_hal
 from ppmcal.controllers.reprap import config as reprap_config
 from ppmcal.controllers.reprap import reading as reprap_reading
-from ppmcal.io.batch_manifest import read_manifest
 from ppmcal.io.column_names import LABELS
 from ppmcal.io.csv import csv_table
 from ppmcal.io.dataset_reader import read_dataset
-from ppmcal.io.folder import RECORD, owners_of, read_record, read_runs
 from ppmcal.io.foreign import foreign_tables
 from ppmcal.io.mechanism_reader import read_mechanism
 from ppmcal.io.poses import read_joints, read_poses
@@ -35,6 +34,7 @@ from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_tables import RESIDUAL_TABLE
 from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.sensitivity import SensitivityRecord
@@ -47,7 +47,7 @@ from ppmcal.io.scenario import read_scenario
 from ppmcal.io.tables import read_table
 from ppmcal.io.yaml import read_yaml
 from ppmcal.report.collect import collect
-from ppmcal.report.sources import read_columns
+from ppmcal.store.folder import RECORD, read_record
 
 GOOD = ROOT / "tests" / "broken"
 WORDS = ("note", "session")
@@ -224,8 +224,7 @@ def _knowledge(path):
 
 def _written(path):
     """What a folder's record says: anything that is none of ours says nothing."""
-    found = read_record(path.parent), read_runs(path.parent), owners_of(path.parent)
-    return "none" if found[0] is None else "read"
+    return "read" if read_record(path.parent).sound else "none"
 
 
 def _collected(name):
@@ -273,7 +272,7 @@ def readers():
                texts("sample_data/targets.csv") + (b"x,y,rz,note\n500,280,20,a\n510,270,22,b\n",)),
         Reader("joints", from_file("j.csv", lambda p: read_joints(p, bench())),
                (b"q_leg1,q_leg2,q_leg3,time\n450,460,470,1\n451,461,471,2\n",)),
-        Reader("columns", from_file("c.csv", read_columns),
+        Reader("columns", from_file("c.csv", RESIDUAL_TABLE.read),
                (b"row,name,x,used\n1,a,0.5,true\n2,b,,false\n",)),
         Reader("dataset", _dataset, (run[0] + b"\n====\n" + run[1],)),
         Reader("foreign", _foreign, (

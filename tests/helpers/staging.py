@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from ppmcal.io.stage import staged
+from ppmcal.store.transaction import staged
 
 
 def stay(folder: str, item: int) -> int:

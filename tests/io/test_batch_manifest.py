@@ -6,9 +6,9 @@ import pytest
 from helpers.commands import ppmcal
 from jsonschema import Draft202012Validator
 
+from ppmcal.commands.batch.manifest import read_manifest
+from ppmcal.commands.schema.run import file_schema
 from ppmcal.errors import BadInput
-from ppmcal.io.batch_manifest import read_manifest
-from ppmcal.io.json_schema import file_schema
 from ppmcal.io.yaml import dump_yaml
 
 GOOD = {"format": "ppmcal/batch/1", "model": "models/{machine}.yaml",

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from helpers.paths import ROOT
 
+from ppmcal.codec import shape
 from ppmcal.commands.tolerances.options import TolerancesArguments
 from ppmcal.commands.tolerances.run import solve
 from ppmcal.controllers import loaded
@@ -23,9 +24,8 @@ from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
 from ppmcal.design.virtual_instrument import default_instrument
 from ppmcal.design.workspace import workspace
 from ppmcal.errors import BadInput
-from ppmcal.io import provenance, read_mechanism
+from ppmcal.io import read_mechanism
 from ppmcal.io.grid import metric_length, read_grid
-from ppmcal.io.results.codec import shape
 from ppmcal.io.results.export import CommandErrors, ExportRecord, RotationErrors
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.record import Record
@@ -38,6 +38,7 @@ from ppmcal.io.results.workspace_tables import ModeRow
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import provenance
 
 CONFIGS = ROOT / "configs"
 GRID = "x=450:550:4,y=250:330:3"

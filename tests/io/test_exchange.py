@@ -13,11 +13,12 @@ import pytest
 from helpers.commands import tree
 
 from ppmcal.errors import BadInput
-from ppmcal.io import Output, exchange
-from ppmcal.io.csv_writer import LongText
-from ppmcal.io.folder import running, track_input
-from ppmcal.io.journal import move_in, write_journal
-from ppmcal.io.stage import INSIDE, hidden, recover, staged
+from ppmcal.store import transaction
+from ppmcal.store.folder import running
+from ppmcal.store.inputs import track_input
+from ppmcal.store.output import LongText, Output
+from ppmcal.store.stage import INSIDE, hidden
+from ppmcal.store.transaction import move_in, recover, staged, write_journal
 
 WAYS = ("whole", "one by one")
 
@@ -26,8 +27,8 @@ WAYS = ("whole", "one by one")
 def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Put files into folders in one step, or as where there is no such thing."""
     if request.param != "whole":
-        monkeypatch.setattr(exchange, "_renameat2", lambda: None)
-    elif exchange._renameat2() is None:
+        monkeypatch.setattr(transaction, "_renameat2", lambda: None)
+    elif transaction._renameat2() is None:
         pytest.skip("no such system call here")
     return str(request.param)
 
@@ -63,14 +64,14 @@ def test_what_stays_is_the_same_file(tmp_path: Path, way: str) -> None:
 
 def test_a_file_that_comes_in_the_last_moment_stays(tmp_path: Path,
                                                     monkeypatch: pytest.MonkeyPatch) -> None:
-    folder, swap = tmp_path / "out", exchange._exchanged
+    folder, swap = tmp_path / "out", transaction._exchanged
     write(folder, a="old")
 
     def late(one: Path, other: Path) -> bool:
         (folder / "late.txt").write_text("mine")
         return swap(one, other)
 
-    monkeypatch.setattr(exchange, "_exchanged", late)
+    monkeypatch.setattr(transaction, "_exchanged", late)
     write(folder, a="new")
     assert (folder / "late.txt").read_text() == "mine"
     assert (folder / "a.csv").read_text() == "new"
@@ -243,7 +244,7 @@ def test_move_in_may_be_done_again_from_anywhere(tmp_path: Path) -> None:
 HOLD = """
 import sys
 from pathlib import Path
-from ppmcal.io.folder import running
+from ppmcal.store.folder import running
 with running("diagnose", Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()

@@ -12,8 +12,8 @@ import pytest
 import yaml
 from helpers.commands import ppmcal, rows
 
+from ppmcal.codec import shape
 from ppmcal.errors import BadInput
-from ppmcal.io.results.codec import shape
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.identification import IdentificationRecord

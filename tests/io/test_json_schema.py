@@ -10,10 +10,9 @@ from helpers.paths import ROOT
 from jsonschema import Draft202012Validator
 
 import ppmcal as face
-from ppmcal.commands.schema.run import RESULTS
+from ppmcal.commands.schema.run import FILES, RESULTS, file_schema
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
-from ppmcal.io.json_schema import FILES, file_schema
 from ppmcal.io.yaml import read_yaml
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.limbs import kinds

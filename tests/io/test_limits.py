@@ -16,17 +16,19 @@ from helpers.broken import GOOD
 from helpers.commands import ppmcal
 from helpers.paths import ROOT
 
+from ppmcal import limits
 from ppmcal.errors import BadInput
-from ppmcal.io import excel, input_files, limits
+from ppmcal.io import excel
 from ppmcal.io.csv import csv_table
-from ppmcal.io.folder import running
 from ppmcal.io.grid import read_grid
-from ppmcal.io.input_files import read_bytes
 from ppmcal.io.json import read_object
 from ppmcal.io.mechanism_reader import read_mechanism
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.tables import read_table
 from ppmcal.io.yaml import read_yaml
+from ppmcal.store import inputs
+from ppmcal.store.folder import running
+from ppmcal.store.inputs import read_bytes
 
 SOON = 10.0
 """Seconds of processor time: generous, on a slow machine."""
@@ -255,7 +257,7 @@ def test_a_file_that_changes_while_it_is_read(tmp_path, monkeypatch):
         calls.append(handle)
         return status(handle)
 
-    monkeypatch.setattr(input_files.os, "fstat", growing)
+    monkeypatch.setattr(inputs.os, "fstat", growing)
     refused(lambda: read_bytes(path), "changed while it was read")
 
 

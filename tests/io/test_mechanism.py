@@ -284,7 +284,8 @@ def test_importing_needs_no_scipy():
     import sys
 
     code = ("import sys, ppmcal.io.mechanism_reader, ppmcal.io.dataset_reader, "
-            "ppmcal.io.scenario, ppmcal.io.output, ppmcal.calibration.interpretation.plausibility; "
+            "ppmcal.io.scenario, ppmcal.store.output, "
+            "ppmcal.calibration.interpretation.plausibility; "
             "sys.exit('scipy' in sys.modules)")
     assert subprocess.run([sys.executable, "-c", code], cwd=GOOD.parents[1],
                           check=False).returncode == 0

@@ -14,11 +14,14 @@ from helpers.commands import tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ppmcal.codec import json_text
 from ppmcal.errors import BadInput
-from ppmcal.io import Output, csv_text, json_text, provenance
-from ppmcal.io.csv_writer import CHUNK, LongText, csv_lines
-from ppmcal.io.folder import RECORD, current, read_runs, running
-from ppmcal.io.input_files import read_bytes
+from ppmcal.io import csv_text
+from ppmcal.io.csv_writer import CHUNK, csv_lines
+from ppmcal.store.folder import RECORD, read_record, running
+from ppmcal.store.inputs import current, read_bytes
+from ppmcal.store.output import LongText, Output
+from ppmcal.store.provenance import provenance
 
 
 def test_output_appears_together(tmp_path):
@@ -322,7 +325,7 @@ def test_results_name_what_was_read_whatever_becomes_of_the_file(tmp_path):
             out.add("a.csv", "1\n")
     own = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
     assert named == {str(path): own, str(gone): own}
-    assert read_runs(tmp_path / "out")["identify"]["inputs"] == named
+    assert read_record(tmp_path / "out").runs["identify"]["inputs"] == named
 
 
 def test_a_long_table_is_written_as_it_is_made(tmp_path):

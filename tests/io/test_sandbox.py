@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from ppmcal.cli.streams import Stopped, interruptible
-from ppmcal.io.sandbox import sandbox
+from ppmcal.store.runs import sandbox
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGTERM"), reason="signals of POSIX")
 

@@ -16,7 +16,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.plan import PlanRecord
-from ppmcal.io.results.record import AnyRecord, Provenance
+from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html, to_json
@@ -34,6 +34,7 @@ from ppmcal.report.records import (
     TruthRow,
 )
 from ppmcal.report.truth import compare, compared
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import Units
 
 CALM = "Nothing needs a closer look"

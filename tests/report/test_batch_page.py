@@ -9,9 +9,9 @@ from helpers.report_files import own, specs
 
 from ppmcal.calibration.sessions.common_parameters import common_errors, share_interval
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
+from ppmcal.io.results.batch_common import shared_effects, shared_parameters
 from ppmcal.report.batch import batch_page, left, ranking
-from ppmcal.report.batch_changes import differences
-from ppmcal.report.batch_common import common_sentences, shared_effects, shared_parameters
+from ppmcal.report.batch_common import common_sentences, differences
 
 
 def error(stage, value, unit="mm"):

@@ -29,7 +29,6 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.calibration.knowledge.intervals import coverage
 from ppmcal.calibration.validation.residual_vectors import fresh_state
 from ppmcal.commands.diagnose.run import DiagnosisResult
-from ppmcal.commands.recording import source_of
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.extended_model import Sized, extended
 from ppmcal.diagnosis.result import Diagnosis
@@ -44,6 +43,7 @@ from ppmcal.report.figure_files import PNG_SCALE, diagnosis_files
 from ppmcal.report.format import sig
 from ppmcal.report.records import Diagnosed
 from ppmcal.report.section import placed
+from ppmcal.store.provenance import source_of
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]

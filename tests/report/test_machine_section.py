@@ -148,13 +148,14 @@ def test_what_to_measure_next_stands_on_the_machine(folder, tmp_path, monkeypatc
     names = [f"q_{a}" for a in machine.actuators]
     factors = np.array([f for f, _ in machine.joint_units])
     (tmp_path / "fit/next.csv").write_text("\n".join(
-        [",".join([*names, "approach"])] + [",".join([*map(repr, (q / factors).tolist()), "+"])
-                                            for q in rows]) + "\n")
+        [",".join([*names, "payload", "approach"])] + [
+            ",".join([*map(repr, (q / factors).tolist()), "2.5", "+"]) for q in rows]) + "\n")
     scene = scene_of(machine_section(collect([tmp_path / "fit"]).identified[0], 0))
     found = {f["key"]: f for f in scene["machines"][0]["frames"]
              if f.get("key", "").startswith("next:")}
     assert list(found) == ["next:1", "next:3"]
-    assert [f["label"] for f in found.values()] == ["measure next, row 1", "measure next, row 3"]
+    assert [f["label"] for f in found.values()] == [
+        f"measure next, row {n}, payload 2.5" for n in (1, 3)]
     pose = pose_vector(forward(Model(nominal), rows[[0, 2]]).pose)[:, :2]
     np.testing.assert_allclose([f["origin"][:2] for f in found.values()],
                                pose / machine.units.factor("length"), rtol=1e-6)

@@ -19,12 +19,12 @@ from ppmcal import commands, report
 from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge.parameter_estimates import FAR
 from ppmcal.calibration.validation import Dependence
+from ppmcal.codec import unsaid
 from ppmcal.errors import BadInput
-from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate
+from ppmcal.io.results.identification_tables import RESIDUAL_TABLE
 from ppmcal.io.results.identification_wording import combination, noise_verdict
-from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.plotting.plot import Axis, span
 from ppmcal.report import collect, to_html, to_json
@@ -33,6 +33,7 @@ from ppmcal.report.kinds import KINDS, KNOWN
 from ppmcal.report.records import Identified, ReportData, Simulated
 from ppmcal.report.residuals import envelope, evenly_spread
 from ppmcal.report.truth import compare
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import Units
 
 
@@ -344,7 +345,9 @@ BROKEN_CSV = {
     b"row,before_x\n1,2\n2,abc\n": "row 2, column before_x",
     b"row,before_x\n1,1e300\n": "row 1, column before_x",
     b"row,row\n1,2\n": "called 'row'",
-    b"\n": "no header",
+    b"\n": "is empty",
+    b",\n": "column 1 has no name",
+    b"row,used\n1,yes\n": "row 1, column used: 'yes' is not a number",
     b"row,before_x\n1,\xff\n": "UTF-8",
     b'row,reason\n1,"open\n': "CSV",
 }
@@ -356,6 +359,58 @@ def test_broken_csv_is_refused(tmp_path: Path, content: bytes) -> None:
     with pytest.raises(BadInput, match=BROKEN_CSV[content]) as refusal:
         collect([tmp_path])
     assert "residuals.csv" in str(refusal.value)
+
+
+def test_tables_are_read_back_by_their_specs(tmp_path: Path) -> None:
+    """Which columns hold numbers is said beside what writes them, whatever words look like."""
+    write_csv(tmp_path / "residuals.csv", {
+        "row": [1, 2], "dataset": ["0701", "0702"], "after_x": ["", "-1e-3"], "sigma_x": [1, "inf"],
+        "used": ["true", 0], "reason": ["", "7.0"]})
+    found = RESIDUAL_TABLE.read(tmp_path / "residuals.csv")
+    assert found.words("dataset") == ("0701", "0702") and found.words("reason") == ("", "7.0")
+    assert found.number("used").tolist() == [1.0, 0.0] and found.number("sigma_x")[1] == np.inf
+    assert np.isnan(found.number("after_x")[0]) and found.number("after_x")[1] == -1e-3
+    assert RESIDUAL_TABLE.entries(found)[0] == {
+        "row": 1.0, "dataset": "0701", "after_x": None, "sigma_x": 1.0, "used": True, "reason": ""}
+    only = RESIDUAL_TABLE.read(tmp_path / "residuals.csv", ("row",).__contains__)
+    assert (set(only.numbers), only.text, only.size) == ({"row"}, {}, 2)
+
+
+def test_a_folder_without_its_record_has_the_parameters_of_its_table(tmp_path: Path) -> None:
+    write_csv(tmp_path / "parameters.csv", {
+        "name": ["a", "b"], "value": [1.5, 2], "sigma": [0.1, ""], "unit": ["mm", "mm"],
+        "status": ["identified", "fixed"], "sigma_sessions": [0.2, ""], "disagree": [1, ""]})
+    (one,) = collect([tmp_path]).identified
+    first, second = one.record.parameters
+    assert (first.name, first.value, first.sigma, first.disagree) == ("a", 1.5, 0.1, True)
+    assert (second.sigma, second.status, second.disagree) == (None, "fixed", None)
+
+
+@pytest.mark.parametrize("left", [(0.03, 0.04), (1e-9, 2e-9)])
+def test_the_models_uncertainty_counts_once_in_corrected_commands(tmp_path: Path, left: tuple
+                                                                  ) -> None:
+    """It is in what commands.csv says is left; files of earlier versions have it beside."""
+    folder = write_commands(tmp_path / "comp")
+    write_csv(folder / "commands.csv", {
+        "x": [1.0, 2.0], "error_position_before": [0.3, 0.4], "error_position_after": left,
+        "sigma_position": [0.03, 0.04], "status": ["ok", "ok"], "reason": ["", ""]})
+    row = next(r for r in cells(to_html(collect([folder])), "Error predicted")
+               if r[0] == "position, corrected")
+    assert row[2:] == ["0.0350", "0.0354", "0.0400"]
+
+
+def test_what_was_tried_is_told_with_its_probability(tmp_path: Path) -> None:
+    write_csv(tmp_path / "effects.csv", {
+        "kind": ["gain", "play", "drift"], "on": ["leg1", "leg2", ""], "form": ["each"] * 3,
+        "p_value": [""] * 3, "survival": [0.5, 0.4, ""], "status": ["tried", "named", "tried"],
+        "probability": [0.03, 0.9999, 1e-5]})
+    data = collect([tmp_path])
+    rows = cells(to_html(data), "Every hypothesis")[1:]
+    assert [(r[0], r[3]) for r in rows] == [
+        ("play", "> 0.999"), ("gain", "0.030"), ("drift", "< 0.001")]
+    (shown,) = to_json(data)["diagnoses"]
+    assert [c["probability"] for c in shown["candidates"]] == [0.03, 0.9999, 1e-5]
+    assert shown["candidates"][2]["survival"] is None
 
 
 def test_headers_without_rows_are_fine(tmp_path: Path) -> None:

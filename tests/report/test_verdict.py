@@ -17,7 +17,6 @@ from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html
 from ppmcal.report.diagnosis_tables import ladder
@@ -25,6 +24,7 @@ from ppmcal.report.page import summary
 from ppmcal.report.records import Diagnosed, Held, Identified, ReportData, ResidualRows
 from ppmcal.report.section import Section, placed
 from ppmcal.report.verdict import MOST, verdicts
+from ppmcal.store.provenance import Provenance
 
 
 def one(folder="fit", name="bench", **change):
@@ -76,6 +76,23 @@ def test_no_yes_beside_a_doubt(change, diagnosis, word, state, then):
     assert (good.word, good.state) == (word, state)
     assert last.word == then
     assert (last.state == "ok") == (state == "ok")
+
+
+@pytest.mark.parametrize(("verdict", "words"), [
+    ("named", ("Yes", "Sure")), ("named-set", ("Yes, cause open", "With doubts"))])
+def test_nothing_is_sure_beside_an_open_cause(verdict, words):
+    """Both lines follow the record: its verdict, and how probable it says that the cause is."""
+    effects = [{"kind": "backlash", "on": [a], "probability": p, "alternatives_on": [other]}
+               for a, p, other in (("leg1", 0.97, "gain on leg1"), ("leg2", 0.84, "drift"))]
+    found = {"verdict": verdict, "confirmed": True, "effects": effects}
+    good, sure, _ = lines(one(redundant=[]), found)
+    assert (good.word, sure.word) == words
+    assert "the named causes have probability 0.84" in sure.text
+    sets = [{"effects": ["backlash on leg1"], "probability": 0.8}, {"probability": 0.2}]
+    told = lines(one(redundant=[]), found | {"effects": effects[:1], "sets": sets})[1].text
+    assert "the named cause has probability 0.8" in told
+    bare = lines(one(), found | {"effects": [{"kind": "backlash", "on": ["leg1"]}]})[1].text
+    assert "probability" not in bare
 
 
 def test_doubts_of_certainty_are_told():

@@ -231,7 +231,7 @@ def joint_noise(mechanism: Mechanism, data: Dataset) -> Array:
     """
     if not mechanism.surplus or np.any(data.sigma_actuator > 0.0):
         return data.sigma_actuator
-    own = data.sigma_value if data.kind in SCALARS else data.sigma_position
+    own = data.sigma_value if data.kind.scalar else data.sigma_position
     size = float(np.median(own)) / mechanism.joint_ratios
     turns = np.array([q == "angle" for q in mechanism.actuator_quantity])
     return np.asarray(np.where(turns, size / mechanism.length_scale, size))

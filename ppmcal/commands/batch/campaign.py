@@ -13,14 +13,17 @@ from typing import Any
 
 from ppmcal import __version__
 from ppmcal.commands import command
+from ppmcal.commands.batch.manifest import CampaignJob, options_key
+from ppmcal.commands.batch.schema import options_of
 from ppmcal.commands.face import carry_out, refused
-from ppmcal.commands.spec import Arguments, Command, flags, taken
+from ppmcal.commands.spec import Arguments, Command, taken
 from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.io.batch_manifest import CampaignJob, options_key
-from ppmcal.io.folder import Run, content_of, digest_of, read_record, running, untracked
 from ppmcal.io.results.batch import CampaignRecord
 from ppmcal.io.sidecar import sidecar_path
-from ppmcal.io.stage import HIDDEN, clean_up
+from ppmcal.store.folder import read_record, running
+from ppmcal.store.inputs import Run, content_of, digest_of, under_way
+from ppmcal.store.stage import HIDDEN
+from ppmcal.store.transaction import clean_up
 
 KEPT = f"{HIDDEN}batch"
 """Folder of what is remembered of each campaign, within that of the results."""
@@ -78,7 +81,7 @@ def recalled(path: Path) -> CampaignRecord:
     Raises:
         BadInput: it is not there, or damaged.
     """
-    with untracked():
+    with under_way(None):
         return CampaignRecord.read(path)
 
 
@@ -104,11 +107,9 @@ def run_campaign(at: BatchPlace, campaign: CampaignJob) -> int:
         except Exception as error:
             record = own.changed(**_failure(error))
         seen = {*run.read.values(), *_named(campaign)}
-        written = read_record(Path(place)) or {}
         record = record.changed(
             inputs={p: content_of(p, run) for p in sorted(seen)},
-            outputs={} if record.failed else {
-                n: w.digest for n, w in written.items() if w.command == campaign.command})
+            outputs={} if record.failed else read_record(Path(place)).of(campaign.command))
         _keep(kept, record)
     return record.exit_code
 
@@ -161,13 +162,13 @@ def _result(campaign: CampaignJob, place: str) -> dict[str, Any]:
 def arguments_of(spec: Command, campaign: CampaignJob) -> Arguments:
     """Return what a command is asked for by a campaign: its files in their order, then options."""
     every = list(taken(spec.arguments))
-    called = {flag.lstrip("-").replace("-", "_"): one.name for one in every for flag in flags(one)}
     files = [one for one in every if one.option.argument][1:]
     first = next(one for one in every if one.option.argument)
+    called = options_of(spec.name)
     given = ({files[0].name: campaign.data} if files[0].several else
              {one.name: path for one, path in zip(files, campaign.data, strict=False)})
     return spec.arguments(**{first.name: campaign.model, **given},
-                          **{called[k]: v for k, v in campaign.options})
+                          **{called[k].name: v for k, v in campaign.options})
 
 
 def _failure(error: BaseException) -> dict[str, Any]:

@@ -11,18 +11,20 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ppmcal.commands.batch.campaign import COMPARE, BatchPlace, finished, recalled, run_campaign
+from ppmcal.commands.batch.manifest import CampaignJob, read_manifest
 from ppmcal.commands.batch.options import BatchArguments
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.design.processes import cores as all_cores
 from ppmcal.design.processes import over
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.io import Output, csv_text
-from ppmcal.io.batch_manifest import CampaignJob, read_manifest
-from ppmcal.io.folder import current, running
+from ppmcal.io import csv_text
 from ppmcal.io.parquet import refuse_without_pyarrow
 from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table, with_findings
 from ppmcal.notes import FINDING, NOTE, Note
+from ppmcal.store.folder import running
+from ppmcal.store.inputs import current
+from ppmcal.store.output import Output
+from ppmcal.store.provenance import source_of
 from ppmcal.wording import pluralize
 from ppmcal.wording.progress import stage
 from ppmcal.wording.told import Findings, Told
@@ -214,8 +216,8 @@ def _read(at: BatchPlace, todo: Sequence[Sequence[CampaignJob]], names: Collecti
                        "Give a folder that the workers see under the same path") from None
 
 
-def _findings(records: Sequence[CampaignRecord]) -> Iterator[str]:
+def _findings(records: Sequence[CampaignRecord]) -> Iterator[Note]:
     """Yield who failed, with the message."""
     for r in records:
         if r.failed:
-            yield f"{r.campaign} failed (exit code {r.exit_code}): {r.message}"
+            yield Note(f"{r.campaign} failed (exit code {r.exit_code}): {r.message}")

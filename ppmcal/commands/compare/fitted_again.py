@@ -12,11 +12,11 @@ from ppmcal.calibration.fit import Fit, FitOptions, Posterior, Problem
 from ppmcal.calibration.sessions import fitted_together
 from ppmcal.commands.identify.run import fitted_rows
 from ppmcal.commands.inputs import prepared
-from ppmcal.commands.recording import IN_MEMORY
 from ppmcal.errors import BadInput, NoResult, PpmcalError
-from ppmcal.io.folder import digest_of
-from ppmcal.io.results.recorded_runs import FoundInputs, RecordedRun, runs_of
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.inputs import digest_of
+from ppmcal.store.provenance import IN_MEMORY
+from ppmcal.store.runs import FoundInputs, RecordedRun, runs_of
 
 FUNCTION = "identify.identify"
 

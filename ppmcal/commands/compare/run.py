@@ -14,7 +14,6 @@ from ppmcal.calibration.sessions import Comparison, between
 from ppmcal.commands.compare.fitted_again import reason, with_equal_freedoms
 from ppmcal.commands.compare.options import CompareArguments
 from ppmcal.commands.inputs import same_machine
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
@@ -33,6 +32,7 @@ from ppmcal.io.results.comparison import (
 from ppmcal.io.results.knowledge import read_knowledge, read_posterior
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import FINDING, NOTE, Note
+from ppmcal.store.provenance import source_of
 from ppmcal.wording import number
 from ppmcal.wording.told import ShortTable, Told
 

@@ -55,21 +55,26 @@ class CompensateArguments(Arguments):
     frame: str | None = option(
         None, "Data set whose measuring frame the targets are in: poses of the mark that it "
         "measured, which need not be the platform's origin. Or 'base': poses of the platform's "
-        "origin in the base frame", metavar="NAME", otherwise="the model's only data set")
+        "origin in the base frame", metavar="NAME", otherwise="the model's only data set",
+        key="Data set whose measuring frame the targets are in, or base.")
     knowledge: Path_ | None = option(None, "identification.json of {model}",
-                                     otherwise="beside it")
+                                     otherwise="beside it",
+                                     key="identification.json of the model.")
     approach: str = option(
         "columns", "Directions of approach: from dir_ columns, or from the order of the targets.",
         choices=("columns", "sequence"), shown=True)
     path: bool = option(
         True, "Targets are visited in their order: judge the straight ways between them too, or "
-        "each target alone.", "--path/--no-path", shown=True)
+        "each target alone.", "--path/--no-path", shown=True, key="Targets are visited in their "
+        "order: judge the ways between them too  [default: true].")
     assume: Mapping[str, float] | None = option(
         None, "A condition of all targets that has no column, such as temperature=22.",
-        metavar="NAME=VALUE", kind="str", several=True, reads=assumed)
+        metavar="NAME=VALUE", kind="str", several=True, reads=assumed,
+        key="Conditions of all targets that have no column, such as {temperature: 22}.")
     regardless: bool = regardless(
         "a model whose fit had not converged or whose residuals are far beyond the noise of its "
-        "own measurements, and of corrections that are predicted to be worse than none")
+        "own measurements, and of corrections that are predicted to be worse than none",
+        "Lift the refusals of a model that is not fit for use, and of corrections worse than none.")
 
 
 COMMAND = Command(

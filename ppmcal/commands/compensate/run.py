@@ -30,7 +30,6 @@ from ppmcal.calibration.knowledge import extrapolated, measured_ranges
 from ppmcal.commands.compensate.options import CompensateArguments
 from ppmcal.commands.inputs import files_of, load, place_of, refuse_unrecorded
 from ppmcal.commands.own_data import refuse_unfit
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import CalibratedMachine, Result
 from ppmcal.commands.spec import Machine, Path_
 from ppmcal.errors import BadInput, NoResult, unknown
@@ -52,6 +51,8 @@ from ppmcal.linalg import finite_rows
 from ppmcal.model.dataset import WRENCH, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.notes import NOTE, Note
+from ppmcal.store.provenance import source_of
 from ppmcal.wording import pluralize
 from ppmcal.wording.told import Told
 
@@ -65,7 +66,7 @@ class CompensationResult(Result):
         compensation: joint values ``q`` (N, k) SI, status and reason, predicted errors.
         frame: data set whose measuring frame the targets are in, empty for the base.
         knowledge: what the calibration knew, None where it is not known.
-        notes: sentences on what is not known.
+        notes: sentences on what is not known; a finding where an analysis of it failed.
         targets: header and columns of the wanted poses, as they were given.
     """
 
@@ -105,6 +106,10 @@ class CompensationResult(Result):
     def warnings(self) -> list[str]:
         """What needs a look, and what is not known."""
         return [*self.findings, *self.notes]
+
+    def remarks(self) -> Sequence[str]:
+        """Return what needs a look, what is not known, and rows that have no command."""
+        return [*self.warnings, *self.row_failures]
 
     @property
     def row_failures(self) -> Sequence[str]:
@@ -177,18 +182,20 @@ def run(asked: CompensateArguments) -> CompensationResult:
                                 known, (), poses.given)
     worse = worse_rows(machine, found)
     if asked.regardless and worse:
-        lifted.append(
+        lifted.append(Note(
             f"{pluralize(len(worse), 'row')} commanded though refused without --regardless "
-                      f"(first row {min(worse) + 1}: {worse[min(worse)]})")
+            f"(first row {min(worse) + 1}: {worse[min(worse)]})"))
     else:
         _refuse_worse(result, worse, machine.source)
         found = refused(found, worse)
     found = refused(found, unsafe_ways(machine, found)) if asked.path else found
     beside = list[str]()
-    notes += [*told, *secondary("where the model is doubtful", lambda: _doubts(
-        found, machine, known), [], beside), *secondary(
-        "where commands go beyond what was measured", lambda: [*_beyond(
-            found, machine, known, poses, asked.path)], [], beside), *beside]
+    for sentences in (told, secondary("where the model is doubtful", lambda: _doubts(
+            found, machine, known), [], beside), secondary(
+            "where commands go beyond what was measured", lambda: [*_beyond(
+                found, machine, known, poses, asked.path)], [], beside)):
+        notes += [Note(text, NOTE) for text in sentences]
+    notes += beside
     return replace(result, findings=tuple(lifted), compensation=found, notes=tuple(notes))
 
 
@@ -247,7 +254,7 @@ def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
     if isinstance(model, CalibratedMachine):
         return model.mechanism, ParameterCovariance.of(model.identification), [], []
     machine = load(model)
-    notes = list(machine.findings)
+    notes: list[str] = [*machine.findings]
     path = Path(knowledge) if knowledge is not None else Path(machine.source).with_name(
         "identification.json")
     # nothing lies beside a machine that is in memory
@@ -257,12 +264,12 @@ def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
         other = of_other_values(record, machine)
         if not other:
             return machine, known, [str(path)], notes
-        notes.append(f"{path} is not of {machine.source} as it is now ({other}): uncertainties "
-                     "are unknown; run identify again")
+        notes.append(Note(f"{path} is not of {machine.source} as it is now ({other}): "
+                          "uncertainties are unknown; run identify again", NOTE))
         return machine, None, [str(path)], notes
     ranges = machine.measured is not None and machine.measured.ranges
-    notes.append(f"{path} is not there: uncertainties are unknown" + ("" if ranges else (
-        " and so is the measured volume: poses far outside it are not refused")))
+    notes.append(Note(f"{path} is not there: uncertainties are unknown" + ("" if ranges else (
+        " and so is the measured volume: poses far outside it are not refused")), NOTE))
     return machine, None, [], notes
 
 

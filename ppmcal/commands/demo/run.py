@@ -6,8 +6,8 @@ from pathlib import Path
 
 from ppmcal.commands.demo.options import DemoArguments
 from ppmcal.commands.spec import Script, Step
-from ppmcal.io import Output
 from ppmcal.io.templates import sample_data
+from ppmcal.store.output import Output
 
 
 def run(asked: DemoArguments) -> Script:

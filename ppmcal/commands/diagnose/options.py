@@ -30,12 +30,14 @@ class DiagnoseArguments(Arguments):
     data: Measurements = measurements()
     free: Sequence[str] | str = option(
         (), "Geometry that the fit may change, in place of the file's choice; frozen slots are "
-        "candidates.", metavar="PATTERN", complete=PARAMETERS)
+        "candidates.", metavar="PATTERN", complete=PARAMETERS,
+        key="Geometry that the fit may change, in place of the file's choice.")
     kinds: Sequence[str] = option((), "Try only these kinds of effect (may be repeated)", "--kind",
-                                  metavar="KIND", otherwise="all", complete=EFFECTS)
+                                  metavar="KIND", otherwise="all", complete=EFFECTS,
+                                  key="Try only these kinds of effect.")
     holdout: float = option(
         0.27, "Part of the poses that no fit sees, on which the gap is measured.", least=0.0,
-        most=0.9, shown=True)
+        most=0.9, shown=True, key="Part of the poses that no fit sees.")
     leave_out: str = leave_out()
     seed: int = seed()
     png: bool = option(False, "Write the pictures as PNG too.")

@@ -22,6 +22,7 @@ from ppmcal.calibration.knowledge import (
     with_chosen_freedoms,
 )
 from ppmcal.calibration.validation import Identification
+from ppmcal.codec import encoded
 from ppmcal.commands.diagnose.options import DiagnoseArguments
 from ppmcal.commands.diagnose.told import told
 from ppmcal.commands.identify.run import (
@@ -34,7 +35,6 @@ from ppmcal.commands.identify.run import (
     with_unit_findings,
 )
 from ppmcal.commands.inputs import data_files, prepared
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.commands.spec import Path_, Refusal
 from ppmcal.design.missing_poses import weak_campaign
@@ -43,20 +43,19 @@ from ppmcal.diagnosis.next_experiment import with_poses
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, PpmcalError, unknown
-from ppmcal.io import Output
-from ppmcal.io.csv_writer import Content
-from ppmcal.io.folder import current
 from ppmcal.io.results.batch import CampaignQuantity, effect_quantities, fit_quantities
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
 from ppmcal.io.results.diagnosis_parts import HeldOutGap, NextMeasurements, ResidualAfter
 from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.io.results.interpretation import misreading_entries
-from ppmcal.io.results.record import Provenance
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.sessions import one_session, session_masks
 from ppmcal.notes import FINDING, NOTE, Note
+from ppmcal.store.inputs import current
+from ppmcal.store.output import Content, Output
+from ppmcal.store.provenance import Provenance, source_of
 from ppmcal.wording.progress import note, start_stage
 from ppmcal.wording.told import Told
 
@@ -180,7 +179,7 @@ def when_refused(error: PpmcalError, asked: DiagnoseArguments, folder: Path | No
         return None
     machine, datasets = prepared(asked.mechanism, asked.data)
     record = misread_record(error, machine, [*machine.inputs, *data_files(datasets)], asked.seed)
-    current().source.update(record.provenance.entries(whole=True))
+    current().source.update(encoded(record.provenance))
     output = Output(folder)
     output.add(record.FILE, record.text())
     output.write()

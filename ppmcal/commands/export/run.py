@@ -12,7 +12,6 @@ from ppmcal.commands.export.options import ExportArguments
 from ppmcal.commands.export.told import told
 from ppmcal.commands.inputs import files_of, load
 from ppmcal.commands.own_data import refuse_unfit
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.commands.spec import Path_
 from ppmcal.controllers import loaded
@@ -20,9 +19,11 @@ from ppmcal.controllers.export import Exported, Exporter, record_of
 from ppmcal.controllers.model_uncertainty import KNOWLEDGE, UNKNOWN, pose_uncertainty
 from ppmcal.controllers.pose_errors import MM
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.io.csv_writer import Content, csv_text
+from ppmcal.io.csv_writer import csv_text
 from ppmcal.io.results.export import NO_GAIN, ExportRecord
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.output import Content
+from ppmcal.store.provenance import source_of
 from ppmcal.wording.told import Told
 
 

@@ -8,18 +8,15 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from ppmcal.calibration.compensation import Readings
-from ppmcal.calibration.knowledge import (
-    FreedomChoice,
-    Identifiability,
-)
+from ppmcal.calibration.knowledge import FreedomChoice, Identifiability
 from ppmcal.calibration.validation import Identification, Residuals
 from ppmcal.commands.identify.told import told
 from ppmcal.commands.result import Result
-from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.batch import CampaignQuantity, fit_quantities
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.output import Content
 from ppmcal.wording.told import Told
 
 
@@ -94,7 +91,7 @@ class IdentificationResult(Result):
 
     def remarks(self) -> Sequence[str]:
         """Return the findings, and which drives lost their zero."""
-        return [*self.findings, *self.record.gross_errors.shift_sentences()]
+        return self.record.all_findings()
 
     @property
     def warnings(self) -> list[str]:

@@ -47,7 +47,6 @@ from ppmcal.calibration.validation import Identification, report
 from ppmcal.commands.identify.options import IdentifyArguments
 from ppmcal.commands.identify.result import IdentificationResult
 from ppmcal.commands.inputs import data_files, datasets_of, prepared, started
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.spec import Path_, Refusal
 from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
@@ -57,6 +56,7 @@ from ppmcal.io.results.knowledge import check_data_not_reused, read_posterior
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import source_of
 from ppmcal.wording import too_long
 from ppmcal.wording.progress import start_stage
 

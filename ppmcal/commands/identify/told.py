@@ -38,7 +38,7 @@ def told(found: Identification, record: IdentificationRecord) -> Iterator[Told]:
     yield from record.identifiability.sentences()
     yield from flat_sentences(record.flats)
     yield from campaign_sentences(record.campaign)
-    yield Findings([*record.findings, *record.gross_errors.shift_sentences()])
+    yield Findings(record.all_findings())
     yield from row_sentences(record.gross_errors, found.mechanism)
     yield from record.gross_errors.unchecked_sentences()
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ppmcal.commands.import_.options import ImportArguments
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.controllers import IMPORTS, loaded
 from ppmcal.controllers.delta.before import before_sentence, printer_before
@@ -18,6 +17,8 @@ from ppmcal.controllers.delta.files import RODS, SCALES, files, rods_of
 from ppmcal.controllers.delta.geometry import SMALLEST
 from ppmcal.controllers.delta.printer import Importer, Printer
 from ppmcal.errors import BadInput, unknown
+from ppmcal.notes import Note
+from ppmcal.store.provenance import source_of
 from ppmcal.wording import pluralize
 from ppmcal.wording.told import CommandLine, Told
 
@@ -127,8 +128,8 @@ def run(asked: ImportArguments) -> ImportResult:
     printer = reader.printer(Path(file), length, meshes, radius)
     findings = list(printer.findings)
     if printer.distances and scale == "known" and not printer.nominal.rods_known:
-        findings.append("the distances alone hold the size: where the part that they were "
-                        "measured on has shrunk by 0.3 %, rods of 300 mm come out 1 mm short")
+        findings.append(Note("the distances alone hold the size: where the part that they were "
+                             "measured on has shrunk by 0.3 %, rods of 300 mm come out 1 mm short"))
     inputs = [file, *printer.included, *(m for m in meshes if Path(m).is_file())]
     return ImportResult(source_of("import_config", inputs, None), tuple(findings), str(file),
                         printer, rods_of(printer, chosen), scale, printer.off, chosen is None,

@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 
 from ppmcal.commands.init.options import InitArguments
 from ppmcal.errors import BadInput
-from ppmcal.io import Output
 from ppmcal.io.templates import find_template, for_editors, templates
+from ppmcal.store.output import Output
 from ppmcal.wording.told import WIDTH, CommandLine, ShortTable, Told
 
 

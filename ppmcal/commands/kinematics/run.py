@@ -19,22 +19,14 @@ from ppmcal.commands.kinematics.uncertainty import (
     carried,
     model_sigma,
 )
-from ppmcal.commands.recording import source_of
 from ppmcal.design.every_mode import every_mode
 from ppmcal.design.intersection import forward_by_intersection
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import read_joints, read_poses, twists
 from ppmcal.io.grid import read_point
 from ppmcal.io.poses import Given
-from ppmcal.io.results.kinematics import (
-    ModeColumns,
-    PoseFormat,
-)
-from ppmcal.io.results.kinematics_uncertainty import (
-    COVARIANCE,
-    KinematicsUncertainty,
-    ModelSigma,
-)
+from ppmcal.io.results.kinematics import ModeColumns, PoseFormat
+from ppmcal.io.results.kinematics_uncertainty import COVARIANCE, KinematicsUncertainty, ModelSigma
 from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
@@ -51,6 +43,7 @@ from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.store.provenance import source_of
 
 WHICH = ("inverse", "forward", "velocity")
 OWNER = "the machine's effects"

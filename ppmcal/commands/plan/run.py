@@ -8,7 +8,6 @@ from typing import ClassVar
 
 from ppmcal.commands.inputs import files_of, load, place_of
 from ppmcal.commands.plan.options import PlanArguments
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.design.plan.plan import PlanOptions
 from ppmcal.design.plan.plan import plan as planned
@@ -20,6 +19,7 @@ from ppmcal.io import read_poses
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.sidecar import read_instrument
 from ppmcal.model.mechanism import Effect, Mechanism
+from ppmcal.store.provenance import source_of
 
 ABSOLUTE_ZERO = -273.15
 

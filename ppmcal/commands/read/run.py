@@ -15,19 +15,16 @@ from ppmcal.commands.inputs import load
 from ppmcal.commands.read.join import Joined, JoinOptions, joined, sort_out
 from ppmcal.commands.read.options import ReadArguments
 from ppmcal.commands.read.words import understood
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.commands.spec import Path_
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io import Output
 from ppmcal.io.column_names import LABELS
 from ppmcal.io.csv import Table, csv_table
-from ppmcal.io.csv_writer import Content, csv_lines
+from ppmcal.io.csv_writer import csv_lines
 from ppmcal.io.dataset_reader import dataset_of
 from ppmcal.io.foreign import ForeignTable, foreign_tables, refuse_unused
 from ppmcal.io.header import declared, unit_of
 from ppmcal.io.join import rows_of
-from ppmcal.io.output import origin_comment
 from ppmcal.io.pose_fields import QUATERNION
 from ppmcal.io.read_block import MATRIX, ReadFile
 from ppmcal.io.reading import declared_unit, in_conventions, in_units
@@ -36,6 +33,8 @@ from ppmcal.io.sidecar import FORMAT, SidecarFile, sidecar_path
 from ppmcal.io.yaml import dump_yaml, read_yaml
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.output import Content, Output
+from ppmcal.store.provenance import origin_comment, source_of
 from ppmcal.units import LENGTHS, Units
 from ppmcal.wording.told import Told
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from ppmcal.io.column_names import reason_ignored
 from ppmcal.io.foreign import HEADING, ForeignTable
-from ppmcal.io.header import NAMED
+from ppmcal.io.header import NAMED, bare_name
 
 WIDTH = 80
 Told = Callable[[ForeignTable, str], tuple[str, str]]
@@ -25,8 +25,7 @@ def understood(found: ForeignTable, told: Told) -> str:
                          f"{found.clock.name(found.clock.first)}")
     if found.ignored:
         lines += _filled(f"Ignored: {', '.join(found.ignored)}.")
-        why = {h: reason_ignored(h.split("[")[0].split("(")[0]) or reason_ignored(h)
-               for h in found.ignored}
+        why = {h: reason_ignored(bare_name(h)) or reason_ignored(h) for h in found.ignored}
         for reason in dict.fromkeys(filter(None, why.values())):
             names = ", ".join(h for h, w in why.items() if w == reason)
             lines += _filled(f"{names}: {reason}. If it is a standard deviation, name it "

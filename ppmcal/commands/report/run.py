@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ppmcal.codec import json_text
 from ppmcal.commands.inputs import load
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.report.options import ReportArguments
 from ppmcal.commands.result import Result
-from ppmcal.controllers.export import uses
+from ppmcal.controllers import uses
 from ppmcal.errors import BadInput
-from ppmcal.io import csv_text, json_text
-from ppmcal.io.folder import read_runs
+from ppmcal.io import csv_text
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.records import Identified, ReportData
+from ppmcal.store.folder import read_record
+from ppmcal.store.provenance import source_of
 from ppmcal.wording.told import Told
 
 
@@ -68,7 +70,8 @@ class ReportResult(Result):
 def run(asked: ReportArguments) -> ReportResult:
     """Gather output folders into one page."""
     data = collect([Path(f) for f in asked.folders])
-    data = replace(data, uses={one.folder: _use(one) for one in data.identified})
+    by_folder = {one.folder: one for one in data.identified}
+    data = replace(data, use=cache(lambda folder: _use(by_folder[folder])))
     content = to_json(data)
     return ReportResult(source_of("make_report", [], None), (), data, content)
 
@@ -80,7 +83,7 @@ def _use(one: Identified) -> str:
     """
     model = Path(one.folder) / "identified.yaml"
     imports = [run.get("options", {}) for name in one.record.provenance.inputs
-               for run in [read_runs(Path(name).parent).get("import", {})]]
+               for run in [read_record(Path(name).parent).runs.get("import", {})]]
     form, old = next(((str(o["form"]), str(o["file"])) for o in imports
                       if {"form", "file"} <= o.keys()), ("", ""))
     try:

@@ -5,12 +5,16 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from ppmcal import codec
+from ppmcal.commands.batch.schema import manifest_schema
 from ppmcal.commands.schema.options import SchemaArguments
 from ppmcal.errors import unknown
-from ppmcal.io.json_schema import DIALECT, FILES, file_schema
-from ppmcal.io.results import codec
+from ppmcal.io import json_schema
+from ppmcal.io.json_schema import DIALECT
 from ppmcal.io.results.record import Record
 
+FILES = (*json_schema.FILES, "batch")
+"""Files that a user writes."""
 RESULTS = {"identification": "identification.IdentificationRecord",
            "diagnosis": "diagnosis.DiagnosisRecord", "comparison": "comparison.ComparisonRecord",
            "commands": "commands.CommandsRecord", "kinematics": "kinematics.KinematicsRecord",
@@ -26,6 +30,15 @@ RESULTS = {"identification": "identification.IdentificationRecord",
 def known() -> list[str]:
     """Return the names of all files that have a schema."""
     return [*FILES, *RESULTS]
+
+
+def file_schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of a file that a user writes.
+
+    Raises:
+        BadInput: there is no such file.
+    """
+    return manifest_schema() if name == "batch" else json_schema.file_schema(name)
 
 
 def run(asked: SchemaArguments) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ppmcal.commands.inputs import files_of, load
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.commands.sensitivity.options import SensitivityArguments
 from ppmcal.design.error_sources import all_components as every_component
@@ -22,6 +21,7 @@ from ppmcal.kinematics.region import Grid
 from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
+from ppmcal.store.provenance import source_of
 from ppmcal.wording import number
 from ppmcal.wording.told import ShortTable
 

@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ppmcal.commands.inputs import load, read_data
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.commands.simulate.options import SimulateArguments
 from ppmcal.commands.spec import Path_
 from ppmcal.io import read_scenario
-from ppmcal.io.csv_writer import Content
 from ppmcal.io.frames import is_path
 from ppmcal.io.results.simulation import files
 from ppmcal.model.dataset import Dataset
@@ -22,6 +20,8 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.simulation.scenario import Scenario
 from ppmcal.simulation.simulate import Campaign
 from ppmcal.simulation.simulate import simulate as simulated
+from ppmcal.store.output import Content
+from ppmcal.store.provenance import source_of
 from ppmcal.wording import pluralize
 
 

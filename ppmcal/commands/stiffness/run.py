@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.commands.inputs import files_of, load
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.commands.stiffness.options import StiffnessArguments
 from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
@@ -23,6 +22,7 @@ from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import STANDARD_GRAVITY
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import source_of
 from ppmcal.wording.told import ShortTable
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")

@@ -10,7 +10,6 @@ import numpy as np
 
 from ppmcal.calibration.fit import secondary
 from ppmcal.commands.inputs import files_of, load, place_of
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.commands.tolerances.options import TolerancesArguments
 from ppmcal.design.error_jacobian import Poses, covariance, root_sum_square
@@ -34,6 +33,7 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table, refuse_singular_home
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import source_of
 from ppmcal.wording import number
 from ppmcal.wording.told import ShortTable
 

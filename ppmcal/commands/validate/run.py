@@ -12,14 +12,8 @@ import numpy as np
 
 from ppmcal.calibration.fit import secondary
 from ppmcal.calibration.sessions import DayNoise, with_day_noise
-from ppmcal.calibration.validation import (
-    FrozenModel,
-    Validated,
-    validated,
-    with_and_without,
-)
+from ppmcal.calibration.validation import FrozenModel, Validated, validated, with_and_without
 from ppmcal.commands.inputs import MODELS, data_files, load, prepared, same_machine
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import CalibratedMachine, Result
 from ppmcal.commands.spec import Machine, Path_
 from ppmcal.commands.validate.options import ValidateArguments
@@ -37,6 +31,8 @@ from ppmcal.io.results.validation import (
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import REGISTERED
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
+from ppmcal.store.provenance import source_of
 from ppmcal.wording import number
 from ppmcal.wording.progress import start_stage
 from ppmcal.wording.told import ShortTable, Told
@@ -126,8 +122,8 @@ def _fitted_to(model: Machine | CalibratedMachine, others: Mapping[str, Mechanis
     for name, path, machine in [*paths, *((p, Path(p), m) for p, m in others.items())]:
         if (beside := _calibration(path)) is not None:
             seen.append((name, seen_before(beside, inputs, datasets, machine)))
-    return [f"{table}: {name} was fitted to {rows}: they do not test it, and its errors "
-            "look smaller than they are; validate on rows that no fit has seen"
+    return [Note(f"{table}: {name} was fitted to {rows}: they do not test it, and its errors "
+                 "look smaller than they are; validate on rows that no fit has seen")
             for name, these in seen for table, rows in these]
 
 

@@ -5,39 +5,39 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 from ppmcal.commands.face import carry_out, recorded, refused
-from ppmcal.commands.recording import IN_MEMORY
 from ppmcal.commands.result import Result
 from ppmcal.commands.spec import CONSOLE, Arguments, Command, taken
 from ppmcal.commands.verify.options import VerifyArguments
 from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.io.folder import RECORD, digest_of, read_record, running
-from ppmcal.io.results.differences import BOUNDS, compared
-from ppmcal.io.results.recorded_runs import (
-    FoundInputs,
-    RecordedRun,
-    folders_within,
-    recorded_runs,
-    runs_of,
-)
 from ppmcal.io.results.verification import (
-    DIFFERS,
     FAILED,
     INPUT,
     UNKNOWN,
-    FileCheck,
-    InputCheck,
     RunCheck,
-    ValueDifference,
     VerificationRecord,
     environment_words,
     status_of,
 )
-from ppmcal.io.sandbox import RESULTS, Sandbox, sandbox
+from ppmcal.store.differences import BOUNDS, DIFFERS, FileCheck, ValueDifference, compared
+from ppmcal.store.folder import RECORD, read_record, running
+from ppmcal.store.inputs import digest_of
+from ppmcal.store.provenance import IN_MEMORY
+from ppmcal.store.runs import (
+    RESULTS,
+    FoundInputs,
+    InputCheck,
+    RecordedRun,
+    Sandbox,
+    folders_within,
+    recorded_runs,
+    runs_of,
+    sandbox,
+)
 from ppmcal.wording.progress import stage
 from ppmcal.wording.told import ShortTable
 
@@ -89,7 +89,7 @@ def run(asked: VerifyArguments) -> VerificationResult:
 
     Nothing is written but into a temporary folder. Where version, libraries and processor are as
     they were, every byte must be the same; elsewhere numbers may be off by a little, and
-    everything else not at all: see :mod:`ppmcal.io.results.differences`.
+    everything else not at all: see :mod:`ppmcal.store.differences`.
     """
     folders, inputs = asked.folders, asked.inputs
     if inputs is not None and not Path(inputs).is_dir():
@@ -170,7 +170,7 @@ def _compared(run: RecordedRun, source: Mapping[str, Any], box: Sandbox) -> Iter
 def _files(run: RecordedRun, other: Path, apart: tuple[str, ...], box: Sandbox) -> RunCheck:
     """Compare the files of a run with those of ``other``."""
     files = [_file(name, run.folder / name, other / name, run.digests.get(name, ""), not apart,
-                   box) for name in dict.fromkeys([*run.digests, *(read_record(other) or {})])]
+                   box) for name in dict.fromkeys([*run.digests, *read_record(other).files])]
     return RunCheck(folder=str(run.folder), command=run.command, status=status_of(files),
                     environment=apart, files=tuple(files))
 
@@ -201,7 +201,7 @@ def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sa
         return FileCheck(file=name)
     found = compared(name, there.read_bytes(), again.read_bytes(), exact, os.fsencode(box.root))
     if digest and then != digest:
-        return found.changed(edited=True, status=DIFFERS)
+        return replace(found, edited=True, status=DIFFERS)
     return found
 
 

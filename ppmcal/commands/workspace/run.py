@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ppmcal.commands.inputs import files_of, load, place_of
-from ppmcal.commands.recording import source_of
 from ppmcal.commands.result import Result
 from ppmcal.commands.workspace.options import WorkspaceArguments
 from ppmcal.design.assembly_modes import assembly_modes
@@ -17,18 +16,14 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_joints
 from ppmcal.io.grid import read_grid
 from ppmcal.io.results.workspace import WorkspaceRecord
-from ppmcal.io.results.workspace_tables import (
-    ModeRow,
-    left_table,
-    modes_table,
-    pictures,
-)
+from ppmcal.io.results.workspace_tables import ModeRow, left_table, modes_table, pictures
 from ppmcal.io.results.workspace_wording import assembly_modes as modes_words
 from ppmcal.io.results.workspace_wording import reach, singularities
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.tables import refuse_singular_home
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import source_of
 from ppmcal.wording.progress import start_stage
 from ppmcal.wording.told import ShortTable
 

@@ -2,4 +2,6 @@
 
 from ppmcal.controllers import Controller
 
-CONTROLLER = Controller(3, "LinuxCNC compensation files, one for each actuator.")
+CONTROLLER = Controller(
+    3, "LinuxCNC compensation files, one for each actuator.",
+    use="ppmcal export joints {model} writes a table of corrections for each joint")

@@ -33,11 +33,6 @@ MOST_TRIED = 500
 """Poses of the grid at which tables are tried, each in two directions."""
 
 
-def use(mechanism: Mechanism, model: str, old: str) -> str:
-    """Return how a controller gets corrections that keeps its own geometry."""
-    return f"ppmcal export joints {model} writes a table of corrections for each joint"
-
-
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
     """Return the machine's joints as tables; see :class:`ppmcal.controllers.export.Exporter`."""
     if old is not None:

@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.input_files import read_bytes
-from ppmcal.io.limits import CONFIG_BYTES
+from ppmcal.limits import CONFIG_BYTES
 from ppmcal.linalg import Array
+from ppmcal.store.inputs import read_bytes
 
 MOST = 256
 """Lines that LinuxCNC takes, EMCMOT_COMP_SIZE."""

@@ -8,4 +8,6 @@ CONTROLLER = Controller(
     "it, and its meshes.", meshes="the name of a mesh that Klipper saved, a log of its touches",
     radius="delta_radius", copies=True, examples=(
         ("export", "ppmcal export klipper fitted-printer --old printer.cfg --write"),
-        ("import", "ppmcal import klipper printer.cfg")))
+        ("import", "ppmcal import klipper printer.cfg")),
+    use="ppmcal export klipper {model} --old {old} --write makes a printer.cfg with the new "
+        "numbers: put it in the place of the old one, and restart")

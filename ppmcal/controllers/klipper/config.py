@@ -15,17 +15,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ppmcal.controllers.delta.geometry import (
-    ANGLES,
-    DIGITS,
-    TOWERS,
-    DeltaGeometry,
-    above_zero,
-)
+from ppmcal.controllers.delta.geometry import ANGLES, DIGITS, TOWERS, DeltaGeometry, above_zero
 from ppmcal.controllers.klipper.lines import HEADER, ConfigLine, decoded, lines_of, unread
 from ppmcal.errors import BadInput
-from ppmcal.io.input_files import read_bytes
-from ppmcal.io.limits import CONFIG_BYTES
+from ppmcal.limits import CONFIG_BYTES
+from ppmcal.store.inputs import read_bytes
 
 LARGEST = 1e9
 """mm, degrees, microsteps: no number of a printer is as large."""

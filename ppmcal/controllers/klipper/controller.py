@@ -68,12 +68,6 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     return export_delta(KLIPPER, mechanism, old, poses)
 
 
-def use(mechanism: Mechanism, model: str, old: str) -> str:
-    """Return how a printer gets its numbers; whose firmware is unknown gets none."""
-    return old and (f"ppmcal export klipper {model} --old {old} --write makes a {COPY} with the "
-                    "new numbers: put it in the place of the old one, and restart")
-
-
 def patch(exported: Exported, old: Path) -> Exported:
     """Return the export with a copy of the ``printer.cfg`` that holds the new numbers.
 

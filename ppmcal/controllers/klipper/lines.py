@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ppmcal.errors import BadInput
-from ppmcal.io.input_files import read_bytes
-from ppmcal.io.limits import CONFIG_BYTES
+from ppmcal.limits import CONFIG_BYTES
+from ppmcal.store.inputs import read_bytes
 
 SAVED = "#*#"
 BLOCK = ("#*# <---------------------- SAVE_CONFIG ---------------------->",

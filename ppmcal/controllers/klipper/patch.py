@@ -15,8 +15,8 @@ from ppmcal.controllers.delta.geometry import DIGITS, DeltaGeometry
 from ppmcal.controllers.klipper.config import Config, parse_config, read_config, read_geometry
 from ppmcal.controllers.klipper.lines import BLOCK, HEADER, SAVED, split
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.io.input_files import read_bytes
-from ppmcal.io.limits import CONFIG_BYTES
+from ppmcal.limits import CONFIG_BYTES
+from ppmcal.store.inputs import read_bytes
 from ppmcal.wording import pluralize
 
 _KEY = re.compile(r"([A-Za-z0-9_]+)\s*[:=]")

@@ -22,8 +22,8 @@ from ppmcal.controllers.klipper.config import (
 )
 from ppmcal.controllers.klipper.nominal import read_nominal
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.input_files import read_bytes
 from ppmcal.linalg import Array
+from ppmcal.store.inputs import read_bytes
 
 _GEOMETRY = tuple(name.split(".") for name in GEOMETRY_KEYS)
 PROBES = ("probe", "bltouch", "smart_effector")

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.linuxcnc.hal import STRUTS, HexapodGeometry, Joint, Points
+from ppmcal.controllers.linuxcnc import is_hexapod
+from ppmcal.controllers.linuxcnc.hal import HexapodGeometry, Joint, Points
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -127,9 +128,7 @@ def legs_of(mechanism: Mechanism) -> Legs:
         BadInput: the machine is not a hexapod of six driven struts.
     """
     limbs = mechanism.limbs
-    if (not mechanism.motion.turns_freely
-            or [limb.kind.name for limb in limbs] != [UPS.name] * STRUTS
-            or len({limb.actuator for limb in limbs}) != STRUTS):
+    if not is_hexapod(mechanism):
         raise BadInput(f"the machine is {mechanism.motion} with limbs "
                        f"{', '.join(limb.kind.name for limb in limbs)}", mechanism.source,
                        f"genhexkins takes six limbs {UPS.name} with `motion: spatial`, each "

@@ -65,16 +65,6 @@ class Over:
     notes: tuple[str, ...] = ()
 
 
-def use(mechanism: Mechanism, model: str, old: str) -> str:
-    """Return how a hexapod gets its numbers, empty for any other machine."""
-    try:
-        drive_of(mechanism, LENGTHS["mm"])
-    except BadInput:
-        return ""
-    return (f"ppmcal export linuxcnc {model} writes the pins of genhexkins, where LinuxCNC drives "
-            "the machine")
-
-
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
     """Return the machine in genhexkins' numbers; see :class:`export.Exporter`."""
     present = None if old is None else read_geometry(read_hal(old))

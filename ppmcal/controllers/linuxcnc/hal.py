@@ -19,8 +19,8 @@ from pathlib import Path
 from textwrap import wrap
 
 from ppmcal.errors import BadInput
-from ppmcal.io.input_files import read_bytes
-from ppmcal.io.limits import CONFIG_BYTES
+from ppmcal.limits import CONFIG_BYTES
+from ppmcal.store.inputs import read_bytes
 
 STRUTS = 6
 DIGITS = 7

@@ -20,8 +20,8 @@ from pathlib import Path
 
 from ppmcal.controllers.delta.geometry import Triple, above_zero, rounded
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.input_files import read_bytes
-from ppmcal.io.limits import CONFIG_BYTES
+from ppmcal.limits import CONFIG_BYTES
+from ppmcal.store.inputs import read_bytes
 
 DIGITS = 4
 """Decimals of what is written: what single precision holds of 500 mm, in one line of below 100

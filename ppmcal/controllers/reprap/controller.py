@@ -87,12 +87,6 @@ REPRAP = DeltaFirmware(
 printer = read_printer
 
 
-def use(mechanism: Mechanism, model: str, old: str) -> str:
-    """Return how a printer gets its numbers; whose firmware is unknown gets none."""
-    return old and (f"ppmcal export reprap {model} --old {old} writes the lines M665 and M666: "
-                    f"paste them into {old}")
-
-
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
     """Return the machine as M665 and M666; see :class:`ppmcal.controllers.export.Exporter`."""
     return export_delta(REPRAP, mechanism, old, poses)

@@ -11,20 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.controllers.delta.geometry import MM
-from ppmcal.controllers.delta.printer import (
-    Mesh,
-    Printer,
-    far_radius,
-    in_rows,
-    mesh_of,
-    nominal_of,
-)
+from ppmcal.controllers.delta.printer import Mesh, Printer, far_radius, in_rows, mesh_of, nominal_of
 from ppmcal.controllers.reprap.arithmetic import geometry_of, travel
 from ppmcal.controllers.reprap.config import Delta, Lines, read_delta, read_lines
 from ppmcal.errors import BadInput
-from ppmcal.io.input_files import read_bytes
-from ppmcal.io.limits import CONFIG_BYTES
+from ppmcal.limits import CONFIG_BYTES
 from ppmcal.linalg import Array
+from ppmcal.store.inputs import read_bytes
 
 OVERRIDE = "config-override.g"
 """What M500 writes and M501 runs."""

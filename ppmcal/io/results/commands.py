@@ -10,18 +10,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.calibration.compensation import KINDS, Compensation
-from ppmcal.io.results.record import (
-    Column,
-    Finite,
-    Part,
-    Provenance,
-    Record,
-    Text,
-    Whole,
-    table_text,
+from ppmcal.io.results.record import Column, Finite, Part, Record, Text, Whole, table_text
+from ppmcal.io.results.tables import (
+    WrittenTable,
+    column_units,
+    filled_columns,
+    joint_columns,
+    pose_columns,
 )
-from ppmcal.io.results.tables import column_units, filled_columns, joint_columns, pose_columns
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import OfUnit
 from ppmcal.wording import number, pluralize
 
@@ -130,6 +128,10 @@ def _columns() -> Iterator[CommandColumn]:
 
 COLUMNS = list(_columns())
 """Behind the targets and the joints and poses that are sent, in their order."""
+COMMAND_TABLE = WrittenTable("commands.csv", lambda name: (
+    name in ("x", "y") or name.startswith(("q_", "cmd_"))
+    or any(c.name == name and c.quantity for c in COLUMNS)))
+"""Other columns of the targets are the user's, as they stand there."""
 
 
 def command_columns(mechanism: Mechanism, result: Compensation, header: Sequence[str],

@@ -9,17 +9,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.calibration.fit import half_or
-from ppmcal.calibration.sessions import (
-    Change,
-    Comparison,
-    DifferenceNoise,
-    PoseDifference,
-)
+from ppmcal.calibration.sessions import Change, Comparison, DifferenceNoise, PoseDifference
 from ppmcal.inference.priors import SURE
 from ppmcal.io import csv_text
-from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Text, Whole
+from ppmcal.io.results.record import Finite, Flag, Part, Record, Text, Whole
+from ppmcal.io.results.tables import WrittenTable
 from ppmcal.io.results.units import COLUMN, MachineUnits
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import OfUnit, Units
 from ppmcal.wording import pluralize
 
@@ -29,6 +26,7 @@ FITS_DIFFER = 2.5
 ALIKE, HIDING = 0.3, 1.3
 """Misfit that is alike, and noise over the stated one, are reported from so much on."""
 NOT_COMPARED = "not compared"
+COMPARE_TABLE = WrittenTable("compare.csv", lambda name: name not in ("name", "unit", "status"))
 
 
 class ParameterDifference(Part):
@@ -204,7 +202,7 @@ class ComparisonRecord(Record):
     def files(self) -> dict[str, str]:
         """Return file name -> text of everything that compare writes."""
         header = [f.name for f in fields(ParameterDifference)]
-        return {"compare.csv": csv_text(header, [[getattr(p, h) for p in self.parameters]
+        return {COMPARE_TABLE.file: csv_text(header, [[getattr(p, h) for p in self.parameters]
                                                  for h in header]),
                 self.FILE: self.text()}
 

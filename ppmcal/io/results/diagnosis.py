@@ -7,13 +7,13 @@ from typing import Annotated, Any, ClassVar
 
 from ppmcal.calibration.interpretation import plain_mistakes
 from ppmcal.calibration.knowledge import coverage
+from ppmcal.codec import in_units, unsaid
 from ppmcal.diagnosis import other_days
 from ppmcal.diagnosis.hypotheses import Untestable
 from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import PlotData, plot_data
 from ppmcal.diagnosis.result import Diagnosis, LeftOutBlocks, Swallowed, UnknownFound
 from ppmcal.io.results.campaign import CampaignSummary
-from ppmcal.io.results.codec import in_units, unsaid
 from ppmcal.io.results.diagnosed_errors import DiagnosedErrors
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
@@ -28,8 +28,9 @@ from ppmcal.io.results.diagnosis_parts import (
 from ppmcal.io.results.interpretation import MisreadingEntry, misreading_entries
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.other_models import OtherModel, OtherModels, TriedSet, other_files
-from ppmcal.io.results.record import Flag, Provenance, Record, Shown, Text
+from ppmcal.io.results.record import Flag, Record, Shown, Text
 from ppmcal.io.results.validation import ValidatedDataset
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import Key, Units
 
 CHOSEN = ("effects", "learned terms")

@@ -10,15 +10,17 @@ import numpy as np
 from ppmcal.calibration.validation import residuals
 from ppmcal.diagnosis.result import Candidate, Diagnosis
 from ppmcal.io import write_mechanism
-from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_tables import residuals_csv
 from ppmcal.io.results.other_models import other_files
 from ppmcal.io.results.record import Column, table_text
-from ppmcal.io.results.tables import joint_columns
+from ppmcal.io.results.tables import WrittenTable, joint_columns
 from ppmcal.model.dataset import ZERO_CELSIUS
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.store.output import Content
+
+EFFECT_TABLE = WrittenTable("effects.csv", ("p_value", "survival", "probability").__contains__)
 
 
 def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRecord

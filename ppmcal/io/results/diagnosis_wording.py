@@ -209,6 +209,14 @@ def probable(probability: float | None) -> str:
     return "probability above 0.999" if p > 0.999 else f"probability {max(p, 0.001):.3g}"
 
 
+def cause_probability(record: DiagnosisRecord) -> str:
+    """Return how probable what is named is, of all that may be there instead; else empty."""
+    each = [s.probability for s in record.sets[:1]] or [e.probability for e in record.effects]
+    told = [p for v in each if (p := finite(v)) is not None]
+    what = "cause has" if len(together(record)) == 1 else "causes have"
+    return f"the named {what} {probable(min(told))}" if told and record.effects else ""
+
+
 def tried_sets(record: DiagnosisRecord) -> str:
     """Return the explanations that compete, likeliest first; empty where one is likely."""
     each = sorted(((p, s) for s in record.sets if (p := finite(s.probability)) is not None),

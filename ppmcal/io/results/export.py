@@ -10,7 +10,9 @@ from collections.abc import Mapping
 from dataclasses import field
 from typing import Annotated, Any, ClassVar
 
-from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
+from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
+from ppmcal.notes import Note
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import Key
 from ppmcal.wording import MOST
 
@@ -167,27 +169,29 @@ class ExportRecord(Record):
         """What people call the controller."""
         return self.title or self.controller or "controller"
 
-    def lacking(self) -> list[str]:
+    def lacking(self) -> list[Note]:
         """Return what cannot be expressed with its cost, of many the costliest in one sentence."""
         many = sorted(self.not_expressed, key=_cost, reverse=True)
         if len(many) <= MOST:
-            return [f"{LACKS}{entry.words()}" for entry in self.not_expressed]
+            return [Note(f"{LACKS}{entry.words()}") for entry in self.not_expressed]
         first = "; ".join(e.words() for e in many[:MOST])
-        return [f"{LACKS}{first}; and {len(many) - MOST} more, each of which costs less (all in "
-                f"{self.FILE})"]
+        return [Note(
+            f"{LACKS}{first}; and {len(many) - MOST} more, each of which costs less (all in "
+            f"{self.FILE})")]
 
-    def all_findings(self) -> list[str]:
+    def all_findings(self) -> list[Note]:
         """Return what the user must look at: what cannot be expressed, numbers that are worse."""
         out = self.lacking()
         old, new = self.gain.before, self.gain.after
         if old.rms is not None and new.rms is not None and new.rms > old.rms + NO_GAIN:
-            out.append(f"the new {self.called} numbers are worse than the old ones over this "
-                       "workspace")
+            out.append(Note(f"the new {self.called} numbers are worse than the old ones over this "
+                            "workspace"))
         elif old.rotation and new.rotation and _more(old.rotation.rms, new.rotation.rms):
-            out.append(f"the new {self.called} numbers are worse than the old ones in rotation, "
-                       f"if the model is exact: {_two_digits(new.rotation.rms or 0.0)} "
-                       f"{new.rotation.unit} rms with them, "
-                       f"{_two_digits(old.rotation.rms or 0.0)} without")
+            out.append(Note(
+                f"the new {self.called} numbers are worse than the old ones in rotation, "
+                f"if the model is exact: {_two_digits(new.rotation.rms or 0.0)} "
+                f"{new.rotation.unit} rms with them, "
+                f"{_two_digits(old.rotation.rms or 0.0)} without"))
         return out
 
 

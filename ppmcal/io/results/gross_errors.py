@@ -13,6 +13,7 @@ from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.io.results.units import COLUMN, JOINT, MachineUnits, parameter_unit
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.notes import Note
 from ppmcal.units import OfUnit
 
 SHOWN = 3
@@ -113,9 +114,9 @@ class GrossErrorSummary(Part):
                                        for s in found.homing_shifts),
                    unchecked=tuple(UncheckedRows(dataset=n, rows=r) for n, r in found.unchecked))
 
-    def shift_sentences(self) -> list[str]:
+    def shift_sentences(self) -> list[Note]:
         """Return one finding for each homing offset that shifted."""
-        return list(filter(None, (s.sentence() for s in self.homing_shifts)))
+        return [Note(text) for s in self.homing_shifts if (text := s.sentence())]
 
     def unchecked_sentences(self) -> list[str]:
         """Return which rows nothing else checks, one sentence for each data set."""

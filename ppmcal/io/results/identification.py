@@ -11,16 +11,11 @@ import numpy as np
 from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FreedomChoice
 from ppmcal.calibration.validation import DEFINITION, Dependence, Identification
+from ppmcal.codec import unsaid
 from ppmcal.io import write_mechanism
-from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.campaign import CampaignSummary
-from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.gross_errors import GrossErrorSummary
-from ppmcal.io.results.identifiability import (
-    FlatShape,
-    IdentifiabilitySummary,
-    UnidentifiableSet,
-)
+from ppmcal.io.results.identifiability import FlatShape, IdentifiabilitySummary, UnidentifiableSet
 from ppmcal.io.results.identification_parts import (
     CorrelatedPair,
     CovarianceEntry,
@@ -42,8 +37,10 @@ from ppmcal.io.results.identification_tables import (
     table_units,
 )
 from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
-from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, Whole
+from ppmcal.io.results.record import Finite, Flag, Record, Text, Whole
 from ppmcal.io.results.units import Numbers
+from ppmcal.store.output import Content
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import ByCoordinate, Units
 
 CORRELATED = 0.95
@@ -141,6 +138,10 @@ class IdentificationRecord(Record):
             provenance=Provenance(**provenance), **carried,
             known_rows=tuple(RowsOfTable.of_rows(k, mechanism) for k in rows_behind(result)),
             covariance=CovarianceEntry.of(result))
+
+    def all_findings(self) -> list[str]:
+        """Return the findings, and which drives lost their zero."""
+        return [*self.findings, *self.gross_errors.shift_sentences()]
 
     def summary(self) -> dict[str, Any]:
         """Return the content without the covariance and the rows of the tables."""

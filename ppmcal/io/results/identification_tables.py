@@ -8,18 +8,39 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit, MissingPoses, Problem, labels
 from ppmcal.calibration.validation import Residuals
-from ppmcal.io.csv_writer import LongText, csv_text
+from ppmcal.io.csv_writer import csv_text
 from ppmcal.io.results.record import Column, table_lines, table_text
-from ppmcal.io.results.tables import ENVIRONMENT, STAGES, column_units, joint_columns
+from ppmcal.io.results.tables import (
+    ENVIRONMENT,
+    STAGES,
+    WrittenTable,
+    column_units,
+    joint_columns,
+)
 from ppmcal.linalg import Array
 from ppmcal.model.instruments import number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.store.output import LongText
 
 PARAMETERS = ("name", "nominal", "value", "error", "sigma", "sigma_data", "tolerance", "unit",
               "status", "low", "high")
 SESSIONS = ("sigma_sessions", "disagree")
 COORDINATES = (*POSE_COORDINATES, *number_names())
+PARAMETER_TABLE = WrittenTable(
+    "parameters.csv", lambda name: name in (*PARAMETERS, *SESSIONS) and name not in (
+        "name", "unit", "status"), frozenset({"disagree"}))
+RESIDUAL_TABLE = WrittenTable(
+    "residuals.csv", lambda name: name in ("row", "used", "x", "y") or name.startswith(STAGES),
+    frozenset({"used"}))
+"""With measured x and y in files of earlier versions."""
+NEXT_TABLE = WrittenTable("next.csv", lambda name: name in (*POSE_COORDINATES, *ENVIRONMENT)
+                          or name.startswith(("q_", "dir_", "vel_", "temperature")))
+
+
+def quantity_of(coordinate: str) -> str:
+    """Return the quantity of a measured coordinate, ``length`` or ``angle``."""
+    return "angle" if coordinate in POSE_COORDINATES[3:] else "length"
 
 
 def parameters_csv(entries: Sequence[object]) -> str:
@@ -102,7 +123,6 @@ def _coordinate_columns(problem: Problem, stages: Mapping[str, Sequence[Array]],
     motion = problem.mechanism.motion
     measured = {label for d in problem.datasets for label in labels(d, motion)}
     for name in (c for c in COORDINATES if c in measured):
-        quantity = "angle" if name in POSE_COORDINATES[3:] else "length"
         for stage, source in stages.items():
             parts: list[Array] = []
             for d, values in zip(problem.datasets, source, strict=True):
@@ -112,4 +132,4 @@ def _coordinate_columns(problem: Problem, stages: Mapping[str, Sequence[Array]],
             if dropped:
                 parts.append(np.full(dropped, np.nan))
             yield Column(f"{stage}_{name}", parts[0] if len(parts) == 1 else
-                         np.concatenate(parts), quantity)
+                         np.concatenate(parts), quantity_of(name))

@@ -9,17 +9,29 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.io import csv_text
+from ppmcal.io.pose_fields import QUATERNION
 from ppmcal.io.results.kinematics_uncertainty import KinematicsUncertainty, ModelSigma
-from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Shown, Text, Whole
-from ppmcal.io.results.tables import column_units, filled_columns, joint_columns, pose_columns
+from ppmcal.io.results.record import Finite, Flag, Part, Record, Shown, Text, Whole
+from ppmcal.io.results.tables import (
+    WrittenTable,
+    column_units,
+    filled_columns,
+    joint_columns,
+    pose_columns,
+)
 from ppmcal.io.rotations import EULER, columns_of
 from ppmcal.kinematics.rotations import euler_like, to_quaternion
 from ppmcal.kinematics.tables import SINGULAR, KinematicsTable, home_singular_value
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import OfUnit
 from ppmcal.wording import pluralize
 
+KINEMATICS_TABLE = WrittenTable("kinematics.csv", lambda name: (
+    name in (*POSE_COORDINATES, *EULER, *QUATERNION, "condition", "time")
+    or name.startswith(("q_", "rate_"))))
 LOCKED = "gimbal lock: only euler_1 and euler_3 together are known, euler_3 is set to 0"
 
 

@@ -24,7 +24,6 @@ from ppmcal.io.results.identification_parts import (
     HeldParameters,
     ResidualSummary,
 )
-from ppmcal.io.results.record import Part
 from ppmcal.io.results.session_parts import SessionInformation, SessionRows, rest_factors
 from ppmcal.io.results.units import Numbers, column_factor
 from ppmcal.linalg import Array, eigh
@@ -199,13 +198,13 @@ class _Incomplete(ValueError):
     """A part of the file that is needed is missing, or of another size."""
 
 
-P = TypeVar("P", bound=Part)
+P = TypeVar("P")
 
 
 def _part(part: P | None, *names: str) -> P:
     """Return a part that must have these keys."""
-    if part is None or any(n not in part.given or getattr(part, n) is None
-                           for n in names):
+    given = getattr(part, "given", names)    # what was not read has all
+    if part is None or any(n not in given or getattr(part, n) is None for n in names):
         raise _Incomplete
     return part
 

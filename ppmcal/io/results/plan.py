@@ -19,7 +19,8 @@ from ppmcal.io.results.plan_tables import (
     pose_table,
 )
 from ppmcal.io.results.plan_wording import findings, sentences
-from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole, table_text
+from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole, table_text
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import Angle, Key, Length
 
 PICTURE = "accuracy.png"

@@ -10,6 +10,7 @@ from ppmcal import linalg
 from ppmcal.design.plan.information import PAYS, reaching
 from ppmcal.design.plan.result import Plan
 from ppmcal.model.dataset import Unknown
+from ppmcal.notes import Note
 from ppmcal.wording import pluralize
 
 FEWEST = 2
@@ -31,18 +32,20 @@ def findings(plan: Plan, wanted: float | None) -> list[str]:
         units, left = plan.mechanism.units, plan.limit[0]
         why = (f"ever more poses leave {units.words(left, 'length', 3)}, in what this instrument "
                "does not see" if left >= wanted else "a million poses would not do")
-        out.append(f"An accuracy of {units.words(wanted, 'length')} cannot be reached: {why}.")
+        out.append(Note(
+            f"An accuracy of {units.words(wanted, 'length')} cannot be reached: {why}."))
     if plan.pool.rows.size and plan.pool.left_out:
         total = sum(plan.pool.left_out.values())
-        out.append(f"{total} of the {total + int(plan.pool.rows.size)} candidates given cannot be "
-                   f"used: {_counts(plan.pool.left_out)}.")
+        out.append(Note(
+            f"{total} of the {total + int(plan.pool.rows.size)} candidates given cannot be "
+            f"used: {_counts(plan.pool.left_out)}."))
     if plan.tasks_left_out:
-        out.append("Task poses that cannot be judged are left out: "
-                   f"{_counts(plan.tasks_left_out)}.")
+        out.append(Note("Task poses that cannot be judged are left out: "
+                        f"{_counts(plan.tasks_left_out)}."))
     lost = [n + 1 for n, v in enumerate(plan.route.via) if v not in ("", "home")]
     if lost:
-        out.append(f"No path was found from the row before to row {_listed(lost)}, neither "
-                   "straight nor through home: see `via` in poses.csv.")
+        out.append(Note(f"No path was found from the row before to row {_listed(lost)}, neither "
+                        "straight nor through home: see `via` in poses.csv."))
     return out
 
 

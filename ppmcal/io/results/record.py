@@ -12,12 +12,13 @@ from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, dataclass_transform
 
+from ppmcal import codec
+from ppmcal.codec import AGAIN, Reader, WrongKind, json_text, plain, reader_of
 from ppmcal.errors import BadInput
-from ppmcal.io.csv_writer import LongText, csv_lines
-from ppmcal.io.json import AGAIN, read_object
-from ppmcal.io.output import json_text, plain
-from ppmcal.io.results import codec
-from ppmcal.io.results.codec import Reader, WrongKind, reader_of
+from ppmcal.io.csv_writer import csv_lines
+from ppmcal.io.json import read_object
+from ppmcal.store.output import LongText
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import SI, Units, as_now
 from ppmcal.units import Finite as Finite
 
@@ -120,20 +121,6 @@ def _parts(value: Any) -> Any:
     if isinstance(value, list | tuple) and value and not isinstance(value[0], float | int):
         return [_parts(v) for v in value]
     return plain(value)
-
-
-class Provenance(Part):
-    """Where results come from: version, SHA-256 of each input, command, options, arithmetic."""
-
-    version: Text = ""
-    inputs: Mapping[Text, Text] = field(default_factory=dict)
-    command: Text = ""
-    seed: Whole | None = None
-    function: Text = ""
-    options: Mapping[Text, Any] = field(default_factory=dict)
-    environment: Mapping[Text, Any] = field(default_factory=dict)
-    numpy: Text = ""
-    python: Text = ""
 
 
 class Record(Part):

@@ -10,17 +10,7 @@ import numpy as np
 
 from ppmcal.design.sensitivity import Sensitivity
 from ppmcal.io.results.design import NumberWithUnit, ShownTable, geometry_note
-from ppmcal.io.results.record import (
-    Flag,
-    Part,
-    Provenance,
-    Record,
-    Shown,
-    Text,
-    Whole,
-    in_units,
-    table_text,
-)
+from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole, in_units, table_text
 from ppmcal.io.results.sensitivity_tables import (
     captions,
     jacobian_table,
@@ -39,6 +29,7 @@ from ppmcal.io.results.tables import map_table, unit_map
 from ppmcal.kinematics.region import Grid
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import Angle, Key, Length, OfUnit, Quantity
 
 MOST_ENTRIES = 500_000

@@ -16,6 +16,7 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.region import Grid
 from ppmcal.kinematics.tables import limit_reason
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.wording import number
 
 LINEAR_WITHIN = 0.01
@@ -111,22 +112,24 @@ def _linearity(found: Sensitivity) -> str:
             f"{size_unit(found)}.")
 
 
-def findings(found: Sensitivity, mechanism: Mechanism, grid: Grid | None) -> list[str]:
+def findings(found: Sensitivity, mechanism: Mechanism, grid: Grid | None) -> list[Note]:
     """Return what must be looked at: poses of a file that cannot be reached, wrong linear model."""
     out = list(mechanism.findings)
     lost = [parameter_name(found, s) for s, t in zip(found.sources, found.sigma, strict=True)
             if not t > 0.0]
     if lost:
-        out.append(f"{lost[0]}{f' and {len(lost) - 1} more' if len(lost) > 1 else ''} without a "
-                   "finite tolerance: root sum square, worst case and shares leave them out")
+        out.append(Note(
+            f"{lost[0]}{f' and {len(lost) - 1} more' if len(lost) > 1 else ''} without a "
+            "finite tolerance: root sum square, worst case and shares leave them out"))
     outside = limit_reason(mechanism, home_state(mechanism).q)
     if outside:
-        out.append(f"home is not within limits: {outside}")
+        out.append(Note(f"home is not within limits: {outside}"))
     if grid is None and len(found.table.status) > 1:
-        out += [f"row {n + 1}: {r}" for n, (s, r) in enumerate(
+        out += [Note(f"row {n + 1}: {r}") for n, (s, r) in enumerate(
             zip(found.table.status, found.table.reason, strict=True)) if s != "ok"]
     limit = found.linear.holds_to(BAD)
     if not found.asked.together and limit < FAR:
-        out.append(f"the linear model is wrong by more than {BAD:.0%} from about {limit:.2g} times "
-                   "the tolerances on: trust Monte Carlo (ppmcal tolerances) instead")
+        out.append(Note(
+            f"the linear model is wrong by more than {BAD:.0%} from about {limit:.2g} times "
+            "the tolerances on: trust Monte Carlo (ppmcal tolerances) instead"))
     return out

@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 import yaml
 
-from ppmcal.io.csv_writer import Content, csv_lines
+from ppmcal.codec import unsaid
+from ppmcal.io.csv_writer import csv_lines
 from ppmcal.io.effects import effects_tree
-from ppmcal.io.results.codec import unsaid
-from ppmcal.io.results.record import Provenance, Record, Shown, Text, Whole
+from ppmcal.io.results.record import Record, Shown, Text, Whole
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.io.yaml import printable
 from ppmcal.model.dataset import ZERO_CELSIUS
@@ -20,6 +20,8 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.simulation.scenario import Scenario
 from ppmcal.simulation.simulate import Campaign
+from ppmcal.store.output import Content
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import Angle, ByCoordinate, Length, Units
 
 

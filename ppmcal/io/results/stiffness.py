@@ -13,7 +13,7 @@ from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.stiffness import Principal
 from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.design import ShownTable
-from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
+from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
 from ppmcal.io.results.stiffness_tables import (
     WRENCH,
     AppliedLoad,
@@ -27,6 +27,7 @@ from ppmcal.io.results.tables import map_table, unit_map
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import ByCoordinate, Key, Length, OfUnit
 
 Row = tuple[Shown | None, ...]

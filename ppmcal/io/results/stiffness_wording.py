@@ -12,6 +12,7 @@ from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.notes import Note
 
 ROUND_OFF = 1e-9
 """What is smaller by this is shown as 0."""
@@ -27,7 +28,7 @@ def sentences(study: StiffnessStudy) -> list[str]:
             *_assumptions(study.mechanism)]
 
 
-def findings(study: StiffnessStudy) -> list[str]:
+def findings(study: StiffnessStudy) -> list[Note]:
     """Return what the user must look at."""
     return [*_home_findings(study.mechanism, study.home, study.load),
             *_map_findings(study.mechanism, study.found, study.load)]
@@ -160,27 +161,29 @@ def _assumptions(mechanism: Mechanism) -> list[str]:
     return out
 
 
-def _home_findings(mechanism: Mechanism, home: Home, load: AppliedLoad | None) -> list[str]:
+def _home_findings(mechanism: Mechanism, home: Home, load: AppliedLoad | None) -> list[Note]:
     """Return what is wrong with home."""
     out = []
     if load is not None:
         moved = home.compliance.deflection(load.wrench)[0]
         if max(np.linalg.norm(moved[:3]) / mechanism.reach, np.linalg.norm(moved[3:])) > LINEAR:
-            out.append(f"at home {load.words} moves the tool by more than {LINEAR:.0%} of the "
-                       f"reach, or turns it by more than {LINEAR} rad: too far for a linear model")
+            out.append(Note(
+                f"at home {load.words} moves the tool by more than {LINEAR:.0%} of the "
+                f"reach, or turns it by more than {LINEAR} rad: too far for a linear model"))
     if home.status != "ok":
-        out.append(f"home is not a pose to work at: {home.status}: {home.reason}")
+        out.append(Note(f"home is not a pose to work at: {home.status}: {home.reason}"))
     value = home_singular_value(home.compliance.mechanism)[0]
     if value < SINGULAR_HOME:
-        out.append(f"the machine is close to a singularity at home (smallest singular value "
-                   f"{value:.2g}): its stiffness there says little")
+        out.append(Note(f"the machine is close to a singularity at home (smallest singular value "
+                        f"{value:.2g}): its stiffness there says little"))
     return out
 
 
-def _map_findings(mechanism: Mechanism, found: Stiffnesses, load: AppliedLoad | None) -> list[str]:
+def _map_findings(mechanism: Mechanism, found: Stiffnesses, load: AppliedLoad | None
+                  ) -> list[Note]:
     """Return what is wrong with the poses."""
     if not found.ok.any():
-        return ["no pose has a stiffness: " + _reasons(found)]
+        return [Note("no pose has a stiffness: " + _reasons(found))]
     if found.deflection is None or load is None:
         return []
     part = np.maximum(np.linalg.norm(found.deflection[:, :3], axis=1) / mechanism.reach,
@@ -188,9 +191,10 @@ def _map_findings(mechanism: Mechanism, found: Stiffnesses, load: AppliedLoad | 
     far = int(np.sum(part > LINEAR))
     if not far:
         return []
-    return [f"{load.words} moves the tool by more than {LINEAR:.0%} of the reach, or turns it by "
-            f"more than {LINEAR} rad, at {far} of {int(found.ok.sum())} poses: too far for a "
-            "linear model"]
+    return [Note(
+        f"{load.words} moves the tool by more than {LINEAR:.0%} of the reach, or turns it by "
+        f"more than {LINEAR} rad, at {far} of {int(found.ok.sum())} poses: too far for a "
+        "linear model")]
 
 
 def _reasons(found: Stiffnesses) -> str:

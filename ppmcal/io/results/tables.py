@@ -1,19 +1,27 @@
-"""Columns that several results have: joints, poses, maps, with their units."""
+"""Tables of results: columns that several have, with their units, and how one is read back."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
+from ppmcal.codec import AGAIN
+from ppmcal.errors import BadInput
 from ppmcal.io import csv_text
+from ppmcal.io.csv import Table, csv_table, refuse_absurd
+from ppmcal.io.csv_body import Cells
+from ppmcal.io.results.record import Part
 from ppmcal.io.rotations import EULER
 from ppmcal.linalg import Array
 from ppmcal.model.instruments import number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map
+from ppmcal.store.inputs import read_bytes
 
 
 def joint_columns(mechanism: Mechanism, q: Array, pattern: str) -> dict[str, Array]:
@@ -100,3 +108,76 @@ def map_table(mechanism: Mechanism, pose: Array, maps: Sequence[Map], status: Se
                                 **{m.name: m.values.ravel() for m in maps},
                                 "status": list(status), "reason": list(reason)}
     return csv_text(list(table), list(table.values()))
+
+
+P = TypeVar("P", bound=Part)
+LARGEST = 1e140
+"""Larger numbers are refused: their squares would overflow."""
+FLAGS = {"": np.nan, "true": 1.0, "false": 0.0}
+
+
+@dataclass(frozen=True)
+class WrittenTable:
+    """A table that a command writes: by which columns it is read back.
+
+    Attributes:
+        file: its name.
+        numbers: whether a column of some name holds numbers; the others hold words.
+        flags: of those with numbers the ones that hold 1 or 0, or true or false.
+    """
+
+    file: str
+    numbers: Callable[[str], bool]
+    flags: frozenset[str] = frozenset()
+
+    def read(self, path: Path, wanted: Callable[[str], bool] = lambda _: True) -> Table:
+        """Return the columns of a file that are ``wanted``, in the units of its record.
+
+        Raises:
+            BadInput: as :func:`ppmcal.io.csv.csv_table`, a last line that was cut off, or a
+                number that is too large.
+        """
+        source, data = str(path), read_bytes(path)
+        try:
+            if data and data[-1:] not in (b"\r", b"\n"):
+                raise BadInput("is cut off: its last line has no end", f"{source}: last line")
+            found = csv_table(data, source, Cells(
+                self.flags.__contains__, lambda name: not self.numbers(name), wanted), True)
+            found = found.put({h: self._flags(found, h) for h in found.header
+                               if h in self.flags and h in found.text})
+            refuse_absurd(found.numbers, source, LARGEST, True)
+        except BadInput as error:
+            raise BadInput(error.what, error.where, AGAIN) from None
+        return found
+
+    @staticmethod
+    def _flags(table: Table, name: str) -> Array:
+        """Return a column of flags (N,) of which some are words."""
+        values = dict[str, float]()
+        for i, word in enumerate(table.text[name]):
+            if word not in values:
+                try:
+                    values[word] = FLAGS[w] if (w := word.lower()) in FLAGS else float(word)
+                except ValueError:
+                    raise BadInput(f"'{word[:40]}' is not a number", table.at(name, i)) from None
+        return np.array([values[word] for word in table.text[name]])
+
+    def entries(self, table: Table) -> list[dict[str, Any]]:
+        """Return a small table row by row, None for a number that is not there."""
+        columns = {h: table.text[h] if h in table.text else [
+            None if not np.isfinite(v) else bool(v) if h in self.flags else v
+            for v in table.number(h).tolist()] for h in table.header}
+        return [dict(zip(columns, row, strict=True))
+                for row in zip(*columns.values(), strict=True)]
+
+    def parameters(self, record: P, table: Table | None) -> P:
+        """Return a record that lists no parameters with those of the table."""
+        known: Any = record
+        if table is None or known.parameters:
+            return record
+        listed: Any = type(record).checked({"parameters": self.entries(table)}, Path(table.source))
+        return record.changed(parameters=listed.parameters)
+
+
+ANY_TABLE = WrittenTable("", lambda _: False)
+"""Of which nothing but the number of rows is asked."""

@@ -7,10 +7,10 @@ from dataclasses import field
 from typing import Annotated, Any, ClassVar, Self
 
 from ppmcal.calibration.fit import pictures_beside
+from ppmcal.codec import unsaid
 from ppmcal.design.tolerance_allocation import Demand
-from ppmcal.io.results.codec import unsaid
 from ppmcal.io.results.design import ShownTable, geometry_note
-from ppmcal.io.results.record import Part, Provenance, Record, Shown, Text, Whole, table_text
+from ppmcal.io.results.record import Part, Record, Shown, Text, Whole, table_text
 from ppmcal.io.results.tables import unit_map
 from ppmcal.io.results.tolerance_tables import (
     StageYield,
@@ -23,6 +23,7 @@ from ppmcal.io.results.tolerance_tables import (
 )
 from ppmcal.io.results.tolerances_wording import findings, sentences
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import Key, Length
 
 

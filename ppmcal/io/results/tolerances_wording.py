@@ -9,6 +9,7 @@ import numpy as np
 from ppmcal.design.tolerance_allocation import count
 from ppmcal.io.results.tolerance_tables import StageYield, ToleranceResult
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.wording import number
 
 METHOD_WORDS = {"cost": "of least cost", "equal": "of equal contributions", "mean": "one for all",
@@ -72,16 +73,19 @@ def findings(r: ToleranceResult, mechanism: Mechanism) -> list[str]:
     built = r.judged.built
     lost = int((~np.isfinite(built.position)).any(axis=1).sum())
     if lost:
-        out.append(f"{lost} of {len(built.position)} machines cannot take every task pose: they "
-                   "count as out of specification")
+        out.append(Note(
+            f"{lost} of {len(built.position)} machines cannot take every task pose: they "
+            "count as out of specification"))
     for _, words, errors in r.stages()[1:]:
         more = int((~np.isfinite(errors.position)).any(axis=1).sum()) - lost
         if more > 0:
-            out.append(f"{words}: {more} more machines have no result (no converged fit, or a task "
-                       "pose out of their reach): they count as out of specification")
+            out.append(Note(
+                f"{words}: {more} more machines have no result (no converged fit, or a task "
+                "pose out of their reach): they count as out of specification"))
     high = count(built, r.demand).interval[1]
     wrong = lost > 0 or not r.check.agrees.all()
     if high < r.demand.share and r.chosen != "file" and wrong:
-        out.append(f"fewer machines than wanted are in specification as built ({high:.1%} at most, "
-                   f"wanted {r.demand.share:.1%}): the linear model is not good enough here")
+        out.append(Note(
+            f"fewer machines than wanted are in specification as built ({high:.1%} at most, "
+            f"wanted {r.demand.share:.1%}): the linear model is not good enough here"))
     return out

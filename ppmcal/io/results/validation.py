@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 
 from ppmcal.calibration.sessions import REPEATS, STATED, DayNoise, UnlikeRow
 from ppmcal.calibration.validation import ModelError, Validated
+from ppmcal.codec import unsaid
 from ppmcal.io import csv_text
-from ppmcal.io.results.codec import unsaid
-from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, Whole
+from ppmcal.io.results.record import Finite, Part, Record, Text, Whole
 from ppmcal.model.measured import MISSED
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import OfUnit, Units
 from ppmcal.wording import number
 

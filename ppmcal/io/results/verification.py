@@ -6,67 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import ClassVar
 
-from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
-from ppmcal.wording import number, pluralize
+from ppmcal.io.results.record import Part, Record, Shown, Text, Whole
+from ppmcal.store.differences import DIFFERS, OPEN, SAME, WITHIN, FileCheck, short_text
+from ppmcal.store.runs import InputCheck
+from ppmcal.wording import pluralize
 
-SAME, WITHIN, DIFFERS, OPEN = "same", "within bounds", "differs", "not compared"
 INPUT, FAILED, UNKNOWN = "input", "failed", "no record"
 CODES = {SAME: 0, WITHIN: 0, OPEN: 0, DIFFERS: 1, INPUT: 2, UNKNOWN: 2, FAILED: 3}
-SHORT = 12
-"""Characters of a SHA-256 that people are shown."""
-
-
-class ValueDifference(Part):
-    """A value that is not as it was: where, both as text, and how far apart, in ``unit``."""
-
-    place: Text = ""
-    then: Text = ""
-    now: Text = ""
-    size: Shown | None = None
-    unit: Text = ""
-
-    def words(self) -> str:
-        """Return it in words."""
-        if not (self.then or self.now):
-            return self.place
-        apart = f", apart by {number(self.size, 3)} {self.unit}".rstrip() if self.size else ""
-        return f"{self.place}: {_short(self.then)} there, {_short(self.now)} now{apart}"
-
-
-class FileCheck(Part):
-    """A file against the one that comes out today.
-
-    ``count``: values that differ; ``worst``: the one that is farthest from what is allowed.
-    """
-
-    file: Text = ""
-    status: Text = SAME
-    edited: Flag = False
-    count: Whole = 0
-    worst: ValueDifference | None = None
-
-    def words(self) -> str:
-        """Return what is to say of it besides its status."""
-        edited = "edited since ppmcal wrote it" * self.edited
-        worst = self.worst.words() if self.worst else ""
-        if worst and self.count > 1:
-            worst = f"farthest apart at {worst}"
-        return "; ".join(t for t in (edited, worst) if t)
-
-
-class InputCheck(Part):
-    """An input that is not there, or not as it was."""
-
-    file: Text = ""
-    then: Text = ""
-    now: Text = ""
-
-    def words(self) -> str:
-        """Return what is wrong with it."""
-        if not self.now:
-            return f"{self.file} is not there (SHA-256 {self.then[:SHORT]}...)"
-        return (f"{self.file} has changed: SHA-256 {self.then[:SHORT]}... then, "
-                f"{self.now[:SHORT]}... now")
 
 
 class RunCheck(Part):
@@ -116,8 +62,8 @@ class VerificationRecord(Record):
 
 def environment_words(then: Mapping[str, object], now: Mapping[str, object]) -> tuple[str, ...]:
     """Return what is not as it was, each with both values."""
-    return tuple(f"{key.replace('_', ' ')} {_short(then.get(key) or 'unknown')} then, "
-                 f"{_short(now.get(key) or 'unknown')} now"
+    return tuple(f"{key.replace('_', ' ')} {short_text(then.get(key) or 'unknown')} then, "
+                 f"{short_text(now.get(key) or 'unknown')} now"
                  for key in dict.fromkeys([*then, *now]) if then.get(key) != now.get(key))
 
 
@@ -125,8 +71,3 @@ def status_of(files: Sequence[FileCheck]) -> str:
     """Return the status of a run: the worst of its files'."""
     found = {f.status for f in files}
     return next((s for s in (DIFFERS, WITHIN) if s in found), SAME)
-
-
-def _short(value: object) -> str:
-    text = str(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -11,7 +11,7 @@ import numpy as np
 
 from ppmcal.design.workspace import Workspace
 from ppmcal.io.results.design import NumberWithUnit, ShownTable
-from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
+from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import unit_map
 from ppmcal.io.results.workspace_tables import (
     ModeRow,
@@ -25,6 +25,7 @@ from ppmcal.io.results.workspace_tables import (
 )
 from ppmcal.io.results.workspace_wording import assembly_modes, findings, reach, singularities
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.store.provenance import Provenance
 from ppmcal.units import ByCoordinate, Key, OfUnit
 
 MEANING = {

@@ -12,6 +12,7 @@ from ppmcal.io.results.workspace_tables import (
     size_word,
 )
 from ppmcal.kinematics.tables import SINGULAR_HOME
+from ppmcal.notes import Note
 
 LISTED = 10
 """Rows without assembly modes that are findings of their own."""
@@ -80,17 +81,17 @@ def assembly_modes(found: Workspace, rows: Sequence[ModeRow]) -> list[str]:
     return [f"Assembly modes at home's joint values: {len(known[0])}{end}"]
 
 
-def findings(found: Workspace, rows: Sequence[ModeRow]) -> list[str]:
+def findings(found: Workspace, rows: Sequence[ModeRow]) -> list[Note]:
     """Return what the user must look at: home, and rows of joint values without modes."""
     out = []
     if found.home_limits:
-        out.append(f"home is not within limits: {found.home_limits}.")
+        out.append(Note(f"home is not within limits: {found.home_limits}."))
     if found.home.singular_value[0] < SINGULAR_HOME:
-        out.append("the machine is close to a singularity at home: smallest singular value "
-                   f"{found.home.singular_value[0]:.2g} (a sound machine has 0.1 to 1).")
+        out.append(Note("the machine is close to a singularity at home: smallest singular value "
+                        f"{found.home.singular_value[0]:.2g} (a sound machine has 0.1 to 1)."))
     bad = [(r.row, r.reason or "no pose closes") for r in rows if not r.modes]
-    out += [f"assembly modes of row {n}: {why}." if n else f"assembly modes at home: {why}."
+    out += [Note(f"assembly modes of row {n}: {why}." if n else f"assembly modes at home: {why}.")
             for n, why in bad[:LISTED]]
     if len(bad) > LISTED:
-        out.append(f"{len(bad) - LISTED} more rows without assembly modes, see modes.csv.")
+        out.append(Note(f"{len(bad) - LISTED} more rows without assembly modes, see modes.csv."))
     return out

@@ -1,4 +1,4 @@
-"""The models of the manifest of ``ppmcal batch``."""
+"""The models of the manifest of ``ppmcal batch``: its options are those of the commands."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field, create_model
 
+from ppmcal.commands import command
+from ppmcal.commands.spec import CONSOLE, Taken, flags, taken
+from ppmcal.io.json_schema import DIALECT, Schema, without_null
 from ppmcal.io.schema import SEED, Count, Flag, Label, Number, Strict, choice, refuse, show
 
 FORMAT = "ppmcal/batch/1"
@@ -56,82 +59,44 @@ Several = Annotated[tuple[str, ...], BeforeValidator(
     _several, json_schema_input_type=str | list[str])]
 Date = Annotated[str, BeforeValidator(_date)]
 Folder = Annotated[str, BeforeValidator(_folder)]
+HeldOut = Annotated[float | str, BeforeValidator(_held_out)]
 Seed = Annotated[int, BeforeValidator(SEED)]
 Command = Annotated[str, choice("command of a batch", *COMMANDS)]
 
-
-class IdentifyOptions(Strict):
-    """Options of ``ppmcal identify``."""
-
-    method: Annotated[str, choice("method", "prior", "gcv", "damped")] | None = None
-    """Tolerances as prior, their common scale by cross-validation, or the damped scheme."""
-    prior: Annotated[str, choice("prior", "tolerances", "flat")] | None = None
-    """flat: no prior at all."""
-    damping: Number | None = None
-    """Of the method damped."""
-    iterations: Count | None = None
-    """Stop after so many and write what was reached."""
-    free: Several | None = None
-    """Patterns of the parameters that may change, in place of the file's."""
-    holdout: Annotated[float | str, BeforeValidator(_held_out)] | None = None
-    """Part of the poses to hold out, or other measurements to test on."""
-    leave_out: Annotated[str, choice("part to leave out", "session")] | None = None
-    """Predict each session by the others."""
-    sigma: Annotated[str, choice("sigma", "stated", "estimated")] | None = None
-    """Noise as the files state it, or as residuals show it."""
-    start: Label | None = None
-    """Start from an earlier calibration: its folder or identified.yaml."""
-    keep: Flag | None = None
-    """Carry that calibration on."""
-    keep_outliers: Flag | None = None
-    """Use every row as it is."""
-    seed: Seed | None = None
-    """Of everything drawn at random."""
+def options_of(name: str) -> dict[str, Taken]:
+    """Return key in a manifest -> option of a command, in their order."""
+    own = [one for one in taken(command(name).arguments, CONSOLE) if not one.option.argument]
+    return {flags(one)[0].lstrip("-").replace("-", "_"): one
+            for one in sorted(own, key=lambda one: one.option.common)}
 
 
-class DiagnoseOptions(Strict):
-    """Options of ``ppmcal diagnose``."""
-
-    free: Several | None = None
-    """Geometry that the fit may change, in place of the file's choice."""
-    kind: Several | None = None
-    """Try only these kinds of effect."""
-    holdout: Number | None = None
-    """Part of the poses that no fit sees."""
-    leave_out: Annotated[str, choice("part to leave out", "session")] | None = None
-    """Predict each session by the others."""
-    png: Flag | None = None
-    """Write the pictures as PNG too."""
-    seed: Seed | None = None
-    """Of everything drawn at random."""
+def _kind(key: str, one: Taken) -> Any:
+    """Return how the value of an option is read."""
+    if one.option.choices:
+        return Annotated[str, choice(one.option.words or key, *one.option.choices)]
+    if one.kind.startswith("Mapping["):
+        return dict[str, Number]
+    if one.several:
+        return Several
+    return {"bool": Flag, "float": Number, "int": Seed if one.option.least == 0 else Count,
+            }.get(one.base, HeldOut if one.kind.startswith("float") else Label)
 
 
-class CompensateOptions(Strict):
-    """Options of ``ppmcal compensate``."""
-
-    frame: Label | None = None
-    """Data set whose measuring frame the targets are in, or base."""
-    knowledge: Label | None = None
-    """identification.json of the model."""
-    approach: Annotated[str, choice("approach", "columns", "sequence")] | None = None
-    """Directions of approach: from dir_ columns, or from the order of the targets."""
-    path: Flag | None = None
-    """Targets are visited in their order: judge the ways between them too  [default: true]."""
-    assume: dict[str, Number] | None = None
-    """Conditions of all targets that have no column, such as {temperature: 22}."""
-    regardless: Flag | None = None
-    """Lift the refusals of a model that is not fit for use, and of corrections worse than none."""
+def _options(name: str) -> type[Strict]:
+    """Return the model of the options of a command."""
+    fields: dict[str, Any] = {
+        key: (_kind(key, one) | None, Field(None, description=one.option.key or one.option.text))
+        for key, one in options_of(name).items()}
+    return create_model(f"{name.capitalize()}Options", __base__=Strict, __module__=__name__,
+                        __doc__=f"Options of ``ppmcal {name}``.", **fields)
 
 
-class OptionsFile(Strict):
-    """``options: {identify: {seed: 3}, diagnose: {holdout: 0.2}}``: as on the command line."""
-
-    identify: IdentifyOptions = IdentifyOptions()
-    """Options of every identify."""
-    diagnose: DiagnoseOptions = DiagnoseOptions()
-    """Options of every diagnose."""
-    compensate: CompensateOptions = CompensateOptions()
-    """Options of every compensate."""
+OPTIONS: Mapping[str, type[Strict]] = {name: _options(name) for name in COMMANDS}
+_EACH: dict[str, Any] = {name: (model, Field(model(), description=f"Options of every {name}."))
+                         for name, model in OPTIONS.items()}
+OptionsFile = create_model(
+    "OptionsFile", __base__=Strict, __module__=__name__, **_EACH,
+    __doc__="``options: {identify: {seed: 3}, diagnose: {holdout: 0.2}}``: as on the command line.")
 
 
 class CampaignFile(Strict):
@@ -171,11 +136,19 @@ class ManifestFile(Strict):
     """Mechanism file where a campaign does not say."""
     design: Label | None = None
     """Design where a campaign does not say."""
-    options: OptionsFile = OptionsFile()
+    options: OptionsFile = OptionsFile()    # type: ignore[valid-type]
     """Options of each command."""
 
 
-OPTIONS: Mapping[str, type[Strict]] = {
-    "identify": IdentifyOptions, "diagnose": DiagnoseOptions, "compensate": CompensateOptions}
-ON_BY_DEFAULT = ("path",)
-"""Options that are a pair on the command line, ``--path/--no-path``, and on unless said."""
+def manifest_schema() -> Schema:
+    """Return the JSON Schema of a manifest."""
+    out = ManifestFile.model_json_schema()
+    for name, options in OPTIONS.items():
+        out["$defs"].setdefault(options.__name__, options.model_json_schema())
+        out["$defs"][options.__name__]["title"] = f"Options of {name}"
+    out["$defs"]["CampaignFile"]["properties"]["options"] |= {"anyOf": [
+        {"$ref": f"#/$defs/{options.__name__}"} for options in OPTIONS.values()]}
+    out["properties"]["campaigns"]["minItems"] = 1
+    without_null(out)
+    title = "ppmcal batch (a manifest of campaigns)"
+    return {"$schema": DIALECT, "title": title, **{k: v for k, v in out.items() if k != "title"}}

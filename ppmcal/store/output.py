@@ -1,48 +1,54 @@
-"""What commands write: JSON, provenance, and files that appear whole or not at all."""
+"""Files of a result: they appear together in a folder, whole or not at all."""
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
-import json
-import math
 import os
-import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
-import numpy as np
-
-from ppmcal import __version__
 from ppmcal.errors import BadInput
-from ppmcal.io.csv_writer import Content, encoded
-from ppmcal.io.environment import environment
-from ppmcal.io.exchange import install
-from ppmcal.io.folder import (
-    RECORD,
-    Run,
-    check_files,
-    content_of,
-    current,
-    record_text,
-    refuse_inputs,
-    stale_files,
-    track_input,
-)
-from ppmcal.io.stage import Staging, not_written, staged
-from ppmcal.notes import Note
+from ppmcal.store.folder import RECORD, check_files, record_text, refuse_inputs, stale_files
+from ppmcal.store.inputs import Run, current
+from ppmcal.store.stage import Staging, not_written, plain_name
+from ppmcal.store.transaction import install, staged
 from ppmcal.wording.progress import note
+
+
+@dataclass(frozen=True, eq=False)
+class LongText:
+    """A text that is made while it is written; ``parts`` makes it, piece by piece."""
+
+    parts: Callable[[], Iterator[str]]
+
+    def __str__(self) -> str:
+        """Return it whole."""
+        return "".join(self.parts())
+
+
+Content = str | bytes | LongText
+"""What a file holds."""
+
+
+def encoded(content: Content) -> Iterator[bytes]:
+    r"""Yield a file's bytes; what UTF-8 cannot hold becomes ``\udcff``."""
+    if isinstance(content, bytes):
+        yield content
+        return
+    for part in content.parts() if isinstance(content, LongText) else (content,):
+        yield part.encode("utf-8", "backslashreplace")
 
 
 class Output:
     """Several files that appear together in a folder, or not at all.
 
     They replace neither inputs of the run under way nor, unless it is forced to, what its
-    command did not write: see :mod:`ppmcal.io.folder`. How they come into the folder:
-    :mod:`ppmcal.io.exchange`.
+    command did not write: see :mod:`ppmcal.store.folder`. How they come into the folder:
+    :mod:`ppmcal.store.transaction`.
 
     Use it as ``with Output("out") as out: out.add("a.csv", text)``: the files are written when
     the block ends without an error. Or call :meth:`write`.
@@ -63,7 +69,7 @@ class Output:
         What UTF-8 cannot hold (bytes of a file's name in another encoding) is written as
         ``\udcff``.
         """
-        if name in ("", ".", "..", RECORD) or Path(name).name != name:
+        if name == RECORD or not plain_name(name):
             raise ValueError(f"'{name}' is not a plain file name")
         if name in self.files:
             raise ValueError(f"'{name}' was added already")
@@ -145,68 +151,3 @@ def _written(path: Path, content: Content) -> str:
         stream.flush()
         os.fsync(stream.fileno())
     return digest.hexdigest()
-
-
-def json_text(obj: object) -> str:
-    """Return JSON: nan and inf become null, numpy and dataclasses plain data."""
-    return json.dumps(plain(obj), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def plain(obj: object) -> Any:
-    """Return ``obj`` as what JSON can hold."""
-    if isinstance(obj, str):
-        return obj if isinstance(obj, Note) else str(obj)
-    if obj is None or isinstance(obj, bool | int):
-        return obj
-    if isinstance(obj, np.bool_):
-        return bool(obj)
-    if isinstance(obj, np.integer):
-        return int(obj)
-    if isinstance(obj, float | np.floating):
-        return float(obj) if math.isfinite(obj) else None
-    if isinstance(obj, np.ndarray):
-        return [plain(v) for v in obj.tolist()] if obj.ndim else plain(obj.item())
-    if isinstance(obj, Mapping):
-        return {str(k): plain(v) for k, v in obj.items()}
-    if dataclasses.is_dataclass(obj) and not isinstance(obj, type):
-        return {f.name: plain(getattr(obj, f.name)) for f in dataclasses.fields(obj)}
-    if isinstance(obj, Sequence | set | frozenset):
-        return [plain(v) for v in obj]
-    return str(obj)
-
-
-def provenance(inputs: Sequence[str | os.PathLike[str]], command: str, seed: int | None,
-               function: str = "", options: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return where results come from: all that decides what is in them.
-
-    Args:
-        inputs: files that were read.
-        command: as it was typed.
-        seed: of what is drawn at random.
-        function: that made the result, as ``verify`` knows it.
-        options: all that it was called with, defaults too.
-    """
-    sums, run = {}, current()
-    for path in inputs:
-        track_input(path)
-        sums[str(path)] = content_of(path, run)
-        if not sums[str(path)]:
-            raise BadInput("is not there any more, or cannot be read", str(path),
-                           "Give the path of a readable file")
-    return {"version": __version__, "inputs": sums, "command": command, "seed": seed,
-            "function": function, "options": dict(options or {}), "environment": environment(),
-            "numpy": np.__version__, "python": platform.python_version()}
-
-
-def origin_comment(source: Mapping[str, Any]) -> str:
-    """Return the provenance of a file that stands alone, as comments at the head of a YAML file."""
-    lines = [f"made by ppmcal {source['version']}: {source['command']}",
-             *(f"from {path}, sha256 {digest}" for path, digest in source["inputs"].items()),
-             f"with Python {source['python']}, NumPy {source['numpy']}"]
-    return "".join(f"# {_on_one_line(line)}\n" for line in lines)
-
-
-def _on_one_line(text: str) -> str:
-    """Return text without what would end a comment: a name may have a line break in it."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii")
-                   for c in text)

@@ -21,15 +21,9 @@ from typing import Any
 
 import yaml
 
-from ppmcal.io.results.verification import (
-    DIFFERS,
-    OPEN,
-    SAME,
-    WITHIN,
-    FileCheck,
-    ValueDifference,
-)
+from ppmcal.wording import number
 
+SAME, WITHIN, DIFFERS, OPEN = "same", "within bounds", "differs", "not compared"
 OF_SCALE, OF_SIGMA, LEAST = 1e-6, 1e-3, 1e-9
 BOUNDS = {"of_scale": OF_SCALE, "of_sigma": OF_SIGMA, "least": LEAST}
 OWN = ("version", "environment", "numpy", "python")
@@ -39,6 +33,46 @@ ESTIMATES = ("value", "error", "data", "mean", "estimate")
 NOTHING = "(nothing)"
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.\d+(?:[eE][-+]?\d+)?(?![\w.])")
 """A number within text: with a point, so that neither names nor counts are taken for one."""
+
+
+@dataclass(frozen=True)
+class ValueDifference:
+    """A value that is not as it was: where, both as text, and how far apart, in ``unit``."""
+
+    place: str = ""
+    then: str = ""
+    now: str = ""
+    size: float | None = None
+    unit: str = ""
+
+    def words(self) -> str:
+        """Return it in words."""
+        if not (self.then or self.now):
+            return self.place
+        apart = f", apart by {number(self.size, 3)} {self.unit}".rstrip() if self.size else ""
+        return f"{self.place}: {short_text(self.then)} there, {short_text(self.now)} now{apart}"
+
+
+@dataclass(frozen=True)
+class FileCheck:
+    """A file against the one that comes out today.
+
+    ``count``: values that differ; ``worst``: the one that is farthest from what is allowed.
+    """
+
+    file: str = ""
+    status: str = SAME
+    edited: bool = False
+    count: int = 0
+    worst: ValueDifference | None = None
+
+    def words(self) -> str:
+        """Return what is to say of it besides its status."""
+        edited = "edited since ppmcal wrote it" * self.edited
+        worst = self.worst.words() if self.worst else ""
+        if worst and self.count > 1:
+            worst = f"farthest apart at {worst}"
+        return "; ".join(t for t in (edited, worst) if t)
 
 
 @dataclass
@@ -93,6 +127,12 @@ def compared(name: str, then: bytes, now: bytes, exact: bool, root: bytes = b"")
         return FileCheck(file=name, status=DIFFERS, count=1, worst=ValueDifference(
             place=f"byte {_first(then, now)}", then=f"{len(then)} bytes", now=f"{len(now)} bytes"))
     return FileCheck(file=name, status=OPEN if _is_binary(then) else SAME)
+
+
+def short_text(value: object) -> str:
+    """Return what is shown of a value, which may be long."""
+    text = str(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
 
 
 def _first(then: bytes, now: bytes) -> int:

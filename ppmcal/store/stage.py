@@ -1,11 +1,10 @@
-"""The hidden folder in which a run prepares its files: its lock, and all that a killed run leaves.
+"""The hidden folder in which a run prepares its files, and its lock.
 
 For results in ``DIR`` it is ``.ppmcal.DIR.part`` beside it. It is ``DIR/.ppmcal.part`` where
 nothing can or should be renamed beside: a mount point, the working folder (whose shell would be
 left in the old one), a folder whose parent cannot be written. In it are ``lock``, held by flock,
 which the kernel lets go of when the process ends, with who holds it; ``new`` and ``old``; and the
-journal of :mod:`ppmcal.io.journal`. Whoever gets the lock of a run that was killed moves in what
-the journal names or, where there is none, throws the new files away.
+journal of :mod:`ppmcal.store.transaction`.
 """
 
 from __future__ import annotations
@@ -19,12 +18,10 @@ import platform
 import shutil
 import time
 import weakref
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ppmcal.errors import BadInput, cleaned_up, uninterrupted
-from ppmcal.io.journal import JOURNAL, NEW, OLD, move_in
+from ppmcal.errors import BadInput
 
 try:
     import fcntl
@@ -34,10 +31,10 @@ except ImportError:    # no POSIX system: runs are not kept apart
 HIDDEN, PART = ".ppmcal.", ".part"
 INSIDE = ".ppmcal.part"
 LOCK = "lock"
+JOURNAL, NEW, OLD = "journal.json", "new", "old"
+"""Names in the stage: what is to be moved, where the new files are, and those they replace."""
 LONGEST = 200
 """Bytes of a folder's name that its stage's may have in it."""
-PATIENCE = 10.0
-"""Seconds that a reader waits for files that are being moved."""
 TRIES = 100
 """Times that a stage may be taken away by a run that is done while it is being locked."""
 _NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL)
@@ -88,6 +85,7 @@ class Staging:
 
     def release(self) -> None:
         """Take it away, with the folders that were made for it and hold nothing."""
+        _HELD.discard(self)
         self.clear()
         if fcntl is None:    # nothing that is open can be taken away there
             os.close(self.lock)
@@ -114,86 +112,9 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_let_go_in_a_fork)
 
 
-@contextlib.contextmanager
-def staged(folder: Path, command: str, beside: str = "", inside: bool = False) -> Iterator[Staging]:
-    """Lock the stage of a folder; finish or sweep first what a killed run left.
-
-    Args:
-        folder: that files will go to; need not be there.
-        command: told to others that want the same folder.
-        beside: name of a single file among others, whose stage is the file's own.
-        inside: have it in the folder, wherever else it might be.
-
-    Raises:
-        Busy: another run is writing there.
-        BadInput: nothing can be written there.
-    """
-    stage = None
-    with cleaned_up():
-        try:
-            with uninterrupted():    # a lock that is half taken would be given back by nobody
-                stage = _prepared(folder, command, beside, inside)
-                _move_in_what_is_left(stage)
-            yield stage
-        finally:
-            if stage is not None:
-                with uninterrupted():
-                    _HELD.discard(stage)
-                    stage.release()
-
-
-def _prepared(folder: Path, command: str, beside: str, inside: bool) -> Staging:
-    """Return the locked stage of a folder."""
-    target = Path(os.path.realpath(folder))
-    try:
-        place = target / (hidden(beside) if beside else INSIDE)
-        if not (beside or inside):
-            _finish(place, target)
-            if _may_be_renamed(target):
-                place = target.parent / hidden(target.name)
-        stage = _locked(place, target, command)
-    except (OSError, ValueError) as error:
-        raise not_written(folder, error) from None
-    _HELD.add(stage)
-    return stage
-
-
-def recover(folder: Path) -> None:
-    """Move in what a killed run was moving into a folder, before something is read from it.
-
-    Raises:
-        BadInput: it cannot be done: files in the folder are old and new ones.
-    """
-    try:
-        with os.scandir(folder) as entries:
-            left = [Path(e.path) for e in entries
-                    if e.name.startswith(HIDDEN) and e.name.endswith(PART)
-                    and os.path.lexists(os.path.join(e.path, JOURNAL))]
-    except (OSError, ValueError):
-        return
-    end = time.monotonic() + PATIENCE
-    while left:
-        try:
-            with uninterrupted():
-                _finish(left[-1], Path(os.path.realpath(folder)))
-            left.pop()
-        except Busy:
-            if time.monotonic() > end:
-                raise
-            time.sleep(0.02)
-        except OSError as error:
-            raise BadInput("holds a result half old, half new: ppmcal was killed while it "
-                           f"replaced it, and it cannot be finished ({error.strerror or error})",
-                           str(folder), "Run ppmcal on it with permission to write there"
-                           ) from None
-
-
-def clean_up(folder: Path) -> None:
-    """Finish or throw away what a killed run left for a folder, where nothing runs for it again."""
-    target = Path(os.path.realpath(folder))
-    for place in (target.parent / hidden(target.name), target / INSIDE):
-        with contextlib.suppress(OSError, ValueError, BadInput), uninterrupted():
-            _finish(place, target)
+def plain_name(name: str) -> bool:
+    """Whether a name leads nowhere but into the folder that it is of."""
+    return name not in ("", ".", "..") and Path(name).name == name
 
 
 def hidden(name: str) -> str:
@@ -211,41 +132,13 @@ def not_written(folder: str | os.PathLike[str], error: OSError | ValueError) -> 
                     "Check permissions and space, or name another folder in --out")
 
 
-def _finish(place: Path, target: Path) -> None:
-    """Do what is left to do in another stage whose run was killed; none: nothing.
+def locked(place: Path, target: Path, command: str) -> Staging:
+    """Make a stage and lock it.
 
     Raises:
-        Busy: its run is alive.
-        OSError: what it left cannot be moved.
+        Busy: another run has it.
+        OSError: it cannot be made.
     """
-    if os.path.isdir(place):
-        stage = _locked(place, target, "")
-        try:
-            _move_in_what_is_left(stage)
-        finally:
-            stage.release()
-
-
-def _move_in_what_is_left(stage: Staging) -> None:
-    """Finish what a killed run began to move, or throw away what it prepared."""
-    if stage.moving:
-        move_in(stage.place, stage.target)
-    stage.clear()
-
-
-def _may_be_renamed(target: Path) -> bool:
-    """Whether a new folder may come in the place of this one."""
-    parent = target.parent
-    if not os.path.isdir(target):
-        return True
-    if target == parent or os.path.ismount(target) or not os.access(parent, os.W_OK | os.X_OK):
-        return False
-    homes = (os.curdir, os.environ.get("PWD", os.curdir))
-    return not any(os.path.isdir(h) and os.path.samefile(h, target) for h in homes)
-
-
-def _locked(place: Path, target: Path, command: str) -> Staging:
-    """Make a stage and lock it."""
     made: list[Path] = []
     for _ in range(TRIES):
         try:
@@ -263,6 +156,7 @@ def _locked(place: Path, target: Path, command: str) -> Staging:
         with contextlib.suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(lock), os.stat(place / LOCK)):
                 stage = Staging(place, target, lock, made)
+                _HELD.add(stage)
                 _sign(stage, command)
                 return stage
         os.close(lock)

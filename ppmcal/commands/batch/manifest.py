@@ -17,16 +17,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ppmcal.errors import BadInput
-from ppmcal.io.batch_schema import (
+from ppmcal.commands.batch.schema import (
     EXAMPLE,
-    ON_BY_DEFAULT,
     OPTIONS,
     CampaignFile,
     Date,
     Folder,
     ManifestFile,
+    options_of,
 )
+from ppmcal.commands.spec import flags
+from ppmcal.errors import BadInput
 from ppmcal.io.schema import Strict, check
 from ppmcal.io.yaml import read_yaml
 
@@ -60,12 +61,11 @@ class CampaignJob:
     def typed(self, out: str) -> str:
         """Return the command line that does the same from the manifest's folder."""
         words = ["ppmcal", self.command, self.model, *self.data]
+        known = options_of(self.command) if self.options else {}
         for name, value in self.options:
-            flag = "--" + name.replace("_", "-")
-            if name in ON_BY_DEFAULT:
-                words += [f"--no-{name}"] * (not value)
-            elif isinstance(value, bool):
-                words += [flag] * value
+            flag, *off = flags(known[name])
+            if isinstance(value, bool):    # of a pair, the first is what is done unless asked
+                words += off * (not value) if off else [flag] * value
             else:
                 for one in _each(value):
                     words += [flag, one]
@@ -111,7 +111,7 @@ def _expanded(file: ManifestFile, entry: CampaignFile, folder: Path, source: str
     if model is None:
         raise BadInput("the key 'model' is missing", place,
                        "Add it here, or `model: machine.yaml` for all campaigns")
-    given = file.options.model_dump(exclude_unset=True).get(command, {})
+    given = getattr(file.options, command).model_dump(exclude_unset=True)
     if entry.options is not None:
         own = check(OPTIONS[command], entry.options, source,
                     prefix=f"{place.partition(': ')[2]}.options")

@@ -13,20 +13,25 @@ wrong kind is refused with file and place.
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from inspect import cleandoc
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
+
 from ppmcal.errors import BadInput
-from ppmcal.io.json import AGAIN, LARGEST_WHOLE
-from ppmcal.io.output import plain
+from ppmcal.notes import Note
 from ppmcal.units import AtMost, Key, Quantity, Units, Unsaid
 
+AGAIN = "Run the command that writes it again"
+LARGEST_WHOLE = 2 ** 53
+"""Up to here a float holds every whole number."""
 T = TypeVar("T")
 Json = dict[str, Any]
 
@@ -324,6 +329,34 @@ def fields_in_units(kind: Any, there: Mapping[str, Any], units: Units) -> Json:
         if quantity.of in fields:
             changed[quantity.of] = units.name(name)
     return changed
+
+
+def json_text(obj: object) -> str:
+    """Return JSON: nan and inf become null, numpy and dataclasses plain data."""
+    return json.dumps(plain(obj), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def plain(obj: object) -> Any:
+    """Return ``obj`` as what JSON can hold."""
+    if isinstance(obj, str):
+        return obj if isinstance(obj, Note) else str(obj)
+    if obj is None or isinstance(obj, bool | int):
+        return obj
+    if isinstance(obj, np.bool_):
+        return bool(obj)
+    if isinstance(obj, np.integer):
+        return int(obj)
+    if isinstance(obj, float | np.floating):
+        return float(obj) if math.isfinite(obj) else None
+    if isinstance(obj, np.ndarray):
+        return [plain(v) for v in obj.tolist()] if obj.ndim else plain(obj.item())
+    if isinstance(obj, Mapping):
+        return {str(k): plain(v) for k, v in obj.items()}
+    if dataclasses.is_dataclass(obj) and not isinstance(obj, type):
+        return {f.name: plain(getattr(obj, f.name)) for f in dataclasses.fields(obj)}
+    if isinstance(obj, Sequence | set | frozenset):
+        return [plain(v) for v in obj]
+    return str(obj)
 
 
 _PLAIN: dict[Any, Reader] = {
