@@ -19,9 +19,9 @@ from ppmcal.calibration.fit import (
     Fit,
     Problem,
     State,
-    coordinates,
     prediction_covariance,
     single_gross_rows,
+    values_per_row,
 )
 from ppmcal.calibration.validation import fresh_state, split
 from ppmcal.diagnosis.options import DiagnosisOptions
@@ -203,7 +203,7 @@ def training_part(whole: Fit, options: DiagnosisOptions) -> tuple[Fit, tuple[Dat
     """Put whole commanded poses aside, where that leaves enough to fit; fit the others."""
     problem = whole.problem
     out = split(problem.datasets, options.holdout, options.seed)
-    values = sum(int((~o).sum()) * len(coordinates(d, problem.mechanism.motion))
+    values = sum(int((~o).sum()) * values_per_row(d, problem.mechanism)
                  for o, d in zip(out, problem.datasets, strict=True))
     if values < 2.0 * len(problem.columns) or not any(o.any() for o in out):
         return whole, ()

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.calibration.fit import Problem, coordinates
+from ppmcal.calibration.fit import Problem, values_per_row
 from ppmcal.diagnosis.linear_system import MOST_ROWS
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.sessions import session_masks
@@ -29,7 +29,7 @@ MOST_STRATA = 40
 
 def thinned(problem: Problem, keep: Sequence[Bools]) -> list[Bools]:
     """Return masks (N,) by data set with at most as many rows as a search takes."""
-    width = max(len(coordinates(d, problem.mechanism.motion)) for d in problem.datasets)
+    width = max(values_per_row(d, problem.mechanism) for d in problem.datasets)
     most = min(MOST_ROWS, MOST_VALUES // width)
     total = sum(int(k.sum()) for k in keep)
     if total <= most:

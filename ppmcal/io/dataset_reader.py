@@ -142,7 +142,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         extra=_fixed_point(file, to_q, mechanism, units, side), units=units,
         convention=convention, read=read.model_dump(exclude_unset=True),
         headers=headers)
-    data.kind.refuse(mechanism.motion, side)
+    data.kind.refuse(mechanism.motion, mechanism.surplus, side)
     refuse_noise(data, mechanism, side)
     remark_data(data, table, file, side)
     data = replace(data, chance=chance(data, steps_of(plain.numbers, data, mechanism.reach)))
@@ -248,6 +248,7 @@ def _sessions(table: Table) -> tuple[str, ...] | None:
 def _usable(data: Dataset, mechanism: Mechanism) -> Dataset:
     """Leave out rows that hold no joint values or nothing measured, and say so."""
     seen = np.isfinite(np.column_stack([data.position, data.rotation, data.value])).any(axis=1)
+    seen |= data.kind.blind
     joints, lacking = np.isfinite(data.q).all(axis=1), "a joint value is missing"
     if data.commanded is not None:
         given = np.isfinite(data.commanded[:, list(mechanism.dof)]).sum(axis=1)

@@ -11,7 +11,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.measurement_columns import rotations, stacked
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
-from ppmcal.io.sidecar import SidecarFile, sigma_needs
+from ppmcal.io.sidecar import SidecarFile, actuator_noise, sigma_needs
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import unknown
 from ppmcal.model.instruments import InstrumentKind, number_names
@@ -43,6 +43,8 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
     units, kind, n = file.units.units(), file.instrument.kind, len(table)
     if kind.scalar:
         return _scalar(table, file, side, units)
+    if kind.blind:
+        return _nothing(table, mechanism, file, side)
     position, rotation, findings = _pose(table, mechanism, kind, units)
     turning = bool(np.isfinite(rotation).any())
     sigma_needs(file, side, turning)
@@ -51,6 +53,24 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
                     _sigmas(table, "position", sigma.position, units.factor("length")),
                     _sigmas(table, "rotation", sigma.rotation, units.factor("angle")),
                     unknown(n), tuple(findings))
+
+
+def _nothing(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -> Measured:
+    """Return rows of joint values alone; what stands for the noise of positions is theirs."""
+    kind, n, factors = file.instrument.kind, len(table), mechanism.joint_factors(file.units.units())
+    kind.refuse(mechanism.motion, mechanism.surplus, side)
+    joints = actuator_noise(file.instrument.sigma.actuator, mechanism, factors, side)
+    if not np.all(joints > 0.0):
+        raise BadInput("the noise of the joint values is missing: without an instrument it is all "
+                       "that a row may be off by", f"{side}: instrument.sigma",
+                       "Add how well readings at one place repeat, such as `actuator: 0.2`; with "
+                       "`estimated: true` it is only where its estimate begins")
+    blank = np.full((n, 3), np.nan)
+    size = float(np.median(joints * mechanism.joint_ratios))
+    findings = _unused(table, kind, lambda c: _scalar_column(c, kind) or c in (
+        *COORDINATES, *QUATERNION))
+    return Measured(blank, blank, unknown(n), np.full((n, 3), size), blank, unknown(n),
+                    tuple(findings))
 
 
 def _sigmas(table: Table, what: str, shared: float | None, factor: float) -> Array:

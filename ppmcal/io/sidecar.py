@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeGuard
 
 import numpy as np
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, model_validator
 
 from ppmcal import algebra as cga
 from ppmcal.design.virtual_instrument import Instrument
@@ -86,7 +86,7 @@ class InstrumentFile(Strict):
 
 
 class SidecarFile(Strict):
-    """The sidecar's keys."""
+    """The sidecar's keys; without an instrument there is no frame and no target to say of."""
 
     examples: ClassVar[Mapping[str, str]] = {
         "format": f"format: {FORMAT}",
@@ -95,6 +95,16 @@ class SidecarFile(Strict):
         "frame": "frame: unknown",
         "target": "target: unknown",
     }
+
+    @model_validator(mode="before")
+    @classmethod
+    def _blind(cls, data: Any) -> Any:
+        instrument = data.get("instrument") if isinstance(data, dict) else None
+        kind = instrument.get("kind") if isinstance(instrument, dict) else None
+        if isinstance(kind, str) and kind in instruments() and instruments()[kind].blind:
+            return {"frame": "known", "target": "known", **data}
+        return data
+
     format: Annotated[str, choice("format", FORMAT)]
     """What this file is."""
     units: UnitsFile
@@ -158,7 +168,7 @@ def sigma_needs(file: SidecarFile, source: str, rotation: bool) -> None:
     """Refuse a sidecar without the standard deviations that its instrument needs."""
     kind, sigma = file.instrument.kind, file.instrument.sigma
     place = f"{source}: instrument.sigma"
-    if kind.sigma_of(sigma) is None and sigma.position is None:
+    if kind.sigma_of(sigma) is None and sigma.position is None and not kind.blind:
         raise BadInput("the key 'position' is missing", place,
                        "Add the instrument's standard deviation, such as `position: 0.01`")
     if kind.sees_rotation and rotation and sigma.rotation is None:
@@ -293,7 +303,7 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
     source = str(path)
     file = check(SidecarFile, read_yaml(Path(path)), source)
     units, kind, sigma = file.units.units(), file.instrument.kind, file.instrument.sigma
-    kind.refuse(mechanism.motion, source)
+    kind.refuse(mechanism.motion, mechanism.surplus, source)
     sigma_needs(file, source, mechanism.motion.turns)
     frame = frame_of(file.frame, mechanism.motion, units, source)
     if frame.same_as is not None:

@@ -76,7 +76,7 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
         BadInput: an instrument that is not simulated, or no pose inside the workspace.
         NoResult: the true machine cannot reach any pose.
     """
-    scenario.kind.refuse(mechanism.motion, scenario.source)
+    scenario.kind.refuse(mechanism.motion, mechanism.surplus, scenario.source)
     rng = np.random.default_rng(scenario.seed if seed is None else seed)
     q, left_out, listed = commands(mechanism.nominal(), scenario, rng)
     own = listed.columns if listed else {}

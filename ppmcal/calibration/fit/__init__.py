@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.observation import shown as shown
     from ppmcal.calibration.fit.observation import stretched as stretched
     from ppmcal.calibration.fit.observation import turn_between as turn_between
+    from ppmcal.calibration.fit.observation import values_per_row as values_per_row
     from ppmcal.calibration.fit.other_branch import branch_findings as branch_findings
     from ppmcal.calibration.fit.other_branch import in_other_branch as in_other_branch
     from ppmcal.calibration.fit.outliers import Distances as Distances

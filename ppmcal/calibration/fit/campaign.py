@@ -14,7 +14,7 @@ import numpy as np
 
 from ppmcal import linalg
 from ppmcal.calibration.fit.fit_result import Fit
-from ppmcal.calibration.fit.observation import coordinates
+from ppmcal.calibration.fit.observation import values_per_row
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.region import extent, named
@@ -152,8 +152,7 @@ def _numbers(fit: Fit) -> tuple[int, int, int]:
         # a pose measured again tells noise, or effects, and nothing new of the geometry
         own = np.unique(data.groups[keep]).size
         poses += own
-        mechanism = fit.problem.mechanism
-        count += own * (len(coordinates(data, mechanism.motion)) + mechanism.surplus)
+        count += own * values_per_row(data, fit.problem.mechanism)
     return columns, count, poses
 
 

@@ -213,7 +213,7 @@ def _usable(problem: Problem, state: State) -> tuple[list[Bools], list[dict[int,
         solved = finite_rows(pose)
         parts = list(coordinates(data, motion))
         measured = shown(data)[:, parts]
-        seen = np.isfinite(measured).any(axis=1)
+        seen = np.isfinite(measured).any(axis=1) | data.kind.blind
         own: dict[int, str] = {n: r for n, r in enumerate(data.unusable or ()) if r}
         keep.append(solved & seen)
         keep[-1][list(own)] = False

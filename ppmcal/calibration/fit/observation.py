@@ -88,11 +88,23 @@ def shown(data: Dataset, rows: Ints | slice = slice(None)) -> Array:
     return out
 
 
-def labels(data: Dataset, motion: Motion) -> tuple[str, ...]:
-    """Return the names of what the instrument measures: ``x``, ..., ``height``, ``distance``."""
+def labels(data: Dataset, mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the names of what residuals are of: ``x``, ..., ``height``, ``distance``.
+
+    Without an instrument the limbs, ``gap_leg1``, ..., whose lengths contradict each other.
+    """
     if data.kind.scalar:
         return (data.kind.number,)
-    return tuple(POSE_COORDINATES[c] for c in coordinates(data, motion))
+    if data.kind.blind:
+        return tuple(f"gap_{limb.name}" + (f"_{n + 1}" if n else "") for limb in mechanism.limbs
+                     for n in range(limb.kind.surface.equations))
+    return tuple(POSE_COORDINATES[c] for c in coordinates(data, mechanism.motion))
+
+
+def values_per_row(data: Dataset, mechanism: Mechanism) -> int:
+    """Return how many values a whole row tells: measured, and surplus of the closure."""
+    ends = 1 if data.to_q is None else 2
+    return len(coordinates(data, mechanism.motion)) + ends * mechanism.surplus
 
 
 def pivot(data: Dataset) -> Array:
@@ -232,7 +244,7 @@ def joint_noise(mechanism: Mechanism, data: Dataset) -> Array:
     if not mechanism.surplus or np.any(data.sigma_actuator > 0.0):
         return data.sigma_actuator
     own = data.sigma_value if data.kind.scalar else data.sigma_position
-    size = float(np.median(own)) / mechanism.joint_ratios
+    size = float(np.nanmedian(own)) / mechanism.joint_ratios
     turns = np.array([q == "angle" for q in mechanism.actuator_quantity])
     return np.asarray(np.where(turns, size / mechanism.length_scale, size))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Problem, coordinates
+from ppmcal.calibration.fit import Problem, labels
 from ppmcal.calibration.knowledge import registered
 from ppmcal.calibration.validation.residual_vectors import (
     LEFT_OUT,
@@ -61,9 +61,8 @@ def before(problem: Problem, keep: Sequence[Bools]) -> Before:
 
 def nothing_before(problem: Problem) -> Before:
     """Return errors that are all nan, of the right shapes, and no registration."""
-    motion = problem.mechanism.motion
     rows = [len(d) for d in problem.datasets]
-    vectors = tuple(np.full((n, len(coordinates(d, motion))), np.nan)
+    vectors = tuple(np.full((n, len(labels(d, problem.mechanism))), np.nan)
                     for n, d in zip(rows, problem.datasets, strict=True))
     norms = tuple(np.full(n, np.nan) for n in rows)
     gaps = tuple(np.full((n, problem.mechanism.equations), np.nan) for n in rows)

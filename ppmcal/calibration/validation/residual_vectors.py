@@ -16,6 +16,7 @@ from ppmcal.calibration.fit import (
     coordinates,
     identify,
     noise,
+    values_per_row,
     with_noise,
 )
 from ppmcal.kinematics.closure import Model
@@ -71,6 +72,13 @@ def residuals(problem: Problem, state: State) -> Residuals:
     parts: list[list[Array]] = [[], [], [], [], []]
     motion = problem.mechanism.motion
     for i, data in enumerate(problem.datasets):
+        closure = closure_lengths(problem, state, i)
+        if data.kind.blind:
+            nothing = np.full(len(data), np.nan)
+            for part, own in zip(parts, (closure, _gap_noise(problem, state, i), nothing, nothing,
+                                         closure), strict=True):
+                part.append(own)
+            continue
         chosen = coordinates(data, motion)
         places = sum(1 for c in chosen if c < 3)
         vector = np.full((len(data), len(chosen)), np.nan)
@@ -86,7 +94,7 @@ def residuals(problem: Problem, state: State) -> Residuals:
         parts[1].append(sigma)
         parts[2].append(_norm(vector[:, :places]))
         parts[3].append(_norm(vector[:, places:]))
-        parts[4].append(closure_lengths(problem, state, i))
+        parts[4].append(closure)
     return Residuals(*(tuple(p) for p in parts))
 
 
@@ -97,10 +105,28 @@ def _norm(vector: Array) -> Array:
     return np.where(seen.any(axis=1), norm, np.nan)
 
 
+def _gap_noise(problem: Problem, state: State, index: int) -> Array:
+    """Return the standard deviations of the closure by the noise of the joints, m (N, m)."""
+    out = np.full((len(problem.datasets[index]), problem.mechanism.equations), np.nan)
+    for rows in problem.rows_of(index, state):
+        assert rows.response is not None
+        moves = rows.response.closure.joint_matrix(rows.response.pose, rows.response.lines)
+        out[rows.index] = np.linalg.norm(moves * problem.sigma_joints[index], axis=-1)
+    return out
+
+
 def closure_lengths(problem: Problem, state: State, index: int) -> Array:
-    """Return the misclosure of the limbs at the measured poses, m (N, d); nan if unknown."""
+    """Return the misclosure of the limbs at the measured poses, m (N, m); nan if unknown.
+
+    Without an instrument at the poses at which they contradict each other least.
+    """
     data, registration = problem.datasets[index], state.registrations[index]
     out = np.full((len(data), problem.mechanism.equations), np.nan)
+    if data.kind.blind:
+        for part in problem.rows_of(index, state):
+            assert part.response is not None
+            out[part.index] = part.response.closure.lengths(part.response.pose)
+        return out
     position, rotation = data.position.copy(), data.rotation.copy()
     motion = problem.mechanism.motion
     if motion.planar:
@@ -158,7 +184,7 @@ def held_out(whole: Fit, options: FitOptions, fraction: float, seed: int, noise:
     """
     problem, keep = whole.problem, whole.keep
     out = split(problem.datasets, fraction, seed)
-    rest = sum(int((~o).sum()) * len(coordinates(d, problem.mechanism.motion))
+    rest = sum(int((~o).sum()) * values_per_row(d, problem.mechanism)
                for o, d in zip(out, problem.datasets, strict=True))
     if sum(int(o.sum()) for o in out) == 0 or rest < 1.2 * len(problem.columns):
         return {}, "too few poses to hold any out"

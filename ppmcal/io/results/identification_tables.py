@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -43,6 +43,12 @@ def quantity_of(coordinate: str) -> str:
     return "angle" if coordinate in POSE_COORDINATES[3:] else "length"
 
 
+def _in_order(measured: Collection[str]) -> list[str]:
+    """Return names of residuals: coordinates first, gaps of limbs as they come."""
+    known = [c for c in COORDINATES if c in measured]
+    return known + [c for c in measured if c not in known]
+
+
 def parameters_csv(entries: Sequence[object]) -> str:
     """Return parameters.csv of entries of identification.json, in their units.
 
@@ -66,8 +72,8 @@ def table_units(problem: Problem) -> dict[str, dict[str, str]]:
     parameters.csv states its own, row by row.
     """
     mechanism = problem.mechanism
-    measured = {c for d in problem.datasets for c in labels(d, mechanism.motion)}
-    residual = [f"{stage}{c}" for c in COORDINATES if c in measured for stage in STAGES]
+    measured = {c: 0 for d in problem.datasets for c in labels(d, mechanism)}
+    residual = [f"{stage}{c}" for c in _in_order(measured) for stage in STAGES]
     wanted = [*(f"q_{a}" for a in mechanism.actuators), *mechanism.coordinates, "temperature",
               *ENVIRONMENT, *(f"dir_{a}" for a in mechanism.actuators)]
     return {"residuals.csv": column_units(mechanism, ["row", *residual, "used"]),
@@ -120,13 +126,12 @@ def _coordinate_columns(problem: Problem, stages: Mapping[str, Sequence[Array]],
 
     ``stages``: by name, m or rad of each data set (N, m).
     """
-    motion = problem.mechanism.motion
-    measured = {label for d in problem.datasets for label in labels(d, motion)}
-    for name in (c for c in COORDINATES if c in measured):
+    measured = {label: 0 for d in problem.datasets for label in labels(d, problem.mechanism)}
+    for name in _in_order(measured):
         for stage, source in stages.items():
             parts: list[Array] = []
             for d, values in zip(problem.datasets, source, strict=True):
-                own = labels(d, motion)
+                own = labels(d, problem.mechanism)
                 parts.append(values[:, own.index(name)] if name in own else
                              np.full(len(d), np.nan))
             if dropped:

@@ -83,21 +83,36 @@ class InstrumentKind:
         return bool(self.number)
 
     @property
+    def blind(self) -> bool:
+        """Whether it shows nothing: joints alone tell of the machine."""
+        return not self.coordinates(SPATIAL)
+
+    @property
     def place(self) -> int:
         """Where that number stands among x, y, z, rx, ry, rz, whatever the motion."""
         return self.coordinates(SPATIAL)[0]
 
     def sigma_of(self, sigmas: object) -> float | None:
         """Return what the mapping ``sigmas`` of a file says under the kind's own key."""
-        found: float | None = getattr(sigmas, self.sigma)
+        found: float | None = getattr(sigmas, self.sigma) if self.sigma else None
         return found
 
-    def refuse(self, motion: Motion, source: str) -> None:
-        """Refuse heights of a machine that has none.
+    def refuse(self, motion: Motion, surplus: int, source: str) -> None:
+        """Refuse heights of a machine that has none, and joints alone where they tell nothing.
+
+        Args:
+            motion: of the machine.
+            surplus: how many equations it has more than freedoms.
+            source: the file that says what kind.
 
         Raises:
-            BadInput: touches of a flat by a planar machine; ``source``: the file that says so.
+            BadInput: touches of a flat by a planar machine; no instrument and no surplus.
         """
+        if self.blind and not surplus:
+            raise BadInput("without an instrument nothing is known of this machine: it has as "
+                           "many closure equations as freedoms, so any joint values agree",
+                           f"{source}: instrument.kind", "Measure with an instrument, or give "
+                           "the machine's further limbs or encoders")
         if self.touches and motion.planar:
             raise BadInput("a planar machine cannot touch a flat: it has no z",
                            f"{source}: instrument.kind", "Use pose, position or distance")

@@ -1,0 +1,7 @@
+"""No instrument: rows of joint values alone, of a machine whose limbs contradict each other."""
+
+from ppmcal.model.instruments.kind import InstrumentKind, register
+
+NONE = register(InstrumentKind(
+    "none", lambda motion: (), frame_parts=lambda motion, between: (),
+    target_parts=lambda motion, relative: (), opened=(), sigma=""))
