@@ -187,8 +187,8 @@ def by_itself(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("changed", by_itself("6-UPS"))
-@pytest.mark.parametrize("kind", ["6-UPS", "3-RPS"])
+@pytest.mark.parametrize(("kind", "changed"), [
+    *(("6-UPS", name) for name in by_itself("6-UPS")), ("3-RPS", "limbs"), ("3-RPS", "base")])
 def test_each_by_itself_tells_nothing(campaigns, kind, changed):
     one, plain = campaigns(kind)
     found = answer(one, by_itself(kind)[changed])
