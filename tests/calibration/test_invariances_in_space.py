@@ -257,7 +257,8 @@ def named(one, words):
     """Return the verdict, and each effect with the joints that it is on, in the first words."""
     w = written(one, words)
     machine = w.machine()
-    found = face.diagnose(machine, w.data(machine), holdout=0)
+    found = face.diagnose(machine, w.data(machine), holdout=0,
+                          kinds=["backlash", "friction", "gain"])
     return found.verdict, frozenset(
         (e.kind, frozenset(in_first_words(n, words) for n in e.on))
         for e in found.record.effects)
