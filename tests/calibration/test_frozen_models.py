@@ -308,7 +308,7 @@ def test_a_row_beyond_tolerances_is_left_out_and_named(truth, day):
 @pytest.mark.slow
 def test_rows_of_noise_alone_are_hardly_ever_named(truth, stage):
     """No more than the fit of a clean day leaves out: hardly a row of one day in fifty."""
-    days = [ppmcal.simulate(stage, scenario(1000 + n, EFFECTS)).data[0] for n in range(24)]
+    days = [ppmcal.simulate(stage, scenario(1000 + n, EFFECTS)).data[0] for n in range(48)]
     named = sum(bool(day_noise([truth], d).unlike) for d in days)
     assert named <= 1
 
