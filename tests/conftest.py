@@ -21,11 +21,12 @@ for name, usual in (("SIGINT", signal.default_int_handler), ("SIGTERM", signal.S
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection(session):
-    """Collect without looking for garbage: trees of modules and ten thousand items are kept."""
+    """Look for no garbage among modules and ten thousand items, now or while tests run."""
     gc.disable()
     try:
         return (yield)
     finally:
+        gc.freeze()
         gc.enable()
 
 

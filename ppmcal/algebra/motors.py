@@ -114,17 +114,23 @@ def normalise(m: ArrayLike) -> Array:
     return out
 
 
-def _sinc_and_slope(phi: Scalars) -> tuple[Scalars, Scalars]:
-    """Return S = sin φ / φ and C = (cos φ − S) / φ² = S′/φ, by their series near zero."""
+def _sinc(phi: Scalars) -> Scalars:
+    """Return S = sin φ / φ, by its series near zero."""
     square = phi * phi
     small = square < _TAYLOR_BELOW
-    safe = np.where(small, 1.0, phi)
-    sinc = np.sin(safe) / safe
+    safe, x = np.where(small, 1.0, phi), np.where(small, square, 0.0)
+    series = 1 - x / 6 * (1 - x / 20 * (1 - x / 42 * (1 - x / 72)))
+    return np.where(small, series, np.sin(safe) / safe)
+
+
+def _sinc_and_slope(phi: Scalars) -> tuple[Scalars, Scalars]:
+    """Return S and C = (cos φ − S) / φ² = S′/φ, by their series near zero."""
+    square, sinc = phi * phi, _sinc(phi)
+    small = square < _TAYLOR_BELOW
+    safe, x = np.where(small, 1.0, phi), np.where(small, square, 0.0)
     slope = (np.cos(safe) - sinc) / (safe * safe)
-    x = np.where(small, square, 0.0)
-    sinc_series = 1 - x / 6 * (1 - x / 20 * (1 - x / 42 * (1 - x / 72)))
-    slope_series = -(1 - x / 10 * (1 - x / 28 * (1 - x / 54 * (1 - x / 88)))) / 3
-    return np.where(small, sinc_series, sinc), np.where(small, slope_series, slope)
+    series = -(1 - x / 10 * (1 - x / 28 * (1 - x / 54 * (1 - x / 88)))) / 3
+    return sinc, np.where(small, series, slope)
 
 
 def motor_exp(twist: ArrayLike) -> Array:
@@ -155,6 +161,29 @@ def motor_exp(twist: ArrayLike) -> Array:
         half * v3 + along * w3,
         -0.5 * half * pitch,
     )
+
+
+def rotated(m: ArrayLike, rotation: ArrayLike) -> Array:
+    """Return the rotor of `m` followed by a rotation: that of `motor_exp(rotation, 0) m`.
+
+    Args:
+        m: motor, `(..., 8)`; its translation does not count.
+        rotation: ω, `(..., 3)`.
+
+    Returns:
+        `(..., 8)`, without translation.
+    """
+    w1, w2, w3 = components(rotation, 3, "rotated")
+    phi = 0.5 * np.sqrt(w1 * w1 + w2 * w2 + w3 * w3)
+    half = -0.5 * _sinc(phi)
+    s, a1, a2, a3 = np.cos(phi), half * w1, half * w2, half * w3
+    t, c1, c2, c3 = components(m, 8, "rotated")[:4]
+    out = np.zeros((*np.broadcast(s, t).shape, 8))
+    out[..., 0] = s * t - a1 * c1 - a2 * c2 - a3 * c3
+    out[..., 1] = s * c1 + a1 * t - a2 * c3 + a3 * c2
+    out[..., 2] = s * c2 + a2 * t - a3 * c1 + a1 * c3
+    out[..., 3] = s * c3 + a3 * t - a1 * c2 + a2 * c1
+    return out
 
 
 def half_angle(s: Scalars, a: Scalars) -> tuple[Scalars, Scalars]:

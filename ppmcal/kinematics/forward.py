@@ -92,8 +92,10 @@ def _attempt(model: Model, q: Array, pose: Array) -> tuple[Array, Bools]:
         same = signs[:, 0] == signs[:, 1]
         return solved, converged & same & (_contraction(sizes) <= CONTRACTION)
     with np.errstate(invalid="ignore"):  # nan where an offset universal joint cannot stand
-        side = np.sign(linalg.determinant(closure.pose_matrix(pose)))
-    solved, converged, contraction = newton(closure, pose, most=CONTRACTION)
+        c, lines = closure.misclosure_and_lines(pose)
+        matrix = closure.pose_matrix(pose, lines)
+        side = np.sign(linalg.determinant(matrix))
+    solved, converged, contraction = newton(closure, pose, most=CONTRACTION, begin=(c, matrix))
     same = np.zeros(q.shape[0], dtype=bool)
     if converged.any():
         same[converged] = side[converged] == np.sign(linalg.determinant(
@@ -119,11 +121,12 @@ def _lead(model: Model, origin: Array, q: Array, pose: Array) -> tuple[Array, Ar
     return pose, at
 
 
-def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: float = np.inf
-           ) -> tuple[Array, Bools, Array]:
+def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: float = np.inf,
+           begin: tuple[Array, Array] | None = None) -> tuple[Array, Bools, Array]:
     """Solve the closure for the motors, batched.
 
-    Rows that contract by less than ``most`` in their second step are given up then.
+    Rows that contract by less than ``most`` in their second step are given up then. ``begin``:
+    misclosure and pose matrix at ``pose``, where they are known.
 
     Returns:
         motors (N, 8), converged (N,), and the ratio of the second step's length to the
@@ -139,8 +142,13 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
     sizes: list[Array] = []
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         for _ in range(iterations):
+            if sizes or begin is None:
+                c, lines = closure.misclosure_and_lines(pose)
+                matrix = closure.pose_matrix(pose, lines)
+            else:
+                c, matrix = begin
             step = np.zeros((pose.shape[0], 6))
-            c, step[:, mechanism.dof] = newton_step(closure, pose)
+            step[:, mechanism.dof] = newton_step(closure, pose, c, matrix)
             size = np.hypot(np.linalg.norm(step[:, :3], axis=1) / scale,
                             np.linalg.norm(step[:, 3:], axis=1))
             sizes.append(size)
@@ -168,10 +176,7 @@ def _contraction(sizes: Array) -> Array:
 
 def moved(pose: Array, step: Array) -> Array:
     """Return motors (N, 8) moved by (origin displacement, rotation) steps (N, 6)."""
-    turn = np.zeros_like(step)
-    turn[:, :3] = step[:, 3:]
-    rotor = cga.compose(cga.motor_exp(turn), pose)
-    rotor[:, 4:] = 0.0
+    rotor = cga.rotated(pose, step[:, 3:])
     return cga.compose(cga.translator(cga.translation(pose) + step[:, :3]), rotor)
 
 

@@ -88,18 +88,22 @@ def _system(closure: Closure, pose: Array, a: Array, lines: Array | None, give: 
     return out
 
 
-def newton_step(closure: Closure, pose: Array) -> tuple[Array, Array]:
-    """Return misclosures (N, m) and the Newton step (N, d) of the pose that closes best.
+def newton_step(closure: Closure, pose: Array, c: Array, a: Array) -> Array:
+    """Return the Newton step (N, d) from a pose to the one that closes best.
 
     With equations as many as freedoms -A^-1 c. Else with the curvature of the closure: a gap that
     is not small against the machine, as before any calibration, bends the way there.
+
+    Args:
+        closure: of N rows.
+        pose: motors (N, 8).
+        c: misclosure there (N, m).
+        a: pose matrix there (N, m, d).
     """
-    c, lines = closure.misclosure_and_lines(pose)
-    a = closure.pose_matrix(pose, lines)
     if not closure.model.mechanism.surplus:
-        return c, -solve_rows(a, c)
+        return -solve_rows(a, c)
     m = a.shape[1]
-    system = _system(closure, pose, a, lines, None)
+    system = _system(closure, pose, a, None, None)
     forces = solve_rows(system[:, :m, :m], c)
     right = np.pad(c, ((0, 0), (0, a.shape[2])))
     step = -solve_rows(system, right)[:, m:]
@@ -110,7 +114,7 @@ def newton_step(closure: Closure, pose: Array) -> tuple[Array, Array]:
     with np.errstate(invalid="ignore"):
         down = np.sum(bent * gradient, axis=1) <= 0.0
         near = np.linalg.norm(bent - step, axis=1) <= np.linalg.norm(step, axis=1)
-    return c, np.where((down & near)[:, None], bent, step)
+    return np.where((down & near)[:, None], bent, step)
 
 
 def _curvature(closure: Closure, pose: Array, forces: Array) -> Array:

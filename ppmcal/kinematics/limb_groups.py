@@ -121,7 +121,8 @@ def _evaluated(kind: LimbKind, values: Mapping[str, Any], wanted: Collection[str
     count = np.shape(values[U])[1]
 
     def each(part: Array) -> Array:
-        return np.broadcast_to(part, (part.shape[0], count, *part.shape[2:]))
+        return part if part.shape[1] == count else np.broadcast_to(
+            part, (part.shape[0], count, *part.shape[2:]))
 
     return replace(found, fixed=each(found.fixed), moving=each(found.moving),
                    scale=each(found.scale), radius=each(found.radius),

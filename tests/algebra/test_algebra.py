@@ -130,6 +130,17 @@ def test_rotor_and_translator() -> None:
 
 
 @laws
+@given(batch(6, 3))
+def test_rotated_is_the_rotor_of_the_product(drawn: list[cga.Array]) -> None:
+    """To the last digit."""
+    motor = cga.motor_exp(drawn[0])
+    turn = np.concatenate([drawn[1][..., :3], 0.0 * drawn[1][..., :3]], axis=-1)
+    want = cga.compose(cga.motor_exp(turn), motor)
+    want[..., 4:] = 0.0
+    np.testing.assert_array_equal(cga.rotated(motor, turn[..., :3]), want)
+
+
+@laws
 @given(batch(6, 8), st.floats(0.1, 10))
 def test_normalise_mends_scale_and_slip(drawn: list[cga.Array], scale: float) -> None:
     motor = cga.motor_exp(drawn[0])

@@ -96,9 +96,13 @@ def test_what_a_command_wrote_is_made_again_byte_by_byte(desk: Path, name: str) 
 
 @pytest.mark.slow
 def test_the_folders_of_the_demo(tmp_path_factory: pytest.TempPathFactory) -> None:
-    runs = checked(shared_demo(tmp_path_factory), "demo-results", code=0)
-    assert {r["command"] for r in runs} == {"identify", "compensate", "diagnose", "kinematics",
-                                            "simulate", "sensitivity", "plan", "report"}
+    """Its diagnosis, half of its time, is not made again: one is above."""
+    demo = shared_demo(tmp_path_factory)
+    folders = [f for f in sorted((demo / "demo-results").iterdir()) if f.is_dir()]
+    runs = checked(demo, *(f.relative_to(demo) for f in folders if f.name != "diagnosed"), code=0)
+    assert {r["command"] for r in runs} == {"identify", "compensate", "kinematics", "simulate",
+                                            "sensitivity", "plan", "report"}
+    assert set(read_runs(demo / "demo-results" / "diagnosed")) == {"diagnose"}
 
 
 def test_the_record_names_all_that_decides_a_result(desk: Path) -> None:

@@ -42,7 +42,7 @@ def test_it_is_the_same_in_every_command(bench: Path) -> None:
     """Of the nominal machine: neither the fit's start nor effects that it found are in it."""
     data = bench / "s" / "measurements.csv"
     plain = face.identify(bench / "m.yaml", data)
-    found = face.diagnose(bench / "m.yaml", data)
+    found = face.diagnose(bench / "m.yaml", data, kinds=["backlash"])
     assert found.verdict == "named"
     again = face.identify(plain.mechanism, data)    # starts where the first one ended
     one, other, third = (r.record.entries() for r in (plain, found, again))
@@ -62,8 +62,8 @@ def test_it_is_the_same_in_every_command(bench: Path) -> None:
 @pytest.mark.slow
 def test_console_and_files_say_it(bench: Path, tmp_path: Path) -> None:
     told = []
-    for command in ("identify", "diagnose"):
-        run = ppmcal(command, bench / "m.yaml", bench / "s" / "measurements.csv", "--out",
+    for command, more in (("identify", []), ("diagnose", ["--kind", "backlash"])):
+        run = ppmcal(command, bench / "m.yaml", bench / "s" / "measurements.csv", *more, "--out",
                      tmp_path / command)
         said = " ".join(run.out.split())
         assert f'"Before" is {DEFINITION}.' in said

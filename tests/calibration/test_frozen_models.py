@@ -243,7 +243,7 @@ def test_a_folder_without_a_model_is_refused(day, tmp_path):
 def test_diagnose_validates_each_session_from_the_others(stage):
     days = [ppmcal.simulate(stage, scenario(11 + i, EFFECTS)).data[0] for i in range(2)]
     days = [replace(d, name=f"day{i}") for i, d in enumerate(days)]
-    result = ppmcal.diagnose(stage, days)
+    result = ppmcal.diagnose(stage, days, kinds=["backlash", "curvature"])
     assert [d.name for d in result.record.validation] == ["day0", "day1"]
     for found in result.diagnosis.days:
         by = {e.label: e for e in found.errors}

@@ -530,9 +530,9 @@ def test_a_mistake_in_a_stretch_is_told_with_its_rows(tmp_path: Path, case: str,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("machine", ["3-RRR", "delta-linear", "hexapod"])
-@pytest.mark.parametrize("case", ["slip-turn", "homed-there-and-back", "base-moved-twice",
-                                  "gross-10"])
+@pytest.mark.parametrize(("case", "machine"), [
+    ("slip-turn", "3-RRR"), ("slip-turn", "hexapod"), ("homed-there-and-back", "delta-linear"),
+    ("base-moved-twice", "hexapod"), ("gross-10", "delta-linear")])
 def test_what_happens_in_a_stretch_is_no_mistake(tmp_path: Path, case: str, machine: str) -> None:
     problem = campaign(tmp_path, case, machine, 90, 3.0)
     assert wrong_parts(problem) == ()
@@ -587,12 +587,11 @@ def test_rows_out_of_order_do_not_keep_the_held_out_fit_from_ending(tmp_path: Pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("machine", ["3-RRR", "delta-linear", "hexapod", "crank-hexapod"])
-@pytest.mark.parametrize("case", ["none", "gross-10", "homed-one", "play-all", "gain-one",
-                                  "backlash-and-heat"])
+@pytest.mark.parametrize(("case", "machine"), [
+    ("none", "3-RRR"), ("none", "delta-linear"), ("none", "hexapod"), ("none", "crank-hexapod"),
+    ("gross-10", "crank-hexapod"), ("homed-one", "hexapod"), ("play-all", "3-RRR"),
+    ("gain-one", "delta-linear"), ("backlash-and-heat", "hexapod")])
 def test_right_files_are_read_as_they_are(tmp_path: Path, case: str, machine: str) -> None:
-    if machine not in catalogue.CASES[case].machines:
-        pytest.skip("cannot happen to it")
     problem = campaign(tmp_path, case, machine, 120, 3.0)
     assert not misfit(problem).misread
     refuse_after_fit(identify(problem))

@@ -154,7 +154,7 @@ def test_a_frozen_slot_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_large_slot_error_is_not_another_effect(tmp_path: Path) -> None:
-    simulate(tmp_path, "6-UPS", [], free=["*.offset", "*.platform.point.*"], frame="known",
+    simulate(tmp_path, "6-UPS", [], 12, free=["*.offset", "*.platform.point.*"], frame="known",
              target="known", errors={"leg2.base.point.angle": 0.03, "leg1.offset": 0.3})
     _, found = diagnose(tmp_path)
     assert set(named(found)) <= {"geometry"}
@@ -175,7 +175,7 @@ def test_positions_only(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPR", [effect("backlash", ["leg2"], width=0.03)], count=40,
              conditions={}, instrument={"kind": "position", "sigma": {"position": 0.005}},
              target=[60, 40])
-    _, found = diagnose(tmp_path)
+    _, found = diagnose(tmp_path, DATA, *SOME)
     assert named(found) == {"backlash": {"leg2"}}
     width = value(found, "backlash", "width")
     assert abs(width["value"] - 0.03) < 4.0 * width["sigma"]
@@ -208,7 +208,7 @@ def test_outliers_that_an_effect_explains_are_readmitted(tmp_path: Path) -> None
     ppmcal("identify", "m.yaml", DATA, "--out", "i", cwd=tmp_path, expect=1)
     out = [r["row"] for r in rows(tmp_path / "i" / "residuals.csv") if r["used"] == "0"]
     assert len(out) == 8
-    _, found = diagnose(tmp_path)
+    _, found = diagnose(tmp_path, DATA, *SOME)
     assert found["verdict"] == "named"
     assert named(found) == {"compliance": {"leg1"}}
     assert abs(value(found, "compliance", "stiffness")["value"] - 500.0) < 25.0
@@ -224,7 +224,7 @@ def test_true_outliers_stay_out(tmp_path: Path) -> None:
     for row in (5, 20):
         table[row]["y"] = str(float(table[row]["y"]) + 0.5)
     write_csv(tmp_path / DATA, table)
-    _, found = diagnose(tmp_path)
+    _, found = diagnose(tmp_path, DATA, *SOME)
     assert named(found) == {"backlash": {"leg1"}}
     assert {e["row"] for e in found["excluded"]} >= {6, 21}
     assert len(found["excluded"]) <= 4

@@ -36,7 +36,7 @@ LINES = {
     "tolerances": "tolerances mine.yaml --accuracy 0.2 --machines 20 --cores 1",
     "stiffness": "stiffness mine.yaml --load fx=1,fy=2,fz=-100 --grid x=-50:50:3,y=-50:50:3",
     "workspace": "workspace mine.yaml --grid x=-200:200:7,y=-200:200:7",
-    "plan": "plan mine.yaml --count 12",
+    "plan": "plan mine.yaml --count 8",
     "export": "export linuxcnc identified",
     "batch": "batch fleet.yaml --cores 1",
     "report": "report identified compensated sensitivity plan",
@@ -67,8 +67,9 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         text = named((SAMPLES / source).read_text(encoding="utf-8"))
         (folder / name).write_text(re.sub(r"(?m)^name: .*$", f"name: {DAY}", text),
                                    encoding="utf-8")
-    few = (folder / "hidden.csv").read_text(encoding="utf-8").splitlines(keepends=True)[:81]
-    (folder / "hidden.csv").write_text("".join(few), encoding="utf-8")
+    for name in ("run.csv", "hidden.csv"):
+        few = (folder / name).read_text(encoding="utf-8").splitlines(keepends=True)[:41]
+        (folder / name).write_text("".join(few), encoding="utf-8")
     with (folder / "mine.yaml").open("a", encoding="utf-8") as file:
         file.write("stiffness: {bar: 5e4, drive: 2e5}\n")
     (folder / "here").mkdir()

@@ -18,6 +18,7 @@ from helpers.shared import shared_demo
 from torture.desk import COMMANDS, make_desk, remember
 
 from ppmcal.commands import command, names
+from ppmcal.commands.demo import run as demo_run
 from ppmcal.errors import BadInput
 from ppmcal.store.folder import RECORD, read_record, running
 from ppmcal.store.inputs import digest_of
@@ -128,6 +129,10 @@ def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(
     words = [name, *shlex.split(FOLDERS[name]), "--out", OUT]
     if name == "stiffness":
         pytest.importorskip("matplotlib")
+    if name == "demo":    # most of its time; what these two replace are cases of their own
+        steps = demo_run._steps
+        monkeypatch.setattr(demo_run, "_steps", lambda *given: [
+            s for s in steps(*given) if s.words[0] not in ("diagnose", "report")])
     code, folder = done(name)
     here = Path(shutil.copytree(folder, tmp_path / "desk"))
     record = json.loads((here / OUT / RECORD).read_text())

@@ -75,7 +75,7 @@ def test_a_level_bed_is_not_explained_by_its_own_height() -> None:
 
 @pytest.mark.slow
 def test_waves_of_a_level_bed_are_not_explained_away() -> None:
-    mechanism, data = touches(0.1)
+    mechanism, data = touches(0.1, 11)
     found = diagnose(Problem(mechanism, data, mechanism.free))
     assert found.verdict in ("unnamed", "partial")
     if found.learned is not None:

@@ -41,7 +41,7 @@ def test_it_is_named_with_its_values(case: str, tmp_path: Path) -> None:
     One of a planar and one of a spatial machine; campaigns of the others are in docs/rates.
     """
     machine, effects, expected = CASES[case]
-    simulate(tmp_path, machine, effects, count=40, **FINE)
+    simulate(tmp_path, machine, effects, count=40 if machine == "3-RPR" else 20, **FINE)
     _, found = diagnose(tmp_path)
     assert found["verdict"] in ("named", "named-set")
     assert set(named(found)) == {e["kind"] for e in effects}

@@ -44,16 +44,18 @@ def examples_of(name: str) -> list[str]:
     return lines
 
 
-def run(line: str) -> None:
-    """Run a command line; it has to end with exit code 0 or 1."""
+def run(line: str) -> str:
+    """Run a command line, which has to end with exit code 0 or 1; return what it prints."""
     result = CliRunner().invoke(cli, shlex.split(line)[1:])
     # 1: done, and something needs a look
     assert result.exit_code in (0, 1), f"{line}\n{result.output}\n{result.exception!r}"
-    if not line.startswith("ppmcal schema"):    # JSON, for programs
-        wide = [shown for shown in result.stdout.splitlines() if len(shown) > WIDTH]
-        assert not wide, f"{line}\n" + "\n".join(wide)
-        # a column too narrow for its numbers or words goes on in the next line
-        assert not re.search(r"^ {8,}(?:ied|ed|d|ifie?d?|nt|t) *$", result.stdout, re.M), line
+    if line.startswith("ppmcal schema"):    # JSON, for programs
+        return result.stdout
+    wide = [shown for shown in result.stdout.splitlines() if len(shown) > WIDTH]
+    assert not wide, f"{line}\n" + "\n".join(wide)
+    # a column too narrow for its numbers or words goes on in the next line
+    assert not re.search(r"^ {8,}(?:ied|ed|d|ifie?d?|nt|t) *$", result.stdout, re.M), line
+    return result.stdout
 
 
 def lay_desk(folder: Path) -> None:

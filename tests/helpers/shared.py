@@ -40,9 +40,10 @@ def shared_desk(factory: pytest.TempPathFactory) -> Path:
 
 
 def shared_demo(factory: pytest.TempPathFactory) -> Path:
-    """Return the folder in which the example of the demo's help was run."""
+    """Return the folder in which the example of the demo's help was run; said.txt: what it said."""
     def make(folder: Path) -> None:
         with contextlib.chdir(folder):
-            run(examples_of("demo")[0])
+            said = run(examples_of("demo")[0])
+        (folder / "said.txt").write_text(said, encoding="utf-8")
 
     return made_once(factory, "demo", make)

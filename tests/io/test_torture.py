@@ -35,6 +35,6 @@ def test_commands_survive() -> None:
 @pytest.mark.skipif(not AVAILABLE, reason="needs ptrace of x86-64")
 @pytest.mark.parametrize("words", [
     "--kinds names", "--kinds locales", "--kinds small --every 3 init import simulate",
-    "--kinds kills,disks,signals --every 5 verify identify batch"])
+    "--kinds kills,disks,signals --every 9 verify identify batch"])
 def test_commands_work_where_things_are_odd(words: str) -> None:
     torture(*words.split())

@@ -198,7 +198,7 @@ def test_a_set_of_long_names_is_told_by_its_causes():
             f"backlash on {every} and compliance on {every}", "gain on leg2"]},
         {"kind": "drift", "on": []}]}
     assert headline(DiagnosisRecord.checked(record)).endswith(
-        "apart: 3 explanations (backlash or backlash and compliance or gain).")
+        "apart: backlash or backlash and compliance or gain.")
     record["effects"][0]["alternatives_on"] = ["gain on leg2"]
     assert headline(DiagnosisRecord.checked(record)).endswith(
         "apart: backlash on leg2 or gain on leg2.")

@@ -56,8 +56,7 @@ def _apart(record: DiagnosisRecord, groups: Sequence[Group], names: Sequence[str
     whole = "; ".join(" or ".join(own) for own in rival)
     if len(whole) <= SHORT:
         return whole
-    return "; ".join(f"{pluralize(len(own), 'explanation')} "
-                     f"({' or '.join(dict.fromkeys(map(causes, own)))})" for own in rival)
+    return "; ".join(" or ".join(dict.fromkeys(map(causes, own))) for own in rival)
 
 
 def lead(record: DiagnosisRecord) -> str:

@@ -274,8 +274,8 @@ class Chain:
         total, moved = cga.identity_motor(), False
         carried: list[ErrorTwists] = []
         for step in self.steps:
-            if step.joint and not any(s.name in wanted or np.any(values.get(s.name, 0.0))
-                                      for s in step.slots):
+            if step.joint and not any(s.name in wanted or (s.name in values and np.any(
+                    values[s.name])) for s in step.slots):
                 continue
             if step.needs and step.needs not in values:
                 continue

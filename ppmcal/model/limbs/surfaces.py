@@ -21,8 +21,11 @@ _Z = np.array([0.0, 0.0, 1.0])
 
 
 def _line(direction: Array, through: Array) -> Array:
-    direction = np.broadcast_to(direction, np.broadcast_shapes(direction.shape, through.shape))
-    return np.concatenate([direction, np.cross(through, direction)], axis=-1)
+    out = np.empty((*np.broadcast_shapes(direction.shape, through.shape)[:-1], 6))
+    out[..., :3] = direction
+    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        out[..., 3 + k] = through[..., i] * direction[..., j] - through[..., j] * direction[..., i]
+    return out
 
 
 def _dot(a: Array, b: Array) -> Array:
