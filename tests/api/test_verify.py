@@ -102,7 +102,7 @@ def test_the_folders_of_the_demo(tmp_path_factory: pytest.TempPathFactory) -> No
     runs = checked(demo, *(f.relative_to(demo) for f in folders if f.name != "diagnosed"), code=0)
     assert {r["command"] for r in runs} == {"identify", "compensate", "kinematics", "simulate",
                                             "sensitivity", "plan", "report"}
-    assert set(read_runs(demo / "demo-results" / "diagnosed")) == {"diagnose"}
+    assert set(read_record(demo / "demo-results" / "diagnosed").runs) == {"diagnose"}
 
 
 def test_the_record_names_all_that_decides_a_result(desk: Path) -> None:
