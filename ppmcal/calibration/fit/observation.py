@@ -96,9 +96,14 @@ def labels(data: Dataset, mechanism: Mechanism) -> tuple[str, ...]:
     if data.kind.scalar:
         return (data.kind.number,)
     if data.kind.blind:
-        return tuple(f"gap_{limb.name}" + (f"_{n + 1}" if n else "") for limb in mechanism.limbs
-                     for n in range(limb.kind.surface.equations))
+        return gap_names(mechanism)
     return tuple(POSE_COORDINATES[c] for c in coordinates(data, mechanism.motion))
+
+
+def gap_names(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return what the closure equations are called among residuals (m,)."""
+    return tuple(f"gap_{limb.name}" + (f"_{n + 1}" if n else "") for limb in mechanism.limbs
+                 for n in range(limb.kind.surface.equations))
 
 
 def values_per_row(data: Dataset, mechanism: Mechanism) -> int:

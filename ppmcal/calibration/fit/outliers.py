@@ -13,8 +13,9 @@ from ppmcal.calibration.fit.fit_result import Fit, prediction_covariance
 from ppmcal.calibration.fit.homing_shift import HomingShift, homing_shifts
 from ppmcal.calibration.fit.linearisation import parameter_scale, prior_weights
 from ppmcal.calibration.fit.normal_equations import row_squares, white_blocks
-from ppmcal.calibration.fit.observation import coordinates, shown
+from ppmcal.calibration.fit.observation import coordinates, gap_names, shown
 from ppmcal.calibration.fit.problem import Problem, State
+from ppmcal.calibration.fit.response import Rows
 from ppmcal.inference.priors import MOST_GROSS, NO_WEIGHT, NOISE_FREEDOM
 from ppmcal.inference.row_weights import row_weights
 from ppmcal.kinematics.registration import measured_pose
@@ -196,7 +197,8 @@ class GrossError:
         coordinate: index among x, y, z, rx, ry, rz (a height is z, a distance x) that is
             farthest off, measured over noise; ``value``, ``predicted``: there, SI.
         times: how far, in standard deviations of the noise that the rows show.
-        number: what an instrument of one number calls it.
+        number: what an instrument of one number calls it; of limbs that contradict each other
+            which is farthest from closing, ``gap_leg1``, with its gap.
     """
 
     dataset: str
@@ -243,8 +245,15 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
     for rows in fit.problem.rows(fit.state, False, fit.outliers):
         data = fit.problem.datasets[rows.dataset]
         places = coordinates(data, motion)
-        worst = np.argmax(np.abs(rows.residual[:, :len(places)]), axis=1)
+        worst = np.argmax(np.abs(rows.residual), axis=1)
         for n, (index, c) in enumerate(zip(rows.index.tolist(), worst.tolist(), strict=True)):
+            # as it was judged, and where nobody did as it is
+            times = (fit.times[rows.dataset] if fit.times else {}).get(
+                index, float(abs(rows.residual[n, c])))
+            if c >= len(places):
+                name, gap = _widest_gap(rows, n)
+                yield GrossError(data.name, int(data.rows[index]), 0, gap, 0.0, times, name)
+                continue
             value = float(shown(data)[index, places[c]])
             predicted = value - float(rows.raw[n, c])
             if places[c] >= 3:
@@ -252,11 +261,18 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
                 registration = fit.state.registrations[rows.dataset]
                 pose = fit.state.poses[rows.dataset][index][None]
                 predicted = float(measured_pose(registration, pose)[0, places[c]])
-            yield GrossError(data.name, int(data.rows[index]), places[c], value, predicted,
-                          # as it was judged, and where nobody did as it is
-                          (fit.times[rows.dataset] if fit.times else {}).get(
-                              index, float(abs(rows.residual[n, c]))),
-                          data.kind.number)
+            yield GrossError(data.name, int(data.rows[index]), places[c], value, predicted, times,
+                             data.kind.number)
+
+
+def _widest_gap(rows: Rows, n: int) -> tuple[str, float]:
+    """Return which limb of one row is farthest from closing where all do best, and its gap, m."""
+    assert rows.response is not None
+    closure = rows.response.closure
+    gaps = closure.lengths(rows.response.pose)[n]
+    names = gap_names(closure.model.mechanism)
+    widest = int(np.argmax(np.abs(gaps)))
+    return names[widest], float(gaps[widest])
 
 
 def _would(fit: Fit, covariance: Array, noise: float) -> dict[str, tuple[float, float]]:
