@@ -112,7 +112,7 @@ def test_touches_need_a_height() -> None:
     PLANE.refuse(SCHOENFLIES, "a.yaml")
 
 
-DIAL = '''"""A dial gauge: it shows how far the target is along its axis, the measuring frame's x."""
+DIAL = '''"""A dial gauge: it shows where the target is along its axis, the measuring frame's x."""
 
 import numpy as np
 
