@@ -19,7 +19,6 @@ from ppmcal.model.motions import POSE_COORDINATES
 PARAMETERS = ("name", "nominal", "value", "error", "sigma", "sigma_data", "tolerance", "unit",
               "status", "low", "high")
 SESSIONS = ("sigma_sessions", "disagree")
-COORDINATES = (*POSE_COORDINATES, *number_names())
 
 
 def parameters_csv(entries: Sequence[object]) -> str:
@@ -46,7 +45,8 @@ def table_units(problem: Problem) -> dict[str, dict[str, str]]:
     """
     mechanism = problem.mechanism
     measured = {c for d in problem.datasets for c in labels(d, mechanism.motion)}
-    residual = [f"{stage}{c}" for c in COORDINATES if c in measured for stage in STAGES]
+    residual = [f"{stage}{c}" for c in (*POSE_COORDINATES, *number_names()) if c in measured
+                for stage in STAGES]
     wanted = [*(f"q_{a}" for a in mechanism.actuators), *mechanism.coordinates, "temperature",
               *ENVIRONMENT, *(f"dir_{a}" for a in mechanism.actuators)]
     return {"residuals.csv": column_units(mechanism, ["row", *residual, "used"]),
@@ -101,7 +101,7 @@ def _coordinate_columns(problem: Problem, stages: Mapping[str, Sequence[Array]],
     """
     motion = problem.mechanism.motion
     measured = {label for d in problem.datasets for label in labels(d, motion)}
-    for name in (c for c in COORDINATES if c in measured):
+    for name in (c for c in (*POSE_COORDINATES, *number_names()) if c in measured):
         quantity = "angle" if name in POSE_COORDINATES[3:] else "length"
         for stage, source in stages.items():
             parts: list[Array] = []
