@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.calibration.fit import with_unknown_directions
+from ppmcal.calibration.fit import with_gauge, with_unknown_directions
 from ppmcal.calibration.interpretation import without_stale
 from ppmcal.commands.spec import Measurements, Path_
 from ppmcal.errors import BadInput, unknown
@@ -175,6 +175,7 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
             raise unknown("parameter", pattern, machine.names, "--free")
         machine = machine.with_free(patterns)
     datasets = without_stale(datasets_of(machine, data), machine)
+    machine = with_gauge(machine, datasets)
     if needed and not datasets:
         raise BadInput("there are no measurements", "data", "Give a data set or a file, or several")
     if machine.effects and datasets:

@@ -68,7 +68,7 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
                             f"{source}: home.q"),
         limits=_by_actuator(file.limits, np.tile([-np.inf, np.inf], (len(actuators), 1)),
                             actuators, factors, f"{source}: limits"),
-        gravity=_gravity(file, source), units=units, free_patterns=patterns, optional=optional,
+        gravity=_gravity(file, source), units=units, free_patterns=patterns, optional=optional, gauge=file.gauge,
         registrations=read_registrations(file, units, source),
         measured=read_measured(file.measurement, units, actuators, factors, source),
         digits=_digits(file, drafts, units), findings=tuple(findings), source=source,

@@ -165,6 +165,9 @@ class MechanismFile(Strict):
     """Registrations of data sets, written by identify."""
     free: list[Annotated[str, BeforeValidator(_pattern)]] | None = None
     """Patterns of the parameters that may change  [default: all with a tolerance]."""
+    gauge: Annotated[str, choice("gauge", "base", "tolerances")] = "base"
+    """What holds the base where joint values alone are measured: base: some of its points stay
+    where they are; tolerances: the priors of all."""
     optional: list[list[Annotated[str, BeforeValidator(_pattern)]]] | None = None
     """Lists of patterns, nested: freedoms that identify takes, or leaves, by what predicts
     left-out rows. Fixed ones need a tolerance. --free overrides them."""

@@ -201,6 +201,8 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
     free = _free(mechanism)
     if free is not None:
         tree["free"] = free
+    if mechanism.gauge != "base":
+        tree["gauge"] = mechanism.gauge
     if mechanism.optional:
         tree["optional"] = [list(level) for level in mechanism.optional]
     measurement = measurement_tree(mechanism)

@@ -77,6 +77,8 @@ class Mechanism:
             default stands for it; see :meth:`class_tolerance`.
         cost: class of slots -> (weight, exponent): a tolerance of t file units costs
             weight / t^exponent; classes that the file leaves out are not there.
+        gauge: how a calibration by joint values alone fixes the base: ``base``, by base points that
+            stay where they are, or ``tolerances``, by the priors of all.
         source: path of the file, for messages; ``inputs``: all files it was read from.
     """
 
@@ -99,6 +101,7 @@ class Mechanism:
     digits: Mapping[str, float] = field(default_factory=dict)
     findings: tuple[Note, ...] = ()
     source: str = ""
+    gauge: str = "base"
     inputs: tuple[str, ...] = ()
     stiffness: tuple[Mapping[str, float], ...] = ()
     tolerances: Mapping[str, float] = field(default_factory=dict)

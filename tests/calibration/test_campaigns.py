@@ -127,7 +127,8 @@ def test_days_are_sessions(why: str) -> None:
 def test_heights_and_distances_of_a_printer_are_one_session() -> None:
     base = seen("A", joints(), TARGETS["A"])
     heights, distances, more = (
-        replace(base, name=n, kind=k, q=joints(s), frame=Unknown(True, np.zeros(6)))
+        replace(base, name=n, kind=find_instrument(k), q=joints(s),
+                frame=Unknown(True, np.zeros(6)))
         for n, k, s in (("h", "plane", 1), ("d", "distance", 2), ("h2", "plane", 3)))
     datasets = joined([heights, distances])
     assert [label for label, _ in session_masks(datasets)] == ["h + d"]

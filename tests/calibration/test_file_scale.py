@@ -111,7 +111,7 @@ def test_forward_and_back_agree() -> None:
     (True, "distance", "0.5 to 2"), ([1], "distance", "0.5 to 2")])
 def test_a_wrong_scale_is_refused(raw: object, kind: str, words: str) -> None:
     with pytest.raises(BadInput) as error:
-        scale_of(raw, kind, "side.yaml")
+        scale_of(raw, find_instrument(kind), "side.yaml")
     assert "side.yaml: scale" in error.value.where and words in str(error.value)
 
 

@@ -34,6 +34,7 @@ from ppmcal.kinematics.tables import pose_vector
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.instruments import POSITION, find_instrument
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.motions import Motion
 from ppmcal.model.registration import Registration
 from ppmcal.simulation.scenario import Circle, Random, Scenario
 from ppmcal.simulation.simulate import simulate
@@ -279,7 +280,7 @@ def derivative(problem: Problem, state: State, way: Array) -> Array:
 
 # --- rows that do not belong, cells that are not there -------------------------------------------
 
-def with_outliers(data: Dataset, motion: str, share: float, sigmas: float, seed: int
+def with_outliers(data: Dataset, motion: Motion, share: float, sigmas: float, seed: int
                   ) -> tuple[Dataset, set[int]]:
     """Push some rows off by so many standard deviations in a direction of their own."""
     rng = np.random.default_rng(seed)

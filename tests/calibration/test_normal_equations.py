@@ -33,6 +33,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -95,7 +96,8 @@ def case(name: str) -> tuple[Problem, State, list[np.ndarray], list[np.ndarray]]
     seen[5, 0] = seen[6, 5] = np.nan
     data = Dataset.of_poses("a", q - homing, seen, (1e-3, 2e-3), False)
     data = replace(
-        data, kind=instrument, value=height, sigma_value=np.linspace(1e-3, 2e-3, COUNT),
+        data, kind=find_instrument(instrument), value=height,
+        sigma_value=np.linspace(1e-3, 2e-3, COUNT),
         sigma_position=data.sigma_position * np.linspace(1.0, 2.0, COUNT)[:, None],
         frame=Unknown("frame" in opened, frame),
         target=Unknown("target" in opened, registration.target),

@@ -24,6 +24,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 from ppmcal.io.sidecar import read_instrument, scale_of
 from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.instruments import DISTANCE, PLANE
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -103,7 +104,7 @@ def test_a_calibration_carried_on_knows_what_its_file_said(sigma: float) -> None
 
 
 def test_a_sidecar_states_it(tmp_path: Path) -> None:
-    found = scale_of({"value": 0.995, "sigma": 0.0015}, "distance", "side.yaml")
+    found = scale_of({"value": 0.995, "sigma": 0.0015}, DISTANCE, "side.yaml")
     assert found.fitted and found.sigma == 0.0015 and found.value.tolist() == [0.995]
     mechanism = read_mechanism(ROOT / "configs" / "6-UPS.yaml")
     (tmp_path / "i.yaml").write_text(
@@ -125,10 +126,10 @@ def test_a_sidecar_states_it(tmp_path: Path) -> None:
     ({"value": 0.995, "sigma": float("nan")}, "scale.sigma", "between 0 and 1")])
 def test_a_wrong_one_is_refused(raw: object, place: str, words: str) -> None:
     with pytest.raises(BadInput) as error:
-        scale_of(raw, "distance", "side.yaml")
+        scale_of(raw, DISTANCE, "side.yaml")
     assert error.value.where == f"side.yaml: {place}" and words in str(error.value)
 
 
 def test_heights_have_none() -> None:
     with pytest.raises(BadInput, match="heights"):
-        scale_of({"value": 0.995, "sigma": 0.0015}, "plane", "side.yaml")
+        scale_of({"value": 0.995, "sigma": 0.0015}, PLANE, "side.yaml")

@@ -30,6 +30,7 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.registration import predict
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.effects.learned import JOINT, LearnedCurve, learned_kind
+from ppmcal.model.instruments import find_instrument
 from ppmcal.model.mechanism import Mechanism, with_effect
 from ppmcal.model.registration import Registration
 
@@ -70,14 +71,16 @@ def measured(mechanism: Mechanism, instrument: str, real: Mechanism, q: Array,
         noisy = pose + SIGMA * rng.standard_normal(pose.shape)
         planar = mechanism.motion.planar
         noisy[:, [2, 3, 4] if planar else [3, 4, 5]] = np.nan
-        return replace(found, kind=instrument, position=noisy[:, :3], rotation=noisy[:, 3:])
+        return replace(found, kind=find_instrument(instrument), position=noisy[:, :3],
+                       rotation=noisy[:, 3:])
     start = np.zeros(6)
     if instrument == "distance":
         value, start[:3] = np.linalg.norm(pose[:, :3] - FROM, axis=1), -FROM
     else:
         flat = Registration.of_pose(FLAT, np.zeros(3))
         value = predict(flat, pose_motor(pose))[0][:, 2]
-    return replace(found, kind=instrument, value=value + SIGMA * rng.standard_normal(len(q)),
+    return replace(found, kind=find_instrument(instrument),
+                   value=value + SIGMA * rng.standard_normal(len(q)),
                    sigma_value=np.full(len(q), SIGMA),
                    frame=Unknown(instrument == "plane", start))
 

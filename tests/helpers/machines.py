@@ -153,7 +153,7 @@ CASES: dict[str, Case] = {
     "R(P)S": _tripod(0.0),
 }
 KINDS = tuple(CASES)
-PLANAR = tuple(k for k, c in CASES.items() if c.motion.planar)
+PLANAR = tuple(k for k, c in CASES.items() if c.motion == "planar")
 TOLERANCES = {"point": 0.3, "length": 0.3, "angle": 0.1, "offset": 0.4}
 
 

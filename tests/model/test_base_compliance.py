@@ -43,7 +43,7 @@ def springs(feet: Array, stiffness: Array) -> Array:
 
 def standing(mechanism: Mechanism, compliance: Array) -> Mechanism:
     """Return a machine whose base has a compliance (6, 6), as a file gives it."""
-    coordinates, wrench, at = NAMES[mechanism.motion]
+    coordinates, wrench, at = NAMES[mechanism.motion.name]
     values = {f"{c}_{w}": float(compliance[at[i], at[j]]) for i, c in enumerate(coordinates)
               for j, w in enumerate(wrench) if j >= i}
     return with_effects(mechanism, [{"kind": "base_compliance", "about": "base",
@@ -126,7 +126,7 @@ def test_without_the_entry_it_is_about_the_platform() -> None:
 
 def test_a_machine_that_only_translates_has_none() -> None:
     delta = read_mechanism(ROOT / "configs" / "delta-rotary.yaml")
-    with pytest.raises(BadInput, match="only in planar and spatial motion"):
+    with pytest.raises(BadInput, match="only in planar, schoenflies and spatial motion"):
         with_effects(delta, [{"kind": "base_compliance", "about": "base"}], SI, "m.yaml")
     variants = find_effect("base_compliance").variants
     assert variants is not None

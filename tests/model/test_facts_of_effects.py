@@ -14,10 +14,10 @@ from ppmcal.model.effects.bed_shape import SHAPES
 from ppmcal.model.effects.inputs import BY_NEED
 from ppmcal.model.effects.learned import LearnedCurve
 from ppmcal.model.effects.plate_compliance import _pushed
-from ppmcal.model.effects.setting import COORDINATES, PLACE, Shift, total
+from ppmcal.model.effects.setting import PLACE, Shift, total
 from ppmcal.model.effects.wave import wave
 from ppmcal.model.limbs import kinds as limb_kinds
-from ppmcal.model.motions import SPATIAL
+from ppmcal.model.motions import PLANAR, SPATIAL
 from ppmcal.model.parameters import Parameter
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ def test_turns_are_angles_and_ways_are_lengths(kind: str) -> None:
     found = effect_kinds()[kind]
     for motion in found.motions:
         specs = {s.name: s for s in found.parameters(motion) if s.name in PLACE}
-        assert set(specs) >= set(COORDINATES[motion])
+        assert set(specs) >= set(motion.coordinates)
         for name, spec in specs.items():
             assert spec.quantity.split("/")[0] == ("angle" if name in TURNS else "length")
 
@@ -247,7 +247,7 @@ def test_a_plate_bends_along_its_normal_wherever_its_origin_is(away: float) -> N
     np.testing.assert_allclose(base, (at.forces @ normal)[..., None] * normal, atol=1e-12)
     own = _pushed(at, "platform", points)
     np.testing.assert_allclose(own, -(at.forces @ turn @ normal)[..., None] * normal, atol=1e-12)
-    at.motion = "planar"
+    at.motion = PLANAR
     np.testing.assert_array_equal(_pushed(at, "base", points), at.forces)
 
 

@@ -26,7 +26,6 @@ from ppmcal.store.output import LongText
 PARAMETERS = ("name", "nominal", "value", "error", "sigma", "sigma_data", "tolerance", "unit",
               "status", "low", "high")
 SESSIONS = ("sigma_sessions", "disagree")
-COORDINATES = (*POSE_COORDINATES, *number_names())
 PARAMETER_TABLE = WrittenTable(
     "parameters.csv", lambda name: name in (*PARAMETERS, *SESSIONS) and name not in (
         "name", "unit", "status"), frozenset({"disagree"}))
@@ -45,7 +44,7 @@ def quantity_of(coordinate: str) -> str:
 
 def _in_order(measured: Collection[str]) -> list[str]:
     """Return names of residuals: coordinates first, gaps of limbs as they come."""
-    known = [c for c in COORDINATES if c in measured]
+    known = [c for c in (*POSE_COORDINATES, *number_names()) if c in measured]
     return known + [c for c in measured if c not in known]
 
 
