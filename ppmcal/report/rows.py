@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
-from ppmcal.io.results.identification_tables import COORDINATES, quantity_of
+from ppmcal.io.results.identification_tables import is_measured, quantity_of
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.plotting.layers import Points, Undrawn
@@ -169,7 +169,7 @@ class DataRows:
                 continue
             if name in self.table.numbers:
                 value = number(float(self.table.numbers[name][i]))
-                unit = self.units.name(quantity_of(name)) if name in COORDINATES else ""
+                unit = self.units.name(quantity_of(name)) if is_measured(name) else ""
                 if value is not None:
                     yield f"{name} {with_unit(value, unit, 5)}"
             elif self.table.words(name)[i]:

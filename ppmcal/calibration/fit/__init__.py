@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.normal_equations import WhiteBlock as WhiteBlock
     from ppmcal.calibration.fit.normal_equations import white_blocks as white_blocks
     from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns as NuisanceColumns
+    from ppmcal.calibration.fit.observation import GAP as GAP
     from ppmcal.calibration.fit.observation import coordinates as coordinates
     from ppmcal.calibration.fit.observation import labels as labels
     from ppmcal.calibration.fit.observation import noise as noise

@@ -53,7 +53,8 @@ def _held(mechanism: Mechanism) -> list[int]:
             moves = _moves(place / size)[:, parts]
             own = {axis: dict(limb.slots.direct).get(f"base.point.{a}")
                    for axis, a in enumerate("xyz")}
-            for axis in sorted(own, key=lambda a, m=moves, s=seen: -_new(s, m[a])):
+            new = [_new(seen, move) for move in moves]
+            for axis in sorted(own, key=new.__getitem__, reverse=True):
                 p = own[axis]
                 if p is None or (p in mechanism.free) == fixed or len(seen) == len(parts):
                     continue

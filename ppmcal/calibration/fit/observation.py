@@ -22,6 +22,9 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES, Motion
 from ppmcal.model.registration import Registration
 
+GAP = "gap_"
+"""How the name of a limb's closure begins among residuals."""
+
 
 @dataclass(frozen=True)
 class ResidualJacobian:
@@ -102,7 +105,7 @@ def labels(data: Dataset, mechanism: Mechanism) -> tuple[str, ...]:
 
 def gap_names(mechanism: Mechanism) -> tuple[str, ...]:
     """Return what the closure equations are called among residuals (m,)."""
-    return tuple(f"gap_{limb.name}" + (f"_{n + 1}" if n else "") for limb in mechanism.limbs
+    return tuple(f"{GAP}{limb.name}" + (f"_{n + 1}" if n else "") for limb in mechanism.limbs
                  for n in range(limb.kind.surface.equations))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, MissingPoses, Problem, labels
+from ppmcal.calibration.fit import GAP, Fit, MissingPoses, Problem, labels
 from ppmcal.calibration.validation import Residuals
 from ppmcal.io.csv_writer import csv_text
 from ppmcal.io.results.record import Column, table_lines, table_text
@@ -40,6 +40,11 @@ NEXT_TABLE = WrittenTable("next.csv", lambda name: name in (*POSE_COORDINATES, *
 def quantity_of(coordinate: str) -> str:
     """Return the quantity of a measured coordinate, ``length`` or ``angle``."""
     return "angle" if coordinate in POSE_COORDINATES[3:] else "length"
+
+
+def is_measured(name: str) -> bool:
+    """Whether residuals are of something called so."""
+    return name in (*POSE_COORDINATES, *number_names()) or name.startswith(GAP)
 
 
 def _in_order(measured: Collection[str]) -> list[str]:
