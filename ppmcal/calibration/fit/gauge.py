@@ -1,78 +1,136 @@
-"""The frame of the base, which a machine that calibrates itself cannot see: its gauge.
+"""What a machine that calibrates itself cannot see of its own frames: its gauge.
 
-Joint values alone are the same wherever the base stands. So some coordinates of base points are
-held where they are and define its frame: all of the first limb's, of the next ones as many as turn
-would leave open. They are a choice, and neither known nor redundant.
+Joint values alone are the same wherever the base stands, and wherever the platform's own axes are
+put in it. So some coordinates of base points, then of platform points, are held where they are and
+define these frames: all of the first limb's, of the next ones as many as turns would leave open.
+They are a choice, and neither known nor redundant.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.linalg import Array
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.least_squares_closure import surplus
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
 
 LEVERAGE = 0.3
-"""A coordinate holds a turn that moves it by more than this part of the base's size."""
+"""A coordinate holds a motion of the frame that moves it by this part of what any one moves."""
+UNSEEN = 1e-7
+"""Part of a motion that rows may show, by round-off, and it counts as unseen."""
+ALIKE = 0.99
+POSES = 40
 
 
 def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
-    """Return the machine with the parameters held that define the frame of its base.
+    """Return the machine with the parameters held that define the frames of base and platform.
 
-    Itself where an instrument says where the base stands, where the file leaves that to the
-    tolerances (``gauge: tolerances``), and where enough is fixed already.
+    Itself where an instrument says where they stand, where the file leaves that to the tolerances
+    (``gauge: tolerances``), and where enough is fixed already.
     """
     if mechanism.gauge != "base" or not datasets or not all(d.kind.blind for d in datasets):
         return mechanism
-    held = _held(mechanism)
+    held = _held(mechanism, np.concatenate([d.q for d in datasets]))
     if not held:
         return mechanism
-    names = [mechanism.names[p] for p in held]
-    said = Note(f"{', '.join(names)} are held as they are: they define the frame "
-                "of the base, of which joint values alone say nothing (gauge).", NOTE, "gauge")
+    said = Note(f"{', '.join(mechanism.names[p] for p in held)} are held as they are: they define "
+                "the frames of base and platform, of which joint values alone say nothing (gauge).",
+                NOTE, "gauge")
     return replace(mechanism, free=tuple(p for p in mechanism.free if p not in held),
                    findings=(*mechanism.findings, said))
 
 
-def _held(mechanism: Mechanism) -> list[int]:
-    """Return the free parameters to hold, limb by limb, in each those that turns move most."""
-    points = [limb.slots.values(mechanism.values) for limb in mechanism.limbs]
-    places = np.array([[v.get(f"base.point.{a}", 0.0) for a in "xyz"] for v in points])
-    size = float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0
-    parts = list(mechanism.motion.frame_parts)
-    seen, out = np.zeros((0, len(parts))), list[int]()
-    # what the file fixes comes first: it defines the frame already
-    for fixed in (True, False):
-        for limb, place in zip(mechanism.limbs, places, strict=True):
-            moves = _moves(place / size)[:, parts]
-            own = {axis: dict(limb.slots.direct).get(f"base.point.{a}")
-                   for axis, a in enumerate("xyz")}
-            new = [_new(seen, move) for move in moves]
-            for axis in sorted(own, key=new.__getitem__, reverse=True):
-                p = own[axis]
-                if p is None or (p in mechanism.free) == fixed or len(seen) == len(parts):
-                    continue
-                if _new(seen, moves[axis]) > LEVERAGE:
-                    seen = np.concatenate([seen, moves[axis][None]])
-                    out += [] if fixed else [p]
+def _held(mechanism: Mechanism, q: Array) -> list[int]:
+    """Return the free parameters to hold, limb by limb, in each those that the gauge moves most."""
+    unseen = _unseen(mechanism, q)
+    basis, out = np.zeros((unseen.shape[1], 0)), list[int]()
+    for end, limb, leverage in ((e, limb, part) for part in (LEVERAGE, 0.1 * LEVERAGE)
+                                for e in ("base", "platform") for limb in mechanism.limbs):
+        own = [c for c, p in enumerate(mechanism.free) if p in limb.slots.feeds_points(end)]
+        for _ in own:
+            new = np.linalg.norm(unseen - unseen @ basis @ basis.T, axis=1)
+            rest = [c for c in own if mechanism.free[c] not in out]
+            most = max((new[c] for c in rest), default=0.0)
+            if most <= leverage * new.max(initial=UNSEEN):
+                break
+            # the first of those that do as well
+            out.append(mechanism.free[next(c for c in rest if new[c] > ALIKE * most)])
+            rows = unseen[[mechanism.free.index(p) for p in out]]
+            basis = linalg.column_basis(rows.T)
     return out
 
 
-def _moves(place: Array) -> Array:
-    """Return how a point (3,) moves with displacements and turns of the base (3, 6)."""
-    x, y, z = place
-    return np.concatenate([np.eye(3), [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]], axis=1)
+def _unseen(mechanism: Mechanism, q: Array) -> Array:
+    """Return how free parameters (F, z) move with the frames' motions that no row (N, k) shows."""
+    free = list(mechanism.free)
+    slots = list(_slots(mechanism))
+    moves = np.stack([move for _, _, move in slots]) if slots else np.zeros((0, 12))
+    by_free = np.concatenate([
+        mechanism.limbs[i].slots.jacobian(mechanism.values, (name,), free)
+        for i, name, _ in slots]) if slots else np.zeros((0, len(free)))
+    steps = linalg.pinv(by_free) @ moves
+    # what the file fixes cannot move, and what rows show is no gauge
+    shown = [moves - by_free @ steps, _shown(mechanism, q, free) @ steps]
+    _, size, motions = linalg.svd(np.concatenate(shown), full=True)
+    whole = np.concatenate([size, np.zeros(len(motions) - len(size))])
+    still = motions[whole < UNSEEN * max(1.0, float(whole.max(initial=0.0)))]
+    # motions that move no free parameter are nothing to hold; angles count as arcs
+    found = np.linalg.norm(by_free, axis=0)[:, None] * (steps @ still.T)
+    directions, weight, _ = linalg.svd(found)
+    return np.asarray(directions[:, weight > UNSEEN] * weight[weight > UNSEEN])
 
 
-def _new(seen: Array, move: Array) -> float:
-    """Return how much of a coordinate's motion (f,) those before (n, f) leave open."""
-    if not len(seen):
-        return float(np.linalg.norm(move))
-    basis = linalg.column_basis(seen.T)
-    return float(np.linalg.norm(move - basis @ (basis.T @ move)))
+def _slots(mechanism: Mechanism) -> Iterator[tuple[int, str, Array]]:
+    """Yield limb, slot and how it moves with motions of base and platform (12,), size one.
+
+    Displacements x, y, z and turns about them, of the base and then of the platform.
+    """
+    size = mechanism.reach
+    base = mechanism.motion.frame_parts
+    platform = [c for c in range(6) if c < mechanism.motion.axes or c in mechanism.dof]
+    for i, limb in enumerate(mechanism.limbs):
+        values = limb.slots.values(mechanism.values)
+        for end, first, parts in (("base", 0, base), ("platform", 6, platform)):
+            place = np.array([values.get(f"{end}.point.{a}", 0.0) for a in "xyz"]) / size
+            x, y, z = place
+            turned = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+            for slot in values:
+                if not slot.startswith(f"{end}."):
+                    continue
+                move = np.zeros(12)
+                axis = "xyz".find(slot[-1])
+                if slot.startswith(f"{end}.point."):
+                    move[first + axis] = 1.0
+                    move[first + 3:first + 6] = turned[axis]
+                elif slot.endswith((".rx", ".ry", ".rz")):
+                    move[first + 3 + axis] = 1.0 / size
+                elif slot == f"{end}.angle":
+                    move[first + 5] = 1.0 / size
+                else:
+                    continue
+                kept = np.zeros(12, dtype=bool)
+                kept[[first + c for c in parts]] = True
+                yield i, slot, np.where(kept, move, 0.0)
+
+
+def _shown(mechanism: Mechanism, q: Array, free: Sequence[int]) -> Array:
+    """Return what surplus equations of some rows show of free parameters (r, F)."""
+    some = q[np.linspace(0, len(q) - 1, min(len(q), POSES)).astype(int)]
+    model = Model(replace(mechanism, effects=()))
+    some = some[finite_rows(some)]
+    pose = forward(model, some).pose
+    good = finite_rows(pose)
+    if not good.any():
+        return np.zeros((0, len(free)))
+    closure = model.closure(some[good], free)
+    basis = surplus(mechanism, closure.pose_matrix(pose[good]))
+    shown = np.swapaxes(basis, -1, -2) @ closure.error_matrix(pose[good], free)
+    return np.asarray(shown.reshape(-1, len(free)))
