@@ -22,7 +22,7 @@ from ppmcal.kinematics.effect_response import (
     shifted_once,
     slots_apart,
 )
-from ppmcal.kinematics.forward import Forward, forward, moved, newton
+from ppmcal.kinematics.forward import Forward, forward, least_of_minima, moved, newton
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Environment, unknown_environment
@@ -138,6 +138,8 @@ def _newton(model: Model, q: Array, closed: Array) -> Array:
         lost = rows[~converged]
         if lost.size:
             out[lost] = forward(model.take(lost), q[lost]).pose
+        if model.mechanism.surplus:
+            out[rows] = least_of_minima(model.take(rows), q[rows], out[rows])
     return out
 
 

@@ -9,7 +9,9 @@ A row that meets a singularity on the way is reported, never returned.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -29,6 +31,13 @@ STEP = 1e-11
 """Converged: the last step, translations in parts of the length scale, is below this."""
 CLOSED = 1e-12
 """Closed: every misclosure below this part of the reach."""
+STANDS_OUT = 10.0
+"""Rows of surplus limbs whose squared gaps are so many times the median are looked at again."""
+ROUND_OFF = 1e-10
+MOST_COMBINATIONS, MOST_PARTS = 1000, 8
+"""Sets of limbs that close a machine: so many are listed, and so many tried."""
+SOUND = 1e-3
+"""Smallest singular value at home of limbs that are tried."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +89,75 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
         if rest.size:
             result[rest], progress[rest] = _lead(model.take(rest), origin[rest], q[rest],
                                                  pose[rest])
+    if model.mechanism.surplus and start is None:
+        result = least_of_minima(model, q, result)
+        progress[finite_rows(result)] = 1.0
     return Forward(result, progress >= 1.0, progress)
+
+
+def least_of_minima(model: Model, q: Array, pose: Array) -> Array:
+    """Return poses (N, 8) of which far-off rows are where their limbs contradict each other least.
+
+    Least squares have minima besides, in which limbs that agree elsewhere are kept apart. As many
+    limbs as close the machine exactly lead from home to the right one, unless they meet a
+    singularity on the way: several sets of them are tried, for rows that stand out.
+    """
+    least = _gap_square(model, q, pose)
+    usable = finite_rows(q)
+    far = usable & ~(least <= STANDS_OUT * np.median(least[usable & np.isfinite(least)] if (
+        usable & np.isfinite(least)).any() else 0.0) + (ROUND_OFF * model.mechanism.reach) ** 2)
+    pose = pose.copy()
+    if not far.any():
+        return pose
+    rows = np.flatnonzero(far)
+    for part, driven in _exact_parts(model):
+        led = forward(part.take(rows), q[rows][:, driven]).pose
+        whole = model.take(rows)
+        found, converged, _ = newton(whole.closure(q[rows]), led)
+        value = np.where(converged, _gap_square(whole, q[rows], found), np.inf)
+        better = value < np.where(np.isfinite(least[rows]), 0.99 * least[rows], np.inf)
+        pose[rows[better]], least[rows[better]] = found[better], value[better]
+    return pose
+
+
+def _gap_square(model: Model, q: Array, pose: Array) -> Array:
+    """Return the sum of squared gaps (N,), nan without a pose."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.sum(model.closure(q).lengths(pose) ** 2, axis=1))
+
+
+def _exact_parts(model: Model) -> list[tuple[Model, list[int]]]:
+    """Return the machine with as few limbs as close it, best conditioned at home first."""
+    mechanism = model.mechanism
+    sizes = [limb.kind.surface.equations for limb in mechanism.limbs]
+    wanted = len(mechanism.dof)
+    chosen = []
+    every = range(len(sizes))
+    a = Model(mechanism).closure(home_state(mechanism).q).pose_matrix(mechanism.home)[0]
+    a[:, [c >= 3 for c in mechanism.dof]] /= mechanism.length_scale
+    first = np.cumsum([0, *sizes])
+    for some in (s for count in every for s in combinations(every, count + 1)
+                 if sum(sizes[i] for i in s) == wanted):
+        own = a[[r for i in some for r in range(first[i], first[i + 1])]]
+        chosen.append((float(linalg.singular_values(own)[-1]), some))
+        if len(chosen) > MOST_COMBINATIONS:
+            break
+    return [_part(model, some) for value, some in sorted(chosen, reverse=True)[:MOST_PARTS]
+            if value > SOUND]
+
+
+def _part(model: Model, some: Sequence[int]) -> tuple[Model, list[int]]:
+    """Return the machine with some of its limbs, and which actuators they have."""
+    mechanism = model.mechanism
+    driven = sorted({mechanism.limbs[i].actuator for i in some})
+    limbs = tuple(replace(mechanism.limbs[i], actuator=driven.index(mechanism.limbs[i].actuator))
+                  for i in some)
+    shift = model.shift and replace(model.shift, slots={
+        (some.index(i), slot): v for (i, slot), v in model.shift.slots.items() if i in some})
+    part = replace(mechanism, limbs=limbs, actuators=tuple(mechanism.actuators[a] for a in driven),
+                   limits=mechanism.limits[driven], home_q=mechanism.home_q[driven], effects=())
+    return replace(model, shift=shift, mechanism=part), driven
+
 
 
 def _attempt(model: Model, q: Array, pose: Array) -> tuple[Array, Bools]:
