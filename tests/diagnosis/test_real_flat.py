@@ -73,7 +73,7 @@ def test_a_diagnosis_with_values_of_another_printer_ends_and_moves_no_command(tm
     ppmcal.import_config("klipper", OTHER / "printer.cfg").save(tmp_path / "other")
     files = [tmp_path / "own/mesh_heightmap.csv",
              *(tmp_path / f"other/{n}.csv" for n in ("heights", "distances"))]
-    found = ppmcal.diagnose(tmp_path / "own/machine.yaml", files, kinds=["backlash"])
+    found = ppmcal.diagnose(tmp_path / "own/machine.yaml", files)
     for name, rows in (("heights", 7), ("distances", 12)):
         assert any(f.startswith(f"{name}: {rows} of {rows} rows left out") for f in found.findings)
     sent = ppmcal.compensate(found, np.array([[0, 0, 0], [60, 0, 0], [0, 60, 0]]),
