@@ -136,7 +136,7 @@ def _grown(model: Model, index: int, step: float) -> tuple[Array, Array]:
 
 def _limb(kind: LimbKind) -> Figure:
     """Draw one limb of a shipped machine, and where it goes when its joint grows."""
-    machine = _shipped(example_limb(kind.name)[0].removesuffix(".yaml"))
+    machine = _shipped(example_limb(kind)[0].removesuffix(".yaml"))
     model = Model(machine)
     index = next(i for i, limb in enumerate(machine.limbs) if limb.kind.name == kind.name)
     pose, q = _grown(model, index, GROWTH * machine.reach if kind.actuator == "length"

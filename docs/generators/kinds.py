@@ -12,9 +12,11 @@ import yaml
 from generators.keys import EXAMPLES as ALL_EXAMPLES
 from generators.markdown import code, fenced, plain, table
 from generators.paths import ROOT
+from ppmcal.io.limb_reader import limb_kind
 from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds
 from ppmcal.model.limbs import LimbKind, kinds
 from ppmcal.model.limbs.chain import SlotSpec
+from ppmcal.model.motions import motions
 
 EXAMPLES = ALL_EXAMPLES["effects"]
 WORDS = {"dir": "`dir_<actuator>`", "vel": "`vel_<actuator>`", "temperature": "`temperature`",
@@ -64,7 +66,7 @@ def _limb(kind: LimbKind) -> str:
     branch = [] if kind.branch is None else [
         (code(kind.branch), "1 or -1", "nearest to `home.q`, else 1", "",
          "which of two solutions")]
-    machine, limb = example_limb(kind.name)
+    machine, limb = example_limb(kind)
     return "\n".join([
         f"## {kind.name} {{ #{anchor_of(kind)} }}\n",
         f"![One limb {kind.name}, and where it goes when its joint value grows]"
@@ -94,17 +96,19 @@ def _slot(slot: SlotSpec) -> str:
     return SLOTS[slot.name]
 
 
-def example_limb(name: str) -> tuple[str, dict[str, object]]:
+def example_limb(kind: LimbKind) -> tuple[str, dict[str, object]]:
     """Return a shipped machine's file name and its first limb of a kind.
 
     Raises:
         LookupError: no shipped machine has such a limb.
     """
     for path in sorted((ROOT / "configs").glob("*.yaml"), key=lambda p: (len(p.stem), p.stem)):
-        for limb in yaml.safe_load(path.read_text(encoding="utf-8")).get("limbs", ()):
-            if limb.get("kind", "").partition("-")[2] == name or limb.get("kind") == name:
+        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+        for limb in tree.get("limbs", ()) if "motion" in tree else ():
+            name = limb.get("kind", "")
+            if kind is limb_kind({"kind": name}, motions()[tree["motion"]], path.name):
                 return path.name, limb
-    raise LookupError(f"no machine in configs/ has a limb {name}")
+    raise LookupError(f"no machine in configs/ has a limb {kind.name}")
 
 
 def effect_sections() -> str:

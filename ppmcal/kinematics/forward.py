@@ -116,6 +116,8 @@ def least_of_minima(model: Model, q: Array, pose: Array) -> Array:
         found, converged, _ = newton(whole.closure(q[rows]), led)
         value = np.where(converged, _gap_square(whole, q[rows], found), np.inf)
         better = value < np.where(np.isfinite(least[rows]), 0.99 * least[rows], np.inf)
+        # a way round by a whole turn comes home with the other sign of the same motor
+        found *= np.where(found[:, :4] @ model.mechanism.home[:4] < 0.0, -1.0, 1.0)[:, None]
         pose[rows[better]], least[rows[better]] = found[better], value[better]
     return pose
 

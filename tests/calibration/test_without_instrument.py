@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.redundant import alone, apart, belts, known_cables, rope_cage, stewart, written
+from helpers.redundant import alone, apart, belts, rope_cage, stewart, written
 
 import ppmcal
 from ppmcal.errors import BadInput
@@ -10,10 +10,10 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward, moved
 from ppmcal.kinematics.inverse import inverse
 
-HALF = {"belts": {"x": 900, "y": 700}, "cables": {"x": 700, "y": 500, "rz": 0.2},
+HALF = {"belts": {"x": 900, "y": 700},
         "stewart": {"x": 80, "y": 80, "z": 60, "rx": 10, "ry": 10, "rz": 10},
         "cage": {"x": 800, "y": 600, "z": 500, "rx": 15, "ry": 15, "rz": 15}}
-HELD = {"belts": 3, "cables": 6, "stewart": 12, "cage": 12}
+HELD = {"belts": 3, "stewart": 12, "cage": 12}
 
 
 def fresh(model, count=20, size=1.0):
@@ -27,12 +27,12 @@ def fresh(model, count=20, size=1.0):
     return pose, inverse(model, pose).q
 
 
-@pytest.mark.parametrize("tree", [belts, known_cables, stewart, rope_cage], ids=lambda t: t.__name__)
+@pytest.mark.parametrize("tree", [belts, stewart, rope_cage], ids=lambda t: t.__name__)
 def test_what_is_found_is_the_truth_in_another_frame(tree, tmp_path):
     """Joints without noise: poses that no row had come out to less than 1e-9 m."""
     file = tree()
     path = written(tmp_path, file)
-    made = ppmcal.simulate(path, alone(file, HALF[file["name"]]))
+    made = ppmcal.simulate(path, alone(file, HALF[file["name"]], sigma=1e-9))
     found = ppmcal.identify(path, made.data[0])
     count = HELD[file["name"]]
     problem = found.identification.fit.problem

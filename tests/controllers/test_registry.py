@@ -27,7 +27,7 @@ from ppmcal.controllers.delta.geometry import ANGLES, DeltaGeometry
 from ppmcal.controllers.delta.printer import Printer, nominal_of
 
 CONTROLLER = Controller(9, "offsets.", use="bench {model} takes the machine",
-                        drives=lambda mechanism: mechanism.motion == "spatial")
+                        drives=lambda mechanism: mechanism.motion.turns_freely)
 
 
 def export(mechanism, old, poses):

@@ -46,14 +46,6 @@ def machine(folder, tree):
     return read_mechanism(written(folder, tree))
 
 
-def known_cables():
-    """Return the same with cables whose lengths are known.
-
-    Alone it sees their offsets next to not at all: 0.1 m of anchors is 7 um of the cables.
-    """
-    return cables({"value": 0, "fixed": True})
-
-
 def rope_cage():
     """Return the file of a platform on eight ropes in space, mm."""
     corners = [(x, y, z) for z in (0, 2000) for x, y in ((0, 0), (3000, 0), (3000, 2500),
@@ -102,7 +94,9 @@ def apart(mechanism, poses, others):
         laid = cga.compose(first, cga.compose(poses, last))
         turn = cga.rotation_vector(cga.compose(laid, cga.reverse(others)))
         away = cga.translation(laid) - cga.translation(others)
-        return np.concatenate([away, turn * mechanism.length_scale], axis=1).ravel()
+        # a platform that does not turn has nothing of its own turned
+        size = mechanism.length_scale if mechanism.motion.turns else 0.0
+        return np.concatenate([away, turn * size], axis=1).ravel()
 
     found = least_squares(left, np.zeros(len(base) + len(body)), xtol=1e-15, ftol=1e-15,
                           gtol=1e-15)

@@ -99,7 +99,6 @@ def replace(path, old, new):
 # ---------------------------------------------------------------- mechanism files
 
 LEG4 = "  - {name: leg4, kind: R(P)R, base: {point: [9, 9]}, platform: {point: [1, 1]}}\n"
-LEG5 = LEG4.replace("leg4", "leg5")
 
 # (what, old text, new text, words of the message)
 MECHANISMS = {
@@ -108,7 +107,6 @@ MECHANISMS = {
     "units not a map": ("units: {length: mm, angle: deg}", "units: mm", ["units"]),
     "kind with near match": ("kind: R(P)R", "kind: R(P)Q", ["leg1", "kind", "R(P)R"]),
     "kind that no actuator holds": ("kind: R(P)R", "kind: RPR", ["leg1", "R(P)R"]),
-    "five limbs": ("home:", f"{LEG4}{LEG5}home:", ["5", "3"]),
     "two limbs": (MECHANISM[MECHANISM.index("  - name: leg3"):MECHANISM.index("home:")], "",
                   ["2", "3"]),
     "no limbs": (MECHANISM[MECHANISM.index("limbs:"):MECHANISM.index("home:")], "", ["limbs"]),

@@ -170,7 +170,7 @@ SCENARIOS = [
     ("no count", ", count: 30", "", "poses.circle", "count: 30"),
     ("count 0", "count: 30", "count: 0", "poses.circle.count", "from 1 to 10 million"),
     ("radius", "radius: 80", "radius: -80", "poses.circle.radius", "greater than 0"),
-    ("center", "y: 290, ", "", "poses.circle.center", "3 actuators"),
+    ("center", "y: 290, ", "", "poses.circle.center", "3 freedoms"),
     ("center z", "y: 290, ", "y: 290, z: 3, ", "poses.circle.center", "'z'"),
     ("parameter", "leg2.offset", "leg2.ofset", "errors", "'leg2.offset'"),
     ("error value", "leg2.offset: -0.3", "leg2.offset: much", "errors.leg2.offset", "number"),

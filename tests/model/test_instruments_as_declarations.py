@@ -38,8 +38,8 @@ from ppmcal.model.motions import (
 SIX = (0, 1, 2, 3, 4, 5)
 
 
-def test_the_four_in_the_order_in_which_they_are_told() -> None:
-    assert list(instruments()) == ["pose", "position", "plane", "distance"]
+def test_the_five_in_the_order_in_which_they_are_told() -> None:
+    assert list(instruments()) == ["pose", "position", "plane", "distance", "none"]
     assert number_names() == ("height", "distance")
     assert [k.name for k in instruments().values() if k.touches] == ["plane"]
     assert [k.name for k in instruments().values() if k.along_line] == ["distance"]
@@ -107,9 +107,9 @@ def test_a_number_needs_a_name_and_a_value() -> None:
 def test_touches_need_a_height() -> None:
     for motion in (PLANAR, PLANAR_POINT):
         with pytest.raises(BadInput, match="it has no z"):
-            PLANE.refuse(motion, "a.yaml")
-        POSITION.refuse(motion, "a.yaml")
-    PLANE.refuse(SCHOENFLIES, "a.yaml")
+            PLANE.refuse(motion, 0, "a.yaml")
+        POSITION.refuse(motion, 0, "a.yaml")
+    PLANE.refuse(SCHOENFLIES, 0, "a.yaml")
 
 
 DIAL = '''"""A dial gauge: how far the target is along the measuring frame's x."""

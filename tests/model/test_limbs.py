@@ -85,7 +85,9 @@ def columns(model: Model, q: Array, pose: Array) -> dict[str, Array]:
 
 
 def test_every_registered_kind_has_a_case() -> None:
-    assert set(kinds()) == set(KINDS) == set(machines.CHAINS) == set(NO_MOVE)
+    # ropes have no joints whose frames could err: test_least_squares_closure.py has their facts
+    ropes = {"rope", "planar rope"}
+    assert set(kinds()) - ropes == set(KINDS) == set(machines.CHAINS) == set(NO_MOVE)
 
 
 @each
