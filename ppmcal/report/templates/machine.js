@@ -39,7 +39,7 @@
         [[0, 0, 0], frame.origin, ...frame.axes.map((a) => M.sum(frame.origin, a, 0.12 * reach))]
           .forEach(see);
         frame.limbs.forEach((limb, i) => {
-          [limb.base, limb.platform, limb.zero, ...limb.joints, ...limb.links.flat()].forEach(see);
+          [limb.base, limb.platform, limb.zero, ...(limb.joints ?? []), ...limb.links.flat()].forEach(see);
           const travel = this.first.limbs[i].travel;
           if (n === 0 && travel && limb.drive)
             travel.forEach((u) => see(M.sum(limb.drive, limb.drive_axis, u)));

@@ -68,7 +68,7 @@
 
   M.jointTraces = (c, machine, frame) => {
     const groups = {};
-    machine.limbs.forEach((limb, i) => limb.joints.forEach((joint, j) => {
+    machine.limbs.forEach((limb, i) => (limb.joints ?? []).forEach((joint, j) => {
       const key = joint.kind + joint.driven, own = groups[key] || { joint, points: [], texts: [] };
       groups[key] = own;
       own.points.push(jointPlace(limb, frame.limbs[i], j));
