@@ -102,7 +102,7 @@ class SidecarFile(Strict):
         instrument = data.get("instrument") if isinstance(data, dict) else None
         kind = instrument.get("kind") if isinstance(instrument, dict) else None
         if isinstance(kind, str) and kind in instruments() and instruments()[kind].blind:
-            return {"frame": "known", "target": "known", **data}
+            return {**data, "frame": "known", "target": "known"}
         return data
 
     format: Annotated[str, choice("format", FORMAT)]
