@@ -100,7 +100,8 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
     """Return measurements.yaml: what a user would know, not what is true."""
     units = mechanism.units
     length, angle = units.factor("length"), units.factor("angle")
-    sigma: dict[str, Any] = {"position": _sigma(scenario.sigma_position, length)}
+    sigma: dict[str, Any] = {} if scenario.kind.blind else {
+        "position": _sigma(scenario.sigma_position, length)}
     if scenario.kind.scalar:
         sigma = {scenario.kind.sigma: _sigma(scenario.sigma_value, length)}
     if scenario.kind.sees_rotation:
