@@ -60,7 +60,8 @@ def machine(name: str, **changes: Any) -> tuple[Mechanism, Scenario]:
 
 def noiseless(scenario: Scenario) -> Scenario:
     """No noise; the sidecar then says 1e-9 m and rad."""
-    return replace(scenario, sigma_position=0.0, sigma_rotation=0.0)
+    return replace(scenario, sigma_position=0.0, sigma_rotation=0.0,
+                   sigma_actuator=np.zeros_like(scenario.sigma_actuator))
 
 
 def box(scenario: Scenario, count: int = 30) -> Scenario:
