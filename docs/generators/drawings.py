@@ -153,8 +153,10 @@ def _limb(kind: LimbKind) -> Figure:
     before, after = (_flat(limb.platform_point[n], motion) for n in (0, 1))
     way = (after - before) / np.linalg.norm(after - before)
     _label(axes, before, "B", INK, (-14 * way[0] - 4, -14 * way[1] - 4))
-    driven = next(j for j in limb.joints if j.driven)
-    _label(axes, _flat(driven.centre[0], motion), "u", RED, (-14, 6))
+    # a rope has no joint that is driven: its length is
+    driven = next((j.centre for j in limb.joints if j.driven),
+                  0.5 * (limb.base_point + limb.platform_point))
+    _label(axes, _flat(driven[0], motion), "u", RED, (-14, 6))
     _arrow(axes, before, after, RED)
     axes.annotate("u grows", tuple(after), xytext=tuple(10 * way), textcoords="offset points",
                   color=RED, ha="left" if way[0] >= 0 else "right")

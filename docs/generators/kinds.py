@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 import inspect
 import math
+import re
 
 import yaml
 
@@ -44,8 +45,8 @@ added to the joint coordinate; other symbols stand [above](#what-they-are).
 
 def anchor_of(kind: LimbKind) -> str:
     """Return the anchor of a limb kind: its letters, the driven one capital in words."""
-    return "limb-" + kind.name.replace("(", "-").replace(")", "-").strip("-").lower().replace(
-        "--", "-")
+    plain_name = re.sub(r"[ ()]+", "-", kind.name).strip("-")
+    return f"limb-{plain_name.lower()}"
 
 
 def limb_page() -> str:
