@@ -52,10 +52,15 @@ def require_meet(mechanism: Mechanism) -> None:
     """Refuse a machine whose limbs' bodies do not meet in closed form.
 
     Raises:
-        BadInput: a spatial machine other than a tripod, universal joints with an offset, effects.
+        BadInput: surplus limbs, a spatial machine other than a tripod, universal joints with an
+            offset, effects.
     """
     place = f"{mechanism.source} with --method intersection"
     motion = mechanism.motion
+    if mechanism.surplus:
+        raise BadInput("the limbs' surfaces have no intersection: this machine has more limbs than "
+                       "its platform has freedoms, and where joint values contradict each other "
+                       "they meet nowhere", place, "Use --method newton")
     if motion.turns and not motion.planar and not is_tripod(mechanism):
         raise BadInput("the limbs' surfaces have no intersection in closed form: this machine is "
                        f"{motion}, its platform turns, and only three limbs on a circle each "

@@ -6,6 +6,8 @@ from helpers.redundant import cables, machine, stewart
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
+from ppmcal.design.intersection import require_meet
+from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward, moved
 from ppmcal.kinematics.inverse import home_state, inverse
@@ -132,3 +134,8 @@ def test_home_of_a_machine_whose_limbs_contradict_each_other_is_reached(tmp_path
     q = np.array(home_state(mechanism).q)
     found = forward(model, np.stack([q, q + [0.2, -0.1, 0.0, 0.1]]))
     assert found.converged.all()
+
+
+def test_surplus_limbs_have_no_intersection(model):
+    with pytest.raises(BadInput, match="more limbs than its platform has freedoms"):
+        require_meet(model.mechanism)
