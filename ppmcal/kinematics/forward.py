@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -22,6 +23,7 @@ from ppmcal.kinematics.compiled_limbs import compiled_limbs
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.least_squares_closure import newton_step
 from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.model.mechanism import Mechanism
 
 CONTRACTION = 0.25
 """A second Newton step above this part of the first means: lead the joints in smaller steps."""
@@ -103,14 +105,14 @@ def least_of_minima(model: Model, q: Array, pose: Array) -> Array:
     singularity on the way: several sets of them are tried, for rows that stand out.
     """
     least = _gap_square(model, q, pose)
-    usable = finite_rows(q)
-    far = usable & ~(least <= STANDS_OUT * np.median(least[usable & np.isfinite(least)] if (
-        usable & np.isfinite(least)).any() else 0.0) + (ROUND_OFF * model.mechanism.reach) ** 2)
-    pose = pose.copy()
+    known = least[np.isfinite(least)]
+    usual = np.median(known) if known.size else 0.0
+    far = finite_rows(q) & ~(least <= STANDS_OUT * usual + (ROUND_OFF * model.mechanism.reach) ** 2)
     if not far.any():
         return pose
+    pose = pose.copy()
     rows = np.flatnonzero(far)
-    for part, driven in _exact_parts(model):
+    for part, driven in (_part(model, some) for some in _exact_sets(model.mechanism)):
         led = forward(part.take(rows), q[rows][:, driven]).pose
         whole = model.take(rows)
         found, converged, _ = newton(whole.closure(q[rows]), led)
@@ -128,9 +130,9 @@ def _gap_square(model: Model, q: Array, pose: Array) -> Array:
         return np.asarray(np.sum(model.closure(q).lengths(pose) ** 2, axis=1))
 
 
-def _exact_parts(model: Model) -> list[tuple[Model, list[int]]]:
-    """Return the machine with as few limbs as close it, best conditioned at home first."""
-    mechanism = model.mechanism
+@lru_cache(maxsize=64)
+def _exact_sets(mechanism: Mechanism) -> tuple[tuple[int, ...], ...]:
+    """Return sets of as few limbs as close a machine, best conditioned at home first."""
     sizes = [limb.kind.surface.equations for limb in mechanism.limbs]
     wanted = len(mechanism.dof)
     chosen = []
@@ -144,8 +146,7 @@ def _exact_parts(model: Model) -> list[tuple[Model, list[int]]]:
         chosen.append((float(linalg.singular_values(own)[-1]), some))
         if len(chosen) > MOST_COMBINATIONS:
             break
-    return [_part(model, some) for value, some in sorted(chosen, reverse=True)[:MOST_PARTS]
-            if value > SOUND]
+    return tuple(some for value, some in sorted(chosen, reverse=True)[:MOST_PARTS] if value > SOUND)
 
 
 def _part(model: Model, some: Sequence[int]) -> tuple[Model, list[int]]:
@@ -161,7 +162,6 @@ def _part(model: Model, some: Sequence[int]) -> tuple[Model, list[int]]:
     return replace(model, shift=shift, mechanism=part), driven
 
 
-
 def _attempt(model: Model, q: Array, pose: Array) -> tuple[Array, Bools]:
     """Newton at ``q`` from ``pose``; good rows converged, contracting, on the same side."""
     closure = model.closure(q)
@@ -174,7 +174,8 @@ def _attempt(model: Model, q: Array, pose: Array) -> tuple[Array, Bools]:
         c, lines = closure.misclosure_and_lines(pose)
         matrix = closure.pose_matrix(pose, lines)
         side = np.sign(linalg.determinant(matrix))
-    solved, converged, contraction = newton(closure, pose, most=CONTRACTION, begin=(c, matrix))
+    solved, converged, contraction = newton(closure, pose, most=CONTRACTION,
+                                            begin=(c, lines, matrix))
     same = np.zeros(q.shape[0], dtype=bool)
     if converged.any():
         same[converged] = side[converged] == np.sign(linalg.determinant(
@@ -201,11 +202,11 @@ def _lead(model: Model, origin: Array, q: Array, pose: Array) -> tuple[Array, Ar
 
 
 def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: float = np.inf,
-           begin: tuple[Array, Array] | None = None) -> tuple[Array, Bools, Array]:
+           begin: tuple[Array, Array, Array] | None = None) -> tuple[Array, Bools, Array]:
     """Solve the closure for the motors, batched.
 
     Rows that contract by less than ``most`` in their second step are given up then. ``begin``:
-    misclosure and pose matrix at ``pose``, where they are known.
+    misclosure, lines and pose matrix at ``pose``, where they are known.
 
     Returns:
         motors (N, 8), converged (N,), and the ratio of the second step's length to the
@@ -225,9 +226,9 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
                 c, lines = closure.misclosure_and_lines(pose)
                 matrix = closure.pose_matrix(pose, lines)
             else:
-                c, matrix = begin
+                c, lines, matrix = begin
             step = np.zeros((pose.shape[0], 6))
-            step[:, mechanism.dof] = newton_step(closure, pose, c, matrix)
+            step[:, mechanism.dof] = newton_step(closure, pose, c, matrix, lines)
             size = np.hypot(np.linalg.norm(step[:, :3], axis=1) / scale,
                             np.linalg.norm(step[:, 3:], axis=1))
             sizes.append(size)

@@ -76,19 +76,31 @@ def held_by(closure: Closure, pose: Array, a: Array, wrenches: Array, lines: Arr
 def _system(closure: Closure, pose: Array, a: Array, lines: Array | None, give: Array | None
             ) -> Array:
     """Return the symmetric matrices (N, m + d, m + d)."""
-    m, d = a.shape[-2:]
     give = closure.joint_matrix(pose, lines, drive=False) if give is None else give
+    return symmetric_system(give, a, EXACT)[0]
+
+
+def symmetric_system(give: Array, a: Array, exact: float = 0.0) -> tuple[Array, Array]:
+    """Return the matrices (N, m + d, m + d) of this module's head, and the size of S (N, 1, 1).
+
+    S is in parts of that size: no pose depends on it, and systems of size one are well scaled.
+
+    Args:
+        give: what the equations move by (N, m, s), as in :func:`closed_by`.
+        a: pose matrix (N, m, d).
+        exact: added to the variance of each equation, in parts of the size.
+    """
+    m, d = a.shape[-2:]
     variance = give @ np.swapaxes(give, -1, -2)
-    # a common factor moves no pose: sizes of one make the system well scaled
     size = np.trace(variance, axis1=-2, axis2=-1)[:, None, None] / m
     out = np.zeros((len(a), m + d, m + d))
     with np.errstate(invalid="ignore", divide="ignore"):
-        out[:, :m, :m] = variance / size + EXACT * np.eye(m)
+        out[:, :m, :m] = variance / size + exact * np.eye(m)
     out[:, :m, m:], out[:, m:, :m] = a, np.swapaxes(a, -1, -2)
-    return out
+    return out, size
 
 
-def newton_step(closure: Closure, pose: Array, c: Array, a: Array) -> Array:
+def newton_step(closure: Closure, pose: Array, c: Array, a: Array, lines: Array) -> Array:
     """Return the Newton step (N, d) from a pose to the one that closes best.
 
     With equations as many as freedoms -A^-1 c. Else with the curvature of the closure: a gap that
@@ -99,11 +111,12 @@ def newton_step(closure: Closure, pose: Array, c: Array, a: Array) -> Array:
         pose: motors (N, 8).
         c: misclosure there (N, m).
         a: pose matrix there (N, m, d).
+        lines: of the legs there (N, m, 6).
     """
     if not closure.model.mechanism.surplus:
         return -solve_rows(a, c)
     m = a.shape[1]
-    system = _system(closure, pose, a, None, None)
+    system = _system(closure, pose, a, lines, None)
     forces = solve_rows(system[:, :m, :m], c)
     right = np.pad(c, ((0, 0), (0, a.shape[2])))
     step = -solve_rows(system, right)[:, m:]

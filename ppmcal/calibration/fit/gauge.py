@@ -19,6 +19,7 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.least_squares_closure import surplus
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
 
@@ -27,7 +28,9 @@ LEVERAGE = 0.3
 UNSEEN = 1e-7
 """Part of a motion that rows may show, by round-off, and it counts as unseen."""
 ALIKE = 0.99
+"""Coordinates that do so nearly as well: the first of them is held, whatever the last digit."""
 POSES = 40
+"""Rows that are looked at, evenly spread."""
 
 
 def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
@@ -100,8 +103,7 @@ def _slots(mechanism: Mechanism) -> Iterator[tuple[int, str, Array]]:
         values = limb.slots.values(mechanism.values)
         for end, first, parts in (("base", 0, base), ("platform", 6, platform)):
             place = np.array([values.get(f"{end}.point.{a}", 0.0) for a in "xyz"]) / size
-            x, y, z = place
-            turned = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+            turned = -cross_matrix(place)
             for slot in values:
                 if not slot.startswith(f"{end}."):
                     continue

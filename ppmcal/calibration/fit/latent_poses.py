@@ -19,6 +19,7 @@ import numpy as np
 from ppmcal.calibration.fit.observation import ResidualJacobian
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.forward import moved
+from ppmcal.kinematics.least_squares_closure import symmetric_system
 from ppmcal.linalg import Array, solve_rows
 
 STEPS = 10
@@ -57,19 +58,15 @@ def _step(closure: Closure, seen: ResidualJacobian, pose: Array, sigma: Array, s
     c, lines = closure.misclosure_and_lines(pose)
     a = closure.pose_matrix(pose, lines)
     noise = closure.joint_matrix(pose, lines) * sigma_joint
-    variance = noise @ np.swapaxes(noise, -1, -2)
-    size = np.trace(variance, axis1=-2, axis2=-1)[:, None, None] / a.shape[1]
+    system, size = symmetric_system(noise, a)
+    m = a.shape[1]
     white = np.where(seen.observed, 1.0 / sigma, 0.0)
     residual = white * np.where(seen.observed, seen.residual, 0.0)
     h = white[..., None] * seen.by_poses[0][..., closure.model.mechanism.dof]
     back = np.swapaxes(h, -1, -2)
-    m, d = a.shape[1:]
-    system = np.zeros((len(a), m + d, m + d))
-    system[:, :m, :m] = variance / size
-    system[:, :m, m:], system[:, m:, :m] = a, np.swapaxes(a, -1, -2)
     system[:, m:, m:] = -size * (back @ h)
     right = np.concatenate([c, size[..., 0] * (back @ residual[..., None])[..., 0]], axis=1)
     with np.errstate(invalid="ignore"):
-        force = solve_rows(variance / size, c)
+        force = solve_rows(system[:, :m, :m], c)
         value = np.sum(c * force, axis=1) / size[:, 0, 0] + np.sum(residual**2, axis=1)
     return value, -solve_rows(system, right)[:, m:]

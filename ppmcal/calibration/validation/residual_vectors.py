@@ -72,11 +72,10 @@ def residuals(problem: Problem, state: State) -> Residuals:
     parts: list[list[Array]] = [[], [], [], [], []]
     motion = problem.mechanism.motion
     for i, data in enumerate(problem.datasets):
-        closure = closure_lengths(problem, state, i)
         if data.kind.blind:
+            gaps, noise_of_gaps = _gaps(problem, state, i)
             nothing = np.full(len(data), np.nan)
-            for part, own in zip(parts, (closure, _gap_noise(problem, state, i), nothing, nothing,
-                                         closure), strict=True):
+            for part, own in zip(parts, (gaps, noise_of_gaps, nothing, nothing, gaps), strict=True):
                 part.append(own)
             continue
         chosen = coordinates(data, motion)
@@ -94,7 +93,7 @@ def residuals(problem: Problem, state: State) -> Residuals:
         parts[1].append(sigma)
         parts[2].append(_norm(vector[:, :places]))
         parts[3].append(_norm(vector[:, places:]))
-        parts[4].append(closure)
+        parts[4].append(closure_lengths(problem, state, i))
     return Residuals(*(tuple(p) for p in parts))
 
 
@@ -105,28 +104,25 @@ def _norm(vector: Array) -> Array:
     return np.where(seen.any(axis=1), norm, np.nan)
 
 
-def _gap_noise(problem: Problem, state: State, index: int) -> Array:
-    """Return the standard deviations of the closure by the noise of the joints, m (N, m)."""
-    out = np.full((len(problem.datasets[index]), problem.mechanism.equations), np.nan)
-    for rows in problem.rows_of(index, state):
-        assert rows.response is not None
-        moves = rows.response.closure.joint_matrix(rows.response.pose, rows.response.lines)
-        out[rows.index] = np.linalg.norm(moves * problem.sigma_joints[index], axis=-1)
-    return out
+def _gaps(problem: Problem, state: State, index: int) -> tuple[Array, Array]:
+    """Return how far limbs are from closing where they contradict each other least, m (N, m).
+
+    And their standard deviations by the noise of the joints.
+    """
+    out = np.full((2, len(problem.datasets[index]), problem.mechanism.equations), np.nan)
+    for rows in problem.rows_of(index, state, False):
+        here = rows.response
+        assert here is not None     # rows of joints alone have the joints' noise
+        moves = here.closure.joint_matrix(here.pose, here.lines)
+        out[0, rows.index] = here.closure.lengths(here.pose)
+        out[1, rows.index] = np.linalg.norm(moves * problem.sigma_joints[index], axis=-1)
+    return out[0], out[1]
 
 
 def closure_lengths(problem: Problem, state: State, index: int) -> Array:
-    """Return the misclosure of the limbs at the measured poses, m (N, m); nan if unknown.
-
-    Without an instrument at the poses at which they contradict each other least.
-    """
+    """Return the misclosure of the limbs at the measured poses, m (N, m); nan if unknown."""
     data, registration = problem.datasets[index], state.registrations[index]
     out = np.full((len(data), problem.mechanism.equations), np.nan)
-    if data.kind.blind:
-        for part in problem.rows_of(index, state):
-            assert part.response is not None
-            out[part.index] = part.response.closure.lengths(part.response.pose)
-        return out
     position, rotation = data.position.copy(), data.rotation.copy()
     motion = problem.mechanism.motion
     if motion.planar:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -47,8 +47,9 @@ def is_measured(name: str) -> bool:
     return name in (*POSE_COORDINATES, *number_names()) or name.startswith(GAP)
 
 
-def _in_order(measured: Collection[str]) -> list[str]:
-    """Return names of residuals: coordinates first, gaps of limbs as they come."""
+def _residual_names(problem: Problem) -> list[str]:
+    """Return what residuals are of: coordinates first, gaps of limbs as they come."""
+    measured = dict.fromkeys(c for d in problem.datasets for c in labels(d, problem.mechanism))
     known = [c for c in (*POSE_COORDINATES, *number_names()) if c in measured]
     return known + [c for c in measured if c not in known]
 
@@ -76,8 +77,7 @@ def table_units(problem: Problem) -> dict[str, dict[str, str]]:
     parameters.csv states its own, row by row.
     """
     mechanism = problem.mechanism
-    measured = {c: 0 for d in problem.datasets for c in labels(d, mechanism)}
-    residual = [f"{stage}{c}" for c in _in_order(measured) for stage in STAGES]
+    residual = [f"{stage}{c}" for c in _residual_names(problem) for stage in STAGES]
     wanted = [*(f"q_{a}" for a in mechanism.actuators), *mechanism.coordinates, "temperature",
               *ENVIRONMENT, *(f"dir_{a}" for a in mechanism.actuators)]
     return {"residuals.csv": column_units(mechanism, ["row", *residual, "used"]),
@@ -130,8 +130,7 @@ def _coordinate_columns(problem: Problem, stages: Mapping[str, Sequence[Array]],
 
     ``stages``: by name, m or rad of each data set (N, m).
     """
-    measured = {label: 0 for d in problem.datasets for label in labels(d, problem.mechanism)}
-    for name in _in_order(measured):
+    for name in _residual_names(problem):
         for stage, source in stages.items():
             parts: list[Array] = []
             for d, values in zip(problem.datasets, source, strict=True):
