@@ -109,7 +109,7 @@ def limbs(draw, kind, name, shares):
         out["base"][direction.removeprefix("base.")] = axis
     if kind.branch and draw(st.booleans()):
         out[kind.branch] = draw(st.sampled_from([1] if kind.strut else [1, -1]))
-    if draw(st.booleans()):
+    if kind.joint_slots and draw(st.booleans()):
         out["joint1"] = {"rz": draw(slots()), "x": draw(slots())}
     return out
 
