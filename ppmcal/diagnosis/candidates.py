@@ -35,7 +35,7 @@ from ppmcal.model.effects import (
     Shift,
     effect_kinds,
 )
-from ppmcal.model.mechanism import limbs_with_free
+from ppmcal.model.mechanism import joint_groups, limbs_with_free, usable_joints
 from ppmcal.notes import NOTE, Note
 
 UNBORNE = "it shows only through compliance under load, and the model has none"
@@ -63,7 +63,7 @@ class _Kinds(Collector):
 
     def kind(self, kind: EffectKind) -> None:
         """Add all hypotheses of one kind."""
-        usable = self.turning if kind.joints == "turning" else np.ones_like(self.turning)
+        usable = usable_joints(self.system.problem.mechanism, kind)
         if kind.nuisance or not kind.exists_in(self.motion) or not usable.any() or (
                 "touch" in kind.needs and not self._touched()):
             return
@@ -108,6 +108,12 @@ class _Kinds(Collector):
 
         if not kind.per_actuator:
             add((), self._columns(kind, on, values, specs), shown)
+            return
+        if kind.opposed:
+            for pulling in map(np.array, joint_groups(self.system.problem.mechanism, kind)):
+                if not pulling[~on].any():
+                    add(tuple(np.array(self.actuators)[pulling].tolist()),
+                        self._columns(kind, pulling, values, specs), shown)
             return
         own = {} if strokes or kind.onset else self._each(kind, on, values, specs)
         starts = {}

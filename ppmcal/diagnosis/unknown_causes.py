@@ -163,17 +163,23 @@ class UnknownCauses:
         """Yield what a joint does at each pose by itself, the same at each visit.
 
         That is a function of its travel too fine for its course to be seen, such as a wave of a
-        pitch that nobody listed. What is not visited twice does not tell it from noise.
+        pitch that nobody listed. What is not visited twice does not tell it from noise. Limbs that
+        pull against each other do so at each pose by as much as friction leaves there.
         """
         group = self.system.group
         poses, place = np.unique(group, return_inverse=True)
         if not 1 < 2 * poses.size <= min(group.size, 2 * MOST_POSES):
             return
-        for way, unit in self.zeros.items():
-            if way != "all zeros":
-                own = unit[..., None] * np.eye(poses.size)[place][:, None, :]
-                yield (f"a function of travel too fine to be seen acting on {way.split()[-1]}",
-                       own.reshape(-1, poses.size), [np.eye(poses.size)], False, None, ())
+        there = np.eye(poses.size)[place][:, None, :]
+        each = {way.split()[-1]: (unit[..., None] * there).reshape(-1, poses.size)
+                for way, unit in self.zeros.items() if way != "all zeros"}
+        for name, own in each.items():
+            yield (f"a function of travel too fine to be seen acting on {name}", own,
+                   [np.eye(poses.size)], False, None, ())
+        if self.system.problem.mechanism.surplus and "all zeros" in self.zeros:
+            every = np.concatenate(list(each.values()), axis=1)
+            yield ("what limbs pull against each other, another at each pose", every,
+                   [np.eye(every.shape[1])], True, None, ())
 
     def _of_ways(self) -> Iterator[Made]:
         """Yield functions of the way from the row before, where no file says how rows were reached.

@@ -40,7 +40,7 @@ from ppmcal.kinematics.pose_readings import shifted_rows
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.model.repeats import commanded_poses
+from ppmcal.model.repeats import commanded_poses, places
 from ppmcal.notes import Note
 from ppmcal.units import Units
 from ppmcal.wording import row_list
@@ -122,7 +122,9 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
     approach, more = _approach(file, table)
     to_q = second_joints(table, mechanism, joint, file.instrument.kind)
     labels = _groups(table)
-    groups = commanded_poses(labels, q, (to_q, commanded), sigma_actuator,
+    alone = file.instrument.kind.blind and "pose" not in table.header
+    groups = commanded_poses(places(q, sigma_actuator) if alone else labels, q,
+                             (to_q, commanded), sigma_actuator,
                              file.instrument.kind.touches)
     data = Dataset(
         name=file.name or Path(source).stem, source=source, kind=file.instrument.kind,

@@ -26,11 +26,13 @@ from ppmcal.model.mechanism import (
     joint_quantity,
     limbs_with_free,
     resolved,
+    usable_joints,
     with_effect,
 )
 from ppmcal.model.motions import Motion
 from ppmcal.model.parameters import free_indices
 from ppmcal.units import Units
+from ppmcal.wording import pluralize
 
 
 class ValueFile(Strict):
@@ -120,7 +122,7 @@ def _added(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) 
     if one.kind not in effect_kinds():
         raise unknown("effect", one.kind, [*effect_kinds(), GEOMETRY], f"{place}.kind")
     kind = find_effect(one.kind)
-    on = _actuators(one, kind, machine, place)
+    on = _actuators(one, kind, mechanism, machine, place)
     kind = _made(one, kind, joint_quantity(mechanism, on), machine, place)
     if not kind.exists_in(machine.motion):
         raise BadInput(kind.refused, f"{place}.kind", "Remove it")
@@ -163,8 +165,12 @@ def _not_free_already(mechanism: Mechanism, kind: EffectKind, on: Sequence[bool]
                                f"Fix the {slot}, or remove the {kind.name}: they are the same")
 
 
-def _actuators(one: EffectFile, kind: EffectKind, machine: Machine, place: str
-               ) -> tuple[bool, ...]:
+ONLY = {"turning": ("joints that turn", "rotary actuators"), "ropes": ("ropes", "ropes")}
+"""Of kinds that act on some sorts of joints only: what they are, and what to name."""
+
+
+def _actuators(one: EffectFile, kind: EffectKind, mechanism: Mechanism, machine: Machine,
+               place: str) -> tuple[bool, ...]:
     if not kind.per_actuator and one.on is not None and set(one.on) != set(machine.actuators):
         raise BadInput(f"{kind.name} acts on the whole machine", f"{place}.on", "Remove `on`")
     chosen = list(machine.actuators) if one.on is None else one.on
@@ -175,9 +181,17 @@ def _actuators(one: EffectFile, kind: EffectKind, machine: Machine, place: str
     quantities = {q for q, used in zip(machine.quantities, on, strict=True) if used}
     if not any(on):
         raise BadInput("the effect acts on no actuator", f"{place}.on", "Name at least one")
-    if kind.joints == "turning" and quantities != {"angle"}:
-        raise BadInput(f"{kind.name} is an effect of joints that turn", f"{place}.on",
-                       "Name rotary actuators only")
+    usable = usable_joints(mechanism, kind)
+    if kind.opposed and not mechanism.surplus:
+        raise BadInput(f"{kind.name} is an effect of limbs that pull against each other, and this "
+                       "machine has no more limbs than it needs", f"{place}.kind", "Remove it")
+    if kind.joints in ONLY and not all(usable[np.array(on)]):
+        sort, named = ONLY[kind.joints]
+        raise BadInput(f"{kind.name} is an effect of {sort}", f"{place}.on", f"Name {named} only")
+    if kind.opposed and sum(on) != mechanism.surplus:
+        raise BadInput(f"{pluralize(sum(on), 'rope')} cannot pull at once: "
+                       f"{pluralize(len(on) - mechanism.surplus, 'rope')} must hold against them",
+                       f"{place}.on", f"Name {mechanism.surplus}: those that pull")
     if kind.per_actuator and len(quantities) > 1:
         raise BadInput("the effect is shared by actuators that slide and others that turn",
                        f"{place}.on", "Write one effect for each sort")

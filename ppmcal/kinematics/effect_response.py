@@ -11,7 +11,7 @@ from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
-from ppmcal.kinematics.loads import limb_forces, loads
+from ppmcal.kinematics.loads import limb_forces, loads, tensions
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import (
     Dataset,
@@ -50,7 +50,7 @@ def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
     place = seen.place if data.place is None or seen.place is None else seen.place[data.place]
     found = replace(environment(data.columns, mechanism.actuators, mechanism.gravity, data.q),
                     row=data.numbers().astype(float), history=seen.history, place=place,
-                    touch=np.full(len(data), data.kind.touches))
+                    touch=np.full(len(data), data.kind.touches), joints=_stood(data))
     visited = data.directions()
     if visited is not None:
         return replace(found, approach=visited)
@@ -74,6 +74,20 @@ def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
     return with_platform_directions(found, by_axis, drive).with_directions()
 
 
+def _stood(data: Dataset) -> Array | None:
+    """Return where the joints stood (N, k) where their readings are all that was measured.
+
+    An effect that follows the travel would else follow its noise, and could imitate it: readings
+    at one place are of one travel.
+    """
+    if not data.kind.blind or np.unique(data.groups).size == len(data):
+        return None
+    place = np.unique(data.groups, return_inverse=True)[1]
+    total = np.zeros((place.max() + 1, data.q.shape[1]))
+    np.add.at(total, place, data.q)
+    return np.asarray(total / np.bincount(place)[:, None])[place]
+
+
 def setting(model: Model, environment: Environment, q: Array, pose: Array,
             loaded: Model | None = None) -> Setting:
     """Return what effects may know of N rows.
@@ -86,6 +100,7 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
         loaded: the machine that closes at these poses, for the loads; default ``model``.
     """
     mechanism = model.mechanism
+    q = q if environment.joints is None else environment.joints
     ratio = np.ones(len(mechanism.actuators))
     limbs = []
     for i, limb in enumerate(mechanism.limbs):
@@ -97,7 +112,7 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
             struts = {"offset": model.joint_coordinate(i, q)}
         ends = [{s: np.asarray(v, dtype=float) for s, v in values.items()
                  if s.startswith(f"{end}.point.")} for end in ("base", "platform")]
-        limbs.append(LimbSetting(limb.actuator, struts, ends[0], ends[1]))
+        limbs.append(LimbSetting(limb.actuator, struts, ends[0], ends[1], limb.kind.pulls_only))
     closed = loaded or model
     known = Setting(
         mechanism.motion, np.array([q == "angle" for q in mechanism.actuator_quantity]),
@@ -108,6 +123,7 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
         cga.rotation_matrix(pose), history=environment.history, place=environment.place,
         ratio=ratio, touch=environment.touch,
         past_load_of=lambda: _past_loads(mechanism, environment.history, model.parameters),
+        tensions_of=lambda on: tensions(closed, q, pose, on),
         pose_of=lambda: np.concatenate([cga.translation(pose), cga.rotation_vector(pose)], axis=1))
     return _carrying(mechanism, model.parameters, known)
 

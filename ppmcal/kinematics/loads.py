@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.least_squares_closure import held_by
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, finite_rows, solve_rows
 
 
 def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
@@ -40,6 +40,26 @@ def limb_forces(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
         first = np.cumsum([0, *(len(b.point_moves) for b in closure.bodies)])
         out[rows] = np.stack([force[:, a:b].sum(axis=1)
                               for a, b in pairwise(first)], axis=1)
+    return out
+
+
+def tensions(model: Model, q: Array, pose: Array, on: NDArray[np.bool_]) -> Array:
+    """Return the tensions of the drives (N, k) where those ``on`` (k,) pull by 1, others hold.
+
+    Without a wrench, A' f = 0; nan where the others cannot hold. As many pull as there are
+    equations beyond the freedoms.
+    """
+    out = np.full((q.shape[0], len(model.mechanism.actuators)), np.nan)
+    rows = np.flatnonzero(finite_rows(q) & finite_rows(pose))
+    if rows.size:
+        closure = model.take(rows).closure(q[rows])
+        lines = closure.lines(pose[rows])
+        platform = np.swapaxes(closure.pose_matrix(pose[rows], lines), -1, -2)
+        drives = -np.swapaxes(closure.joint_matrix(pose[rows], lines, drive=False), -1, -2)
+        balance = np.concatenate([platform, drives[:, on]], axis=1)
+        pulled = np.repeat([0.0, 1.0], [platform.shape[1], int(on.sum())])
+        force = solve_rows(balance, np.broadcast_to(pulled, balance.shape[:2]))
+        out[rows] = (drives @ force[..., None])[..., 0]
     return out
 
 

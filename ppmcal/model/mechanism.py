@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.linalg import Array
@@ -279,6 +281,24 @@ def resolved(quantity: str, joint: str) -> str:
 def joint_quantity(mechanism: Mechanism, on: Sequence[bool]) -> str:
     """Return ``length`` or ``angle``: what the first of the actuators ``on`` measures."""
     return next(q for q, used in zip(mechanism.actuator_quantity, on, strict=True) if used)
+
+
+def usable_joints(mechanism: Mechanism, kind: EffectKind) -> NDArray[np.bool_]:
+    """Return the actuators on which a kind of effect can act (k,)."""
+    if kind.opposed and not mechanism.surplus:
+        return np.zeros(len(mechanism.actuators), dtype=np.bool_)
+    if kind.joints == "turning":
+        return np.array([q == "angle" for q in mechanism.actuator_quantity])
+    ropes = {limb.actuator for limb in mechanism.limbs if limb.kind.pulls_only}
+    return np.array([kind.joints != "ropes" or a in ropes
+                     for a in range(len(mechanism.actuators))])
+
+
+def joint_groups(mechanism: Mechanism, kind: EffectKind) -> list[tuple[bool, ...]]:
+    """Return the actuators on which a kind may act at once (k,): each alone, or those that pull."""
+    usable = np.flatnonzero(usable_joints(mechanism, kind))
+    sets = combinations(usable, mechanism.surplus if kind.opposed else 1)
+    return [tuple(a in chosen for a in range(len(mechanism.actuators))) for chosen in sets]
 
 
 def limbs_with_free(mechanism: Mechanism, slots: Sequence[str], free: Collection[int]

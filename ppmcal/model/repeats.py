@@ -45,12 +45,29 @@ def commanded_poses(labels: Ints, q: Array, others: Sequence[Array | None], nois
     told = np.concatenate([q, *(o for o in others if o is not None)], axis=1)
     out = labels
     if np.unique(labels).size < labels.size:
-        for column, sigma in zip(told.T, [*noise, *np.zeros(told.shape[1] - noise.size)],
-                                 strict=True):
-            out = _split(out, column, max(_resolved(column, touched), NOISES * float(sigma)))
+        for column, step in zip(told.T, _steps(told, noise, touched), strict=True):
+            out = _split(out, column, step)
     if not touched:
         out = _merged(out, identical_rows(told))
     return out if np.array_equal(out, labels) else _in_order(out)
+
+
+def places(q: Array, noise: Array) -> Ints:
+    """Return a label per place (N,) of rows that say nothing but their joint values (N, k).
+
+    Rows one after the other whose joints agree within what they repeat to were read at one place.
+    """
+    if len(q) < 2:
+        return np.arange(len(q))
+    moved = np.any(np.abs(np.diff(q, axis=0)) > _steps(q, noise, False), axis=1)
+    return np.concatenate([[0], np.cumsum(moved)])
+
+
+def _steps(told: Array, noise: Array, touched: bool) -> list[float]:
+    """Return by how much each of the columns (N, c) may differ in one pose; arguments as above."""
+    sigma = [*noise, *np.zeros(told.shape[1] - noise.size)]
+    return [max(_resolved(c, touched), NOISES * float(s))
+            for c, s in zip(told.T, sigma, strict=True)]
 
 
 def _resolved(column: Array, touched: bool) -> float:

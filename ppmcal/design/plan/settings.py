@@ -16,9 +16,11 @@ from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds
 from ppmcal.model.mechanism import (
     Given,
     Mechanism,
+    joint_groups,
     joint_quantity,
     limbs_with_free,
     resolved,
+    usable_joints,
     with_effect,
 )
 from ppmcal.model.parameters import free_indices
@@ -99,9 +101,10 @@ def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
     kind = effect_kinds()[name]
     if not kind.exists_in(mechanism.motion):
         raise BadInput(kind.refused, PLACE, "Remove it")
-    if kind.joints == "turning" and "angle" not in mechanism.actuator_quantity:
-        raise BadInput(f"{name} is an effect of actuated joints that turn: this machine has none",
-                       PLACE, "Remove it")
+    if not usable_joints(mechanism, kind).any():
+        sort = {"turning": "actuated joints that turn", "ropes": "ropes"}[kind.joints]
+        raise BadInput(f"{name} is an effect of {sort}: this machine has none"
+                       + kind.opposed * " that pull against each other", PLACE, "Remove it")
     own = tuple(e for e in mechanism.effects if e.kind.name == name)
     if {"order", "past"} & set(kind.needs) or remembers(replace(mechanism, effects=own)):
         raise BadInput(f"{name} cannot be planned for: it depends on the way from pose to pose",
@@ -155,10 +158,7 @@ def _must_be_given(spec: EffectParameter) -> bool:
 def _added(mechanism: Mechanism, kind: EffectKind, asked: PlanSettings) -> Mechanism:
     """Return the machine with one more effect for each actuator, or for the whole machine."""
     count = len(mechanism.actuators)
-    turning = np.array([q == "angle" for q in mechanism.actuator_quantity])
-    usable = turning if kind.joints == "turning" else np.ones(count, dtype=np.bool_)
-    which = ([tuple(bool(a == b) for b in range(count)) for a in np.flatnonzero(usable)]
-             if kind.per_actuator else [(True,) * count])
+    which = (joint_groups(mechanism, kind) if kind.per_actuator else [(True,) * count])
     for on in which:
         mechanism = with_effect(mechanism, kind, on, {
             s.name: Given(_value(mechanism, s, on, asked), free=not (s.constant or s.optional))

@@ -210,7 +210,9 @@ class EffectKind:
             the next; ``past``: the rows' times, in all of the file.
         evaluate: (setting, on (k,), parameter -> value) -> :class:`Terms`.
         per_actuator: whether it belongs to single actuators; else to the whole machine.
-        joints: ``any``, ``turning``: which actuators it can act on.
+        joints: ``any``, ``turning``, ``ropes``: which actuators it can act on.
+        opposed: whether it acts on joints that pull while the others hold: as many as there are
+            equations beyond the platform's freedoms.
         exists_in: motion -> whether machines of that motion can have it.
         uses_load: whether the shift depends on the pose, through the actuators' load or itself.
         worked: a case with numbers: (parameters, setting changes, expected); see tests.
@@ -258,6 +260,7 @@ class EffectKind:
     evaluate: Evaluate
     per_actuator: bool = True
     joints: str = "any"
+    opposed: bool = False
     exists_in: Callable[[Motion], bool] = lambda motion: True
     uses_load: bool = False
     worked: Worked | None = None

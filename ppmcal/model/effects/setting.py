@@ -83,13 +83,14 @@ class LimbSetting:
     """What an effect may know of one limb: its actuator and lengths, slot -> value, m.
 
     ``struts``: lengths of its bars; ``offset`` stands for u where the strut is driven.
-    ``base`` and ``platform``: coordinates of its joint centres.
+    ``base`` and ``platform``: coordinates of its joint centres. ``pulls_only``: it is a rope.
     """
 
     actuator: int
     struts: Mapping[str, Array]
     base: Mapping[str, Array]
     platform: Mapping[str, Array]
+    pulls_only: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +110,8 @@ class Setting:
         limbs: one each.
         load_of: gives the load on the actuators (N, k), N or N m, under a wrench (N, 6).
         forces_of: gives the force that each limb carries under a wrench (N, limbs, 3), base axes.
+        tensions_of: gives the tensions of the joints (N, k) where some (k,) pull by 1 and the
+            others hold against them; None: no joints can.
         weight: the part of the wrench's force that is the payload's weight (N, 3), N.
         gravity: its direction as the file has it, base axes (3,).
         turn: rotation of the platform (N, 3, 3), from its axes to the base's.
@@ -147,6 +150,7 @@ class Setting:
     carried: tuple[str | float, ...] = ()
     pose_of: Callable[[], Array] | None = None
     touch: Bools | None = None
+    tensions_of: Callable[[Bools], Array] | None = None
 
     @cached_property
     def load(self) -> Array:
@@ -157,6 +161,15 @@ class Setting:
     def forces(self) -> Array:
         """Force of each limb on the base, which the platform has put on it (N, limbs, 3), N."""
         return self.forces_of(self.wrench)
+
+    def tensions(self, on: Bools) -> Array:
+        """Return the tensions of all joints (N, k) in parts of that with which ``on`` (k,) pull.
+
+        A rope that would have to push is slack: 0. nan where the others cannot hold.
+        """
+        if self.tensions_of is None:
+            return np.full_like(self.travel, np.nan)
+        return np.maximum(self.tensions_of(on), 0.0)
 
     def points(self, body: str) -> Array:
         """Return the joint centres of ``base`` or ``platform`` in its axes (N or 1, limbs, 3), m.

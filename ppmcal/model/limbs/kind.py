@@ -101,6 +101,7 @@ class LimbKind:
         source: paper and equation.
         in_plane: name of the kind that stands for it where the motion is planar.
         written: as it is called in files, where that is not its name.
+        pulls_only: whether it is a rope: it pulls, and cannot push.
     """
 
     name: str
@@ -117,6 +118,7 @@ class LimbKind:
     source: str = ""
     in_plane: str = ""
     written: str = ""
+    pulls_only: bool = False
 
     def __reduce__(self) -> tuple[Callable[[str], LimbKind], tuple[str]]:
         """Travel to other processes by name: the steps are functions."""

@@ -18,7 +18,7 @@ def _rope(name: str, planar: bool, in_plane: str = "") -> LimbKind:
         middle=Chain((slide(U, "x" if planar else "z"),)),
         platform=Chain((shift("platform.point", planar=planar),)),
         actuator="length", branch="branch", strut=True, closes_when="|B-A| = u",
-        source="[IK] eq. 42 without joints", in_plane=in_plane, written="rope")
+        source="[IK] eq. 42 without joints", in_plane=in_plane, written="rope", pulls_only=True)
 
 
 register(_rope("planar rope", planar=True))

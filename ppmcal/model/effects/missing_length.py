@@ -1,0 +1,35 @@
+"""A constant that the readings of all ropes lack: an arm, a hook or a belt's end never counted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ppmcal.linalg import Bools
+from ppmcal.model.effects.kind import (
+    EffectKind,
+    EffectParameter,
+    Terms,
+    Worked,
+    fixed_list,
+    linear,
+    register,
+)
+from ppmcal.model.effects.setting import Setting
+
+
+def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Du = length."""
+    return linear(values, {"length": setting.at_joints(np.ones_like(setting.travel), on)})
+
+
+MISSING_LENGTH = register(EffectKind(
+    "missing_length", "du = length, the same on all ropes",
+    "a rope's length is counted from where it leaves the winch to where it was cut",
+    fixed_list(EffectParameter("length", "length", usual=(-0.5, 0.5), size=1e-4,
+                               why="hooks, arms and rings have some centimetres, a rope's zero is "
+                               "that of another place")),
+    (), _terms, per_actuator=False, joints="ropes", title="constant missing from all lengths",
+    remedy="measure one rope from its anchor to the point that it holds",
+    worked=Worked({"length": 0.15}, {"travel": 2.0}, 0.15)))
