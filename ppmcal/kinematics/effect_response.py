@@ -11,8 +11,9 @@ from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.loads import limb_forces, loads, tensions
-from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import (
     Dataset,
     Environment,
@@ -50,7 +51,8 @@ def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
     place = seen.place if data.place is None or seen.place is None else seen.place[data.place]
     found = replace(environment(data.columns, mechanism.actuators, mechanism.gravity, data.q),
                     row=data.numbers().astype(float), history=seen.history, place=place,
-                    touch=np.full(len(data), data.kind.touches), joints=_stood(data))
+                    touch=np.full(len(data), data.kind.touches),
+                    stood=data.groups if data.kind.blind else None)
     visited = data.directions()
     if visited is not None:
         return replace(found, approach=visited)
@@ -74,18 +76,20 @@ def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
     return with_platform_directions(found, by_axis, drive).with_directions()
 
 
-def _stood(data: Dataset) -> Array | None:
-    """Return where the joints stood (N, k) where their readings are all that was measured.
+def _where_joints_stood(model: Model, pose: Array, place: Ints) -> Array:
+    """Return the joint values (N, k) with which all limbs close, the same at one place.
 
-    An effect that follows the travel would else follow its noise, and could imitate it: readings
-    at one place are of one travel.
+    Where readings are all that was measured, an effect that followed them would follow their noise:
+    a wave could imitate it, and a machine that is smaller by a scale has smaller gaps.
     """
-    if not data.kind.blind or np.unique(data.groups).size == len(data):
-        return None
-    place = np.unique(data.groups, return_inverse=True)[1]
-    total = np.zeros((place.max() + 1, data.q.shape[1]))
-    np.add.at(total, place, data.q)
-    return np.asarray(total / np.bincount(place)[:, None])[place]
+    q = inverse(model, pose).q
+    _, at = np.unique(place, return_inverse=True)
+    out = np.empty_like(q)
+    known = finite_rows(q)
+    for column, values in enumerate(q.T):
+        total = np.bincount(at, np.where(known, values, 0.0))
+        out[:, column] = (total / np.maximum(np.bincount(at, known), 1.0))[at]
+    return np.where(known[:, None], out, np.nan)
 
 
 def setting(model: Model, environment: Environment, q: Array, pose: Array,
@@ -100,7 +104,8 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
         loaded: the machine that closes at these poses, for the loads; default ``model``.
     """
     mechanism = model.mechanism
-    q = q if environment.joints is None else environment.joints
+    if environment.stood is not None:
+        q = _where_joints_stood(loaded or model, pose, environment.stood)
     ratio = np.ones(len(mechanism.actuators))
     limbs = []
     for i, limb in enumerate(mechanism.limbs):

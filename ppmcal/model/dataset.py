@@ -241,9 +241,9 @@ class Environment:
     (N, 3); ``time`` s (N,). ``row``: number in the campaign, from 1 on through its files in their
     order (N,); inf: after all of them. ``history``: all rows of the file in the order of their
     visit, None where that is not known; ``place``: where each row is in it (N,), -1 where it is
-    not. ``touch``: whether a flat was touched there (N,), None: nowhere. ``joints``: where they
-    stood, for what an effect follows (N, k), where the readings themselves have the noise; None:
-    where they were read.
+    not. ``touch``: whether a flat was touched there (N,), None: nowhere. ``stood``: a
+    label per place (N,) where the readings of the joints are all that was measured, None: the
+    joints are where they were commanded.
     """
 
     approach: Array
@@ -256,7 +256,7 @@ class Environment:
     history: History | None = None
     place: Ints | None = None
     touch: Bools | None = None
-    joints: Array | None = None
+    stood: Ints | None = None
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Environment:
         """Return the environment of some rows; their history stays whole."""
@@ -265,7 +265,7 @@ class Environment:
                            self.weight[rows], self.history,
                            None if self.place is None else self.place[rows],
                            None if self.touch is None else self.touch[rows],
-                           None if self.joints is None else self.joints[rows])
+                           None if self.stood is None else self.stood[rows])
 
     def with_directions(self) -> Environment:
         """Return it with the history's joints known to go straight only where they did."""

@@ -49,12 +49,14 @@ from ppmcal.model.effects import (
 from ppmcal.model.effects.setting import Shift
 from ppmcal.model.history import History
 from ppmcal.model.limbs import kinds as limb_kinds
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism, usable_joints
 from ppmcal.model.registration import Registration
 from ppmcal.units import SI
 
 CONFIGS = ROOT / "configs"
 MACHINES = ("3-RPR", "6-UPS", "linapod", "delta-rotary", "6-RUS", "3-RPS")
+ROPES = "cable-4-planar"
+"""For what only ropes do."""
 CONTRACT = ("gain", "curvature", "periodic", "eccentricity", "backlash", "windup", "lag",
             "compliance", "clearance", "base_compliance", "leg_thermal", "base_thermal",
             "platform_thermal", "drift", "sensor_scale", "tilt")
@@ -70,13 +72,13 @@ def machine(name: str) -> Mechanism:
 
 def fits(kind: EffectKind, mechanism: Mechanism) -> bool:
     """Whether an effect of this kind can act on all actuators of the machine."""
-    turns = set(mechanism.actuator_quantity) == {"angle"}
-    return kind.exists_in(mechanism.motion) and (kind.joints != "turning" or turns)
+    return kind.exists_in(mechanism.motion) and bool(usable_joints(mechanism, kind).all())
 
 
 CASES = [(name, kind) for name in MACHINES for kind, k in effect_kinds().items()
-         if fits(k, machine(name))]
-FEW = ("3-RPR", "delta-rotary", "3-RPS")
+         if fits(k, machine(name))] + [(ROPES, kind) for kind, k in effect_kinds().items()
+                                       if k.joints == "ropes"]
+FEW = ("3-RPR", "delta-rotary", "3-RPS", ROPES)
 """One machine for each motion, the last with fewer drives than coordinates."""
 few_cases = pytest.mark.parametrize(("name", "kind"), [c for c in CASES if c[0] in FEW])
 one_each = pytest.mark.parametrize(("name", "kind"), [
@@ -122,6 +124,12 @@ def sizes(mechanism: Mechanism, kind: str) -> dict[str, float]:
         / (mechanism.reach if "_m" in s.name else 1.0) for i, s in enumerate(specs)}
 
 
+def beside(mechanism: Mechanism, kind: str) -> dict[str, object]:
+    """Return what a file says beside the parameters of a kind; of those that pull the first."""
+    pulling = {"on": list(mechanism.actuators[:mechanism.surplus])}
+    return FURTHER.get(kind, {}) | (pulling if effect_kinds()[kind].opposed else {})
+
+
 def acting(mechanism: Mechanism, *effects: Mapping[str, Any]) -> Mechanism:
     """Return the machine with effects as a file in SI units would give them."""
     return with_effects(mechanism, list(effects), SI, "effects.yaml")
@@ -136,7 +144,7 @@ def with_kind(mechanism: Mechanism, kind: str, free: bool = False) -> Mechanism:
         mechanism = acting(mechanism, {"kind": "compliance", "parameters": {
             "stiffness": sizes(mechanism, "compliance")["stiffness"]}})
     constant = {s.name for s in effect_kinds()[kind].parameters(mechanism.motion) if s.constant}
-    return acting(mechanism, {"kind": kind, **FURTHER.get(kind, {}), "parameters": {
+    return acting(mechanism, {"kind": kind, **beside(mechanism, kind), "parameters": {
         n: {"value": v, "free": free and n not in constant}
         for n, v in sizes(mechanism, kind).items()}})
 
@@ -176,6 +184,8 @@ def one_row(kind: EffectKind, **fields: float) -> Setting:
     """Return a setting of one row, one actuator and one limb, with some fields set."""
     own = {part: {slot: np.array(fields[part])} if part in fields else {} for part, slot in
            (("struts", "length"), ("base", "base.point.x"), ("platform", "platform.point.x"))}
+    if kind.joints == "ropes":
+        own["struts"] = {"offset": np.array([fields["travel"]])}
 
     def row(name: str, *shape: int) -> Array:
         return np.full(shape, fields.get(name, np.nan))
@@ -189,12 +199,14 @@ def one_row(kind: EffectKind, **fields: float) -> Setting:
     return Setting(kind.motions[0], np.array([kind.joints == "turning"]), row("travel", 1, 1),
                    np.full((1, 2), np.nan), row("approach", 1, 1), row("velocity", 1, 1),
                    row("temperature", 1), row("wrench", 1, 6), row("time", 1),
-                   row("row", 1), (LimbSetting(0, own["struts"], own["base"], own["platform"]),),
+                   row("row", 1), (LimbSetting(0, own["struts"], own["base"], own["platform"],
+                                              kind.joints == "ropes"),),
                    lambda wrench: row("load", 1, 1), lambda wrench: row("forces", 1, 1, 3),
                    row("weight", 1, 3), np.array([0.0, -1.0, 0.0]), np.eye(3)[None],
                    history=history, place=np.array([1]), past_load_of=lambda: past("load", 1),
                    pose_of=lambda: np.array([[fields.get(c, 0.0) for c in "xyz"] + [0.0] * 3]),
-                   touch=np.array([bool(fields.get("touch"))]))
+                   touch=np.array([bool(fields.get("touch"))]),
+                   tensions_of=lambda on: np.where(on, row("tension", 1, 1), 0.0))
 
 
 def first_change(kind: EffectKind, values: Mapping[str, float], **fields: float) -> float:
@@ -364,7 +376,7 @@ def test_zero_parameters_change_nothing(name: str, kind: str) -> None:
     """Neither the pose nor the joints nor what is measured, to the last digit."""
     mechanism = machine(name)
     q, rows = sample(mechanism)
-    still = acting(mechanism, {"kind": kind, **FURTHER.get(kind, {}),
+    still = acting(mechanism, {"kind": kind, **beside(mechanism, kind),
                                "parameters": nothing(mechanism, kind)})
     still = still.with_values(np.where(still.values == 1e12, 1e30, still.values))
     found = reached_poses(Model(still), q, rows)
@@ -488,7 +500,8 @@ def test_terms_say_their_own_derivatives(name: str, kind: str) -> None:
     mechanism = with_kind(machine(name), kind)
     q, rows = sample(machine(name))
     at = setting(Model(mechanism), rows, q, bare(machine(name)))
-    effect, on = mechanism.effects[-1], np.ones(len(mechanism.actuators), dtype=bool)
+    effect = mechanism.effects[-1]
+    on = np.array(effect.on)
     values = {n: float(mechanism.values[p]) for n, p in effect.parameters.items()}
 
     def shift(parameter: str, step: float) -> dict[object, Array]:

@@ -57,10 +57,11 @@ def rows(motion: Motion = "spatial") -> Setting:
 
     limbs = tuple(LimbSetting(a, {"length": np.asarray(rng.uniform(0.4, 1.2)),
                                   "offset": rng.uniform(0.4, 1.2, 6)}, points("base"),
-                              points("platform")) for a in DRIVES)
+                              points("platform"), a != 1) for a in DRIVES)
     travel = RATIO * np.where((PLACES >= 0)[:, None], past.q[PLACES], 0.21)
     load, forces = rng.uniform(-90.0, 90.0, (6, 3)), rng.uniform(-50.0, 50.0, (6, 4, 3))
     pose = rng.uniform(-0.6, 0.6, (6, 6))
+    tension = np.random.default_rng(14).uniform(-0.5, 2.0, (6, 3))
     return Setting(
         motion, np.array([False, True, False]), travel,
         np.array([[-0.7, 1.3], [-0.4, 0.3], [-0.9, 0.8]]), rng.choice((-1.0, 1.0), (6, 3)),
@@ -70,7 +71,8 @@ def rows(motion: Motion = "spatial") -> Setting:
         np.array([0.2, -0.3, -0.9]), np.stack([turn_of(v) for v in pose[:, 3:]]),
         until=np.array([np.inf, 9.0, 7.0]), history=past, place=PLACES, ratio=RATIO,
         past_load_of=lambda: rng_load(), pose_of=lambda: pose,
-        touch=np.array([True, True, False, True, True, False]))
+        touch=np.array([True, True, False, True, True, False]),
+        tensions_of=lambda on: tension)
 
 
 def rng_load() -> Array:
@@ -573,7 +575,8 @@ def test_what_a_kind_depends_on_is_what_it_says(name: str, motion: Motion) -> No
     rng = np.random.default_rng(5)
     elsewhere = replace(at, load_of=lambda w: rng.uniform(-90.0, 90.0, (6, 3)),
                         forces_of=lambda w: rng.uniform(-50.0, 50.0, (6, 4, 3)),
-                        pose_of=lambda: rng.uniform(-0.6, 0.6, (6, 6)))
+                        pose_of=lambda: rng.uniform(-0.6, 0.6, (6, 6)),
+                        tensions_of=lambda on: rng.uniform(0.5, 2.0, (6, 3)))
     for kind in tried(effect_kinds()[name], motion):
         if kind.carried is not None or kind.name == "learned":
             continue
@@ -611,6 +614,7 @@ def test_parts_of_a_stroke_are_of_errors_of_a_drive() -> None:
 def test_traits_and_the_kinds_that_have_them() -> None:
     having: dict[str, set[str]] = {
         "by_sign": {"clearance"},
+        "opposed": {"rope_stretch", "anchor_give"},
         "under_weight": {"compliance"}, "one_by_one": {"plate_compliance"},
         "nuisance": {"bed_shape"}, "instrument": {"base_shift", "bed_shape", "sensor_scale",
                                                   "target_shift", "tilt"}}
@@ -620,6 +624,24 @@ def test_traits_and_the_kinds_that_have_them() -> None:
     assert {k.name for k in kinds if k.carried} == {"gravity_tilt", "payload_offset"}
     assert {k.name for k in kinds if k.seldom} == {"plate_compliance"}
     assert {k.name for k in kinds if not k.per_actuator and not k.body} == {
-        "bed_shape", "drift", "plate_compliance", "sensor_scale", "tilt"}
+        "bed_shape", "drift", "missing_length", "plate_compliance", "sensor_scale", "tilt"}
     assert {(k.name, s.name) for k in kinds for m in k.motions for s in k.parameters(m)
             if s.scaling} == {("play", "width")}
+
+
+def test_ropes_stretch_and_frames_give_by_the_tension_of_each_rope() -> None:
+    """Of joints that are no ropes nothing changes; a rope that would have to push is slack."""
+    at = rows(PLANAR)
+    tension = np.maximum(at.tensions_of(ON), 0.0) if at.tensions_of else at.travel
+    assert (tension == 0.0).any()
+    for name, parameter, length in (("rope_stretch", "strain", True), ("anchor_give", "give", False),
+                                    ("missing_length", "length", False)):
+        found = effect_kinds()[name].evaluate(at, ON, {parameter: 0.004}).shift.slots
+        assert {i for i, _ in found} == {i for i, a in enumerate(DRIVES) if a != 1}
+        for (i, slot), du in found.items():
+            assert slot == "offset"
+            force = np.ones(6) if name == "missing_length" else tension[:, DRIVES[i]]
+            own = at.limbs[i].struts["offset"] if length else np.ones(6)
+            np.testing.assert_allclose(du, 0.004 * own * force, rtol=1e-12)
+    none = replace(at, tensions_of=None)
+    assert np.isnan(none.tensions(ON)).all()

@@ -16,12 +16,14 @@ from ppmcal.model.effects.kind import (
     linear,
     register,
 )
-from ppmcal.model.effects.setting import Setting
+from ppmcal.model.effects.setting import Setting, Shift
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     """Du = length."""
-    return linear(values, {"length": setting.at_joints(np.ones_like(setting.travel), on)})
+    return linear(values, {"length": Shift({
+        (i, "offset"): np.ones_like(setting.time) for i, limb in enumerate(setting.limbs)
+        if limb.pulls_only})})
 
 
 MISSING_LENGTH = register(EffectKind(
