@@ -23,6 +23,7 @@ from ppmcal.model.motions import motions
 
 EFFECTS_PAGE = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
 OF_MOTION = {"spatial": "6-UPS", "translational": "delta-linear", "planar": "3-RPR"}
+MADE_OF = {"turning": "delta-rotary", "ropes": "cable-4-planar"}
 
 
 def undescribed(node, where):
@@ -115,7 +116,7 @@ def test_every_effect_is_in_the_table_and_has_its_section_and_example():
         assert f"### {name}\n" in sections
         assert name in kinds.EXAMPLES, f"docs/generators/examples.yaml lacks an example of {name}"
         motion = next(m for m in OF_MOTION if kind.exists_in(motions()[m]))
-        read_effect(name, "delta-rotary" if kind.joints == "turning" else OF_MOTION[motion])
+        read_effect(name, MADE_OF.get(kind.joints, OF_MOTION[motion]))
 
 
 def read_effect(name, machine):

@@ -634,14 +634,14 @@ def test_ropes_stretch_and_frames_give_by_the_tension_of_each_rope() -> None:
     at = rows(PLANAR)
     tension = np.maximum(at.tensions_of(ON), 0.0) if at.tensions_of else at.travel
     assert (tension == 0.0).any()
-    for name, parameter, length in (("rope_stretch", "strain", True), ("anchor_give", "give", False),
-                                    ("missing_length", "length", False)):
+    for name, parameter in (("rope_stretch", "strain"), ("anchor_give", "give"),
+                            ("missing_length", "length")):
         found = effect_kinds()[name].evaluate(at, ON, {parameter: 0.004}).shift.slots
         assert {i for i, _ in found} == {i for i, a in enumerate(DRIVES) if a != 1}
         for (i, slot), du in found.items():
             assert slot == "offset"
             force = np.ones(6) if name == "missing_length" else tension[:, DRIVES[i]]
-            own = at.limbs[i].struts["offset"] if length else np.ones(6)
+            own = at.limbs[i].struts["offset"] if parameter == "strain" else np.ones(6)
             np.testing.assert_allclose(du, 0.004 * own * force, rtol=1e-12)
     none = replace(at, tensions_of=None)
     assert np.isnan(none.tensions(ON)).all()

@@ -1,15 +1,13 @@
-"""What ropes and frame give way by where some ropes pull and the others hold against them.
+"""Ropes that stretch by their tension, where some pull and the others hold against them.
 
 Ropes that are pulled tight by a given force put a tension into the others that follows from the
-equilibrium of the platform: it changes with the pose, and with it by how much each rope stretches
-and its anchor gives. Sizes are those under the force of the ropes that pull.
+equilibrium of the platform: it changes with the pose, and with it by how much each rope stretches.
+The strain is that of the ropes that pull.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-
-import numpy as np
 
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects.kind import (
@@ -25,7 +23,7 @@ from ppmcal.model.effects.kind import (
 from ppmcal.model.effects.setting import Setting, Shift
 
 
-def _per_tension(name: str, of_rope: Callable[[Array], Array]) -> Evaluate:
+def per_tension(name: str, of_rope: Callable[[Array], Array]) -> Evaluate:
     """Return du = size of_rope(u) t, t the tensions in parts of that of the ropes that pull."""
     def evaluate(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
         tension = setting.tensions(on)
@@ -35,7 +33,6 @@ def _per_tension(name: str, of_rope: Callable[[Array], Array]) -> Evaluate:
     return evaluate
 
 
-_TENSION = {"joints": "ropes", "opposed": True, "uses_load": True}
 STATICS = "statics of the platform: A' f = 0 with the pull of the ropes that are pulled tight"
 
 ROPE_STRETCH = register(EffectKind(
@@ -44,15 +41,7 @@ ROPE_STRETCH = register(EffectKind(
     fixed_list(EffectParameter("strain", "1", low=0.0, usual=(0.0, 0.02), size=1e-5,
                                why="polyurethane belts with cords of steel or glass give some "
                                "0.2 to 0.4 % at their rated force, ropes of fibres up to 2 %")),
-    (), _per_tension("strain", lambda u: u), title="stretch of ropes",
+    (), per_tension("strain", lambda u: u), title="stretch of ropes",
     remedy="pull with another force",
-    worked=Worked({"strain": 2e-3}, {"travel": 2.0, "tension": 1.5}, 6e-3), **_TENSION))
-
-ANCHOR_GIVE = register(EffectKind(
-    "anchor_give", "du = give f/pull, f the rope's tension where the ropes `on` pull and the "
-    "others hold", f"a frame that gives at its anchors towards the platform; {STATICS}",
-    fixed_list(EffectParameter("give", "length", low=0.0, usual=(0.0, 0.05), size=1e-5,
-                               why="posts and arms of some metres give some millimetres")),
-    (), _per_tension("give", np.ones_like), title="frame that gives under the ropes",
-    remedy="pull with another force, or measure an anchor's place while the ropes pull",
-    worked=Worked({"give": 4e-3}, {"travel": 2.0, "tension": 1.5}, 6e-3), **_TENSION))
+    worked=Worked({"strain": 2e-3}, {"travel": 2.0, "tension": 1.5}, 6e-3),
+    joints="ropes", opposed=True, uses_load=True))
