@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.diagnosis.library_columns import LibraryColumns, Products
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.linalg import Array
@@ -192,10 +193,13 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
     problem = to.system.problem
     effects = {p for e in problem.mechanism.effects for p in e.parameters.values()}
     taken = (set(problem.free) - set(tried)) | effects
+    alone = all(d.kind.blind for d in problem.datasets)
     for p, parameter in enumerate(problem.mechanism.parameters):
         if p in taken or parameter.per_unit or is_joint_component(parameter.name):
             continue
         shifts = [slot_shift(to.system, p) for _ in to.system.parts]
+        if alone and _as_free_ones(to.system, shifts):
+            continue    # it moves the frame, which no joint value shows
         limbs = [limb for limb in problem.mechanism.limbs
                  if any(i == p for _, i in limb.slots.direct)
                  or any(p in (r, a) for _, _, r, a in limb.slots.polar)]
@@ -213,6 +217,19 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
                 slot=parameter.name,
             )
         )
+
+
+AS_ROUND_OFF = 1e-7
+"""Part of a column that others do not explain, and it is one of them."""
+
+
+def _as_free_ones(system: System, shifts: Sequence[Shift]) -> bool:
+    """Whether a slot does nothing that free parameters could not do as well."""
+    column = (system.column(shifts) * system.observed).reshape(-1)
+    free = linalg.column_basis(system.jacobian.reshape(column.size, -1)
+                               * system.observed.reshape(-1, 1))
+    rest = column - free @ (free.T @ column)
+    return bool(np.linalg.norm(rest) <= AS_ROUND_OFF * np.linalg.norm(column))
 
 
 def slot_shift(system: System, parameter: int) -> Shift:

@@ -97,6 +97,7 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     first = library.count + unknown.columns.count
     every: list[tuple[Block, Source]] = [*blocks(library, unknown.least),
                                          *unknown.blocks(library.count), *rows(observed, first),
+                                         *places(system, first),
                                          *files(system, first)]
     asked = Question(columns, *at_nominal(system, added), tuple(b for b, _ in every), observed,
                      system.apart, frozenset({ROW_FAMILY}), noise_freedom(system))
@@ -148,6 +149,23 @@ def rows(observed: Bools, first: int) -> Iterator[tuple[Block, WrongRows]]:
             yield Block(f"row {n}", ROW_FAMILY,
                         tuple((first + n * width + own).tolist()),
                         float(np.log(float(GROSS_ROW)))), WrongRows((n,), f"row {n}")
+
+
+def places(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:
+    """Yield a block for all rows of a place where readings are all that was measured.
+
+    A limb that was slack or caught there was so in all of them. ``first``: as of :func:`rows`.
+    """
+    observed, problem = system.observed, system.problem
+    width = observed.shape[1]
+    blind = np.array([d.kind.blind for d in problem.datasets])[system.dataset]
+    for group in np.unique(system.group[blind]):
+        mine = np.flatnonzero((system.group == group) & blind)
+        own = (mine[:, None] * width + np.arange(width))[observed[mine]]
+        if mine.size > 1 and own.size <= MOST_POSES:
+            label = f"rows {mine[0]} to {mine[-1]}"
+            yield (Block(label, ROW_FAMILY, tuple((first + own).tolist()),
+                         float(np.log(float(GROSS_ROW)))), WrongRows(tuple(mine.tolist()), label))
 
 
 def files(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:
