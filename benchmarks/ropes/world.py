@@ -1,0 +1,144 @@
+"""Campaigns on machines of ropes: what is hidden, how large, and what a rig reads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .machines import Array, Machine, balance, ropes, tensions
+
+NOISE = 0.2
+"""Of a reading of a rope, mm; of an instrument's position too, and a tenth of a mrad."""
+TURN_NOISE = 1e-4
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What a cause may know: paid-out lengths (N, m), tensions, places, rows and directions."""
+
+    length: Array
+    tension: Array
+    place: Array
+    side: Array
+    rng: np.random.Generator
+
+
+Cause = Callable[[Rows], Array]
+"""Rows -> what a rope is longer than its reading, of size one (N, m)."""
+
+
+def _one(values: Array, rope: int) -> Array:
+    out = np.zeros_like(values)
+    out[:, rope] = values[:, rope]
+    return out
+
+
+def _curved(r: Rows) -> Array:
+    low, high = r.length.min(axis=0), r.length.max(axis=0)
+    x = 2.0 * (r.length - low) / (high - low) - 1.0
+    return 1.5 * x**2 - 0.5
+
+
+def _shift(r: Rows) -> Array:
+    late = np.arange(len(r.length)) >= int(r.rng.uniform(0.35, 0.65) * len(r.length))
+    return _one(np.where(late[:, None], 1.0, 0.0) * np.ones_like(r.length), int(r.rng.integers(4)))
+
+
+def _wave(r: Rows) -> Array:
+    return _one(np.sin(2.0 * np.pi * r.length / 150.0 + 1.0), int(r.rng.integers(4)))
+
+
+def _caught(r: Rows) -> Array:
+    return r.rng.normal(size=(int(r.place.max()) + 1, r.length.shape[1]))[r.place]
+
+
+def _wanders(r: Rows) -> Array:
+    steps = r.rng.normal(size=len(r.length)).cumsum() / np.sqrt(len(r.length))
+    return _one(np.repeat(steps[:, None], r.length.shape[1], axis=1), int(r.rng.integers(4)))
+
+
+CAUSES: dict[str, tuple[Cause | None, frozenset[str]]] = {
+    "none": (None, frozenset()),
+    "stretch": (lambda r: r.length * r.tension, frozenset({"rope_stretch", "anchor_give"})),
+    "give": (lambda r: 1.0 * r.tension, frozenset({"anchor_give", "rope_stretch"})),
+    "constant": (lambda r: np.ones_like(r.length), frozenset({"missing_length"})),
+    "curvature": (_curved, frozenset({"curvature"})),
+    "slipped": (_shift, frozenset({"zero_shift"})),
+    "wave": (_wave, frozenset({"periodic"})),
+    "backlash": (lambda r: _one(0.5 * r.side, 1), frozenset({"backlash"})),
+    "caught": (_caught, frozenset()),
+    "wanders": (_wanders, frozenset()),
+}
+"""By name the cause, and the kinds that are right; those that no kind is right for are unknown.
+
+Stretch and a frame that gives are told apart by the lengths alone: either name is right for both."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """Readings (N, m), mm, directions (N, m), measured poses (N, 6) or None, and the true points.
+
+    ``eta``: rms of the hidden cause over the noise, past what geometry could take up.
+    """
+
+    readings: Array
+    side: Array
+    poses: Array | None
+    place: Array
+    anchors: Array
+    hooks: Array
+    size: float
+
+
+def session(machine: Machine, cause: str, eta: float, rng: np.random.Generator, places: int,
+            repeats: int) -> Session:
+    """Return a campaign with a cause of size eta hidden in it."""
+    spread = rng.normal(size=(2, *machine.anchors.shape)) * machine.tolerance
+    spread[..., 2] *= not machine.flat
+    if machine.motion == "planar-point":
+        spread[1] = 0.0
+    anchors, hooks = machine.anchors + spread[0], machine.hooks + spread[1]
+    offset = rng.normal(size=len(anchors)) * machine.offset
+    at = np.array(machine.centre) + np.array(machine.half) * rng.uniform(-1, 1, (places, 6))
+    place = np.repeat(np.arange(places), repeats)
+    poses = at[place]
+    length, units, arms = ropes(anchors, hooks, poses)
+    before = np.concatenate([length[:1] - 1.0, length[:-1]])
+    for n in np.flatnonzero(np.concatenate([[False], place[1:] == place[:-1]])):
+        before[n] = length[n] - (rng.choice([-1.0, 1.0], length.shape[1]))  # come to anew
+    rows = Rows(length, tensions(machine, units, arms), place, np.sign(length - before), rng)
+    made = CAUSES[cause][0]
+    extra = np.zeros_like(length) if made is None else made(rows)
+    size = eta * NOISE / _seen(machine, extra, anchors, hooks, poses) if made else 0.0
+    readings = length - offset - size * extra + NOISE * rng.normal(size=length.shape)
+    seen = None
+    if machine.instrument == "pose":
+        seen = poses + np.array([NOISE] * 3 + [TURN_NOISE] * 3) * rng.normal(size=poses.shape)
+    return Session(readings, rows.side, seen, place, anchors, hooks, size)
+
+
+def _seen(machine: Machine, extra: Array, anchors: Array, hooks: Array, poses: Array) -> float:
+    """Return the rms of a change of lengths past what poses and geometry take up, per number."""
+    _, units, arms = ropes(anchors, hooks, poses)
+    n, m = extra.shape
+    every = balance(machine, units, arms)
+    if machine.instrument == "none":
+        rest = np.stack([np.linalg.svd(b)[2][b.shape[0]:] for b in every])  # (N, s, m)
+    else:
+        rest = np.broadcast_to(np.eye(m), (n, m, m))
+    flat = 2 if machine.flat else 3
+    by_anchor = np.zeros((n, m, m * flat))
+    by_hook = np.zeros((n, m, m * flat))
+    for i in range(m):
+        by_anchor[:, i, flat * i:flat * (i + 1)] = units[:, i, :flat]
+        if machine.motion != "planar-point":
+            by_hook[:, i, flat * i:flat * (i + 1)] = units[:, i, :flat]
+    columns = [by_anchor, by_hook]
+    if machine.offset:
+        columns.append(np.broadcast_to(np.eye(m), (n, m, m)))
+    geometry = (rest @ np.concatenate(columns, axis=2)).reshape(-1, sum(c.shape[2] for c in columns))
+    column = (rest @ extra[..., None]).reshape(-1)
+    left = column - geometry @ np.linalg.lstsq(geometry, column, rcond=1e-9)[0]
+    return float(np.sqrt(np.mean(left**2)))

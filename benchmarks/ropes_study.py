@@ -1,0 +1,154 @@
+"""Machines on ropes: what is named of what is hidden, and how often intervals hold the truth.
+
+    python benchmarks/ropes_study.py --seed 921 --count 2            # names
+    python benchmarks/ropes_study.py --seed 921 --coverage 200       # intervals of self-calibrations
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import multiprocessing
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from ropes.machines import BELTS, MACHINES, Machine
+from ropes.world import CAUSES, NOISE, TURN_NOISE, Session, session
+from study_summary import interval
+
+import ppmcal
+from ppmcal.errors import PpmcalError
+
+ETA = (0.5, 2.0)
+PLACES, REPEATS = 40, 3
+NAMED = ("named", "named-set", "partial")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One campaign."""
+
+    seed: int
+    machine: str
+    cause: str
+    number: int
+
+
+def write(machine: Machine, done: Session, folder: Path, sides: bool) -> tuple[Path, Path]:
+    """Write the machine and the campaign; return the paths."""
+    file = folder / "machine.yaml"
+    file.write_text(yaml.safe_dump(machine.file()), encoding="utf-8")
+    kind = {"kind": machine.instrument, "sigma": {"actuator": NOISE}}
+    header = ["pose", *(f"q_{n}" for n in machine.ropes)]
+    table = [done.place + 1, *done.readings.T]
+    if sides:
+        header += [f"dir_{n}" for n in machine.ropes]
+        table += [*done.side.T]
+    if done.poses is not None:
+        kind["sigma"] |= {"position": NOISE, "rotation": TURN_NOISE}
+        own = [0, 1, 5] if machine.flat else range(6)
+        header += [("x", "y", "z", "rx", "ry", "rz")[c] for c in own]
+        table += [done.poses[:, c] for c in own]
+    data = folder / "rows.csv"
+    with data.open("w", newline="", encoding="utf-8") as out:
+        csv.writer(out).writerows([header, *np.array(table).T.tolist()])
+    side = {"format": "ppmcal/dataset/1", "units": {"length": "mm", "angle": "rad"},
+            "instrument": kind}
+    if done.poses is not None:
+        side |= {"frame": "unknown", "target": "known"}
+    data.with_suffix(".yaml").write_text(yaml.safe_dump(side), encoding="utf-8")
+    return file, data
+
+
+def run(job: Job) -> dict:
+    """Return what a diagnosis makes of one campaign."""
+    rng = np.random.default_rng([job.seed, job.number, *job.machine.encode(), *job.cause.encode()])
+    machine, right = MACHINES[job.machine], CAUSES[job.cause][1]
+    eta = float(np.exp(rng.uniform(*np.log(ETA))))
+    done = session(machine, job.cause, eta, rng, PLACES, REPEATS)
+    line = {"machine": job.machine, "cause": job.cause, "eta": round(eta, 2)}
+    with tempfile.TemporaryDirectory() as place:
+        file, data = write(machine, done, Path(place), job.cause != "none")
+        try:
+            ppmcal.diagnose(file, data).write(Path(place) / "out")
+        except PpmcalError as error:
+            return line | {"verdict": "refused", "names": str(error)[:90], "right": 0, "wrong": 0}
+        told = json.loads((Path(place) / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    sets = [{e["kind"], *(a.split()[0] for a in e["alternatives"])} for e in told["effects"]]
+    unknown = told["verdict"] in ("partial", "unnamed")
+    hit = any(e["kind"] in right or s & right for e, s in zip(told["effects"], sets))
+    wrong = sum(not ({e["kind"]} | s) & right for e, s in zip(told["effects"], sets))
+    return line | {"verdict": told["verdict"], "wrong": wrong, "right": int(
+        hit if right else unknown and not wrong if CAUSES[job.cause][0] else told["verdict"] == "none"),
+        "names": "; ".join(f"{e['kind']} {'+'.join(e['on'])} {e['probability']:.2f}"
+                           for e in told["effects"])}
+
+
+def covered(job: Job) -> list[float]:
+    """Return the errors of a self-calibration of four belts, in standard deviations."""
+    rng = np.random.default_rng([job.seed, job.number, 77])
+    done = session(BELTS, "none", 1.0, rng, 50, 1)
+    with tempfile.TemporaryDirectory() as place:
+        file, data = write(BELTS, done, Path(place), False)
+        found = ppmcal.identify(file, data).identification
+    # the frame of the result: first anchor where it is drawn, second one at its drawn height
+    true = done.anchors[:, :2] - done.anchors[0, :2]
+    away = BELTS.anchors[1, 1] - BELTS.anchors[0, 1]
+    angle = np.arcsin(away / np.hypot(*true[1])) - np.arctan2(true[1, 1], true[1, 0])
+    c, s = np.cos(angle), np.sin(angle)
+    true = true @ np.array([[c, -s], [s, c]]).T + BELTS.anchors[0, :2]
+    at = {f"r{i + 1}.base.point.{a}": true[i, k] for i in range(4) for k, a in enumerate("xy")}
+    return [(1e3 * e.value - at[e.name]) / (1e3 * e.sigma) for e in found.estimates if e.sigma]
+
+
+def share(hits: int, total: int) -> str:
+    """Return a share with its 95 % interval."""
+    low, high = interval(hits, total)
+    return f"{100 * hits / max(total, 1):.0f} % ({100 * low:.0f}-{100 * high:.0f})"
+
+
+def table(lines: list[dict]) -> str:
+    """Return the rates by cause in Markdown."""
+    out = ["| hidden | campaigns | right | a wrong name | refused |", "|---|---|---|---|---|"]
+    for cause in [*CAUSES, "all"]:
+        own = [x for x in lines if cause in (x["cause"], "all")]
+        if own:
+            out.append(f"| {cause} | {len(own)} | {share(sum(x['right'] for x in own), len(own))} | "
+                       f"{share(sum(x['wrong'] > 0 for x in own), len(own))} | "
+                       f"{sum(x['verdict'] == 'refused' for x in own)} |")
+    return "\n".join(out)
+
+
+def main() -> None:
+    """Run a study and print its table."""
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--seed", type=int, default=921)
+    arguments.add_argument("--count", type=int, default=2, help="campaigns of each cause and machine")
+    arguments.add_argument("--coverage", type=int, default=0, help="self-calibrations of four belts")
+    arguments.add_argument("--machines", nargs="*", default=list(MACHINES))
+    arguments.add_argument("--causes", nargs="*", default=list(CAUSES))
+    arguments.add_argument("--cores", type=int, default=multiprocessing.cpu_count())
+    asked = arguments.parse_args()
+    with multiprocessing.Pool(asked.cores) as pool:
+        if asked.coverage:
+            z = np.concatenate(pool.map(covered, [Job(asked.seed, "belts", "none", n)
+                                                  for n in range(asked.coverage)]))
+            print(f"{asked.coverage} self-calibrations, {z.size} intervals: "
+                  f"{share(int(np.sum(np.abs(z) < 1.96)), z.size)} hold the truth, "
+                  f"rms {np.sqrt(np.mean(z**2)):.3f} sigma")
+            return
+        jobs = [Job(asked.seed, m, c, n) for n in range(asked.count) for c in asked.causes
+                for m in asked.machines]
+        lines = []
+        for line in pool.imap_unordered(run, jobs):
+            lines.append(line)
+            print(", ".join(f"{k} {v}" for k, v in line.items()), flush=True)
+    print("\n" + table(lines))
+
+
+if __name__ == "__main__":
+    main()
