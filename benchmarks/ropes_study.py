@@ -74,7 +74,7 @@ def run(job: Job) -> dict:
     with tempfile.TemporaryDirectory() as place:
         file, data = write(machine, done, Path(place), job.cause != "none")
         try:
-            ppmcal.diagnose(file, data).write(Path(place) / "out")
+            ppmcal.diagnose(file, data).save(Path(place) / "out")
         except PpmcalError as error:
             return line | {"verdict": "refused", "names": str(error)[:90], "right": 0, "wrong": 0}
         told = json.loads((Path(place) / "out" / "diagnosis.json").read_text(encoding="utf-8"))

@@ -1,0 +1,109 @@
+"""A router on four belts, run by run: what is found in readings without any instrument.
+
+    python benchmarks/real_belts.py --data DIR [--runs ten-runs-01 old-runs-29 ...]
+
+DIR has `maslow/`: one table of belts for each run (bl, br, tr, tl, mm), and what the owner wrote
+about them in `index.csv`, with which the table is to be held.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import multiprocessing
+import re
+import tempfile
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+import ppmcal
+from ppmcal.errors import PpmcalError
+
+BELTS = ("bl", "br", "tr", "tl")
+SIDE = {"units": {"length": "mm", "angle": "deg"},
+        "instrument": {"kind": "none", "sigma": {"actuator": 1.0, "estimated": True}}}
+
+
+def machine(sides: tuple[float, float]) -> dict:
+    """Return the file of a frame of two sides, mm, drawn by hand to some centimetres."""
+    width, height = sides
+    at = {"bl": (0, 0), "br": (width, 0), "tr": (width, height), "tl": (0, height)}
+    still = {"x": {"value": 0, "fixed": True}, "y": {"value": 0, "fixed": True}}
+    return {"format": "ppmcal/mechanism/1", "name": "belts", "motion": "planar-point",
+            "units": {"length": "mm", "angle": "deg"},
+            "limbs": [{"name": n, "kind": "rope", "base": {"point": list(at[n])},
+                       "platform": {"point": still}, "offset": {"value": 0, "fixed": True}}
+                      for n in BELTS],
+            "home": {"pose": {"x": width / 2, "y": height / 2}}, "tolerances": {"point": 100}}
+
+
+def words(data: Path) -> dict[str, tuple[str, tuple[float, float]]]:
+    """Return by run what the owner wrote, and the sides of the frame, mm."""
+    out: dict[str, tuple[str, tuple[float, float]]] = {}
+    size = (3030.0, 2140.0)
+    with (data / "index.csv").open(encoding="utf-8") as file:
+        for line in csv.DictReader(file):
+            if found := re.search(r"([\d.]+) x ([\d.]+) m", line["frame"]):
+                size = (1e3 * float(found[1]), 1e3 * float(found[2]))
+            elif not line["frame"].startswith("same"):
+                size = (3030.0, 2140.0) if "posts" not in line["frame"] else (3100.0, 2200.0)
+            numbers = [int(n) for n in re.findall(r"\d+", line["runs"].split(" ")[0])]
+            note = line["what the owner wrote about it (paraphrased)"]
+            for n in range(numbers[0], numbers[-1] + 1):
+                out[f"{_stem(line['runs'])}-{n:02d}"] = (note, size)
+    return out
+
+
+def _stem(runs: str) -> str:
+    return re.sub(r"-\d.*$", "", runs)
+
+
+def one(data: Path, told: dict[str, tuple[str, tuple[float, float]]], run: str) -> str:
+    """Return a line of the table."""
+    rows = np.genfromtxt(data / f"{run}.csv", delimiter=",", names=True)
+    note, sides = told.get(run, ("", (3030.0, 2140.0)))
+    table = {f"q_{n}": rows[n] for n in BELTS}
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "belts.yaml"
+        file.write_text(yaml.safe_dump(machine(sides)), encoding="utf-8")
+        given = ppmcal.read_data(file, table, sidecar=SIDE, name=run)
+        try:
+            fit = ppmcal.identify(file, given).identification
+            ppmcal.diagnose(file, given).save(Path(folder) / "out")
+        except PpmcalError as error:
+            return f"| {run} | {len(rows)} | {note} | refused: {str(error)[:70]} | | | |"
+        said = json.loads((Path(folder) / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    gone = sorted({r.row for r in fit.gross_errors.rows})
+    named = []
+    for effect in said["effects"]:
+        size = ", ".join(f"{v['value']:.3g} {v['unit']}".strip()
+                         for n, v in effect["parameters"].items() if n != "from_row")
+        on = "" if len(effect["on"]) == 4 else " on " + " ".join(effect["on"])
+        named.append(f"{effect['kind']}{on} {size} ({effect['probability']:.2f})")
+    unknown = "; ".join(u["looks_like"] for u in said["unknown"] if u["probability"] > 0.5)
+    return (f"| {run} | {len(rows)} | {note} | {', '.join(map(str, gone)) or '-'} | "
+            f"{said['verdict']} | {'; '.join(named) or '-'} | {unknown or '-'} |")
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--runs", nargs="*")
+    parser.add_argument("--cores", type=int, default=multiprocessing.cpu_count())
+    asked = parser.parse_args()
+    data = asked.data / "maslow"
+    runs = asked.runs or sorted(p.stem for p in data.glob("*.csv") if p.stem != "index")
+    print("| run | readings | the owner | rows left out | verdict | named | without a name |")
+    print("|---|---|---|---|---|---|---|")
+    with multiprocessing.Pool(asked.cores) as pool:
+        for line in pool.imap(partial(one, data, words(data)), runs):
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
