@@ -41,6 +41,8 @@ def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
     """
     if mechanism.gauge != "base" or not datasets or not all(d.kind.blind for d in datasets):
         return mechanism
+    if not mechanism.free:      # a machine that is looked at, not fitted
+        return mechanism
     held = _held(mechanism, np.concatenate([d.q for d in datasets]))
     if not held:
         return mechanism
