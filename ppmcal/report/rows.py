@@ -191,12 +191,6 @@ def row_key(index: int | str, dataset: str, row: int) -> str:
     return f"{index}:{dataset}:{row}"
 
 
-def row_keys(index: int, residuals: Table) -> list[str]:
-    """Return the key of every row of residuals.csv."""
-    return [row_key(index, d, int(n)) for d, n in
-            zip(residuals.words("dataset"), row_numbers(residuals), strict=True)]
-
-
 def row_numbers(residuals: Table) -> NDArray[np.int64]:
     """Return the number of every row in its file (N,), -1 where residuals.csv does not say."""
     found = np.nan_to_num(np.clip(residuals.number("row"), -1.0, 1e15), nan=-1.0)
@@ -219,7 +213,7 @@ def rows_section(one: Identified, index: int) -> Section | None:
     t = one.residuals
     if t is None or not t.size:
         return None
-    ratio, keys, keep = times_noise(t), row_keys(index, t), used(t)
+    ratio, keep = times_noise(t), used(t)
     order = np.argsort(-np.nan_to_num(ratio, nan=-1.0), kind="stable")[:SHOWN]
     parts = groups(t)
     heads = ["row", "data set", "times its noise"]
@@ -227,7 +221,7 @@ def rows_section(one: Identified, index: int) -> Section | None:
         unit = one.record.units.name(g.quantity)
         heads += [with_label(f"{g.name} before", unit), with_label(f"{g.name} after", unit)]
     names, reasons = t.words("dataset"), t.words("reason")
-    number = t.number("row")
+    number, counted = t.number("row"), row_numbers(t)
     body = [[number_cell(number[i], exact(float(number[i]))), text_cell(names[i]),
              number_cell(float(ratio[i])),
              *(number_cell(float(v[i])) for g in parts for v in (g.before, g.after)),
@@ -238,5 +232,6 @@ def rows_section(one: Identified, index: int) -> Section | None:
     note = more + ("Noise: root mean square of a row's residuals over their sigma. Click a "
                    "row, or a point in a plot or on the machine, to find it in the others.")
     return Section("Rows by error", paragraph(note, "note") + table(
-        "", [*heads, "in the fit"], body, sort=True, keys=[keys[i] for i in order]),
+        "", [*heads, "in the fit"], body, sort=True,
+        keys=[row_key(index, names[i], int(counted[i])) for i in order]),
         f"{whole(min(SHOWN, t.size))} of {whole(t.size)}", folded=True)
