@@ -13,6 +13,7 @@ from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io import read_dataset
 from ppmcal.io.csv import Table
 from ppmcal.io.results.identification_parts import FittedDataset, RegistrationEntry
+from ppmcal.io.results.residual_rows import norm, used
 from ppmcal.io.results.scene_parts import MeasuredPose, Point
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.kinematics.closure import Model
@@ -24,7 +25,6 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.model.registration import Registration
 from ppmcal.report.records import Identified
-from ppmcal.report.residuals import used
 from ppmcal.report.rows import recorded_inputs, row_key
 from ppmcal.store.inputs import digest_of
 from ppmcal.wording import pluralize
@@ -97,7 +97,7 @@ def _chosen(table: Table, most: int) -> tuple[Ints, str]:
     if table.size <= most:
         return np.arange(table.size), ""
     part = min(WORST, most // 4)
-    size = np.nan_to_num(_norm(_residual(table, np.arange(table.size), "after")), nan=-1.0)
+    size = np.nan_to_num(norm(_residual(table, np.arange(table.size), "after").T), nan=-1.0)
     keep = used(table)
     worst = np.argsort(np.where(keep, -size, 1.0), kind="stable")[:part]
     out = np.flatnonzero(~keep)
@@ -173,8 +173,8 @@ def _points(table: Table, rows: Ints, plain: Mechanism, owner: tuple[str, int], 
     """Return the points, file units; ``errors``: before and after (R, 3), base axes."""
     f, (name, index) = plain.units.factor("length"), owner
     keep, reasons = used(table)[rows], table.words("reason")
-    values = [_norm(_residual(table, rows, s)) for s in STAGES]
-    turns = [_norm(_residual(table, rows, s, POSE_COORDINATES[3:])) for s in STAGES]
+    values = [norm(_residual(table, rows, s).T) for s in STAGES]
+    turns = [norm(_residual(table, rows, s, POSE_COORDINATES[3:]).T) for s in STAGES]
     numbers = table.number("row")[rows].astype(int).tolist()
     return tuple(MeasuredPose(
         label=f"row {row} of {name}", key=row_key(index, name, row), point=_three(point[n] / f),
@@ -232,12 +232,6 @@ def _residual(table: Table, rows: Ints, stage: str,
               columns: Sequence[str] = ("x", "y", "z", "height", "distance")) -> Array:
     """Return residuals (R, c), file units, nan where not measured."""
     return np.stack([table.number(f"{stage}_{c}")[rows] for c in columns], axis=1)
-
-
-def _norm(values: Array) -> Array:
-    seen = np.isfinite(values)
-    size: Array = np.sqrt(np.sum(np.where(seen, values, 0.0)**2, axis=1))
-    return np.where(seen.any(axis=1), size, np.nan)
 
 
 def _known(value: float) -> float | None:

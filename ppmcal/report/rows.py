@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.results.identification_tables import is_measured, quantity_of
+from ppmcal.io.results.residual_rows import norms, row_numbers, times_noise, used
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.plotting.layers import Points, Undrawn
 from ppmcal.report.format import exact, number, sig, whole, with_label, with_unit
 from ppmcal.report.html import number_cell, paragraph, table, text_cell
 from ppmcal.report.records import Identified, MeasuredRows, Simulated
-from ppmcal.report.residuals import coordinates, groups, used
 from ppmcal.report.section import Section
 from ppmcal.store.inputs import digest_of
 from ppmcal.units import Units
@@ -191,23 +191,6 @@ def row_key(index: int | str, dataset: str, row: int) -> str:
     return f"{index}:{dataset}:{row}"
 
 
-def row_numbers(residuals: Table) -> NDArray[np.int64]:
-    """Return the number of every row in its file (N,), -1 where residuals.csv does not say."""
-    found = np.nan_to_num(np.clip(residuals.number("row"), -1.0, 1e15), nan=-1.0)
-    return found.astype(np.int64)
-
-
-def times_noise(residuals: Table) -> Array:
-    """Return how far each row is from the model: rms of its residuals over their sigma (N,)."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        ratios = np.stack([residuals.number(f"after_{c}") / residuals.number(f"sigma_{c}")
-                           for c in coordinates(residuals)] or [np.full(residuals.size, np.nan)])
-        seen = np.isfinite(ratios)
-        total = np.sum(np.where(seen, ratios, 0.0) ** 2, axis=0)
-        out: Array = np.sqrt(total / np.sum(seen, axis=0))
-    return out
-
-
 def rows_section(one: Identified, index: int) -> Section | None:
     """Return the table of the rows that miss most, None without rows."""
     t = one.residuals
@@ -215,7 +198,7 @@ def rows_section(one: Identified, index: int) -> Section | None:
         return None
     ratio, keep = times_noise(t), used(t)
     order = np.argsort(-np.nan_to_num(ratio, nan=-1.0), kind="stable")[:SHOWN]
-    parts = groups(t)
+    parts = norms(t)
     heads = ["row", "data set", "times its noise"]
     for g in parts:
         unit = one.record.units.name(g.quantity)

@@ -25,6 +25,13 @@ from ppmcal.plotting.map_data import Map
 from ppmcal.store.inputs import read_bytes, read_pieces
 
 
+def finite_number(value: Any) -> float | None:
+    """Return a number of at most ``LARGEST``, None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if abs(value) <= LARGEST else None
+
+
 def joint_columns(mechanism: Mechanism, q: Array, pattern: str) -> dict[str, Array]:
     """Return joint values as columns named by ``pattern`` (``q_{}``), file units."""
     return {pattern.format(name): q[:, i] / factor for i, (name, (factor, _)) in
