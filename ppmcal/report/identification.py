@@ -16,7 +16,7 @@ from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ExcludedRow, ParameterEstimate, before_words
 from ppmcal.io.results.identification_tables import quantity_of
 from ppmcal.io.results.identification_wording import combination, short_intervals
-from ppmcal.io.results.residual_rows import used
+from ppmcal.io.results.residual_rows import row_key, used
 from ppmcal.report.format import (
     NBSP,
     count,
@@ -45,7 +45,7 @@ from ppmcal.report.html import (
 )
 from ppmcal.report.records import Identified
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
-from ppmcal.report.rows import row_key, rows_section
+from ppmcal.report.rows import rows_section
 from ppmcal.report.section import Section, filled
 from ppmcal.wording import MOST, abbreviate_list
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.results.identification_tables import is_measured, quantity_of
-from ppmcal.io.results.residual_rows import norms, row_numbers, times_noise, used
+from ppmcal.io.results.residual_rows import norms, row_key, row_numbers, times_noise, used
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.plotting.layers import Points, Undrawn
@@ -79,16 +79,9 @@ def _has_places(table: Table) -> bool:
     return "x" in table.numbers and "y" in table.numbers
 
 
-def recorded_inputs(one: Identified, source: str) -> list[str]:
-    """Return the inputs of a record that a data set came from: the very one, else its namesakes."""
-    inputs = one.record.provenance.inputs
-    return [k for k in inputs if k == source] or [
-        k for k in inputs if source and Path(k).name == Path(source).name]
-
-
 def _measured(one: Identified, source: str, simulated: Sequence[Simulated]) -> Table | None:
     """Return the conditions of a measurement file, if it is the very one that was fitted."""
-    inputs, names = one.record.provenance.inputs, recorded_inputs(one, source)
+    inputs, names = one.record.provenance.inputs, one.record.provenance.inputs_of(source)
     if len(names) != 1 or not inputs[names[0]]:
         return None
     table = next((s.measurements for s in simulated if s.digest == inputs[names[0]]), None)
@@ -178,17 +171,6 @@ class DataRows:
 
 SHOWN = 100
 """Rows that the table holds: those furthest from the model for their noise."""
-
-
-def row_key(index: int | str, dataset: str, row: int) -> str:
-    """Return the name by which plots, tables and the drawing know a row.
-
-    Args:
-        index: of the identification on the page, from 0; of a diagnosis alone its folder.
-        dataset: the row's data set.
-        row: its number in the file.
-    """
-    return f"{index}:{dataset}:{row}"
 
 
 def rows_section(one: Identified, index: int) -> Section | None:

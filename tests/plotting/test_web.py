@@ -13,7 +13,7 @@ from helpers.report_files import identification, specs, write_csv, write_fit
 from helpers.sources import nodes_of
 
 from ppmcal import plotting
-from ppmcal.io.results.residual_rows import row_numbers
+from ppmcal.io.results.residual_rows import row_key, row_numbers
 from ppmcal.plotting.bars import Chart, Row
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import (
@@ -41,7 +41,6 @@ from ppmcal.report import collect, to_html
 from ppmcal.report.figure_files import TITLES
 from ppmcal.report.html import script_json
 from ppmcal.report.residual_figures import residual_figures
-from ppmcal.report.rows import row_key
 from ppmcal.report.thinning import POINTS
 
 PLOTTING = Path(plotting.__file__).parent

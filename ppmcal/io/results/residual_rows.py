@@ -65,6 +65,17 @@ def row_numbers(table: Table) -> NDArray[np.int64]:
     return found.astype(np.int64)
 
 
+def row_key(index: int | str, dataset: str, row: int) -> str:
+    """Return the name by which plots, tables and the drawing know a row.
+
+    Args:
+        index: of the identification on the page, from 0; of a diagnosis alone its folder.
+        dataset: the row's data set.
+        row: its number in the file.
+    """
+    return f"{index}:{dataset}:{row}"
+
+
 def norms(table: Table) -> list[ResidualNorm]:
     """Return the norms of position and rotation, and further coordinates by themselves."""
     have = coordinates(table)
