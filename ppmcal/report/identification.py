@@ -123,10 +123,10 @@ def accuracy(one: Identified) -> Section | None:
                              *(number_cell(getattr(part, c)) for c in COLUMNS)])
     if not rows:
         return None
-    notes = [one.record.holdout_note, before_words(residual.before_is).strip()]
+    words = [one.record.holdout_note, before_words(residual.before_is).strip()]
     if "closure" in kinds:
-        notes.append("Closure is the limb condition at the measured poses, as a length.")
-    note = " ".join(n[0].upper() + n[1:].rstrip(".") + "." for n in notes if n)
+        words.append("Closure is the limb condition at the measured poses, as a length.")
+    note = " ".join(w[0].upper() + w[1:].rstrip(".") + "." for w in words if w)
     return Section("Error before and after", '<div class="pair">'
                    + table("p95: 95 % of the rows are below it", ["error", "unit", *COLUMNS], rows)
                    + f"<div>{_fit_facts(one.record)}{paragraph(note, 'note')}</div></div>")

@@ -13,6 +13,7 @@ from ppmcal.io.results.scene import Scene, SceneEffect
 from ppmcal.io.results.scene_rows import POINTS, FittedRows, placed_rows, with_next, with_poses
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Effect, Mechanism
+from ppmcal.notes import NOTE, Note
 from ppmcal.report.diagnosis_tables import amounts
 from ppmcal.report.html import paragraph
 from ppmcal.report.machine_scene import scene_html
@@ -62,7 +63,8 @@ def machine_scene(one: Identified, index: int, mechanism: Mechanism,
     if points:
         notes = [_what_is_drawn(mechanism, len(poses.keys), len(points)), *notes]
     if one.next is not None and one.next.size:
-        notes.append("Diamonds: where the platform stands at the poses to measure next, next.csv.")
+        notes.append(Note(
+            "Diamonds: where the platform stands at the poses to measure next, next.csv.", NOTE))
     poses = with_next(poses, one.next, mechanism)
     return Scene.of(mechanism, points, _value(one), mechanism.units.length, poses,
                     scene_effects(mechanism, record), "identified", notes)
@@ -76,13 +78,14 @@ def _value(one: Identified) -> str:
         f"{k} error" for k in kinds]) or "position error"
 
 
-def _what_is_drawn(mechanism: Mechanism, poses: int, points: int) -> str:
+def _what_is_drawn(mechanism: Mechanism, poses: int, points: int) -> Note:
     without = ", its effects left out," if mechanism.effects else ""
-    return (f"Each of {points} points stands where the identified machine{without} has the "
-            "measured point at the row's joint values, in the base's frame; its arrow is the error "
-            "of residuals.csv, measured minus predicted, magnified as the switch says. The slider "
-            f"goes through poses about home, then {poses} of the measured ones. Click a point to "
-            "find its row.")
+    return Note(
+        f"Each of {points} points stands where the identified machine{without} has the "
+        "measured point at the row's joint values, in the base's frame; its arrow is the error "
+        "of residuals.csv, measured minus predicted, magnified as the switch says. The slider "
+        f"goes through poses about home, then {poses} of the measured ones. Click a point to "
+        "find its row.", NOTE)
 
 
 def scene_effects(mechanism: Mechanism, record: DiagnosisRecord | None) -> list[SceneEffect]:

@@ -26,6 +26,7 @@ from ppmcal.io.results.kinematics import (
 )
 from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.tables import ANY_TABLE
+from ppmcal.notes import Note
 from ppmcal.report.design_records import DESIGNS, designs_in
 from ppmcal.report.format import count, sig, whole
 from ppmcal.report.headlines import finding_text
@@ -177,8 +178,8 @@ def _findings(rows: ResidualRows, _: ReportData) -> list[tuple[str, str]]:
     flagged, notes = len(rows.flagged), list(getattr(rows.record, "notes", ()))
     if not flagged or rows.table is None:
         return [(rows.folder, text) for text in notes]
-    notes.append(f"{whole(flagged)} of {count(rows.table.size, 'row')} of {rows.kind}.csv "
-                 "refused or with a remark")
+    notes.append(Note(f"{whole(flagged)} of {count(rows.table.size, 'row')} of {rows.kind}.csv "
+                      "refused or with a remark"))
     return [(rows.folder, text) for text in notes]
 
 

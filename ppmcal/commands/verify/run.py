@@ -23,6 +23,7 @@ from ppmcal.io.results.verification import (
     environment_words,
     status_of,
 )
+from ppmcal.notes import Note
 from ppmcal.store.differences import compared
 from ppmcal.store.folder import RECORD, read_record, running
 from ppmcal.store.inputs import digest_of
@@ -59,9 +60,9 @@ class VerificationResult:
         return self.record.exit_code
 
     @property
-    def findings(self) -> tuple[str, ...]:
+    def findings(self) -> tuple[Note, ...]:
         """Return a sentence for each run that does not come out as it was."""
-        return tuple(r.sentence() for r in self.record.runs if r.exit_code)
+        return tuple(Note(r.sentence()) for r in self.record.runs if r.exit_code)
 
     def told(self) -> Iterator[str | ShortTable]:
         """Yield what became of each run."""

@@ -26,6 +26,7 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.model.registration import Registration
+from ppmcal.notes import NOTE, Note
 from ppmcal.store.inputs import digest_of
 from ppmcal.wording import pluralize
 
@@ -62,7 +63,7 @@ class PlacedRows:
     points: tuple[MeasuredPose, ...]
     q: Array
     pose: Array
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 def placed_rows(one: FittedRows, index: int, mechanism: Mechanism, most: int = POINTS
@@ -82,11 +83,11 @@ def placed_rows(one: FittedRows, index: int, mechanism: Mechanism, most: int = P
     table = one.residuals
     if table is None or not table.size:
         return replace(nothing, notes=(
-            "There is no residuals.csv, so no measured rows are drawn.",))
+            Note("There is no residuals.csv, so no measured rows are drawn.", NOTE),))
     rows, thinned = _chosen(table, most)
     names = np.array(table.words("dataset"), dtype=object)
     plain = replace(mechanism, effects=())
-    found, notes = [nothing], [thinned] if thinned else []
+    found, notes = [nothing], [*thinned]
     for entry in one.record.datasets:
         own = rows[(names[rows] == entry.name) | (len(one.record.datasets) == 1)]
         if not own.size:
@@ -95,7 +96,7 @@ def placed_rows(one: FittedRows, index: int, mechanism: Mechanism, most: int = P
             data = with_joints(plain, _read(one, entry, mechanism))
         except (PpmcalError, OSError) as error:
             what = getattr(error, "what", None) or error
-            notes.append(f"The rows of {entry.name} are not drawn: {what}.")
+            notes.append(Note(f"The rows of {entry.name} are not drawn: {what}.", NOTE))
             continue
         found.append(_of_dataset(table, own, data, entry, plain, index))
     joined = PlacedRows(tuple(p for f in found for p in f.points),
@@ -105,10 +106,10 @@ def placed_rows(one: FittedRows, index: int, mechanism: Mechanism, most: int = P
     return replace(joined, notes=tuple(notes))
 
 
-def _chosen(table: Table, most: int) -> tuple[Ints, str]:
-    """Return the rows to draw, and how they were chosen; empty where they are all."""
+def _chosen(table: Table, most: int) -> tuple[Ints, tuple[Note, ...]]:
+    """Return the rows to draw, and how they were chosen where they are not all."""
     if table.size <= most:
-        return np.arange(table.size), ""
+        return np.arange(table.size), ()
     part = min(WORST, most // 4)
     size = np.nan_to_num(norm(_residual(table, np.arange(table.size), "after").T), nan=-1.0)
     keep = used(table)
@@ -118,9 +119,10 @@ def _chosen(table: Table, most: int) -> tuple[Ints, str]:
     rest = most - part - out.size
     even = np.linspace(0, table.size - 1, max(rest, 1)).astype(int)
     rows = np.unique(np.concatenate([worst, out, even]))
-    return rows, (f"{rows.size} of {table.size} rows are drawn: every "
-                  f"{max(2, round(table.size / max(rest, 1)))}th or so, the {part} worst, and "
-                  f"{pluralize(int(out.size), 'row')} left out.")
+    return rows, (Note(
+        f"{rows.size} of {table.size} rows are drawn: every "
+        f"{max(2, round(table.size / max(rest, 1)))}th or so, the {part} worst, and "
+        f"{pluralize(int(out.size), 'row')} left out.", NOTE),)
 
 
 def _read(one: FittedRows, entry: FittedDataset, mechanism: Mechanism) -> Dataset:
@@ -171,12 +173,12 @@ def _of_dataset(table: Table, rows: Ints, data: Dataset, entry: FittedDataset,
         along = _lines(model, data, at, pose, after, point)
     errors = [_in_base(table, rows, stage, registration, along) for stage, registration in
               zip(STAGES, (before, after), strict=True)]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     if lost:
-        notes = (f"{pluralize(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} no "
-                 "pose of this machine or no joint values.",)
+        notes = (Note(f"{pluralize(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} "
+                      "no pose of this machine or no joint values.", NOTE),)
     if data.kind.along_line:
-        notes += (f"Errors of {entry.name} are along the measured distance.",)
+        notes += (Note(f"Errors of {entry.name} are along the measured distance.", NOTE),)
     return PlacedRows(_points(table, rows, plain, (entry.name, index), point, errors),
                       data.q[at], pose, notes)
 
