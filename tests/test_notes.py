@@ -84,6 +84,7 @@ ALLOWED = {
     ("controllers/klipper/lines.py", "line.startswith(f'{SAVED} ')"),
     ("controllers/klipper/lines.py", "line.text.startswith(SAVED)"),
     ("io/point_list.py", "'date' in line.lower().split()"),
+    ("store/differences.py", "line.startswith('#*#')"),
     # columns of a table
     ("io/dataset_reader.py", "'pose' in table.text"),
     ("io/dataset_reader.py", "'session' in table.text"),
@@ -146,3 +147,52 @@ def test_nothing_is_decided_from_the_words_of_a_sentence() -> None:
     "f'{source} noise' in finding", "any(FAR in t for t in out)", "'finite' in str(error)"])
 def test_a_test_of_words_is_seen(code: str) -> None:
     assert list(asked_words(ast.walk(ast.parse(code))))
+
+
+# --- who makes a sentence says what it is -------------------------------------------------------
+
+ENGINE = ("calibration", "diagnosis", "inference", "design", "kinematics", "model", "algebra")
+
+
+def bare_sentences(tree: Iterable[ast.AST]) -> Iterator[str]:
+    """Yield texts that become a finding or a note without a level."""
+    def texts(node: ast.AST) -> Iterator[str]:
+        if isinstance(node, ast.List | ast.Tuple):
+            for one in node.elts:
+                yield from texts(one)
+        elif isinstance(node, ast.ListComp | ast.GeneratorExp):
+            yield from texts(node.elt)
+        elif isinstance(node, ast.IfExp):
+            yield from (*texts(node.body), *texts(node.orelse))
+        elif isinstance(node, ast.JoinedStr) or (
+                isinstance(node, ast.Constant) and " " in str(node.value)):
+            yield ast.unparse(node)
+
+    for node in tree:
+        into: list[ast.AST] = []
+        if isinstance(node, ast.Assign | ast.AnnAssign | ast.AugAssign):
+            into = node.targets if isinstance(node, ast.Assign) else [node.target]
+        elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "append":
+            into = [node.func.value]
+        if any(_last(name) in ("findings", "notes", "odd", "advice") for name in into):
+            value = node.args[0] if isinstance(node, ast.Call) else node.value
+            yield from texts(value) if value is not None else ()
+        for key in getattr(node, "keywords", ()):
+            if key.arg in ("findings", "notes", "advice"):
+                yield from texts(key.value)
+
+
+def test_findings_and_notes_have_a_level_where_they_are_made() -> None:
+    """Engine packages say what is so in plain sentences; those who tell it say what it is."""
+    bare = {(path.relative_to(PACKAGE).as_posix(), text) for path in PACKAGE.rglob("*.py")
+            if path.relative_to(PACKAGE).parts[0] not in ENGINE
+            for text in bare_sentences(nodes_of(path))}
+    assert not bare
+
+
+@pytest.mark.parametrize(("code", "count"), [
+    ("findings.append(f'{x} is odd')", 1), ("notes = ['it is so'] if x else []", 1),
+    ("f(findings=('it is so',))", 1), ("notes: list = [f'{n} is so' for n in x]", 1),
+    ("notes += [Note('it is so')]", 0), ("findings = list(other)", 0), ("notes = ''", 0)])
+def test_a_bare_sentence_is_seen(code: str, count: int) -> None:
+    assert len(list(bare_sentences(ast.walk(ast.parse(code))))) == count

@@ -20,6 +20,7 @@ from ppmcal.io.results.export import (
 )
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.store.provenance import Provenance
 
 AXIS_OFFSET = ".axis_offset"
@@ -78,8 +79,8 @@ class Exported:
     before: ErrorSummary
     after: ErrorSummary
     not_expressed: tuple[NotExpressed, ...] = ()
-    notes: tuple[str, ...] = ()
-    advice: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
+    advice: tuple[Note, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
     poses: Array | None = None
     uncertainty: PoseUncertainty = UNKNOWN

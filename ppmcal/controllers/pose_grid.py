@@ -31,6 +31,7 @@ from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.model.registration import Registration
+from ppmcal.notes import NOTE, Note
 from ppmcal.wording.progress import stage
 
 PLACES = {1: 101, 2: 31, 3: 11, 4: 7, 5: 5, 6: 5}
@@ -208,8 +209,8 @@ def errors_at_poses(mechanism: Mechanism, found: Corrected) -> tuple[ErrorSummar
             pose_errors(mechanism, after[both], pose_motor(full[both])))
 
 
-def instrument_notes(mechanism: Mechanism) -> Iterator[str]:
+def instrument_notes(mechanism: Mechanism) -> Iterator[Note]:
     """Yield which effects are the instrument's, so that no controller has to know them."""
     for effect in mechanism.effects:
         if effect.kind.instrument:
-            yield f"effect {effect.kind.name} belongs to the instrument and is not sent"
+            yield Note(f"effect {effect.kind.name} belongs to the instrument and is not sent", NOTE)

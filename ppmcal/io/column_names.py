@@ -89,7 +89,7 @@ def is_nobodys(name: str, known: Collection[str]) -> bool:
 
 
 def strangers(columns: Mapping[str, Sequence[str] | None], mechanism: Mechanism,
-              known: Collection[str], source: str) -> tuple[list[str], list[str]]:
+              known: Collection[str], source: str) -> tuple[list[str], list[Note]]:
     """Return the columns that nobody needs, and that they are left alone.
 
     Args:
@@ -113,9 +113,9 @@ def strangers(columns: Mapping[str, Sequence[str] | None], mechanism: Mechanism,
         return [], []
     names, one = ", ".join(strange), len(strange) == 1
     ignore = ", ".join(n if n.isidentifier() else f'"{n}"' for n in strange)
-    return strange, [f"{source}: column{'s' * (not one)} {names}: not used, nobody knows "
-                     f"{'it' if one else 'them'}. `read: {{ignore: [{ignore}]}}` in the sidecar "
-                     "says that this is meant"]
+    return strange, [Note(f"{source}: column{'s' * (not one)} {names}: not used, nobody knows "
+                          f"{'it' if one else 'them'}. `read: {{ignore: [{ignore}]}}` in the "
+                          "sidecar says that this is meant")]
 
 
 def _is_number(cell: str) -> bool:

@@ -7,8 +7,9 @@ count from 1, without the header and without blank lines; :mod:`ppmcal.io.csv_bo
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -109,6 +110,28 @@ def csv_table(data: bytes, source: str, cells: Cells | Callable[[str], bool],
     refuse_shape(data.count(b"\n", first + 1), len(header), source)
     body = read_body(data, first + 1, header, source, cells, separator)
     return Table(source, header, body.numbers, body.text, body.size, body.dialect)
+
+
+def whole_rows(pieces: Iterable[bytes]) -> Iterator[bytes]:
+    """Yield the bytes of a CSV cut between rows; a cell in quotes may hold line ends."""
+    rest = b""
+    for piece in pieces:
+        rest += piece
+        end = rest.rfind(b"\n") + 1
+        if end and rest.count(b'"', 0, end) % 2 == 0:
+            yield rest[:end]
+            rest = rest[end:]
+    if rest:
+        yield rest
+
+
+def joined(tables: Sequence[Table]) -> Table:
+    """Return tables with the same columns as one, row under row."""
+    first = tables[0]
+    return first if len(tables) == 1 else replace(
+        first, size=sum(t.size for t in tables),
+        numbers={h: np.concatenate([t.numbers[h] for t in tables]) for h in first.numbers},
+        text={h: tuple(chain.from_iterable(t.text[h] for t in tables)) for h in first.text})
 
 
 def _no_rows(source: str, header: tuple[str, ...], cells: Cells) -> Table:

@@ -108,7 +108,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
     headers = {c.name: c.called for c in columns if c.name != c.called}
     strange, more = names.strangers({c.name: table.text.get(c.header) for c in columns}, mechanism,
                                     known, source)
-    columns, findings = [c for c in columns if c.name not in strange], findings + more
+    columns, findings = [c for c in columns if c.name not in strange], [*findings, *more]
     table = _in_seconds(named(table, columns), read)
     plain = in_units(table, declared(columns, table, read, side), read, mechanism, units)
     table = in_conventions(plain, read, mechanism, units, side)
@@ -193,13 +193,14 @@ def _fixed_point(file: SidecarFile, to_q: Array | None, mechanism: Mechanism, un
                               "instrument.point")}
 
 
-def _approach(file: SidecarFile, table: Table) -> tuple[str, list[str]]:
+def _approach(file: SidecarFile, table: Table) -> tuple[str, list[Note]]:
     have = any(name.startswith("dir_") for name in table.header)
     if file.approach is None:
         return "columns" if have else "unknown", []
     if file.approach == "columns" and not have:
-        return "unknown", [f"{table.source}: the sidecar says `approach: columns`, but there are "
-                           "no dir_ columns; the direction of approach is taken as unknown."]
+        return "unknown", [Note(
+            f"{table.source}: the sidecar says `approach: columns`, but there are no dir_ columns; "
+            "the direction of approach is taken as unknown.")]
     return file.approach, []
 
 
@@ -222,7 +223,7 @@ def _groups(table: Table) -> NDArray[np.int64]:
     return np.asarray(np.unique(start, return_inverse=True)[1], dtype=np.int64)
 
 
-def _contradicted(labels: NDArray[np.int64], groups: NDArray[np.int64], source: str) -> list[str]:
+def _contradicted(labels: NDArray[np.int64], groups: NDArray[np.int64], source: str) -> list[Note]:
     """Return that rows (N,) of one label are of different poses by their joints, if some are."""
     _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
     apart = np.flatnonzero(groups != groups[first[inverse.reshape(-1)]])

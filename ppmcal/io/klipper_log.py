@@ -14,6 +14,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table, cleaned
 from ppmcal.io.ros_tables import Recording
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 
 _ROW = re.compile(r"^(?:[^\w\n]*Recv: )?[^\w\n]*stepper:"
                   r"((?:[^\S\n]+\w+:[-+]?\d+(?:\.\d*)?)+)[^\S\n]*$", re.MULTILINE | re.ASCII)
@@ -59,7 +60,7 @@ def klipper_log(data: bytes, source: str, mechanism: Mechanism) -> Recording | N
                   len(rows))
     origin = dict.fromkeys(header[1:], "`stepper:` lines of GET_POSITION")
     shown = {f"q_{a} [mm]": f"stepper_{a}" for a in mechanism.actuators}
-    findings = (f"{source}: {probed} lines `probe at` are not used: ppmcal import klipper --mesh "
-                "reads them.",) if probed else ()
+    findings = (Note(f"{source}: {probed} lines `probe at` are not used: ppmcal import klipper "
+                     "--mesh reads them."),) if probed else ()
     return Recording(table, "log of Klipper", (), findings,
                      {**origin, "pose": "count of the lines"}, {**shown, "pose": "(none)"})

@@ -85,7 +85,7 @@ def _sigmas(table: Table, what: str, shared: float | None, factor: float) -> Arr
 
 
 def _pose(table: Table, mechanism: Mechanism, kind: InstrumentKind, units: Units
-          ) -> tuple[Array, Array, list[str]]:
+          ) -> tuple[Array, Array, list[Note]]:
     """Return position (N, 3) and rotation (N, 3) as far as the instrument and motion go."""
     planar = mechanism.motion.planar
     needed = ("x", "y") if planar else ("x", "y", "z")
@@ -173,11 +173,11 @@ def _scalar_column(name: str, own: InstrumentKind) -> bool:
         name.startswith("to_q_") and not own.along_line)
 
 
-def _unused(table: Table, kind: InstrumentKind, which: Callable[[str], bool]) -> list[str]:
+def _unused(table: Table, kind: InstrumentKind, which: Callable[[str], bool]) -> list[Note]:
     """Return the finding that names the columns which the instrument cannot use."""
     unused = [c for c in table.header if which(c)]
-    return [f"{table.source}: columns {', '.join(unused)}: not used, because the instrument's "
-            f"kind is `{kind}`."] if unused else []
+    return [Note(f"{table.source}: columns {', '.join(unused)}: not used, because the instrument's "
+                 f"kind is `{kind}`.")] if unused else []
 
 
 def _override(into: Array, table: Table, name: str, factor: float) -> None:

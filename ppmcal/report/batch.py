@@ -10,9 +10,16 @@ from urllib.parse import quote
 import numpy as np
 
 from ppmcal.calibration.fit import secondary
-from ppmcal.calibration.knowledge import farthest
 from ppmcal.calibration.validation import DEFINITION
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord, with_findings
+from ppmcal.io.results.batch_common import (
+    error_of,
+    farthest_parameter,
+    in_si,
+    last_of_each,
+    left,
+    ranking,
+)
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes
 from ppmcal.plotting.plot import row_y, rows_plot, span
@@ -21,7 +28,7 @@ from ppmcal.report.batch_common import (
     common_effects,
     common_parameters,
     common_sentences,
-    effect_changes,
+    effects_over_time,
 )
 from ppmcal.report.format import count, listed, typeset
 from ppmcal.report.html import Cell, figures, number_cell, paragraph, table, text_cell
@@ -30,8 +37,6 @@ from ppmcal.units import LENGTHS
 
 PLOTTED = 40
 """At most so many machines are drawn."""
-KINDS = ("position", "closure", "height", "distance", "rotation")
-"""Kinds of error by which machines are ranked: the first that they have."""
 
 
 def batch_page(records: Sequence[CampaignRecord]) -> str:
@@ -69,40 +74,7 @@ def _design(records: Sequence[CampaignRecord]) -> tuple[Section, ...]:
         _ranking(ranked, latest),
         chapter("Effects in common", lambda: common_effects(records)),
         chapter("Parameters in common", lambda: common_parameters(records)),
-        chapter("Effects over time", lambda: effect_changes(records))])
-
-
-def last_of_each(records: Sequence[CampaignRecord]) -> list[CampaignRecord]:
-    """Return the latest campaign of each machine and command."""
-    out: dict[tuple[str, str], CampaignRecord] = {}
-    for r in sorted(records, key=lambda r: r.date):
-        out[r.machine, r.command] = r
-    return list(out.values())
-
-
-def _error(record: CampaignRecord, kind: str, stage: str) -> CampaignQuantity | None:
-    return next((q for q in record.of_kind("error")
-                 if (q.name, q.parameter) == (kind, stage) and q.value is not None), None)
-
-
-def _si(q: CampaignQuantity | None) -> float:
-    return float("nan") if q is None or q.value is None else q.value * LENGTHS.get(q.unit, 1.0)
-
-
-def left(record: CampaignRecord) -> CampaignQuantity | None:
-    """Return what is left of the error: on unseen poses, else on those of the fit."""
-    return next((q for kind in KINDS for stage in ("holdout", "after")
-                 if (q := _error(record, kind, stage)) is not None), None)
-
-
-def ranking(records: Sequence[CampaignRecord]) -> list[CampaignRecord]:
-    """Return the latest fit of each machine, worst first; of compensate alone what it predicts."""
-    best: dict[str, CampaignRecord] = {}
-    order = ("compensate", "identify", "diagnose")
-    for r in sorted(records, key=lambda r: (order.index(r.command), r.date)):
-        if left(r) is not None and (r.machine not in best or r.command != "compensate"):
-            best[r.machine] = r
-    return sorted(best.values(), key=lambda r: -_si(left(r)))
+        chapter("Effects over time", lambda: effects_over_time(records))])
 
 
 def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord]
@@ -114,13 +86,13 @@ def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord]
     for i, r in enumerate(ranked, 1):
         q = left(r)
         assert q is not None
-        before = _error(r, q.name, "before")
-        after = _error(r, q.name, "after")
+        before = error_of(r, q.name, "before")
+        after = error_of(r, q.name, "after")
         noise = next((n.value for n in reversed(r.of_kind("noise")) if n.parameter == "after"),
                      None)
         rows.append([_link(r, r.machine), number_cell(i, str(i)), text_cell(r.date),
                      text_cell(r.command),
-                     _amount(before), _amount(after), _amount(_error(r, q.name, "holdout")),
+                     _amount(before), _amount(after), _amount(error_of(r, q.name, "holdout")),
                      text_cell(f"{q.unit} {q.name}".strip()), number_cell(noise),
                      *_farthest(r), text_cell(_named(r.machine, latest), "wrap"),
                      text_cell("to look at" if r.exit_code else "", "warn" if r.exit_code else "")])
@@ -147,12 +119,10 @@ def _link(record: CampaignRecord, text: str) -> Cell:
 
 def _farthest(record: CampaignRecord) -> tuple[Cell, Cell]:
     """Return the parameter that is most tolerances off nominal, and how many."""
-    found = [(abs(q.value - q.nominal) / q.tolerance, q.name) for q in record.of_kind("parameter")
-             if q.value is not None and q.nominal is not None and q.tolerance]
-    if not found:
+    found = farthest_parameter(record)
+    if found is None:
         return text_cell(""), number_cell(None)
-    most, name = max(found)
-    return text_cell(name), number_cell(most, bad=most > farthest(len(found)))
+    return text_cell(found.name), number_cell(found.tolerances, bad=found.far)
 
 
 def _named(machine: str, latest: Sequence[CampaignRecord]) -> str:
@@ -169,7 +139,7 @@ def _picture(ranked: Sequence[CampaignRecord]) -> Drawing | None:
     """Return errors before, after and on unseen poses of each machine on a logarithmic scale."""
     kinds = [(r, q) for r in ranked[:PLOTTED] if (q := left(r)) is not None]
     name, unit = kinds[0][1].name, kinds[0][1].unit
-    shown = [(r.machine, _si(_error(r, name, "before")), _si(q)) for r, q in kinds
+    shown = [(r.machine, in_si(error_of(r, name, "before")), in_si(q)) for r, q in kinds
              if q.name == name]
     factor = LENGTHS.get(unit, 1.0)
     values = np.array([v[1:] for v in shown]) / factor

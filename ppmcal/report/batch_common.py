@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ppmcal.calibration.fit import half_or
 from ppmcal.calibration.sessions import CERTAIN, CommonError
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
-from ppmcal.io.results.batch_common import MOST, shared_effects, shared_parameters
-from ppmcal.linalg import Array
+from ppmcal.io.results.batch_common import (
+    MOST,
+    EffectChange,
+    EffectSizes,
+    effect_changes,
+    shared_effects,
+    shared_parameters,
+)
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Points, Strokes, Zero
 from ppmcal.plotting.plot import row_y, rows_plot, span
 from ppmcal.report.format import count, listed, probability, sig, to_sigma, typeset
 from ppmcal.report.html import figures, name_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.section import Section
-
-APART = 3.0
-"""Sizes differ from so many standard deviations of the difference on."""
 
 
 def changes(compared: Sequence[CampaignRecord]) -> Section | None:
@@ -47,7 +49,7 @@ def _change(q: CampaignQuantity) -> str:
     return f"{name} {to_sigma(q.value, q.sigma)}{half} {q.unit}".rstrip() + instead
 
 
-def effect_changes(records: Sequence[CampaignRecord]) -> Section | None:
+def effects_over_time(records: Sequence[CampaignRecord]) -> Section | None:
     """Return which effects came, went or changed between each machine's last two diagnoses."""
     own: dict[tuple[str, str], list[CampaignRecord]] = {}
     for r in sorted(records, key=lambda r: r.date):
@@ -56,29 +58,17 @@ def effect_changes(records: Sequence[CampaignRecord]) -> Section | None:
     rows = [[text_cell(new.machine), text_cell(old.date), text_cell(new.date),
              text_cell("; ".join(found) or "the same effects", "wrap" if found else "wrap soft")]
             for *_, old, new in (o for o in own.values() if len(o) > 1)
-            for found in [list(differences(old, new))]]
+            for found in [[_of_effect(c) for c in effect_changes(old, new)]]]
     rows.sort(key=lambda row: "soft" in row[3].kind)
     return Section("Effects since last time", table(
         "", ["machine", "earlier", "now", "what is new"], rows)) if rows else None
 
 
-def differences(old: CampaignRecord, new: CampaignRecord) -> Iterator[str]:
-    """Yield which effects a later diagnosis names anew, no more, or with another size."""
-    before, after = ({(q.name, q.on, q.parameter): q for q in r.of_kind("effect")}
-                     for r in (old, new))
-    for text, one, other in (("new", after, before), ("no longer named", before, after)):
-        there = {k[:2] for k in other}
-        for name, on in dict.fromkeys(k[:2] for k in one if k[:2] not in there):
-            yield f"{text}: {name}" + (f" on {on}" if on else "")
-    for key in after.keys() & before.keys():
-        a, b = before[key], after[key]
-        if (a.value is None or b.value is None or a.sigma is None or b.sigma is None
-                or a.unit != b.unit):
-            continue
-        step, wide = b.value - a.value, math.hypot(a.sigma, b.sigma)
-        if abs(step) > APART * wide > 0.0:
-            yield (f"{b.name} on {b.on}: {b.parameter} {to_sigma(a.value, a.sigma)} → "
-                   f"{to_sigma(b.value, b.sigma)} {b.unit}")
+def _of_effect(c: EffectChange) -> str:
+    if c.old is None or c.new is None:
+        return f"{c.what}: {c.kind}" + (f" on {c.on}" if c.on else "")
+    return (f"{c.kind} on {c.on}: {c.new.parameter} {to_sigma(c.old.value, c.old.sigma)} → "
+            f"{to_sigma(c.new.value, c.new.sigma)} {c.new.unit}")
 
 
 SHOWN, NAMES, ROW = 30, 150.0, 15.0
@@ -102,7 +92,7 @@ def common_effects(records: Sequence[CampaignRecord]) -> Section | None:
         rows.append([text_cell(e.kind),
                      number_cell(len(e.machines), f"{len(e.machines)} of {e.of}"),
                      number_cell(e.low, share), text_cell(e.whose, "warn" if e.low > MOST else ""),
-                     text_cell("; ".join(_size(*s) for s in e.sizes), "wrap"),
+                     text_cell("; ".join(map(_size, e.sizes)), "wrap"),
                      text_cell(listed(e.machines), "wrap")])
     note = ("An effect that most machines have is the design's, not the unit's: certain where the "
             "95 % interval of the share lies above one half. One that all share may also be of an "
@@ -112,9 +102,9 @@ def common_effects(records: Sequence[CampaignRecord]) -> Section | None:
                    + paragraph(note, "note")) if rows else None
 
 
-def _size(name: str, unit: str, values: Array) -> str:
-    spread = f", spread {sig(float(np.std(values, ddof=1)), 2)}" if len(values) > 1 else ""
-    return f"{name} {sig(float(np.mean(values)))}{spread} {unit}".strip()
+def _size(s: EffectSizes) -> str:
+    spread = "" if s.spread is None else f", spread {sig(s.spread, 2)}"
+    return f"{s.parameter} {sig(s.mean)}{spread} {s.unit}".strip()
 
 
 def common_parameters(records: Sequence[CampaignRecord]) -> Section | None:

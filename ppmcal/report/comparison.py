@@ -23,7 +23,7 @@ from ppmcal.io.results.comparison import (
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes, Zero
 from ppmcal.plotting.plot import row_y, rows_plot, span
-from ppmcal.report.format import count, listed, number, probability, sig, to_sigma, typeset
+from ppmcal.report.format import count, listed, probability, sig, to_sigma, typeset
 from ppmcal.report.html import Cell, figures, name_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.records import Held, ReportData
@@ -110,13 +110,13 @@ def _row(p: ParameterDifference) -> list[Cell]:
 
 def differences(rows: Sequence[ParameterDifference]) -> Drawing | None:
     """Return new minus old of each parameter over its sigma, largest first."""
-    seen = [(z, p) for p in rows if (z := _ratio(p)) is not None]
+    seen = [(z, p) for p in rows if (z := p.in_sigmas) is not None]
     if not seen:
         return None
     seen.sort(key=lambda s: (s[1].status not in STYLES, -abs(s[0])))
     shown = sorted(seen[:PLOTTED], key=lambda s: -abs(s[0]))
     less = f" The {len(shown)} largest of {len(seen)}." if len(shown) < len(seen) else ""
-    x = span([e for z, p in shown for e in (z - _bar(p), z + _bar(p), 0.0)])
+    x = span([e for z, p in shown for e in (z - p.wide_in_sigmas, z + p.wide_in_sigmas, 0.0)])
     return rows_plot(x, "(new − old) / sigma", _layers(shown),
                      [(p.name or "?", p.status == "changed") for _, p in shown]).drawing(
         "New minus old in units of sigma",
@@ -142,7 +142,7 @@ def _layers(shown: Sequence[tuple[float, ParameterDifference]]) -> list[Layer]:
         if mine:
             z, y = np.array([m[:2] for m in mine]).T
             said = Points([_said(p) for *_, p in mine])
-            bar = np.array([_bar(p) for *_, p in mine])
+            bar = np.array([p.wide_in_sigmas for *_, p in mine])
             out += [Strokes(y, z - bar, z + bar, kind, flat=True),
                     Marks(z, y, "out", "D", 5.6, said) if kind == "out" else
                     Dots(z, y, kind, points=said)]
@@ -154,18 +154,6 @@ def _said(p: ParameterDifference) -> str:
     half = p.wide
     return (f"{p.name or '?'}\nnew − old: {to_sigma(p.difference, p.sigma)} ± {sig(half, 2)} "
             f"{p.unit}").rstrip()
-
-
-def _bar(p: ParameterDifference) -> float:
-    """Return half of the 95 % interval over sigma."""
-    return (p.wide or 0.0) / (p.sigma or 1.0)
-
-
-def _ratio(p: ParameterDifference) -> float | None:
-    """Return the difference in sigmas, None where it is not known or beyond reason."""
-    if p.difference is None or p.sigma is None or not p.sigma > 0.0:
-        return None
-    return number(p.difference / p.sigma)
 
 
 def _read(folder: Folder) -> Iterator[Held[ComparisonRecord]]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ppmcal.diagnosis.plot_data import SelectionStep
 from ppmcal.io.csv import Table
-from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis import DiagnosisRecord, gap_steps
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import name_of
 from ppmcal.report.format import count, number, sig, to_sigma, whole, with_unit
@@ -120,33 +120,22 @@ def step_name(record: DiagnosisRecord, step: SelectionStep) -> str:
 
 
 def ladder(record: DiagnosisRecord) -> str:
-    """Return the gap from nominal through geometry and each effect down to the noise.
-
-    A step's share is of the squares that exceed the noise, as effects add in squares.
-    """
-    steps = [(s, value) for s in record.plot_data.steps
-             if (value := number(s.rms_ratio)) is not None]
+    """Return the gap from nominal through geometry and each effect down to the noise."""
+    steps = gap_steps(record.plot_data.steps)
     if len(steps) < 2:
         return ""
-    excess = [max(v**2 - 1.0, 0.0) for _, v in steps]
-    fitted = next((e for (s, _), e in zip(steps, excess, strict=True) if s.what == "geometry"),
-                  0.0)
-    rows = []
-    for n, (step, value) in enumerate(steps):
-        gone = excess[n - 1] - excess[n] if n else None
-        rows.append([text_cell(step_name(record, step)), number_cell(value, f"{sig(value)} ×"),
-                     number_cell(gone, _share(gone, excess[0])),
-                     number_cell(gone, _share(gone, fitted) if step.what == "effect" else "–")])
+    rows = [[text_cell(step_name(record, s.step)), number_cell(s.ratio, f"{sig(s.ratio)} ×"),
+             number_cell(s.of_whole, _share(s.of_whole)),
+             number_cell(s.of_geometry, _share(s.of_geometry))] for s in steps]
     return table("The gap, step by step", [
         "the model", "residuals over noise, rms", "closes of the whole gap",
         "of what geometry leaves"], rows) + paragraph(
         "Shares are of the squares beyond the noise.", "note")
 
 
-def _share(gone: float | None, whole_gap: float) -> str:
-    if gone is None or not whole_gap > 0.0:
+def _share(part: float | None) -> str:
+    if part is None:
         return "–"
-    part = gone / whole_gap
     decimals = 1 if abs(part) < 0.1 or 0.99 <= part < 0.9995 else 0
     return f"{100.0 * part:.{decimals}f} %".replace("-", "−")
 

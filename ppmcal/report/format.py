@@ -7,17 +7,13 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from ppmcal.io.results.tables import finite_number
+
 NBSP = "\u00a0"
-LARGEST = 1e140
-"""Larger numbers are none: their squares would overflow."""
 _SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def number(value: Any) -> float | None:
-    """Return a finite number of at most ``LARGEST``, else None."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return float(value) if abs(value) <= LARGEST else None
+number = finite_number
 
 
 def sig(value: Any, digits: int = 3) -> str:

@@ -9,8 +9,9 @@ from typing import Any
 from ppmcal.io.results.commands import CommandsRecord, TargetError
 from ppmcal.io.results.identification_parts import ResidualSummary, Summaries
 from ppmcal.io.results.identification_wording import noise_verdict
+from ppmcal.io.results.truth import ComparedMachines
 from ppmcal.report.format import count, typeset, whole, with_unit
-from ppmcal.report.records import ComparedMachines, Identified, ReportData
+from ppmcal.report.records import Identified, ReportData
 from ppmcal.store.provenance import Provenance
 from ppmcal.wording import abbreviate_list
 

@@ -16,6 +16,7 @@ from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import ExcludedRow, ParameterEstimate, before_words
 from ppmcal.io.results.identification_tables import quantity_of
 from ppmcal.io.results.identification_wording import combination, short_intervals
+from ppmcal.io.results.residual_rows import row_key, used
 from ppmcal.report.format import (
     NBSP,
     count,
@@ -44,8 +45,7 @@ from ppmcal.report.html import (
 )
 from ppmcal.report.records import Identified
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
-from ppmcal.report.residuals import used
-from ppmcal.report.rows import row_key, rows_section
+from ppmcal.report.rows import rows_section
 from ppmcal.report.section import Section, filled
 from ppmcal.wording import MOST, abbreviate_list
 
@@ -123,10 +123,10 @@ def accuracy(one: Identified) -> Section | None:
                              *(number_cell(getattr(part, c)) for c in COLUMNS)])
     if not rows:
         return None
-    notes = [one.record.holdout_note, before_words(residual.before_is).strip()]
+    words = [one.record.holdout_note, before_words(residual.before_is).strip()]
     if "closure" in kinds:
-        notes.append("Closure is the limb condition at the measured poses, as a length.")
-    note = " ".join(n[0].upper() + n[1:].rstrip(".") + "." for n in notes if n)
+        words.append("Closure is the limb condition at the measured poses, as a length.")
+    note = " ".join(w[0].upper() + w[1:].rstrip(".") + "." for w in words if w)
     return Section("Error before and after", '<div class="pair">'
                    + table("p95: 95 % of the rows are below it", ["error", "unit", *COLUMNS], rows)
                    + f"<div>{_fit_facts(one.record)}{paragraph(note, 'note')}</div></div>")

@@ -7,8 +7,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from ppmcal.calibration.knowledge import FAR
 from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.identification import IdentificationRecord
@@ -18,6 +16,7 @@ from ppmcal.io.results.identification_tables import (
     RESIDUAL_TABLE,
 )
 from ppmcal.io.results.identification_wording import noise_verdict
+from ppmcal.io.results.residual_rows import used, white
 from ppmcal.report.format import count, listed, with_unit
 from ppmcal.report.headlines import IN_THE_FIT, figure, headline, unseen
 from ppmcal.report.html import part
@@ -25,7 +24,6 @@ from ppmcal.report.identification import excluded_rows, identified_section
 from ppmcal.report.kind import Chapter, Folder, Kind
 from ppmcal.report.machine_section import machine_section
 from ppmcal.report.records import Identified, ReportData
-from ppmcal.report.residuals import used, white
 from ppmcal.report.section import Section, chapter, filled
 from ppmcal.wording import abbreviate_list
 
@@ -130,10 +128,9 @@ def _shown(one: Identified, _: ReportData) -> dict[str, Any]:
     out: dict[str, Any] = {"folder": one.folder, "identification": record,
                            "parameters": record.get("parameters", ())}
     if one.residuals is not None:
-        values = white(one.residuals)
         out["residuals"] = {
             "rows": one.residuals.size, "used": int(used(one.residuals).sum()),
-            "white_rms": float(np.sqrt(np.mean(values**2))) if values.size else None,
+            "white_rms": white(one.residuals).rms,
             "excluded": [e.entries(whole=True) for e in excluded_rows(one)]}
     return out
 

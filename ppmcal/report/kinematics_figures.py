@@ -18,7 +18,7 @@ from ppmcal.plotting.plot import Axis, Plot, span
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
 from ppmcal.report.kinematics_motion import GONE, TimedRows, motion_of
 from ppmcal.report.residual_figures import square
-from ppmcal.report.residuals import POINTS
+from ppmcal.report.thinning import POINTS
 
 POSITION, VECTOR = ("x", "y", "z"), ("rx", "ry", "rz")
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")

@@ -5,66 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
-from ppmcal.io.csv import Table
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import group_name, own_values, together
-from ppmcal.io.results.scene import MeasuredPose, Scene, SceneEffect, ScenePoses
-from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.linalg import Array
+from ppmcal.io.results.scene import Scene, SceneEffect
+from ppmcal.io.results.scene_rows import POINTS, FittedRows, placed_rows, with_next, with_poses
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Effect, Mechanism
+from ppmcal.notes import NOTE, Note
 from ppmcal.report.diagnosis_tables import amounts
 from ppmcal.report.html import paragraph
-from ppmcal.report.machine_rows import POINTS, PlacedRows, placed_rows
 from ppmcal.report.machine_scene import scene_html
 from ppmcal.report.records import Diagnosed, Identified
 from ppmcal.wording import actuator_list, number
-
-KEY = "next:"
-"""Keys of these poses begin so; those of measured rows with a number."""
-MOST = 24
-"""So many poses to measure next are drawn."""
-
-
-def with_next(poses: ScenePoses, wanted: Table | None, mechanism: Mechanism) -> ScenePoses:
-    """Return poses followed by those of next.csv, by its joint values.
-
-    Args:
-        poses: to draw the machine at.
-        wanted: next.csv, in the file's units; None without one.
-        mechanism: the machine.
-    """
-    names = [f"q_{a}" for a in mechanism.actuators]
-    if wanted is None or not set(names) <= set(wanted.numbers):
-        return poses
-    factors = np.array([factor for factor, _ in mechanism.joint_units])
-    q = np.stack([wanted.number(n) for n in names], axis=-1) * factors
-    q, first = np.unique(q, axis=0, return_index=True)
-    order = np.argsort(first)[:MOST]
-    rows = [int(r) + 1 for r in first[order]]
-    return ScenePoses([*poses.labels, *(_label(wanted, r) for r in rows)],
-                      [*poses.keys, *(f"{KEY}{r}" for r in rows)],
-                      np.concatenate([poses.q, q[order]]))
-
-
-def _label(wanted: Table, row: int) -> str:
-    """Return which row it is, and the load it is measured under if there is one."""
-    more: Sequence[str] = [f"{name} {wanted.number(name)[row - 1]:.4g}"
-                           for name in ("mass", "payload", "temperature")
-                           if name in wanted.numbers]
-    return f"measure next, row {row}" + "".join(f", {m}" for m in more)
-
 
 MODELS = ("model.yaml", "identified.yaml")
 """Files that hold the machine of a folder, the one with effects first."""
 POSES, FEWEST, BUDGET = 60, 12, 120
 """So many measured poses are drawn at most and at least; so many on a page of several machines."""
-WORST = 4
-"""Rows that miss most are among the poses."""
 
 
 def machine_section(one: Identified, index: int, diagnosed: Sequence[Diagnosed] = (),
@@ -97,14 +56,15 @@ def machine_scene(one: Identified, index: int, mechanism: Mechanism,
                   record: DiagnosisRecord | None = None, machines: int = 1) -> Scene:
     """Return the scene of an identification; see :func:`machine_section`."""
     most = max(POINTS // max(machines // 2, 1), POINTS // 8)
-    rows = placed_rows(one, index, mechanism, most)
+    rows = placed_rows(FittedRows(one.folder, one.record, one.residuals), index, mechanism, most)
     count = max(FEWEST, min(POSES, BUDGET // max(machines, 1)))
-    points, poses = _with_poses(mechanism, rows, count)
+    points, poses = with_poses(mechanism, rows, count)
     notes = list(rows.notes)
     if points:
         notes = [_what_is_drawn(mechanism, len(poses.keys), len(points)), *notes]
     if one.next is not None and one.next.size:
-        notes.append("Diamonds: where the platform stands at the poses to measure next, next.csv.")
+        notes.append(Note(
+            "Diamonds: where the platform stands at the poses to measure next, next.csv.", NOTE))
     poses = with_next(poses, one.next, mechanism)
     return Scene.of(mechanism, points, _value(one), mechanism.units.length, poses,
                     scene_effects(mechanism, record), "identified", notes)
@@ -118,53 +78,14 @@ def _value(one: Identified) -> str:
         f"{k} error" for k in kinds]) or "position error"
 
 
-def _what_is_drawn(mechanism: Mechanism, poses: int, points: int) -> str:
+def _what_is_drawn(mechanism: Mechanism, poses: int, points: int) -> Note:
     without = ", its effects left out," if mechanism.effects else ""
-    return (f"Each of {points} points stands where the identified machine{without} has the "
-            "measured point at the row's joint values, in the base's frame; its arrow is the error "
-            "of residuals.csv, measured minus predicted, magnified as the switch says. The slider "
-            f"goes through poses about home, then {poses} of the measured ones. Click a point to "
-            "find its row.")
-
-
-def _with_poses(mechanism: Mechanism, rows: PlacedRows, most: int
-                ) -> tuple[tuple[MeasuredPose, ...], ScenePoses]:
-    """Return the points with their nearest drawn pose, and the poses to draw the machine at."""
-    if not rows.points:
-        return (), ScenePoses((), (), rows.q)
-    place = pose_vector(rows.pose)
-    place[:, 3:] *= mechanism.length_scale
-    worst = np.argsort([-(p.value or 0.0) if p.used else 1.0 for p in rows.points], kind="stable")
-    chosen, nearest = spread_rows(place, worst[:WORST].tolist(), most)
-    own = set(chosen)
-    points = tuple(p.changed(
-        frame=chosen.index(n) if n in own else int(nearest[n]), own=n in own)
-        for n, p in enumerate(rows.points))
-    return points, ScenePoses([rows.points[n].label for n in chosen],
-                              [rows.points[n].key for n in chosen], rows.q[chosen])
-
-
-def spread_rows(place: Array, first: Sequence[int], most: int) -> tuple[list[int], Array]:
-    """Return rows that lie far from each other, in order, and of each row the nearest of them.
-
-    Args:
-        place: of R rows (R, d), all of one unit.
-        first: rows that are among them, unless they are at one place.
-        most: so many at most.
-    """
-    start = [int(np.argmin(np.linalg.norm(place - place.mean(axis=0), axis=1))), *first]
-    apart, chosen = np.full(len(place), np.inf), list[int]()
-    while len(chosen) < min(most, len(place)):
-        n = start.pop(0) if start else int(np.argmax(apart))
-        if not apart[n] > 0.0:
-            if not start:
-                break
-            continue
-        chosen.append(n)
-        apart = np.minimum(apart, np.linalg.norm(place - place[n], axis=1))
-    chosen.sort()
-    distance = np.linalg.norm(place[:, None] - place[None, chosen], axis=-1)
-    return chosen, np.argmin(distance, axis=1)
+    return Note(
+        f"Each of {points} points stands where the identified machine{without} has the "
+        "measured point at the row's joint values, in the base's frame; its arrow is the error "
+        "of residuals.csv, measured minus predicted, magnified as the switch says. The slider "
+        f"goes through poses about home, then {poses} of the measured ones. Click a point to "
+        "find its row.", NOTE)
 
 
 def scene_effects(mechanism: Mechanism, record: DiagnosisRecord | None) -> list[SceneEffect]:

@@ -9,8 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.calibration.compensation import KINDS
 from ppmcal.io.csv import Table
-from ppmcal.io.results.commands import COMMAND_TABLE, CommandsRecord, accepted_sentence
+from ppmcal.io.results.commands import (
+    COMMAND_TABLE,
+    CommandsRecord,
+    accepted_sentence,
+    error_sizes,
+    predicted_errors,
+)
 from ppmcal.io.results.kinematics import (
     KINEMATICS_TABLE,
     KinematicsRecord,
@@ -19,6 +26,7 @@ from ppmcal.io.results.kinematics import (
 )
 from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.tables import ANY_TABLE
+from ppmcal.notes import Note
 from ppmcal.report.design_records import DESIGNS, designs_in
 from ppmcal.report.format import count, sig, whole
 from ppmcal.report.headlines import finding_text
@@ -37,7 +45,6 @@ from ppmcal.report.kinematics_figures import kinematics_figures
 from ppmcal.report.kinematics_motion import is_shown
 from ppmcal.report.records import Other, ReportData, ResidualRows
 from ppmcal.report.residual_figures import command_figure
-from ppmcal.report.residuals import predicted
 from ppmcal.report.section import Section, filled
 
 SHOWN = 30
@@ -55,24 +62,16 @@ def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> Sect
     good = np.ones(t.size, dtype=bool)
     good[list(rows.flagged)] = False
     out.append(paragraph(f"{accepted_sentence(int(good.sum()), t.size)}."))
-    stats = []
-    for kind, quantity in (("position", "length"), ("rotation", "angle")):
-        for stage, values in predicted(t, kind).items():
-            values = values[good]
-            if not np.isfinite(values).any():
-                continue
-            values = values[np.isfinite(values)]
-            stats.append([text_cell(f"{kind}, {stage}"), text_cell(lengths.get(quantity, "")),
-                          number_cell(float(values.mean())), number_cell(_rms(values)),
-                          number_cell(float(values.max()))])
+    sizes = {(kind, stage): error_sizes(values[good]) for kind in KINDS
+             for stage, values in predicted_errors(t, kind).items()}
+    stats = [[text_cell(f"{kind}, {stage}"), text_cell(lengths.get(KINDS[kind], "")),
+              *map(number_cell, found)] for (kind, stage), found in sizes.items() if found]
     out.append(table("Error predicted, accepted targets; corrected: the model's own uncertainty, "
                      "1 sigma", ["error", "unit", "mean", "rms", "max"], stats))
-    if not any(np.isfinite(predicted(t, kind)["corrected"][good]).any()
-               for kind in ("position", "rotation")):
+    if not any(sizes[kind, "corrected"] for kind in KINDS):
         out.append(paragraph("What corrected commands leave is unknown: the model's own "
                              "uncertainty is not in the file.", "note"))
-    out.append(figures([command_figure(rows, k, lengths.get(q, ""))
-                        for k, q in (("position", "length"), ("rotation", "angle"))]))
+    out.append(figures([command_figure(rows, k, lengths.get(q, "")) for k, q in KINDS.items()]))
     return Section("Compensation", "".join(out), rows.folder,
                    parts=filled([_commands(t, np.flatnonzero(good)), refused(rows)]))
 
@@ -165,10 +164,6 @@ def scalars(record: Mapping[str, Any]) -> str:
     return table("", ["what", "value"], pairs)
 
 
-def _rms(values: np.ndarray[Any, Any]) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
     """Return the units of errors: its JSON's, else those on which all identifications agree."""
     units = rows.record.units
@@ -183,8 +178,8 @@ def _findings(rows: ResidualRows, _: ReportData) -> list[tuple[str, str]]:
     flagged, notes = len(rows.flagged), list(getattr(rows.record, "notes", ()))
     if not flagged or rows.table is None:
         return [(rows.folder, text) for text in notes]
-    notes.append(f"{whole(flagged)} of {count(rows.table.size, 'row')} of {rows.kind}.csv "
-                 "refused or with a remark")
+    notes.append(Note(f"{whole(flagged)} of {count(rows.table.size, 'row')} of {rows.kind}.csv "
+                      "refused or with a remark"))
     return [(rows.folder, text) for text in notes]
 
 
@@ -198,11 +193,8 @@ def _shown(rows: ResidualRows, _: ReportData) -> dict[str, Any]:
     good[list(rows.flagged)] = False
     out["rows"], out["accepted"] = t.size, int(good.sum())
     for name in (h for h in t.header if h.startswith(("error_", "sigma_"))):
-        values = t.number(name)[good]
-        values = values[np.isfinite(values)]
-        if values.size:
-            out[name] = {"mean": float(values.mean()),
-                         "rms": float(np.sqrt(np.mean(values**2))), "max": float(values.max())}
+        if found := error_sizes(t.number(name)[good]):
+            out[name] = found._asdict()
     status, reason = t.words("status"), t.words("reason")
     out["flagged"] = [{"row": i + 1, "status": status[i], "reason": reason[i]}
                       for i in rows.flagged]

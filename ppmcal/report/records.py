@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Generic, TypeAlias, TypeVar
 
 from ppmcal.io.csv import Table
@@ -19,6 +19,7 @@ from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
 from ppmcal.io.results.tolerances import TolerancesRecord
+from ppmcal.io.results.truth import ComparedMachines
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.io.results.workspace import WorkspaceRecord
 from ppmcal.linalg import Array, Ints
@@ -186,45 +187,6 @@ class Designed:
 
 
 @dataclass(frozen=True)
-class TruthRow:
-    """One parameter: error put in, error found, in ``unit``; z = (found - true)/sigma.
-
-    ``half``: of the 95 % interval, None without one.
-
-    Of what has no nominal value, the values.
-    """
-
-    name: str
-    unit: str
-    true: float
-    found: float
-    sigma: float | None
-    status: str
-    half: float | None = None
-
-    @property
-    def z(self) -> float | None:
-        """Deviation in standard deviations, None without a sigma."""
-        if self.sigma is None or not self.sigma > 0.0:
-            return None
-        return (self.found - self.true) / self.sigma
-
-
-@dataclass(frozen=True)
-class ComparedMachines:
-    """Simulated truth against what was identified; ``note`` says what is left out.
-
-    ``other``: parameters whose nominal values are not those of the simulated machine.
-    """
-
-    truth: str
-    identified: str
-    rows: tuple[TruthRow, ...]
-    note: str = ""
-    other: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class ReportData:
     """Everything that the folders held; ``use``: what may be done with the model of a folder."""
 
@@ -239,5 +201,5 @@ class ReportData:
     validated: tuple[Held[ValidationRecord], ...] = ()
     compared: tuple[Held[ComparisonRecord], ...] = ()
     exported: tuple[Held[ExportRecord], ...] = ()
-    comparisons: tuple[ComparedMachines, ...] = field(default=())
+    comparisons: tuple[ComparedMachines, ...] = ()
     use: Callable[[str], str] = lambda _: ""

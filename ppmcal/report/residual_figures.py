@@ -9,7 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.io.csv import Table
+from ppmcal.io.results.commands import predicted_errors
 from ppmcal.io.results.identification_tables import quantity_of
+from ppmcal.io.results.residual_rows import (
+    ResidualNorm,
+    WhiteResiduals,
+    coordinates,
+    norms,
+    rms,
+    typical_sigma,
+    used,
+    white,
+)
+from ppmcal.io.results.truth import ComparedMachines
 from ppmcal.linalg import Array, Bools
 from ppmcal.plotting.canvas import HEIGHT, WIDTH, Drawing
 from ppmcal.plotting.layers import (
@@ -28,21 +40,9 @@ from ppmcal.plotting.layers import (
 )
 from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, TOP, Axis, Plot, span
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
-from ppmcal.report.records import ComparedMachines, MeasuredRows, ResidualRows
-from ppmcal.report.residuals import (
-    BINS,
-    POINTS,
-    LimbResiduals,
-    boundaries,
-    coordinates,
-    envelope,
-    evenly_spread,
-    groups,
-    predicted,
-    used,
-    white,
-)
+from ppmcal.report.records import MeasuredRows, ResidualRows
 from ppmcal.report.rows import DataRows
+from ppmcal.report.thinning import BINS, POINTS, envelope, evenly_spread
 from ppmcal.units import Units
 
 
@@ -147,7 +147,7 @@ def residual_figures(table: Table | None, units: Units, fit: int | str = 0,
         return []
     rows = DataRows(fit, table, units, None, measured)
     out = [histogram(white(table))]
-    out += [by_row(rows, g, units.name(g.quantity)) for g in groups(table)]
+    out += [by_row(rows, n, units.name(n.quantity)) for n in norms(table)]
     return [p for p in out if p is not None]
 
 
@@ -172,42 +172,41 @@ def coordinate_figures(table: Table | None, units: Units, positions: Array | Non
     return [p for p in out if p is not None]
 
 
-def histogram(values: Array) -> Drawing | None:
+def histogram(found: WhiteResiduals) -> Drawing | None:
     """Return white residuals with the normal curve that they should follow."""
-    if values.size < 4:
+    values, size = found.values, found.values.size
+    if found.rms is None or size < 4:
         return None
-    edges = np.linspace(-5.0, 5.0, 41 if values.size > 300 else 21)
+    edges = np.linspace(-5.0, 5.0, 41 if size > 300 else 21)
     step = float(edges[1] - edges[0])
-    density = np.histogram(np.clip(values, -4.999, 4.999), edges)[0] / (values.size * step)
+    density = np.histogram(np.clip(values, -4.999, 4.999), edges)[0] / (size * step)
     curve = np.linspace(-5.0, 5.0, 101)
     normal = np.exp(-0.5 * curve**2) / np.sqrt(2.0 * np.pi)
-    outside = int(np.sum(np.abs(values) > 5.0))
-    rms = float(np.sqrt(np.mean(values**2)))
-    far = f" {count(outside, 'value')} beyond 5 sigma in the outer bars." if outside else ""
+    far = f" {count(found.far, 'value')} beyond 5 sigma in the outer bars." if found.far else ""
     return Plot(
         Axis(-5.0, 5.0), Axis(0.0, 1.08 * max(float(density.max()), 0.42)),
         ("residual / sigma", "density"),
         [Histogram(edges, density), Polyline(curve, normal, "what pure noise gives")]).drawing(
         "Residuals over their noise, after",
-        f"{count(values.size, 'value')}, rms {sig(rms)}; line: what pure noise gives "
-        f"(rms 1).{far}", f"Histogram of {values.size} values with the standard normal curve; "
-        f"their rms is {rms:.2f}.")
+        f"{count(size, 'value')}, rms {sig(found.rms)}; line: what pure noise gives "
+        f"(rms 1).{far}", f"Histogram of {size} values with the standard normal curve; "
+        f"their rms is {found.rms:.2f}.")
 
 
-def by_row(rows: DataRows, group: LimbResiduals, unit: str) -> Drawing | None:
+def by_row(rows: DataRows, residual: ResidualNorm, unit: str) -> Drawing | None:
     """Return the norm of the error by row before and after, on a logarithmic scale."""
     table = rows.table
     keep = used(table)
-    before, after = (np.where(v > 0.0, v, np.nan) for v in (group.before, group.after))
+    before, after = (np.where(v > 0.0, v, np.nan) for v in (residual.before, residual.after))
     if not np.isfinite(after).any():
         return None
     return Plot(
         Axis(0.0, table.size + 1.0), span([before, after], log=True),
-        (ROWS, with_label(group.name, unit)),
+        (ROWS, with_label(residual.name, unit)),
         [_starts(table), *series(np.where(keep, before, np.nan), "before", rows, unit),
          *series(np.where(keep, after, np.nan), "after", rows, unit), _left_out(after, keep, rows)],
         ("", unit)).drawing(
-        f"Error of {group.name} by row, before and after", subsampled(table.size) + few(keep),
+        f"Error of {residual.name} by row, before and after", subsampled(table.size) + few(keep),
         f"{table.size} rows on a logarithmic scale.",
         BEFORE_AFTER if keep.all() else (*BEFORE_AFTER, ("out", "left out")))
 
@@ -219,9 +218,7 @@ def coordinate(rows: DataRows, name: str, unit: str) -> Drawing | None:
     inside = np.where(keep, values, np.nan)
     if not np.isfinite(inside).any():
         return None
-    sigma = table.number(f"sigma_{name}")[keep]
-    sigma = sigma[np.isfinite(sigma)]
-    two = 2.0 * float(np.median(sigma)) if sigma.size else 0.0
+    two = 2.0 * typical_sigma(table, name)
     caption = f"Band: ±2 sigma of the noise ({with_unit(two, unit)})." if two else ""
     return Plot(
         Axis(0.0, table.size + 1.0), span(np.append(inside, two), zero=True),
@@ -229,7 +226,7 @@ def coordinate(rows: DataRows, name: str, unit: str) -> Drawing | None:
         [Band(-two, two), _starts(table), *series(inside, "after", rows, unit),
          _left_out(values, keep, rows)], ("", unit)).drawing(
         f"Residual of {name} by row, after", f"{caption}{subsampled(table.size)}{few(keep)}",
-        f"{table.size} rows; rms {with_unit(float(np.sqrt(np.nanmean(inside**2))), unit)}.",
+        f"{table.size} rows; rms {with_unit(rms(inside), unit)}.",
         () if keep.all() else (("after", "after"), ("out", "left out (at the edge: beyond it)")))
 
 
@@ -268,7 +265,8 @@ def subsampled(size: int) -> str:
 
 def _starts(table: Table) -> Layer:
     """Draw a mark where each further data set begins (of up to twelve)."""
-    found = boundaries(table)
+    names = table.words("dataset")
+    found = [(i, name) for i, name in enumerate(names) if i == 0 or name != names[i - 1]]
     return Starts([(i + 0.5, name) for i, name in found] if 1 < len(found) <= 12 else [])
 
 
@@ -289,7 +287,7 @@ def command_figure(rows: ResidualRows, kind: str, unit: str) -> Drawing | None:
     table = rows.table
     if table is None or f"error_{kind}_after" not in table.numbers:
         return None
-    values = [np.where(v > 0.0, v, np.nan) for v in predicted(table, kind).values()]
+    values = [np.where(v > 0.0, v, np.nan) for v in predicted_errors(table, kind).values()]
     if not np.isfinite(values).any():
         return None
     return Plot(

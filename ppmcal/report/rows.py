@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.results.identification_tables import is_measured, quantity_of
+from ppmcal.io.results.residual_rows import norms, row_key, row_numbers, times_noise, used
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.plotting.layers import Points, Undrawn
 from ppmcal.report.format import exact, number, sig, whole, with_label, with_unit
 from ppmcal.report.html import number_cell, paragraph, table, text_cell
 from ppmcal.report.records import Identified, MeasuredRows, Simulated
-from ppmcal.report.residuals import coordinates, groups, used
 from ppmcal.report.section import Section
 from ppmcal.store.inputs import digest_of
 from ppmcal.units import Units
@@ -79,16 +79,9 @@ def _has_places(table: Table) -> bool:
     return "x" in table.numbers and "y" in table.numbers
 
 
-def recorded_inputs(one: Identified, source: str) -> list[str]:
-    """Return the inputs of a record that a data set came from: the very one, else its namesakes."""
-    inputs = one.record.provenance.inputs
-    return [k for k in inputs if k == source] or [
-        k for k in inputs if source and Path(k).name == Path(source).name]
-
-
 def _measured(one: Identified, source: str, simulated: Sequence[Simulated]) -> Table | None:
     """Return the conditions of a measurement file, if it is the very one that was fitted."""
-    inputs, names = one.record.provenance.inputs, recorded_inputs(one, source)
+    inputs, names = one.record.provenance.inputs, one.record.provenance.inputs_of(source)
     if len(names) != 1 or not inputs[names[0]]:
         return None
     table = next((s.measurements for s in simulated if s.digest == inputs[names[0]]), None)
@@ -180,54 +173,20 @@ SHOWN = 100
 """Rows that the table holds: those furthest from the model for their noise."""
 
 
-def row_key(index: int | str, dataset: str, row: int) -> str:
-    """Return the name by which plots, tables and the drawing know a row.
-
-    Args:
-        index: of the identification on the page, from 0; of a diagnosis alone its folder.
-        dataset: the row's data set.
-        row: its number in the file.
-    """
-    return f"{index}:{dataset}:{row}"
-
-
-def row_keys(index: int, residuals: Table) -> list[str]:
-    """Return the key of every row of residuals.csv."""
-    return [row_key(index, d, int(n)) for d, n in
-            zip(residuals.words("dataset"), row_numbers(residuals), strict=True)]
-
-
-def row_numbers(residuals: Table) -> NDArray[np.int64]:
-    """Return the number of every row in its file (N,), -1 where residuals.csv does not say."""
-    found = np.nan_to_num(np.clip(residuals.number("row"), -1.0, 1e15), nan=-1.0)
-    return found.astype(np.int64)
-
-
-def times_noise(residuals: Table) -> Array:
-    """Return how far each row is from the model: rms of its residuals over their sigma (N,)."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        ratios = np.stack([residuals.number(f"after_{c}") / residuals.number(f"sigma_{c}")
-                           for c in coordinates(residuals)] or [np.full(residuals.size, np.nan)])
-        seen = np.isfinite(ratios)
-        total = np.sum(np.where(seen, ratios, 0.0) ** 2, axis=0)
-        out: Array = np.sqrt(total / np.sum(seen, axis=0))
-    return out
-
-
 def rows_section(one: Identified, index: int) -> Section | None:
     """Return the table of the rows that miss most, None without rows."""
     t = one.residuals
     if t is None or not t.size:
         return None
-    ratio, keys, keep = times_noise(t), row_keys(index, t), used(t)
+    ratio, keep = times_noise(t), used(t)
     order = np.argsort(-np.nan_to_num(ratio, nan=-1.0), kind="stable")[:SHOWN]
-    parts = groups(t)
+    parts = norms(t)
     heads = ["row", "data set", "times its noise"]
     for g in parts:
         unit = one.record.units.name(g.quantity)
         heads += [with_label(f"{g.name} before", unit), with_label(f"{g.name} after", unit)]
     names, reasons = t.words("dataset"), t.words("reason")
-    number = t.number("row")
+    number, counted = t.number("row"), row_numbers(t)
     body = [[number_cell(number[i], exact(float(number[i]))), text_cell(names[i]),
              number_cell(float(ratio[i])),
              *(number_cell(float(v[i])) for g in parts for v in (g.before, g.after)),
@@ -238,5 +197,6 @@ def rows_section(one: Identified, index: int) -> Section | None:
     note = more + ("Noise: root mean square of a row's residuals over their sigma. Click a "
                    "row, or a point in a plot or on the machine, to find it in the others.")
     return Section("Rows by error", paragraph(note, "note") + table(
-        "", [*heads, "in the fit"], body, sort=True, keys=[keys[i] for i in order]),
+        "", [*heads, "in the fit"], body, sort=True,
+        keys=[row_key(index, names[i], int(counted[i])) for i in order]),
         f"{whole(min(SHOWN, t.size))} of {whole(t.size)}", folded=True)

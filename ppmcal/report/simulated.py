@@ -7,14 +7,14 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
-import numpy as np
-
+from ppmcal.io.results.residual_rows import rms
 from ppmcal.io.results.simulation import TruthRecord
+from ppmcal.io.results.truth import BEYOND_NEAR, FAR, NEAR, ComparedMachines
 from ppmcal.report.format import count, sig, to_sigma
 from ppmcal.report.headlines import other_machine
 from ppmcal.report.html import Cell, figures, name_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.kind import Chapter, Folder, Kind
-from ppmcal.report.records import ComparedMachines, ReportData, Simulated
+from ppmcal.report.records import ReportData, Simulated
 from ppmcal.report.residual_figures import truth_figures
 from ppmcal.report.rows import conditions
 from ppmcal.report.section import Section
@@ -37,17 +37,15 @@ def truth_section(c: ComparedMachines) -> Section:
     for r in c.rows:
         body.append([name_cell(r.name), number_cell(r.true, to_sigma(r.true, r.sigma)),
                      number_cell(r.found, to_sigma(r.found, r.sigma)),
-                     number_cell(r.found - r.true, to_sigma(r.found - r.true, r.sigma)),
+                     number_cell(r.difference, to_sigma(r.difference, r.sigma)),
                      number_cell(r.sigma, sig(r.sigma, 2)), text_cell(r.unit),
-                     number_cell(r.z, sig(r.z, 2), bad=abs(r.z or 0.0) > 4.0), text_cell(r.status)])
-    z = np.array([r.z for r in c.rows if r.z is not None])
-    text = ""
+                     number_cell(r.z, sig(r.z, 2), bad=abs(r.z or 0.0) > FAR), text_cell(r.status)])
+    z, text = c.z, ""
     if z.size:
-        rms = float(np.sqrt(np.mean(z**2)))
-        far = int(np.sum(np.abs(z) > 2.0))
-        text = (f"{far} of {count(int(z.size), 'error')} found "
-                f"{'is' if far == 1 else 'are'} more than 2 sigma from the truth "
-                f"(about {sig(0.0455 * z.size, 2)} expected); rms of z {sig(rms)}.")
+        off = len(c.beyond(NEAR))
+        text = (f"{off} of {count(int(z.size), 'error')} found "
+                f"{'is' if off == 1 else 'are'} more than {NEAR:g} sigma from the truth "
+                f"(about {sig(BEYOND_NEAR * z.size, 2)} expected); rms of z {sig(rms(z))}.")
     heads = ["parameter", "error true", "error found", "found − true", "sigma", "unit", "z",
              "status"]
     told = " ".join(t for t in (sentence(other_machine(c)), c.note) if t)
@@ -82,10 +80,9 @@ def _findings(s: Simulated, _: ReportData) -> list[tuple[str, str]]:
 def _of_truth(c: ComparedMachines) -> list[str]:
     if c.other:
         return [other_machine(c)]
-    far = [r.name for r in sorted(c.rows, key=lambda r: -abs(r.z or 0.0))
-           if r.z is not None and abs(r.z) > 4.0]
-    return [f"{count(len(far), 'identified error')} more than 4 sigma from the simulated truth: "
-            + abbreviate_list(far, "the table of errors true and found")] if far else []
+    far = c.beyond(FAR)
+    return [f"{count(len(far), 'identified error')} more than {FAR:g} sigma from the simulated "
+            "truth: " + abbreviate_list(far, "the table of errors true and found")] if far else []
 
 
 def _shown(s: Simulated, data: ReportData) -> dict[str, Any]:

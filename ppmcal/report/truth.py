@@ -1,44 +1,30 @@
-"""Simulated truth against identified errors."""
+"""Which simulated truth belongs to which identification."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
-from ppmcal.io.results.identification_parts import ParameterEstimate
-from ppmcal.io.results.simulation import TruthRecord
-from ppmcal.report.format import number
-from ppmcal.report.records import ComparedMachines, Identified, Simulated, TruthRow
-from ppmcal.units import ANGLES, LENGTHS, Units
-from ppmcal.wording import abbreviate_list
+import numpy as np
 
-PER_UNIT = "/unit"
-"""Ends the unit of a drive's ratio."""
-SAME = 1e-9
-"""Nominal values are the same where they differ by less than this part of them."""
-NOT_THERE = "not in the simulated machine, so there is nothing to compare"
-OTHER_UNITS = "units do not match and are left out"
+from ppmcal.errors import BadInput
+from ppmcal.io.results.truth import ComparedMachines, compared
+from ppmcal.io.tables import read_table
+from ppmcal.linalg import Array
+from ppmcal.report.records import Identified, Simulated
+from ppmcal.store.inputs import digest_of
 
-
-@dataclass(frozen=True)
-class TrueParameter:
-    """What a truth file says of a parameter, in its units; None where it does not."""
-
-    error: float | None
-    value: float | None = None
-
-    @property
-    def nominal(self) -> float | None:
-        """The simulated machine's nominal value."""
-        return None if self.value is None or self.error is None else self.value - self.error
+ROUND_OFF = 1e-11
+"""Measurements are the same where they differ by less than this part of a column's largest."""
 
 
 def compare(identified: Sequence[Identified], simulated: Sequence[Simulated]
             ) -> tuple[ComparedMachines, ...]:
     """Return one comparison for each identification whose measurements were simulated here."""
-    found = [compared(source.folder, one, source.truth) for one in identified
-             for source in simulated if source.truth is not None and belongs(source, one)]
+    found = [compared(source.truth, one.record.parameters, (source.folder, one.folder))
+             for one in identified for source in simulated
+             if source.truth is not None and belongs(source, one)]
     return tuple(c for c in found if c.rows)
 
 
@@ -59,86 +45,28 @@ def stray_note(source: Simulated, identified: Sequence[Identified]) -> str:
             "used other measurements, so nothing is compared.")
 
 
-def compared(folder: str, one: Identified, truth: TruthRecord) -> ComparedMachines:
-    """Return the errors put in and found, against the nominal values of the model identified.
-
-    A model with other nominal values than the simulated machine's is another machine: its true
-    errors are those that its own nominal values have, and it is named.
-    """
-    rows, other, lacking = list[TruthRow](), list[str](), dict[str, list[str]]()
-    for p in one.record.parameters:
-        known = _known(p.name, truth)
-        # what has no nominal value, an effect's stiffness, is compared itself
-        found = p.value if p.error is None and p.nominal is None else p.error
-        if found is None or (known is None and p.status == "fixed"):
-            continue
-        factor = None if known is None else _factor(_same_quantity(p.unit, truth.units), p.unit)
-        if known is None or factor is None:
-            lacking.setdefault(NOT_THERE if known is None else OTHER_UNITS, []).append(p.name)
-            continue
-        true, differs = _true_error(p, known, factor)
-        if differs:
-            other.append(p.name)
-        if p.status != "fixed" or true != 0.0:
-            rows.append(TruthRow(p.name, p.unit, true, found, p.sigma, p.status, p.half))
-    note = [f"{what[0].upper()}{what[1:]}: {abbreviate_list(names)}." for what,
-            names in lacking.items()]
-    return ComparedMachines(folder, one.folder, tuple(rows), " ".join(note), tuple(other))
+def with_copies(one: Simulated, identified: Sequence[Identified]) -> Simulated:
+    """Find the inputs of identifications that hold the same measurements to round-off."""
+    if one.truth is None or not one.digest:
+        return one
+    file, copies = Path(one.folder) / "measurements.csv", set[str]()
+    for fit in identified:
+        copies |= {own for name, own in fit.record.provenance.inputs.items()
+                   if name.endswith(".csv") and own not in ("", one.digest)
+                   and digest_of(Path(name)) == own and _same_numbers(file, Path(name))}
+    return replace(one, copies=tuple(sorted(copies)))
 
 
-def _known(name: str, truth: TruthRecord) -> TrueParameter | None:
-    """Return what is true of a parameter, None where the simulated machine has none such."""
-    value, error = (number(values.get(name)) for values in (truth.parameters, truth.errors))
-    if value is not None:
-        return TrueParameter(error or 0.0, value)
-    if name in truth.errors or not truth.parameters:    # a file of errors alone
-        return TrueParameter(error or 0.0) if truth.errors else None
-    found = list(_of_effect(name, truth))
-    return TrueParameter(None, found[0]) if len(found) == 1 else None
+def _same_numbers(one: Path, other: Path) -> bool:
+    """Whether two CSV files have the same columns, and numbers that differ by round-off at most."""
+    try:
+        a, b = (read_table(p, loose=lambda _: True, rowless=True) for p in (one, other))
+    except BadInput:
+        return False
+    return (a.header, a.size, a.text) == (b.header, b.size, b.text) and all(
+        _same_column(a.numbers[name], b.numbers[name]) for name in a.numbers)
 
 
-def _of_effect(name: str, truth: TruthRecord) -> Iterator[float]:
-    """Yield the values of ``kind.place.what`` in the simulated effects that hold there."""
-    kind, _, rest = name.partition(".")
-    place, _, what = rest.rpartition(".")
-    for effect in truth.effects:
-        on, values = effect.get("on"), effect.get("parameters")
-        here = not on or (isinstance(on, list) and bool(place) and set(place.split("+")) <= set(on))
-        if effect.get("kind") == kind and here and isinstance(values, dict):
-            entry = values.get(what)
-            value = number(entry.get("value") if isinstance(entry, dict) else entry)
-            if value is not None:
-                yield value
-
-
-def _true_error(p: ParameterEstimate, known: TrueParameter, factor: float) -> tuple[float, bool]:
-    """Return the true error against the model's own nominal value, and whether that is another."""
-    nominal = 0.0 if p.nominal is None else p.nominal
-    if known.error is None or (p.error is None and known.value is not None):
-        return (known.value or 0.0) * factor - nominal, False
-    away = 0.0 if known.nominal is None or p.nominal is None else known.nominal * factor - nominal
-    if p.unit in ANGLES:    # 348 degrees is -12
-        away = math.remainder(away, math.tau / ANGLES[p.unit])
-    differs = abs(away) > SAME * max(abs(nominal), abs(p.tolerance or 0.0), abs(p.error or 0.0))
-    return known.error * factor + (away if differs else 0.0), differs
-
-
-def _same_quantity(unit: str, units: Units) -> str:
-    """Return the truth file's unit of the quantity that ``unit`` measures (``mm``, ``mm/unit``)."""
-    bare = unit.removesuffix(PER_UNIT)
-    quantity = "length" if bare in LENGTHS else "angle" if bare in ANGLES else ""
-    own = units.name(quantity) if quantity else ""
-    return own + unit.removeprefix(bare) if own else ""
-
-
-def _factor(of: str, to: str) -> float | None:
-    """Return what turns a number in ``of`` into one in ``to``; None if they do not match."""
-    if of == to or not of or not to:
-        return 1.0
-    if of.endswith(PER_UNIT) != to.endswith(PER_UNIT):
-        return None
-    of, to = of.removesuffix(PER_UNIT), to.removesuffix(PER_UNIT)
-    for table in (LENGTHS, ANGLES):
-        if of in table and to in table:
-            return table[of] / table[to]
-    return None
+def _same_column(one: Array, other: Array) -> bool:
+    largest = float(np.max(np.abs(one), initial=0.0, where=np.isfinite(one)))
+    return np.allclose(one, other, rtol=0.0, atol=ROUND_OFF * largest, equal_nan=True)

@@ -1,10 +1,4 @@
-"""Two versions of a file, value by value.
-
-Where bytes need not be the same, a number may be off by :data:`OF_SCALE` of the largest number of
-its column (of its list in JSON), by :data:`OF_SIGMA` of the sigma that stands beside it, or by
-:data:`LEAST`, whichever is most; a number within text by one step of its last digit. Everything
-else (names, verdicts, statuses, counts, which rows were used) must be the same.
-"""
+"""Two versions of a file, value by value: tables, trees and text, each by its own reader."""
 
 from __future__ import annotations
 
@@ -21,88 +15,30 @@ from typing import Any
 
 import yaml
 
-from ppmcal.wording import number
+from ppmcal.store.tally import (
+    DIFFERS,
+    ESTIMATES,
+    NOTHING,
+    OPEN,
+    SAME,
+    FileCheck,
+    Tally,
+    ValueDifference,
+    first_apart,
+    in_text,
+    is_sentence,
+    judge,
+    numeric,
+)
 
-SAME, WITHIN, DIFFERS, OPEN = "same", "within bounds", "differs", "not compared"
-OF_SCALE, OF_SIGMA, LEAST = 1e-6, 1e-3, 1e-9
-BOUNDS = {"of_scale": OF_SCALE, "of_sigma": OF_SIGMA, "least": LEAST}
 OWN = ("version", "environment", "numpy", "python")
 """Keys of a provenance that are not the same elsewhere, and are shown apart."""
-ESTIMATES = ("value", "error", "data", "mean", "estimate")
-"""Names of numbers whose standard deviation is the ``sigma`` beside them."""
-NOTHING = "(nothing)"
-_NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.\d+(?:[eE][-+]?\d+)?(?![\w.])")
-"""A number within text: with a point, so that neither names nor counts are taken for one."""
+PAGES = ("html", "svg")
+"""Endings of files that say and draw what other files hold."""
 
 
-@dataclass(frozen=True)
-class ValueDifference:
-    """A value that is not as it was: where, both as text, and how far apart, in ``unit``."""
-
-    place: str = ""
-    then: str = ""
-    now: str = ""
-    size: float | None = None
-    unit: str = ""
-
-    def words(self) -> str:
-        """Return it in words."""
-        if not (self.then or self.now):
-            return self.place
-        apart = f", apart by {number(self.size, 3)} {self.unit}".rstrip() if self.size else ""
-        return f"{self.place}: {short_text(self.then)} there, {short_text(self.now)} now{apart}"
-
-
-@dataclass(frozen=True)
-class FileCheck:
-    """A file against the one that comes out today.
-
-    ``count``: values that differ; ``worst``: the one that is farthest from what is allowed.
-    """
-
-    file: str = ""
-    status: str = SAME
-    edited: bool = False
-    count: int = 0
-    worst: ValueDifference | None = None
-
-    def words(self) -> str:
-        """Return what is to say of it besides its status."""
-        edited = "edited since ppmcal wrote it" * self.edited
-        worst = self.worst.words() if self.worst else ""
-        if worst and self.count > 1:
-            worst = f"farthest apart at {worst}"
-        return "; ".join(t for t in (edited, worst) if t)
-
-
-@dataclass
-class Tally:
-    """Differences of a file so far: how many, the worst, and whether all are within bounds."""
-
-    exact: bool
-    root: str = ""
-    count: int = 0
-    over: float = -1.0
-    within: bool = True
-    worst: ValueDifference | None = None
-
-    def differ(self, place: str, then: object, now: object, over: float = math.inf,
-               size: float | None = None, unit: str = "") -> None:
-        """Count one that is ``over`` times what is allowed; inf where nothing is."""
-        self.count += 1
-        self.within = self.within and over <= 1.0
-        if over > self.over:
-            self.over = over
-            self.worst = ValueDifference(place=place, then=str(then), now=str(now), size=size,
-                                         unit=unit)
-
-    def of(self, name: str) -> FileCheck:
-        """Return what was found of a file."""
-        status = SAME if not self.count else WITHIN if self.within and not self.exact else DIFFERS
-        return FileCheck(file=name, status=status, count=self.count, worst=self.worst)
-
-
-def compared(name: str, then: bytes, now: bytes, exact: bool, root: bytes = b"") -> FileCheck:
+def compared(name: str, then: bytes, now: bytes, exact: bool, root: bytes = b"",
+             reword: bool = False) -> FileCheck:
     """Return how a file differs from an earlier one.
 
     Args:
@@ -111,82 +47,24 @@ def compared(name: str, then: bytes, now: bytes, exact: bool, root: bytes = b"")
         now: those that come out today.
         exact: whether they must be the same; else within bounds.
         root: where paths in it began today, and not then.
+        reword: whether it is of another version, which may have other words for the same.
     """
     if root and not _is_binary(now):
         now = now.replace(root, b"")
     if then == now:
         return FileCheck(file=name)
-    found, readable = Tally(exact, root.decode(errors="surrogateescape")), True
+    found, readable = Tally(exact, root.decode(errors="surrogateescape"), reword), True
     try:
         _READERS.get(name.rpartition(".")[2], _text)(then, now, found)
     except (ValueError, OSError, yaml.YAMLError, csv.Error, ImportError, RecursionError):
         readable = False
-    if found.count and readable:
+    if (found.count or found.texts) and readable:
         return found.of(name)
     if exact or not readable:    # no value differs that can be named: spaces, or a picture
         return FileCheck(file=name, status=DIFFERS, count=1, worst=ValueDifference(
-            place=f"byte {_first(then, now)}", then=f"{len(then)} bytes", now=f"{len(now)} bytes"))
+            place=f"byte {first_apart(then, now)}", then=f"{len(then)} bytes",
+            now=f"{len(now)} bytes"))
     return FileCheck(file=name, status=OPEN if _is_binary(then) else SAME)
-
-
-def short_text(value: object) -> str:
-    """Return what is shown of a value, which may be long."""
-    text = str(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."
-
-
-def _first(then: bytes, now: bytes) -> int:
-    """Return the number, from 1, of the first byte that differs."""
-    low, high = 0, min(len(then), len(now))
-    while low < high:
-        middle = (low + high + 1) // 2
-        low, high = (middle, high) if then[:middle] == now[:middle] else (low, middle - 1)
-    return low + 1
-
-
-def _numeric(value: object) -> float | None:
-    """Return a cell or a JSON number as a float, None for anything else."""
-    if isinstance(value, float | str):
-        try:
-            return float(value)
-        except ValueError:
-            return None
-    return None
-
-
-def _judge(found: Tally, place: str, then: Any, now: Any, scale: float, sigma: float | None,
-           unit: str = "") -> None:
-    """Count two values that are not the same; counts, without a point, may not be off at all."""
-    a, b = _numeric(then), _numeric(now)
-    counts = str(then).lstrip("-").isdigit() and str(now).lstrip("-").isdigit()
-    if a is not None and b is not None and math.isfinite(a) and math.isfinite(b):
-        allowed = max(OF_SCALE * max(scale, abs(a)), OF_SIGMA * (sigma or 0.0), LEAST)
-        found.differ(place, then, now, math.inf if counts else abs(a - b) / allowed, abs(a - b),
-                     unit)
-    elif isinstance(then, str) and isinstance(now, str):
-        found.differ(place, then, now, _in_text(then, now))
-    else:
-        found.differ(place, then, now)
-
-
-def _in_text(then: str, now: str) -> float:
-    """Return how far two texts are apart in steps of their numbers' last digits; inf in words."""
-    if _NUMBER.sub("#", then) != _NUMBER.sub("#", now):
-        return math.inf
-    return max((_steps(a, b) for a, b in zip(_NUMBER.findall(then), _NUMBER.findall(now),
-                                             strict=True) if a != b), default=0.0)
-
-
-def _steps(then: str, now: str) -> float:
-    a, b = float(then), float(now)
-    step = max(_last_digit(then), _last_digit(now))
-    return abs(a - b) / max(1.001 * step, OF_SCALE * abs(a), LEAST)
-
-
-def _last_digit(text: str) -> float:
-    """Return what one step of the last digit is worth."""
-    digits, _, power = text.lower().partition("e")
-    return 10.0 ** (int(power or 0) - len(digits.partition(".")[2]))
 
 
 # ---- tables
@@ -214,8 +92,8 @@ def _csv(then: bytes, now: bytes, found: Tally) -> None:
             continue
         for c, (x, y) in enumerate(zip(a, b, strict=True)):
             if x != y:
-                _judge(found, f"row {n}, {header[c]}", x, y, scales.get(c, 0.0),
-                       _numeric(a[sigmas[c]]) if c in sigmas else None,
+                judge(found, f"row {n}, {header[c]}", x, y, scales.get(c, 0.0),
+                       numeric(a[sigmas[c]]) if c in sigmas else None,
                        "" if unit is None else a[unit])
 
 
@@ -224,7 +102,7 @@ def _scales(rows: Iterator[list[str]], columns: set[int]) -> dict[int, float]:
     largest = dict.fromkeys(columns, 0.0)
     for row in rows:
         for c in columns:
-            value = _numeric(row[c]) if c < len(row) else None
+            value = numeric(row[c]) if c < len(row) else None
             if value is not None and math.isfinite(value):
                 largest[c] = max(largest[c], abs(value))
     return largest
@@ -280,7 +158,8 @@ def _yaml(then: bytes, now: bytes, found: Tally) -> None:
 def _walk(then: Any, now: Any, place: _Place, found: Tally) -> None:
     """Count the values of two trees that differ."""
     if isinstance(then, dict) and isinstance(now, dict):
-        own = OWN if place.path.endswith("provenance") and not found.exact else ()
+        own = () if found.exact else OWN if place.path.endswith("provenance") else (
+            OWN[:1] if not place.path else ())
         for key in dict.fromkeys([*then, *now]):
             at = place.key(str(key), then)
             if key in own:
@@ -291,7 +170,10 @@ def _walk(then: Any, now: Any, place: _Place, found: Tally) -> None:
                 found.differ(at.path, then.get(key, NOTHING), now.get(key, NOTHING))
     elif isinstance(then, list) and isinstance(now, list):
         if len(then) != len(now):
-            found.differ(place.path, f"{len(then)} entries", f"{len(now)} entries")
+            told = found.say if found.reword and then and now and all(
+                isinstance(t, str) and is_sentence(place.path, t)
+                for t in (*then, *now)) else found.differ
+            told(place.path, f"{len(then)} entries", f"{len(now)} entries")
             return
         scale = max(_largest(then), place.scale)
         for n, (a, b) in enumerate(zip(then, now, strict=True)):
@@ -300,7 +182,7 @@ def _walk(then: Any, now: Any, place: _Place, found: Tally) -> None:
     elif then != now or type(then) is not type(now):
         unit, sigma = place.around.get("unit"), place.around.get("sigma")
         beside = place.path.rpartition(".")[2] in ESTIMATES and isinstance(sigma, float)
-        _judge(found, place.path, _float(then, now), _float(now, then), place.scale,
+        judge(found, place.path, _float(then, now), _float(now, then), place.scale,
                sigma if beside else None, unit if isinstance(unit, str) else "")
 
 
@@ -324,18 +206,49 @@ def _is_binary(content: bytes) -> bool:
     return b"\0" in content[:4096]
 
 
-def _text(then: bytes, now: bytes, found: Tally) -> None:
-    """Count the lines that differ; of what is not text nothing."""
+def _text(then: bytes, now: bytes, found: Tally, of_words: Callable[[str], bool] | None = None
+          ) -> None:
+    """Count the lines that differ; of what is not text nothing.
+
+    Args:
+        then: an earlier version.
+        now: today's.
+        found: what is counted.
+        of_words: which lines are wording alone  [default: comments].
+    """
     if _is_binary(then):
         return
-    for n, (a, b) in enumerate(zip_longest(then.decode().splitlines(), now.decode().splitlines()),
-                               1):
-        if a is None or b is None:
-            found.differ(f"line {n}", NOTHING if a is None else a, NOTHING if b is None else b)
+    lines = [list(enumerate(c.decode().splitlines(), 1)) for c in (then, now)]
+    if found.reword:
+        of_words = of_words or _is_comment
+        words = [[(n, t) for n, t in some if of_words(t)] for some in lines]
+        for (n, a), (m, b) in zip_longest(*words, fillvalue=(0, NOTHING)):
+            if a != b:
+                found.say(f"line {n or m}", *_around(a, b))
+        lines = [[(n, t) for n, t in some if not of_words(t)] for some in lines]
+    for (n, a), (m, b) in zip_longest(*lines, fillvalue=(0, NOTHING)):
+        if not (n and m):
+            found.differ(f"line {n or m}", a, b)
         elif a != b:
-            start = max(_first(a.encode(), b.encode()) - 20, 0)
-            found.differ(f"line {n}", a[start:start + 60], b[start:start + 60], _in_text(a, b))
+            found.differ(f"line {n}", *_around(a, b), in_text(a, b))
+
+
+def _page(then: bytes, now: bytes, found: Tally) -> None:
+    """Count the lines that differ as wording: other files hold what they tell and draw."""
+    _text(then, now, found, lambda _: True)
+
+
+def _around(then: str, now: str) -> tuple[str, str]:
+    """Return two lines about where they begin to differ."""
+    start = max(first_apart(then.encode(), now.encode()) - 20, 0)
+    return then[start:start + 60], now[start:start + 60]
+
+
+def _is_comment(line: str) -> bool:
+    """Whether a line of a configuration says something to people; Klipper's ``#*#`` are values."""
+    line = line.lstrip()
+    return line[:1] in ("#", ";") and not line.startswith("#*#")
 
 
 _READERS: dict[str, Callable[[bytes, bytes, Tally], None]] = {
-    "csv": _csv, "json": _json, "yaml": _yaml, "parquet": _parquet}
+    "csv": _csv, "json": _json, "yaml": _yaml, "parquet": _parquet, **dict.fromkeys(PAGES, _page)}

@@ -119,8 +119,8 @@ def track_input(path: str | os.PathLike[str]) -> None:
         raise own_input(run.to_be_overwritten[identity])
 
 
-def note_content(path: str | os.PathLike[str], data: bytes) -> None:
-    """Remember what an input of the run that is under way held when it was read.
+def note_content(path: str | os.PathLike[str], digest: str) -> None:
+    """Remember the SHA-256 of an input of the run that is under way, as it was read.
 
     Results name that, whatever becomes of the file while they are made.
 
@@ -128,10 +128,7 @@ def note_content(path: str | os.PathLike[str], data: bytes) -> None:
         BadInput: it was read before in this run, and held something else.
     """
     run = _RUN.get()
-    if run is None:
-        return
-    digest = hashlib.sha256(data).hexdigest()
-    if run.sums.setdefault(str(path), digest) != digest:
+    if run is not None and run.sums.setdefault(str(path), digest) != digest:
         raise BadInput("changed while ppmcal was at work on it", str(path),
                        "Wait until it is written, and run it again")
 
@@ -177,17 +174,31 @@ def read_bytes(path: Path, limit: Limit = TABLE_BYTES) -> bytes:
     """Return a file's bytes, and note it as an input of the run.
 
     Raises:
+        BadInput: as :func:`read_pieces`.
+    """
+    return b"".join(read_pieces(path, limit.most + 1, limit))
+
+
+def read_pieces(path: Path, size: int, limit: Limit = TABLE_BYTES) -> Iterator[bytes]:
+    """Yield a file's bytes, ``size`` at a time, and note it as an input of the run at the end.
+
+    Raises:
         BadInput: it does not exist, is not a file, cannot be read, is larger than ``limit``,
             changed while it was read, or would be replaced.
     """
     track_input(path)
+    digest, count = hashlib.sha256() if _RUN.get() else None, 0
     try:
         handle = os.open(path, _FLAGS)
         with os.fdopen(handle, "rb") as stream:
             before = os.fstat(handle)
             refuse_no_file(before, path)
             limit.refuse(before.st_size, str(path))
-            data = stream.read(limit.most + 1)
+            while count <= limit.most and (piece := stream.read(min(size, limit.most + 1 - count))):
+                count += len(piece)
+                if digest:
+                    digest.update(piece)
+                yield piece
             after = os.fstat(handle)
     except FileNotFoundError:
         near = _near(path)
@@ -198,12 +209,12 @@ def read_bytes(path: Path, limit: Limit = TABLE_BYTES) -> bytes:
         reason = getattr(error, "strerror", None) or str(error)
         raise BadInput(f"cannot be read ({reason})", str(path),
                        "Give the path of a readable file") from None
-    limit.refuse(len(data), str(path))
+    limit.refuse(count, str(path))
     if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
         raise BadInput("changed while it was read", str(path),
                        "Wait until it is written, or copy it first")
-    note_content(path, data)
-    return data
+    if digest:
+        note_content(path, digest.hexdigest())
 
 
 def first_bytes(path: Path, count: int) -> bytes:

@@ -51,6 +51,11 @@ class Provenance:
     numpy: str = ""
     python: str = ""
 
+    def inputs_of(self, source: str) -> list[str]:
+        """Return the inputs that a data set came from: the very one, else its namesakes."""
+        return [k for k in self.inputs if k == source] or [
+            k for k in self.inputs if source and Path(k).name == Path(source).name]
+
 
 @contextmanager
 def recording(function: str, options: dict[str, Any]) -> Iterator[None]:

@@ -205,7 +205,7 @@ def test_a_page_has_its_other_chapters(folders, break_):
 
 def test_the_page_of_a_batch_stands_without_what_is_common(break_):
     break_((batch_report, "common_sentences"), (batch_report, "common_effects"),
-           (batch_report, "common_parameters"), (batch_report, "effect_changes"))
+           (batch_report, "common_parameters"), (batch_report, "effects_over_time"))
     record = batch_report.CampaignRecord(campaign="a/1/identify", machine="a", date="1",
                                          command="identify")
     found = batch_report.batch_page([record])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -16,7 +17,9 @@ from torture.desk import COMMANDS, make_desk
 import ppmcal as face
 from ppmcal.commands import command
 from ppmcal.errors import BadInput
+from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.yaml import dump_yaml
+from ppmcal.store import provenance
 from ppmcal.store.differences import compared
 from ppmcal.store.folder import RECORD, read_record
 
@@ -424,3 +427,101 @@ def test_a_folder_of_everything_is_not_searched_for_ever(tmp_path: Path,
     (tmp_path / "5").rmdir()
     with pytest.raises(BadInput, match="no results"):
         face.verify(tmp_path)
+
+
+# ---- another version, other words
+
+
+@pytest.mark.parametrize(("name", "then", "now", "status"), [
+    # a sentence for a sentence
+    ("a.json", '{"text": "noise, ratio 0.961"}', '{"text": "as noise at 0.96"}', "wording"),
+    ("a.json", '{"text": "falls from 30 to 0.06 mm"}', '{"text": "a drop to 0.06 mm"}', "wording"),
+    ("a.json", '{"notes": ["one of two", "two of two"]}', '{"notes": ["both are one"]}', "wording"),
+    ("a.csv", "row,reason\n1,too far off\n", "row,reason\n1,off by too much\n", "wording"),
+    ("a.yaml", "note: it is so\n", "note: so it is\n", "wording"),
+    ("a.json", '{"text": "from 0.412 to 0.0195 mm"}', '{"text": "0.0195 mm (0.412 before)"}',
+     "wording"),
+    ("a.json", '{"version": "1", "text": "it is so"}', '{"version": "2", "text": "so it is"}',
+     "wording"),
+    # what a number says in it, a count, and what is no sentence
+    ("a.json", '{"text": "noise, ratio 0.961"}', '{"text": "as noise at 0.93"}', "differs"),
+    ("a.json", '{"text": "3 rows left out"}', '{"text": "4 rows are left out"}', "differs"),
+    ("a.json", '{"text": "rms is 0.96."}', '{"text": "rms is 0.99."}', "differs"),
+    ("a.json", '{"text": "from 0.4 to 0.1 mm"}', '{"text": "from 0.1 to 0.4 mm"}', "differs"),
+    ("a.json", '{"verdict": "named"}', '{"verdict": "weak"}', "differs"),
+    ("a.json", '{"findings": []}', '{"findings": ["it is so"]}', "differs"),
+    ("a.json", '{"name": "run of one day"}', '{"name": "run of the day"}', "differs"),
+    ("a.json", '{"provenance": {"command": "ppmcal identify a b"}}',
+     '{"provenance": {"command": "ppmcal identify a c"}}', "differs"),
+    ("a.csv", "row,reason\n1,too far off\n", "row,reason\n1,\n", "differs"),
+    # a number beside it
+    ("a.json", '{"x": 1.5, "text": "it is so"}', '{"x": 1.6, "text": "so it is"}', "differs"),
+    ("a.json", '{"x": 1.5, "text": "it is so"}', '{"x": 1.5000000001, "text": "so is it"}',
+     "wording"),
+    # pages, drawings, and comments of a configuration
+    ("a.html", "<p>one\n<p>two\n", "<h1>all\n", "wording"),
+    ("a.svg", '<path d="M 1.0 2.0"/>\n', '<path d="M 9.0 2.0"/>\n', "wording"),
+    ("a.cfg", "# was 3\nx: 3\n", "# from three\n# on\nx: 3\n", "wording"),
+    ("a.cfg", "# was 3\nx: 3\n", "# from three\nx: 4\n", "differs"),
+    ("a.cfg", "#*# x = 3.0\n", "#*# x = 3.5\n", "differs"),
+    ("a.cfg", "x: 3\n", "x: 3\ny: 4\n", "differs")])
+def test_what_only_another_version_may_say_in_other_words(name: str, then: str, now: str,
+                                                          status: str) -> None:
+    """Of the same version each of these differs."""
+    told = compared(name, then.encode(), now.encode(), False, reword=True)
+    assert told.status == {"wording": "wording differs"}.get(status, status)
+    assert told.count and told.worst
+    assert compared(name, then.encode(), now.encode(), False).status == "differs"
+    assert compared(name, then.encode(), now.encode(), True).status == "differs"
+
+
+def reworded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let all that knows of noise say it otherwise."""
+    monkeypatch.setattr(IdentificationRecord, "text", lambda self, text=IdentificationRecord.text:
+                        text(self).replace("uncalibrated machine", "machine as it was"))
+
+
+def test_an_older_version_s_words_are_told_and_fail_nothing(
+        desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = copied(desk, tmp_path, "identified")
+    reworded(monkeypatch)
+    found, = checked(own, "identified", code=1)
+    assert found["status"] == "differs" and not found["environment"]
+    monkeypatch.setattr(provenance, "__version__", "9.9.9")
+    found, = checked(own, "identified", code=0)
+    assert found["status"] == "wording differs"
+    assert found["environment"] == ["version 0.3.0 then, 9.9.9 now"]
+    told = {f["file"]: f["status"] for f in found["files"]}
+    assert told == {"identification.json": "wording differs", "identified.yaml": "same",
+                    "parameters.csv": "same", "residuals.csv": "same"}
+    console = ppmcal("verify", "identified", cwd=own, expect=0).out
+    assert "run again: the numbers are the same, the wording differs." in console
+    assert "machine as it was" in console
+
+
+def test_an_edited_sentence_is_a_fault_of_any_version(
+        desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = copied(desk, tmp_path, "identified")
+    path = own / "identified/identification.json"
+    path.write_text(path.read_text().replace("uncalibrated machine", "machine as it was"))
+    for version in ("0.3.0", "9.9.9"):
+        monkeypatch.setattr(provenance, "__version__", version)
+        found, = checked(own, "identified", code=1)
+        assert [f["file"] for f in found["files"] if f["edited"]] == ["identification.json"]
+
+
+def test_another_version_s_number_differs(
+        desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = copied(desk, tmp_path, "identified")
+    reworded(monkeypatch)
+    monkeypatch.setattr(provenance, "__version__", "9.9.9")
+    path, record = own / "identified/parameters.csv", own / "identified" / RECORD
+    value = path.read_text().splitlines()[1].split(",")[2]
+    old = path.read_bytes()
+    path.write_text(old.decode().replace(f",{value},", f",{float(value) + 0.5!r},", 1))
+    record.write_text(record.read_text().replace(*(hashlib.sha256(b).hexdigest() for b in (
+        old, path.read_bytes()))))
+    found, = checked(own, "identified", code=1)
+    told = {f["file"]: (f["status"], f["edited"]) for f in found["files"]}
+    assert told["parameters.csv"] == ("differs", False)
+    assert told["identification.json"] == ("wording differs", False)

@@ -13,6 +13,7 @@ from helpers.report_files import identification, specs, write_csv, write_fit
 from helpers.sources import nodes_of
 
 from ppmcal import plotting
+from ppmcal.io.results.residual_rows import row_key, row_numbers
 from ppmcal.plotting.bars import Chart, Row
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import (
@@ -40,8 +41,7 @@ from ppmcal.report import collect, to_html
 from ppmcal.report.figure_files import TITLES
 from ppmcal.report.html import script_json
 from ppmcal.report.residual_figures import residual_figures
-from ppmcal.report.residuals import POINTS
-from ppmcal.report.rows import row_keys
+from ppmcal.report.thinning import POINTS
 
 PLOTTING = Path(plotting.__file__).parent
 EVIL = "</script><b>%{x}</b> & 'leg' --after"
@@ -194,7 +194,8 @@ def fit(tmp_path_factory):
 def test_every_row_is_a_point_with_its_key(fit):
     one = collect([fit]).identified[0]
     table = one.residuals
-    keys = row_keys(0, table)
+    keys = [row_key(0, d, n) for d, n in zip(table.words("dataset"), row_numbers(table).tolist(),
+                                            strict=True)]
     for drawing in residual_figures(table, one.record.units):
         rows = [t for t in spec(drawing)["data"] if "customdata" in t]
         if not rows:

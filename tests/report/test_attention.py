@@ -18,11 +18,11 @@ from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.simulation import TruthRecord
+from ppmcal.io.results.truth import ComparedMachines, TruthRow, compared
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.report import to_html, to_json
 from ppmcal.report.batch import batch_page
 from ppmcal.report.records import (
-    ComparedMachines,
     Designed,
     Diagnosed,
     Held,
@@ -31,9 +31,8 @@ from ppmcal.report.records import (
     ReportData,
     ResidualRows,
     Simulated,
-    TruthRow,
 )
-from ppmcal.report.truth import compare, compared
+from ppmcal.report.truth import compare
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Units
 
@@ -57,7 +56,7 @@ def test_an_effect_without_a_nominal_value_is_compared_itself(truth: dict[str, A
                            "unit": "N/mm", "status": "identified"}])
     parameters = {"leg1.offset": 0.1, **truth.pop("parameters", {})}
     record = TruthRecord.checked({"parameters": parameters, **truth})
-    row, = compared("s", one, record).rows
+    row, = compared(record, one.record.parameters, ("s", "f")).rows
     assert (row.true, row.found, row.z) == (4500.0, 4478.0, -2.0)
 
 

@@ -9,9 +9,16 @@ from helpers.report_files import own, specs
 
 from ppmcal.calibration.sessions.common_parameters import common_errors, share_interval
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
-from ppmcal.io.results.batch_common import shared_effects, shared_parameters
-from ppmcal.report.batch import batch_page, left, ranking
-from ppmcal.report.batch_common import common_sentences, differences
+from ppmcal.io.results.batch_common import (
+    effect_changes,
+    farthest_parameter,
+    left,
+    ranking,
+    shared_effects,
+    shared_parameters,
+)
+from ppmcal.report.batch import batch_page
+from ppmcal.report.batch_common import common_sentences
 
 
 def error(stage, value, unit="mm"):
@@ -53,6 +60,10 @@ def test_an_effect_that_most_have_is_the_designs():
     records += [diagnosed("m8", effect("gain", 1e-4)), diagnosed("m9")]
     backlash, gain = shared_effects(records)
     assert (backlash.kind, len(backlash.machines), backlash.of) == ("backlash", 8, 10)
+    (size,) = backlash.sizes
+    assert (size.parameter, size.unit) == ("width", "mm")
+    assert (size.mean, size.spread) == (pytest.approx(0.0235), pytest.approx(0.00245, rel=1e-3))
+    assert gain.sizes[0].spread is None
     assert backlash.whose == "perhaps the design's"      # 8 of 10: 44 to 97 %
     assert gain.whose == "the units'"
     more = records + [diagnosed(f"n{i}", effect("backlash", 0.02)) for i in range(4)]
@@ -79,23 +90,35 @@ def test_effects_that_came_went_or_grew_are_told():
     old = diagnosed("m", effect("backlash", 0.020), effect("gain", 1.0), effect("lag", 1.0, on=""))
     new = diagnosed("m", effect("backlash", 0.030), effect("drift", 1.0), effect("lag", 1.003,
                                                                                on=""))
-    told = list(differences(old, new))
-    assert told[:2] == ["new: drift on leg1", "no longer named: gain on leg1"]
-    assert len(told) == 3
-    assert told[2].startswith("backlash on leg1: width 0.0200 → 0.0300 mm")
+    came, went, grew = effect_changes(old, new)
+    assert (came.what, came.kind, went.what, went.kind) == ("new", "drift", "no longer named",
+                                                            "gain")
+    assert (grew.what, grew.kind, grew.on, grew.old.value, grew.new.value) == (
+        "changed", "backlash", "leg1", 0.020, 0.030)
+    page = batch_page([old, new.changed(date="2026-02-10")])
+    assert ("new: drift on leg1; no longer named: gain on leg1; backlash on leg1: width 0.0200 → "
+            "0.0300 mm") in page
 
 
 def test_a_unit_as_older_versions_wrote_it_is_the_same_unit():
     old, new = (effect("windup", value).changed(parameter="give")
                 for value in (0.020, 0.030))
-    told = differences(*(diagnosed("m", CampaignQuantity(**{**q.entries(whole=True), "unit": unit}))
-                         for q, unit in ((old, "deg/N m"), (new, "deg/(N m)"))))
-    assert [t.endswith("0.0300 deg/(N m)") for t in told] == [True]
+    found = effect_changes(*(
+        diagnosed("m", CampaignQuantity(**{**q.entries(whole=True), "unit": unit}))
+        for q, unit in ((old, "deg/N m"), (new, "deg/(N m)"))))
+    assert [(c.new.value, c.new.unit) for c in found] == [(0.030, "deg/(N m)")]
 
 
 def parameter(value, nominal=100.0, status="identified", name="leg1.offset"):
     return CampaignQuantity(what="parameter", name=name, value=value, nominal=nominal, sigma=0.01,
                             tolerance=0.3, unit="mm", status=status)
+
+
+def test_the_parameter_that_is_most_tolerances_off():
+    found = farthest_parameter(record("m", parameter(100.6), parameter(99.1, name="leg2.offset")))
+    assert (found.name, found.tolerances, found.far) == ("leg2.offset", pytest.approx(3.0), False)
+    assert farthest_parameter(record("m", parameter(103.0))).far
+    assert farthest_parameter(record("m", error("after", 0.1))) is None
 
 
 def test_parameters_that_are_fixed_are_not_judged():

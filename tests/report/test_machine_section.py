@@ -13,13 +13,13 @@ from helpers.paths import ROOT
 import ppmcal as face
 from ppmcal.io import read_dataset, read_mechanism
 from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.residual_rows import row_key
+from ppmcal.io.results.scene_rows import FittedRows, placed_rows, spread_rows
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.report.collect import collect
-from ppmcal.report.machine_rows import placed_rows
-from ppmcal.report.machine_section import machine_section, scene_effects, spread_rows
-from ppmcal.report.rows import row_key
+from ppmcal.report.machine_section import machine_section, scene_effects
 
 DAY = """format: ppmcal/scenario/1
 units: {length: mm, angle: deg}
@@ -48,13 +48,18 @@ def only(folder, name="fit"):
     return collect([folder / name]).identified[0]
 
 
+def rows_of(folder):
+    one = only(folder)
+    return FittedRows(one.folder, one.record, one.residuals)
+
+
 def scene_of(html):
     return json.loads(re.search(r'class="scene">(.*?)</script>', html, re.S)[1])
 
 
 def test_points_and_errors_are_the_measured_ones_in_the_base_frame(folder, monkeypatch):
     monkeypatch.chdir(folder)
-    one, machine = only(folder), read_mechanism(folder / "fit/identified.yaml")
+    one, machine = rows_of(folder), read_mechanism(folder / "fit/identified.yaml")
     rows = placed_rows(one, 4, machine)
     data = read_dataset(folder / "simulated/measurements.csv", machine)
     assert len(rows.points) == 30 and not rows.notes
@@ -69,7 +74,7 @@ def test_points_and_errors_are_the_measured_ones_in_the_base_frame(folder, monke
         np.testing.assert_allclose(np.add(point.point, point.error)[:2], measured, atol=1e-9)
         assert point.value == pytest.approx(np.hypot(*point.error[:2]))
         assert np.hypot(*point.error_before[:2]) == pytest.approx(point.value_before)
-    scene = scene_of(machine_section(one, 4))
+    scene = scene_of(machine_section(only(folder), 4))
     assert len(scene["measured"]) == 30 and scene["value"] == "position error"
     own = [m for m in scene["measured"] if m["own"]]
     frames = scene["machines"][0]["frames"]
@@ -97,7 +102,7 @@ def test_without_its_file_the_machine_has_no_points_and_says_why(folder, tmp_pat
 
 def test_many_rows_are_thinned_and_said(folder, monkeypatch):
     monkeypatch.chdir(folder)
-    one, machine = only(folder), read_mechanism(folder / "fit/identified.yaml")
+    one, machine = rows_of(folder), read_mechanism(folder / "fit/identified.yaml")
     rows = placed_rows(one, 0, machine, most=12)
     assert len(rows.points) <= 12 and "of 30 rows are drawn" in rows.notes[0]
     whole = placed_rows(one, 0, machine)

@@ -31,7 +31,7 @@ from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.format import NBSP, probability, sig, to_sigma, typeset
 from ppmcal.report.kinds import KINDS, KNOWN
 from ppmcal.report.records import Identified, ReportData, Simulated
-from ppmcal.report.residuals import envelope, evenly_spread
+from ppmcal.report.thinning import envelope, evenly_spread
 from ppmcal.report.truth import compare
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Units

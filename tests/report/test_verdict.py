@@ -14,7 +14,7 @@ from helpers.report_files import cells, identification
 from ppmcal.commands.report.options import ReportArguments
 from ppmcal.commands.report.run import run
 from ppmcal.io.results.commands import CommandsRecord
-from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis import DiagnosisRecord, gap_steps
 from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.validation import ValidationRecord
@@ -141,7 +141,13 @@ def test_shares_of_the_gap_are_of_squares_beyond_the_noise():
     steps = [{"what": "start", "rms_ratio": 11.0}, {"what": "geometry", "rms_ratio": 2.0},
              {"what": "effect", "kind": "backlash", "on": ["leg1"], "rms_ratio": 1.5},
              {"what": "effect", "kind": "windup", "on": ["leg2"], "rms_ratio": 0.9}]
-    html = ladder(DiagnosisRecord.checked({"plot_data": {"steps": steps}}))
+    record = DiagnosisRecord.checked({"plot_data": {"steps": steps}})
+    found = gap_steps(record.plot_data.steps)
+    assert [s.of_whole for s in found] == [None, *(pytest.approx(g / 120) for g in (
+        117, 1.75, 1.25))]
+    assert [s.of_geometry for s in found] == [None, None, *(pytest.approx(g / 3) for g in (
+        1.75, 1.25))]
+    html = ladder(record)
     _, first, geometry, one_, two = cells(html, "The gap")
     assert first[1:] == ["11.0 ×", "–", "–"]
     assert geometry[1:] == ["2.00 ×", f"{117 / 120:.0%}".replace("%", " %"),

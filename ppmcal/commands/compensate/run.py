@@ -114,7 +114,7 @@ class CompensationResult(Result):
     @property
     def row_failures(self) -> Sequence[str]:
         """Sentences on rows that have no command."""
-        return [f"row {n} refused: {r}" for n, r in self.refused]
+        return [Note(f"row {n} refused: {r}") for n, r in self.refused]
 
     def told(self) -> Iterator[Told]:
         """Yield how many targets have commands, for which point, and the errors to expect."""

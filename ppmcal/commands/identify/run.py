@@ -56,6 +56,7 @@ from ppmcal.io.results.knowledge import check_data_not_reused, read_posterior
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
 from ppmcal.store.provenance import source_of
 from ppmcal.wording import too_long
 from ppmcal.wording.progress import start_stage
@@ -153,7 +154,7 @@ def when_refused(error: PpmcalError, _: IdentifyArguments, __: Path | None) -> R
                     "misreadings": [e.entries(whole=True) for e in entries]})
 
 
-def scale_sentences(found: Identification) -> Iterator[str]:
+def scale_sentences(found: Identification) -> Iterator[Note]:
     """Yield what each data set shows of true lengths, where that was fitted, with 95 %."""
     fit, names = found.fit, list(found.columns)
     for data, registration in zip(fit.problem.datasets, fit.state.registrations, strict=True):
@@ -164,8 +165,8 @@ def scale_sentences(found: Identification) -> Iterator[str]:
             stated = "" if data.scale.sigma is None else (
                 f"; its file says {float(data.scale.value[0]):g} with a standard deviation of "
                 f"{data.scale.sigma:g}")
-            yield (f"{data.name}: readings come out {too_long(registration.scale)} "
-                   f"(+- {100.0 * half:.2g} %, 95 %){stated}.")
+            yield Note(f"{data.name}: readings come out {too_long(registration.scale)} "
+                       f"(+- {100.0 * half:.2g} %, 95 %){stated}.", NOTE)
 
 
 def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
@@ -224,9 +225,9 @@ def fitted_rows(problem: Problem, options: FitOptions, sigma: str
         if problem.earlier is not None and noise_check(fit).failed:
             # what was known before must not pay for the noise of the new rows
             fit, factor = with_estimated_noise(problem, options)
-            odd = [f"{d.name}: residuals are {f:.3g} times the stated noise: something is missing "
-                   "in the model, or sigma is too small; this file counts that much less; identify "
-                   "it alone, or look with `ppmcal diagnose`"
+            odd = [Note(f"{d.name}: residuals are {f:.3g} times the stated noise: something is "
+                        "missing in the model, or sigma is too small; this file counts that much "
+                        "less; identify it alone, or look with `ppmcal diagnose`")
                    for d, f in zip(problem.datasets, factor.tolist(), strict=True) if f > 1.0]
     _refuse_unconverged(fit, options)
     return fit, odd, told
@@ -247,14 +248,14 @@ def _refuse_unobservable(problem: Problem, source: str) -> None:
                        "a measured distance")
 
 
-def left_over(fit: Fit, seed: int) -> list[str]:
+def left_over(fit: Fit, seed: int) -> list[Note]:
     """Return what pattern a residual has that hardly any freedom is left for, in words."""
     pattern = left_over_pattern(fit)
     if pattern is None:
         return []
     touches = all(d.kind.touches for d in fit.problem.datasets)
     more = poses_to_tell(fit, pattern.slots, seed)
-    return [f"{pattern_sentence(pattern, more, touches)}."]
+    return [Note(f"{pattern_sentence(pattern, more, touches)}.")]
 
 
 def _held_out(holdout: Any, machine: Mechanism) -> tuple[tuple[Dataset, ...], float]:

@@ -23,6 +23,7 @@ from ppmcal.kinematics.tables import (
 )
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.wording import pluralize
 from ppmcal.wording.told import Told
 
@@ -102,7 +103,7 @@ class KinematicsResult(Result):
     @property
     def row_failures(self) -> Sequence[str]:
         """Sentences on rows that are not ok."""
-        return [f"row {n}: {s}: {r}" for n, s, r in self.failed]
+        return [Note(f"row {n}: {s}: {r}") for n, s, r in self.failed]
 
     @property
     def exit_code(self) -> int:

@@ -19,6 +19,7 @@ from ppmcal.io import read_poses
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.sidecar import read_instrument
 from ppmcal.model.mechanism import Effect, Mechanism
+from ppmcal.notes import NOTE, Note
 from ppmcal.store.provenance import source_of
 
 ABSOLUTE_ZERO = -273.15
@@ -82,12 +83,13 @@ def run(asked: PlanArguments) -> PlanResult:
 
 
 def _notes(effects: tuple[Effect, ...], names: tuple[str, ...], unused: tuple[str, ...]
-           ) -> list[str]:
-    out = [f"--{name} is not used: nothing that is asked for depends on it." for name in unused]
+           ) -> list[Note]:
+    out = [Note(f"--{name} is not used: nothing that is asked for depends on it.", NOTE)
+           for name in unused]
     others = sorted({e.kind.name for e in effects} - set(names))
     if others:
-        out.append(f"The file's effects {', '.join(others)} are left out; name them with --for to "
-                   "plan for them.")
+        out.append(Note(f"The file's effects {', '.join(others)} are left out; name them with "
+                        "--for to plan for them.", NOTE))
     return out
 
 

@@ -33,6 +33,7 @@ from ppmcal.io.sidecar import FORMAT, SidecarFile, sidecar_path
 from ppmcal.io.yaml import dump_yaml, read_yaml
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.store.output import Content, Output
 from ppmcal.store.provenance import origin_comment, source_of
 from ppmcal.units import LENGTHS, Units
@@ -265,7 +266,7 @@ def _in_unit(points: ForeignTable, unit: str) -> ForeignTable:
         for n, c in points.columns.items()})
 
 
-def _unsaid(table: Table, mechanism: Mechanism) -> tuple[dict[str, Any], list[str]]:
+def _unsaid(table: Table, mechanism: Mechanism) -> tuple[dict[str, Any], list[Note]]:
     """Return the sidecar of a table that has none, and what the user must add to it."""
     own = mechanism.units
     if "x" not in table.header and ({"height", "distance"} & set(table.header)):
@@ -279,9 +280,9 @@ def _unsaid(table: Table, mechanism: Mechanism) -> tuple[dict[str, Any], list[st
                "instrument": {"kind": "pose" if turning else "position",
                               "sigma": {**sigma, "estimated": True}},
                "frame": "unknown", "target": "unknown"}
-    return content, [f"no sidecar: units that no header states are taken as {own.length} and "
-                     f"{own.angle}, frame and target as unknown, and the noise is estimated. "
-                     "Write what you know into the YAML."]
+    return content, [Note(f"no sidecar: units that no header states are taken as {own.length} and "
+                          f"{own.angle}, frame and target as unknown, and the noise is estimated. "
+                          "Write what you know into the YAML.")]
 
 
 def _rounded(value: float, units: Units, quantity: str) -> float:

@@ -22,6 +22,7 @@ from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import STANDARD_GRAVITY
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
 from ppmcal.store.provenance import source_of
 from ppmcal.wording.told import ShortTable
 
@@ -54,12 +55,12 @@ class StiffnessResult(Result):
         return dict(self.record.files(self.study))
 
     @property
-    def failed(self) -> list[str]:
+    def failed(self) -> list[Note]:
         """Sentences on given poses (rows from 1) that have no answer."""
         if not self.chosen_poses:
             return []
         table = self.study.found.table
-        return [f"row {n + 1}: {s}: {r}" for n, (s, r) in
+        return [Note(f"row {n + 1}: {s}: {r}") for n, (s, r) in
                 enumerate(zip(table.status, table.reason, strict=True)) if s != "ok"]
 
     @property
@@ -98,13 +99,13 @@ def run(asked: StiffnessArguments) -> StiffnessResult:
 
 
 def _poses(grid_text: str | None, poses: Any, mechanism: Mechanism
-           ) -> tuple[Grid | None, Array, list[str]]:
+           ) -> tuple[Grid | None, Array, list[Note]]:
     """Return the grid, if there is one, the wanted poses (N, 6), and notes on them."""
     if poses is not None:
         table = read_poses(poses, mechanism)
         unused = [c for c in (*WRENCH, "payload") if c in table.header]
-        notes = [f"Columns {', '.join(unused)} of {poses} are not used: the load is that of "
-                 "--load or --payload."] if unused else []
+        notes = [Note(f"Columns {', '.join(unused)} of {poses} are not used: the load is that of "
+                      "--load or --payload.", NOTE)] if unused else []
         return None, table.poses, notes
     grid = read_grid(grid_text, mechanism)
     return grid, grid.poses(mechanism), []

@@ -33,6 +33,7 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table, refuse_singular_home
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.store.provenance import source_of
 from ppmcal.wording import number
 from ppmcal.wording.told import ShortTable
@@ -177,8 +178,8 @@ def _tasks(machine: Mechanism, asked: TolerancesArguments, tool: Array) -> tuple
     table = inverse_table(Model(machine), read_poses(asked.poses, machine).poses)
     good = np.array([s == "ok" for s in table.status], dtype=np.bool_)
     place = place_of(asked.poses, "poses")
-    notes = [f"{place}, row {n + 1}: {table.reason[n]}; not used as a task pose"
-             for n in np.flatnonzero(~good)]
+    notes: list[str] = [Note(f"{place}, row {n + 1}: {table.reason[n]}; not used as a task pose")
+                        for n in np.flatnonzero(~good)]
     if not good.any():
         raise BadInput(f"none of the {len(good)} task poses can be reached "
                        f"({table.reason[0]})", place, "Choose poses within limits")

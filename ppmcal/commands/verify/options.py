@@ -24,8 +24,9 @@ COMMAND = Command(
     about=("Make the results in {folders} again, and compare them value by value.",
            "Inputs are checked by their SHA-256. With the same version, libraries and processor "
            "every byte must be the same; elsewhere numbers may be off by a little, and everything "
-           "else not at all. Writes nothing. Exit code 0 same, 1 something differs, 2 an input is "
-           "missing or has changed, 3 the run itself fails."),
+           "else not at all, but for the wording of another version. Writes nothing. Exit code 0 "
+           "same, or in other words, 1 something differs, 2 an input is missing or has changed, 3 "
+           "the run itself fails."),
     examples=("ppmcal verify identified", "ppmcal verify identified --inputs archive"),
     result="VerificationResult", recorded=False,
     raises="BadInput: a folder is not there, or holds no results.")

@@ -23,7 +23,8 @@ from ppmcal.io.results.verification import (
     environment_words,
     status_of,
 )
-from ppmcal.store.differences import BOUNDS, DIFFERS, FileCheck, ValueDifference, compared
+from ppmcal.notes import Note
+from ppmcal.store.differences import compared
 from ppmcal.store.folder import RECORD, read_record, running
 from ppmcal.store.inputs import digest_of
 from ppmcal.store.provenance import IN_MEMORY
@@ -38,6 +39,7 @@ from ppmcal.store.runs import (
     runs_of,
     sandbox,
 )
+from ppmcal.store.tally import BOUNDS, DIFFERS, FileCheck, ValueDifference
 from ppmcal.wording.progress import stage
 from ppmcal.wording.told import ShortTable
 
@@ -58,9 +60,9 @@ class VerificationResult:
         return self.record.exit_code
 
     @property
-    def findings(self) -> tuple[str, ...]:
+    def findings(self) -> tuple[Note, ...]:
         """Return a sentence for each run that does not come out as it was."""
-        return tuple(r.sentence() for r in self.record.runs if r.exit_code)
+        return tuple(Note(r.sentence()) for r in self.record.runs if r.exit_code)
 
     def told(self) -> Iterator[str | ShortTable]:
         """Yield what became of each run."""
@@ -89,7 +91,8 @@ def run(asked: VerifyArguments) -> VerificationResult:
 
     Nothing is written but into a temporary folder. Where version, libraries and processor are as
     they were, every byte must be the same; elsewhere numbers may be off by a little, and
-    everything else not at all: see :mod:`ppmcal.store.differences`.
+    everything else not at all, but for the wording of another version: see
+    :mod:`ppmcal.store.tally`.
     """
     folders, inputs = asked.folders, asked.inputs
     if inputs is not None and not Path(inputs).is_dir():
@@ -158,19 +161,22 @@ def _compared(run: RecordedRun, source: Mapping[str, Any], box: Sandbox) -> Iter
     """Yield what came out, folder by folder."""
     apart = environment_words({"version": run.source.version, **run.source.environment},
                               {"version": source["version"], **source["environment"]})
+    reword = run.source.version != source["version"]
     out = box.place(run.source.options["out"]) if run.whole else _results(run, box)
-    yield _files(run, out, apart, box)
+    yield _files(run, out, apart, box, reword)
     for within in folders_within(run.folder) if run.whole else ():
         other = out / within.relative_to(run.folder)
         for one in runs_of(within):
-            yield _files(one, other, apart, box) if (other / RECORD).is_file() else _ended(
+            yield _files(one, other, apart, box, reword) if (other / RECORD).is_file() else _ended(
                 one, DIFFERS, "is not written any more.")
 
 
-def _files(run: RecordedRun, other: Path, apart: tuple[str, ...], box: Sandbox) -> RunCheck:
+def _files(run: RecordedRun, other: Path, apart: tuple[str, ...], box: Sandbox, reword: bool
+           ) -> RunCheck:
     """Compare the files of a run with those of ``other``."""
-    files = [_file(name, run.folder / name, other / name, run.digests.get(name, ""), not apart,
-                   box) for name in dict.fromkeys([*run.digests, *read_record(other).files])]
+    names = dict.fromkeys([*run.digests, *read_record(other).files])
+    files = [_file(name, run.folder / name, other / name, run.digests.get(name, ""), not apart, box,
+                   reword) for name in names]
     return RunCheck(folder=str(run.folder), command=run.command, status=status_of(files),
                     environment=apart, files=tuple(files))
 
@@ -181,8 +187,8 @@ def _ended(run: RecordedRun, status: str, message: str = "", inputs: Sequence[In
                     inputs=tuple(inputs))
 
 
-def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sandbox
-          ) -> FileCheck:
+def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sandbox,
+          reword: bool) -> FileCheck:
     """Compare one file with what came out.
 
     Args:
@@ -192,6 +198,7 @@ def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sa
         digest: its SHA-256 when it was written, empty where that is not recorded.
         exact: whether bytes must be the same.
         box: whose own paths are taken out.
+        reword: whether another version may say it in other words.
     """
     now, then = digest_of(again), digest_of(there)
     if not (now and then):
@@ -199,7 +206,8 @@ def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sa
         return FileCheck(file=name, status=DIFFERS, count=1, worst=ValueDifference(place=gone))
     if now == then:
         return FileCheck(file=name)
-    found = compared(name, there.read_bytes(), again.read_bytes(), exact, os.fsencode(box.root))
+    found = compared(name, there.read_bytes(), again.read_bytes(), exact, os.fsencode(box.root),
+                     reword)
     if digest and then != digest:
         return replace(found, edited=True, status=DIFFERS)
     return found

@@ -13,6 +13,7 @@ from ppmcal.controllers.delta.geometry import MM
 from ppmcal.controllers.export import Exported, Number
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 
 
 def export_delta(firmware: DeltaFirmware[Any, Any], mechanism: Mechanism, old: Path | None,
@@ -49,7 +50,7 @@ def export_delta(firmware: DeltaFirmware[Any, Any], mechanism: Mechanism, old: P
         np.pad(found.points, ((0, 0), (0, 3))))
 
 
-def _comment(firmware: DeltaFirmware[Any, Any], found: DeltaFit[Any], notes: tuple[str, ...],
+def _comment(firmware: DeltaFirmware[Any, Any], found: DeltaFit[Any], notes: tuple[Note, ...],
              name: str) -> str:
     return "\n".join([f"{name}: error if the model is exact {found.after.words()}, before "
                       f"{found.before.words()}.", *firmware.how(found.new),

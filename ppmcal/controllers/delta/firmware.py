@@ -11,6 +11,7 @@ from ppmcal.controllers.delta.geometry import DeltaGeometry
 from ppmcal.controllers.export import NotExpressed
 from ppmcal.controllers.pose_errors import ErrorSummary
 from ppmcal.linalg import Array
+from ppmcal.notes import Note
 
 DeltaConfig = TypeVar("DeltaConfig")
 DeltaNumbers = TypeVar("DeltaNumbers")
@@ -34,7 +35,7 @@ class DeltaFit(Generic[DeltaNumbers]):
     points: Array
     radius: float
     not_expressed: tuple[NotExpressed, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
     @property
     def exact(self) -> bool:
@@ -79,7 +80,7 @@ class DeltaFirmware(Generic[DeltaConfig, DeltaNumbers]):
     table: Callable[[DeltaNumbers], Iterable[tuple[str, str, float]]]
     text: Callable[[DeltaNumbers, str], str]
     how: Callable[[DeltaNumbers], Iterable[str]]
-    advice: Callable[[DeltaFit[DeltaNumbers], Path | None, DeltaConfig | None], Iterable[str]]
-    notes: Callable[[DeltaFit[DeltaNumbers]], Iterable[str]] = lambda _: ()
+    advice: Callable[[DeltaFit[DeltaNumbers], Path | None, DeltaConfig | None], Iterable[Note]]
+    notes: Callable[[DeltaFit[DeltaNumbers]], Iterable[Note]] = lambda _: ()
     check: Callable[[DeltaNumbers, str], None] = lambda *_: None
     fitted: str = "most of the geometry, fitted"

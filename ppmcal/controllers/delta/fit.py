@@ -30,6 +30,7 @@ from ppmcal.controllers.pose_errors import ErrorSummary, PlanarMotion, rms
 from ppmcal.errors import NoResult
 from ppmcal.linalg import Array, guarded
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
 
 EXACT = 1e-9
 """A firmware expresses a machine whose largest error is below this, m."""
@@ -209,22 +210,24 @@ def _only(mechanism: Mechanism, limb: int, name: str, used: tuple[int, ...]) -> 
 
 
 def _notes(drive: DeltaDrive, removed: PlanarMotion, firmware: DeltaFirmware[Any, Any]
-           ) -> Iterator[str]:
+           ) -> Iterator[Note]:
     """Yield what a user should know of how the machine became the firmware's."""
     mechanism = drive.mechanism
     limbs = [mechanism.limbs[i] for i in drive.towers]
     pairs = [(limb.name, tower) for limb, tower in zip(limbs, firmware.towers, strict=True)]
     if not all(tower.endswith(name) for name, tower in pairs):
-        yield "towers: " + ", ".join(f"{name} is {tower}" for name, tower in pairs)
+        yield Note("towers: " + ", ".join(f"{name} is {tower}" for name, tower in pairs), NOTE)
     if abs(removed.turn) > NEGLIGIBLE:
-        yield (f"the machine is turned by {np.degrees(removed.turn):.4g} deg about z, so that "
-               f"tower {limbs[2].name} stands at 90 deg; prints turn with it")
+        yield Note(f"the machine is turned by {np.degrees(removed.turn):.4g} deg about z, so that "
+                   f"tower {limbs[2].name} stands at 90 deg; prints turn with it", NOTE)
     if np.hypot(*removed.shift) > NEGLIGIBLE:
-        yield (f"the model's x = y = 0 becomes {removed.shift[0] / MM:.4g}, "
-               f"{removed.shift[1] / MM:.4g} mm: {firmware.title} counts from the middle of the "
-               f"towers, and so has one {firmware.radius} for them")
+        yield Note(
+            f"the model's x = y = 0 becomes {removed.shift[0] / MM:.4g}, "
+            f"{removed.shift[1] / MM:.4g} mm: {firmware.title} counts from the middle of the "
+            f"towers, and so has one {firmware.radius} for them", NOTE)
     values = [limb.slots.values(mechanism.values) for limb in limbs]
     if any(v.get(f"platform.point.{c}", 0.0) for v in values for c in "xy"):
-        yield f"the effector's radius is taken off {firmware.radius}: only the difference shows"
+        yield Note(f"the effector's radius is taken off {firmware.radius}: only the difference "
+                   "shows", NOTE)
     if any(v.get(f"{part}.point.z", 0.0) for v in values for part in ("base", "platform")):
-        yield f"heights of joints went into {firmware.endstops}"
+        yield Note(f"heights of joints went into {firmware.endstops}", NOTE)

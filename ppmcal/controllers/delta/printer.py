@@ -14,6 +14,7 @@ import numpy as np
 from ppmcal.controllers.delta.geometry import DeltaGeometry, Triple
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
+from ppmcal.notes import Note
 
 LEAST_RADIUS, LEAST_OFFSET, LEAST_RODS = 1.0, 1.0, 0.3
 """Tolerances, mm: how far a radius, an endstop and a measured rod are from what is said."""
@@ -43,7 +44,7 @@ class Nominal:
     rods: float = WIDE_RODS
     rods_known: bool = True
     rods_stated: bool = False
-    findings: tuple[str, ...] = ()
+    findings: tuple[Note, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Mesh:
 
     name: str
     rows: tuple[tuple[float, ...], ...]
-    findings: tuple[str, ...] = ()
+    findings: tuple[Note, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ class Printer:
     heights: tuple[tuple[float, ...], ...] = ()
     distances: tuple[tuple[float, ...], ...] = ()
     meshes: tuple[Mesh, ...] = ()
-    findings: tuple[str, ...] = ()
+    findings: tuple[Note, ...] = ()
     result: DeltaGeometry | None = None
     included: tuple[str, ...] = ()
     off: Mapping[str, float] = field(default_factory=dict)
@@ -132,12 +133,12 @@ def offsets(geometry: DeltaGeometry) -> Triple:
     return a, b, c
 
 
-def far_radius(given: float, active: float) -> list[str]:
+def far_radius(given: float, active: float) -> list[Note]:
     """Return what to say of a radius, mm, that is not the one the printer prints with."""
-    return [] if abs(given - active) <= FAR else [
+    return [] if abs(given - active) <= FAR else [Note(
         f"--radius {given:g} is {abs(given - active):.3g} mm from the {active:g} mm that it prints "
         "with: give the distance from the rods' joints at a tower to those at the effector, the "
-        "effector in the middle, seen from above"]
+        "effector in the middle, seen from above")]
 
 
 def tolerance(least: float, apart: float) -> float:
@@ -147,7 +148,7 @@ def tolerance(least: float, apart: float) -> float:
 
 def nominal_of(source: str, meant: DeltaGeometry, active: DeltaGeometry, origin: dict[str, str],
                rods: float | None, unknown: Collection[str] = (), rods_known: bool = True,
-               findings: Sequence[str] = ()) -> Nominal:
+               findings: Sequence[Note] = ()) -> Nominal:
     """Return what a printer was meant to be that prints with ``active`` numbers.
 
     Args:
@@ -196,7 +197,7 @@ def mesh_of(name: str, what: str, height: float, down: Array, way: Array) -> Mes
         way: of travel along x (N,).
     """
     good = np.isfinite(down).all(axis=1)
-    told = () if good.all() else (f"{what}: {int((~good).sum())} points are out of the rods' "
-                                  "reach, and left out",)
+    told = () if good.all() else (Note(
+        f"{what}: {int((~good).sum())} points are out of the rods' reach, and left out"),)
     rows = np.column_stack([np.full(len(down), height), down, way])[good]
     return Mesh(re.sub(r"[^A-Za-z0-9_-]", "_", name), tuple(map(tuple, rows.tolist())), told)

@@ -26,6 +26,7 @@ from ppmcal.kinematics.region import Grid, named
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.notes import NOTE, Note
 
 TABLE = "grid.csv"
 SEED = 1
@@ -100,35 +101,39 @@ def _reasons(found: Corrected) -> str:
 
 
 def _notes(mechanism: Mechanism, grid: Grid | None, found: Corrected, further: list[str]
-           ) -> Iterator[str]:
+           ) -> Iterator[Note]:
     """Yield what a user should know of the rows."""
     missing = len(found.good) - int(found.good.sum())
     if missing and grid is not None:
-        yield (f"{missing} of {len(found.good)} poses have no command and are left out: "
-               f"{_reasons(found)}")
+        yield Note(f"{missing} of {len(found.good)} poses have no command and are left out: "
+                   f"{_reasons(found)}", NOTE)
     ends = {} if mechanism.measured is None else mechanism.measured.ranges
     cut = [] if grid is None else [name for name, level in zip(grid.names, grid.levels, strict=True)
                                    if {level[0], level[-1]} & {*ends.get(name, ())}]
     if cut:
-        yield f"the grid ends where the measurements of {', '.join(cut)} do, not at the limits"
+        yield Note(
+            f"the grid ends where the measurements of {', '.join(cut)} do, not at the limits", NOTE)
     if grid is None:
-        yield "between the poses of a list nothing is predicted: the figures are at the poses"
+        yield Note(
+            "between the poses of a list nothing is predicted: the figures are at the poses", NOTE)
     open_ = [POSE_COORDINATES[c] for c in mechanism.dof if c not in named(mechanism)]
     if open_:
-        yield f"{', '.join(open_)} follow from the other coordinates and are not commanded"
+        yield Note(
+            f"{', '.join(open_)} follow from the other coordinates and are not commanded", NOTE)
     if further:
-        yield (f"the columns {', '.join(further)} are not used; `ppmcal compensate` makes commands "
-               "for given directions, loads and temperatures")
+        yield Note(
+            f"the columns {', '.join(further)} are not used; `ppmcal compensate` makes commands "
+            "for given directions, loads and temperatures", NOTE)
     yield from instrument_notes(mechanism)
 
 
-def _advice(mechanism: Mechanism, grid: Grid | None) -> str:
+def _advice(mechanism: Mechanism, grid: Grid | None) -> Note:
     names = ", ".join(f"cmd_{POSE_COORDINATES[c]}" for c in named(mechanism))
     joints = ", ".join(f"q_{a}" for a in mechanism.actuators[:1])
     between = ("" if grid is None else " In between, interpolate the difference of command and "
                "wanted pose linearly in each coordinate.")
-    return (f"Ask a controller with the nominal geometry for {names} to get the pose before them, "
-            f"or send the joint values ({joints}, ...).{between}")
+    return Note(f"Ask a controller with the nominal geometry for {names} to get the pose before "
+                f"them, or send the joint values ({joints}, ...).{between}", NOTE)
 
 
 def _extra(mechanism: Mechanism, grid: Grid | None, found: Corrected) -> dict[str, Any]:

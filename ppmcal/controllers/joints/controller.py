@@ -27,6 +27,7 @@ from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
 
 SEED = 1
 MOST_TRIED = 500
@@ -144,39 +145,40 @@ def geometry_parameters(mechanism: Mechanism) -> list[int]:
             if i not in others and p.value != p.nominal]
 
 
-def _notes(mechanism: Mechanism, tables: tuple[CorrectionTable, ...]) -> Iterator[str]:
+def _notes(mechanism: Mechanism, tables: tuple[CorrectionTable, ...]) -> Iterator[Note]:
     """Yield what a user should know of the numbers."""
     worst = max(tables, key=lambda t: t.error * t.factor)
     size = f"{worst.error:.2g} {worst.unit}".rstrip()
-    yield f"between its points a table is off by {size} at most ({worst.actuator})"
-    yield ("forward is written so that the command plus nominal - forward is right; it differs "
-           "from the joint's actual position there by errors times slopes")
+    yield Note(f"between its points a table is off by {size} at most ({worst.actuator})", NOTE)
+    yield Note("forward is written so that the command plus nominal - forward is right; it differs "
+               "from the joint's actual position there by errors times slopes", NOTE)
     known = known_limits(mechanism)
     for t, have, want in zip(tables, known, mechanism.limits, strict=True):
         if have[0] > want[0] or have[1] < want[1]:
-            yield (f"the table of {t.actuator} ends at {have[0] / t.factor:.6g} and "
-                   f"{have[1] / t.factor:.6g} {t.unit}".rstrip() + ": beyond, an effect of the "
-                   "model is not known")
+            yield Note(f"the table of {t.actuator} ends at {have[0] / t.factor:.6g} and "
+                       f"{have[1] / t.factor:.6g} {t.unit}".rstrip() + ": beyond, an effect of the "
+                       "model is not known", NOTE)
     bare = [t.actuator for t in tables if not t.unit]
     if bare:
-        yield (f"{', '.join(bare)} counts in the mechanism file's bare numbers: so must the "
-               "controller's joint")
+        yield Note(f"{', '.join(bare)} counts in the mechanism file's bare numbers: so must the "
+                   "controller's joint", NOTE)
     yield from instrument_notes(mechanism)
 
 
-def _advice(tables: tuple[CorrectionTable, ...]) -> Iterator[str]:
+def _advice(tables: tuple[CorrectionTable, ...]) -> Iterator[Note]:
     """Yield what LinuxCNC's own documents and source ask for."""
     units = sorted({t.unit for t in tables if t.unit})
     name = file_name(tables[0])
-    yield (f"For each joint, in its section [JOINT_n]: COMP_FILE = {name} (and so on), "
-           "COMP_FILE_TYPE = 0. BACKLASH is not used then."
-           + (f" The numbers are in {' and '.join(units)}." if units else ""))
-    yield ("LinuxCNC uses the tables while it homes. After homing to a switch, without an index "
-           "or an absolute encoder, it counts from the table's value there: lower HOME_OFFSET by "
-           "nominal - forward at the switch (reverse, if the last approach goes down), and home "
-           "twice after switching on.")
-    yield ("Where the directions differ the joint makes a jump on reversal: leave the step "
-           "generator or drive 1.5 to 2 times MAX_ACCELERATION.")
+    yield Note(f"For each joint, in its section [JOINT_n]: COMP_FILE = {name} (and so on), "
+               "COMP_FILE_TYPE = 0. BACKLASH is not used then."
+               + (f" The numbers are in {' and '.join(units)}." if units else ""), NOTE)
+    yield Note(
+        "LinuxCNC uses the tables while it homes. After homing to a switch, without an index "
+        "or an absolute encoder, it counts from the table's value there: lower HOME_OFFSET by "
+        "nominal - forward at the switch (reverse, if the last approach goes down), and home "
+        "twice after switching on.", NOTE)
+    yield Note("Where the directions differ the joint makes a jump on reversal: leave the step "
+               "generator or drive 1.5 to 2 times MAX_ACCELERATION.", NOTE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ from ppmcal.controllers.klipper.reading import read_printer
 from ppmcal.controllers.klipper.refit import with_own_fit
 from ppmcal.errors import NoResult
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
 
 COPY = "printer.cfg"
 
@@ -33,10 +34,11 @@ def _table(geometry: DeltaGeometry) -> Iterator[tuple[str, str, float]]:
 
 
 def _advice(found: DeltaFit[DeltaGeometry], old: Path | None, config: Config | None
-            ) -> Iterator[str]:
+            ) -> Iterator[Note]:
     if old is not None:
-        yield (f"Paste the lines of {KLIPPER.file} into {old}, above its #*# lines and below all "
-               "other sections: there they win; or --write makes such a copy.")
+        yield Note(
+            f"Paste the lines of {KLIPPER.file} into {old}, above its #*# lines and below all "
+            "other sections: there they win; or --write makes such a copy.", NOTE)
 
 
 def refuse_endstops(new: DeltaGeometry, source: str) -> None:
@@ -77,9 +79,10 @@ def patch(exported: Exported, old: Path) -> Exported:
     numbers = {n.name: n.new for n in exported.numbers}
     wanted = read_geometry(parse_config(exported.files[KLIPPER.file], KLIPPER.file))
     text, told = patched(old, numbers, wanted)
-    advice = (f"The {COPY} written is a copy of {old} with the new numbers in its #*# lines"
-              f"{f'; {told}' if told else ''}. Keep the old one, put the copy in its place, and "
-              "restart.")
+    advice = Note(
+        f"The {COPY} written is a copy of {old} with the new numbers in its #*# lines"
+        f"{f'; {told}' if told else ''}. Keep the old one, put the copy in its place, and restart.",
+        NOTE)
     return replace(exported, files={**exported.files, COPY: text}, advice=(advice,))
 
 

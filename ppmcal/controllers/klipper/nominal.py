@@ -16,6 +16,7 @@ from ppmcal.controllers.delta.printer import FAR, WIDE_RODS, Nominal, far_radius
 from ppmcal.controllers.klipper.config import LARGEST, Config
 from ppmcal.controllers.klipper.lines import HEADER
 from ppmcal.errors import BadInput
+from ppmcal.notes import Note
 
 SKEW = 5.0
 """So was an angle, degrees."""
@@ -56,7 +57,7 @@ def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = Non
         rods, {key for key, place in origin.items() if place == _SAVED}, known, findings)
 
 
-def _radius(config: Config, body: _Body, active: DeltaGeometry, findings: list[str]
+def _radius(config: Config, body: _Body, active: DeltaGeometry, findings: list[Note]
             ) -> tuple[float, str]:
     """Return the radius and where it is from; a placeholder is none."""
     radius, origin = _one(config, body, "printer", "delta_radius", active.radius)
@@ -66,16 +67,16 @@ def _radius(config: Config, body: _Body, active: DeltaGeometry, findings: list[s
     return active.radius, _SAVED
 
 
-def _placeholder(key: str, value: float, now: float, origin: str) -> str:
+def _placeholder(key: str, value: float, now: float, origin: str) -> Note:
     place = "in a comment of the body" if origin == _COMMENT else "in the body of the file"
-    return (f"{key} {value:g} mm {place} is {abs(value - now):.3g} mm from the {now:g} mm that "
-            "the printer saved: it is taken for a placeholder, not for the nominal value")
+    return Note(f"{key} {value:g} mm {place} is {abs(value - now):.3g} mm from the {now:g} mm that "
+                "the printer saved: it is taken for a placeholder, not for the nominal value")
 
 
 _Body = dict[tuple[str, str], tuple[float, bool]]
 
 
-def _body(config: Config) -> tuple[_Body, list[str]]:
+def _body(config: Config) -> tuple[_Body, list[Note]]:
     """Return (section, key) -> (value, whether it is commented out), and what is ambiguous."""
     out: _Body = {}
     several: dict[str, list[float]] = {}
@@ -99,8 +100,9 @@ def _body(config: Config) -> tuple[_Body, list[str]]:
             several.setdefault(f"[{section}] {place[1]}", [out[place][0]]).append(value)
         out[place] = value, quiet
     keys = ("delta_radius", "arm_length", "position_endstop", "angle")
-    return out, [f"{name}: {', '.join(f'{v:g}' for v in values)} are commented out: the last is "
-                 "taken as nominal" for name, values in several.items() if name.endswith(keys)]
+    return out, [Note(f"{name}: {', '.join(f'{v:g}' for v in values)} are commented out: the last "
+                      "is taken as nominal") for name, values in several.items()
+                 if name.endswith(keys)]
 
 
 def _one(config: Config, body: _Body, section: str, key: str, active: float) -> tuple[float, str]:
@@ -128,7 +130,7 @@ def _towers(config: Config, body: _Body, key: str, active: Triple) -> tuple[Trip
 
 
 def _rods(config: Config, body: _Body, active: DeltaGeometry, given: float | None,
-          findings: list[str]) -> tuple[Triple, str, bool]:
+          findings: list[Note]) -> tuple[Triple, str, bool]:
     """Return the rods, where they are from, and whether that is more than a saved result."""
     if given is not None:
         return (given, given, given), "--rods", True
@@ -136,11 +138,11 @@ def _rods(config: Config, body: _Body, active: DeltaGeometry, given: float | Non
     if origin != _SAVED:
         return arms, origin, True
     mean = float(np.mean(active.arms))
-    findings.append(
+    findings.append(Note(
         f"the rods' nominal length is not known: all that the file holds is what a calibration "
         f"saved ({', '.join(f'{a:g}' for a in active.arms)} mm). Their mean {mean:.3f} mm is taken "
         f"with a tolerance of {WIDE_RODS:g} mm; measure a rod from bearing to bearing, or look at "
-        "its drawing, and give --rods LENGTH")
+        "its drawing, and give --rods LENGTH"))
     return (mean, mean, mean), _SAVED, False
 
 

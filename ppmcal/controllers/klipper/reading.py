@@ -23,6 +23,7 @@ from ppmcal.controllers.klipper.config import (
 from ppmcal.controllers.klipper.nominal import read_nominal
 from ppmcal.errors import BadInput, unknown
 from ppmcal.linalg import Array
+from ppmcal.notes import Note
 from ppmcal.store.inputs import read_bytes
 
 _GEOMETRY = tuple(name.split(".") for name in GEOMETRY_KEYS)
@@ -60,16 +61,18 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
     distances = [_travelled(row, (a, b, c))
                  for row in read_rows(config, "distance", ("pos1", "pos2"))]
     beds = tuple(_mesh(config, geometry, name) for name in meshes)
-    findings = [f"[include {name}] is not beside the file, and not followed: what stands there is "
-                "not known" for name in config.includes]
+    findings = [Note(f"[include {name}] is not beside the file, and not followed: what stands "
+                     "there is not known") for name in config.includes]
     findings += _overruled(config)
     if not heights and not beds:
         held = ", ".join(_mesh_names(config))
-        findings.append("the file holds no measured heights: run DELTA_CALIBRATE and SAVE_CONFIG "
-                        "on the printer, then import again"
-                        + (f"; or import a mesh with --mesh: {held}" if held else ""))
+        findings.append(Note(
+            "the file holds no measured heights: run DELTA_CALIBRATE and SAVE_CONFIG "
+            "on the printer, then import again"
+            + (f"; or import a mesh with --mesh: {held}" if held else "")))
     elif len(heights) < len(TOWERS) + 3 and not distances and not beds:
-        findings.append(f"{len(heights)} heights cannot tell 6 parameters apart: measure more")
+        findings.append(Note(
+            f"{len(heights)} heights cannot tell 6 parameters apart: measure more"))
     findings += [*nominal.findings, *(f for bed in beds for f in bed.findings)]
     return Printer(str(path), geometry, (a, b, c), nominal, _saved(config), tuple(heights),
                    tuple(distances), beds, tuple(findings), result, config.files)
@@ -89,11 +92,11 @@ def _equal(one: str, two: str) -> bool:
     return one == two
 
 
-def _overruled(config: Config) -> list[str]:
+def _overruled(config: Config) -> list[Note]:
     """Return what to say of saved numbers that the firmware does not take."""
     if config.unread:
-        return [f"Klipper reads nothing of the #*# lines: {config.unread}. What they hold is taken "
-                "here as saved; the printer prints without it"]
+        return [Note(f"Klipper reads nothing of the #*# lines: {config.unread}. What they hold is "
+                     "taken here as saved; the printer prints without it")]
     out = []
     for section, key in _GEOMETRY:
         saved = config.hidden.get(section, {}).get(key)
@@ -101,9 +104,10 @@ def _overruled(config: Config) -> list[str]:
         if saved is not None and now is not None and not _equal(now.text, saved.text):
             out.append(f"[{section}] {key} {now.text} (line {now.line}) wins over the {saved.text} "
                        f"that the printer saved (line {saved.line})")
-    return [f"{out[0]}{f', and so do {len(out) - 1} more' if out[1:] else ''}: Klipper takes what "
-            "stands above the #*# lines, so it does not print with its calibration. Comment them "
-            "out there, or `ppmcal export klipper ... --write`"] if out else []
+    return [Note(
+        f"{out[0]}{f', and so do {len(out) - 1} more' if out[1:] else ''}: Klipper takes what "
+        "stands above the #*# lines, so it does not print with its calibration. Comment them "
+        "out there, or `ppmcal export klipper ... --write`")] if out else []
 
 
 def _mesh_names(config: Config) -> list[str]:

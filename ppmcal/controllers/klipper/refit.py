@@ -22,6 +22,7 @@ from ppmcal.errors import PpmcalError
 from ppmcal.io import read_mechanism
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.wording import too_long
 
 CLOSE = 0.002
@@ -129,9 +130,9 @@ def differences(saved: DeltaGeometry, found: DeltaGeometry) -> dict[str, float]:
     return {key: off[key] for key in off if abs(far[key]) > CLOSE}
 
 
-def sentence(off: Mapping[str, float]) -> str:
+def sentence(off: Mapping[str, float]) -> Note:
     """Return what the differences of saved numbers mean."""
     words = ", ".join(f"{key} by {v:+.3f} {'deg' if key.endswith('angle') else 'mm'}"
                       for key, v in sorted(off.items(), key=lambda kv: -abs(kv[1])))
-    return (f"the saved numbers are not what these touches give with the printer's own fit: off "
-            f"are {words}. They were edited by hand, or saved with other touches")
+    return Note(f"the saved numbers are not what these touches give with the printer's own fit: "
+                f"off are {words}. They were edited by hand, or saved with other touches")

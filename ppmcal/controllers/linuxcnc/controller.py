@@ -44,6 +44,7 @@ from ppmcal.io import read_poses
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
 from ppmcal.units import LENGTHS
 
 HAL, JOINTS = "genhexkins.hal", "joints.ini"
@@ -62,7 +63,7 @@ class Over:
 
     pose: Array
     words: str
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
@@ -150,7 +151,7 @@ def _given(mechanism: Mechanism, path: Path) -> Over:
                        "Give platform poses in the base frame, in the units of MODEL")
     lost = len(pose) - int(good.sum())
     return Over(pose[good], f"the {int(good.sum())} poses of {path}", () if not lost else (
-        f"{lost} of the {len(pose)} poses are out of reach or limits and left aside",))
+        Note(f"{lost} of the {len(pose)} poses are out of reach or limits and left aside", NOTE),))
 
 
 def _taken(
@@ -169,7 +170,7 @@ def _taken(
                        "Check that they are this machine's, and its struts numbered as in MODEL")
     lost = int(np.sum(~good))
     return replace(over, pose=over.pose[good], notes=(*over.notes, *(
-        [f"{lost} poses that it does not get to with the old points are left aside"]
+        [Note(f"{lost} poses that it does not get to with the old points are left aside", NOTE)]
         if lost else [])))
 
 
@@ -263,33 +264,36 @@ def _only(mechanism: Mechanism, used: list[int]) -> Mechanism:
 
 def _notes(
     drive: LinuxcncDrive, new: GenhexkinsSetting, unit: str, fitted_elsewhere: bool
-) -> Iterator[str]:
+) -> Iterator[Note]:
     """Yield what a user should know of how the machine became genhexkins'."""
     mechanism, legs, geometry = drive.mechanism, drive.legs, new.geometry
-    yield (f"limbs {mechanism.limbs[0].name} to {mechanism.limbs[-1].name} are struts and joints "
-           f"0 to 5; lengths are in {WORD[unit]}")
+    yield Note(
+        f"limbs {mechanism.limbs[0].name} to {mechanism.limbs[-1].name} are struts and joints "
+        f"0 to 5; lengths are in {WORD[unit]}", NOTE)
     shifted = [limb.name for limb in mechanism.limbs if any(
         limb.slots.values(mechanism.values).get(f"joint1.{c}", 0.0) for c in "xyz")]
     if shifted:
-        yield f"shifts of joint 1 went into the base points of {', '.join(shifted)}"
+        yield Note(f"shifts of joint 1 went into the base points of {', '.join(shifted)}", NOTE)
     if np.any(legs.along):
-        yield "shifts of joints 2 and 3 along the driven lines went into HOME_OFFSET"
+        yield Note("shifts of joints 2 and 3 along the driven lines went into HOME_OFFSET", NOTE)
     if geometry.screw_lead:
-        yield (f"screw-lead {geometry.screw_lead:g} and the joints' axes stay as they are: the "
-               "model knows nothing of nuts that turn with the joints, so its joint values have "
-               "to be strut lengths, without genhexkins.correction")
+        yield Note(
+            f"screw-lead {geometry.screw_lead:g} and the joints' axes stay as they are: the "
+            "model knows nothing of nuts that turn with the joints, so its joint values have "
+            "to be strut lengths, without genhexkins.correction", NOTE)
     if geometry.spindle_offset or geometry.tool_offset:
-        yield ("spindle-offset and tool-offset stay as they are; the figures are those of the "
-               "platform's own origin")
+        yield Note("spindle-offset and tool-offset stay as they are; the figures are those of the "
+                   "platform's own origin", NOTE)
     if fitted_elsewhere:
-        yield "the numbers were fitted over poses around home, not over the given ones"
+        yield Note("the numbers were fitted over poses around home, not over the given ones", NOTE)
 
 
-def _advice(ini: tuple[Joint, ...], unit: str) -> Iterator[str]:
+def _advice(ini: tuple[Joint, ...], unit: str) -> Iterator[Note]:
     """Yield how to bring the numbers into the controller."""
-    yield (f"Load {HAL} by HALFILE in place of the lines that set these pins now; "
-           f"[TRAJ]LINEAR_UNITS must be {WORD[unit]}.")
+    yield Note(f"Load {HAL} by HALFILE in place of the lines that set these pins now; "
+               f"[TRAJ]LINEAR_UNITS must be {WORD[unit]}.", NOTE)
     changed = [str(n) for n, j in enumerate(ini) if (j.stretch, j.shift) != (1.0, 0.0)]
     if changed:
-        yield (f"Change the INI file's sections of joints {', '.join(changed)} as {JOINTS} says, "
-               "once: the points are right only together with that.")
+        yield Note(
+            f"Change the INI file's sections of joints {', '.join(changed)} as {JOINTS} says, "
+            "once: the points are right only together with that.", NOTE)

@@ -22,6 +22,7 @@ from ppmcal.controllers.reprap.config import (
 )
 from ppmcal.controllers.reprap.reading import read_printer
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
 
 FAR = 5.0
 """Endstops that move by more than this, mm, are rather a mistake in the model."""
@@ -55,29 +56,33 @@ def _how(new: Delta) -> Iterator[str]:
         yield "B, the printable radius, stays as it is: no --old said it."
 
 
-def _notes(found: DeltaFit[Delta]) -> Iterator[str]:
+def _notes(found: DeltaFit[Delta]) -> Iterator[Note]:
     if any(found.new.endstops) or any(found.old.endstops):
-        yield ("X, Y, Z of M666 have mean 0 and H holds the rest, as the firmware's own "
-               "calibration leaves them: only their sums with H count")
+        yield Note("X, Y, Z of M666 have mean 0 and H holds the rest, as the firmware's own "
+                   "calibration leaves them: only their sums with H count", NOTE)
     if len(set(found.new.rods)) > 1:
-        yield "three rods in L of M665 need firmware 2.03 or later"
+        yield Note("three rods in L of M665 need firmware 2.03 or later", NOTE)
     if any(found.old.tilt):
-        yield ("the tilt of the bed, A and B of M666, becomes 0: heights of endstops tilt every "
-               "level in the same way, and hold it")
+        yield Note(
+            "the tilt of the bed, A and B of M666, becomes 0: heights of endstops tilt every "
+            "level in the same way, and hold it", NOTE)
 
 
-def _advice(found: DeltaFit[Delta], old: Path | None, config: Lines | None) -> Iterator[str]:
-    yield (f"Put the lines of {REPRAP.file} in place of M665 and M666 in config.g; where M501 runs "
-           "there, those of config-override.g win: change them there, or take them out.")
+def _advice(found: DeltaFit[Delta], old: Path | None, config: Lines | None) -> Iterator[Note]:
+    yield Note(
+        f"Put the lines of {REPRAP.file} in place of M665 and M666 in config.g; where M501 runs "
+        "there, those of config-override.g win: change them there, or take them out.", NOTE)
     if config is not None:
         higher = float(np.mean(np.subtract(found.new.endstops, found.old.endstops)))
         higher += found.new.height - found.old.height
         if abs(higher) > FAR:
-            yield (f"The endstops go {higher:+.1f} mm from where {config.source} has them: before "
-                   "you home, check that the model's `limits` end there.")
+            yield Note(
+                f"The endstops go {higher:+.1f} mm from where {config.source} has them: before "
+                "you home, check that the model's `limits` end there.", NOTE)
         for place in config.overruled():
-            yield (f"{config.source}: {place} runs another file, which is not followed: if that "
-                   "holds M665 or M666, give it as --old.")
+            yield Note(
+                f"{config.source}: {place} runs another file, which is not followed: if that "
+                "holds M665 or M666, give it as --old.", NOTE)
 
 
 REPRAP = DeltaFirmware(

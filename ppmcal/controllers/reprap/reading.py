@@ -17,6 +17,7 @@ from ppmcal.controllers.reprap.config import Delta, Lines, read_delta, read_line
 from ppmcal.errors import BadInput
 from ppmcal.limits import CONFIG_BYTES
 from ppmcal.linalg import Array
+from ppmcal.notes import Note
 from ppmcal.store.inputs import read_bytes
 
 OVERRIDE = "config-override.g"
@@ -60,18 +61,18 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
         "delta_radius": "--radius" if radius else where, "rods": "--rods" if rods else where,
         "endstops": where}, rods)
     if any(active.tilt):
-        findings.append(f"A{active.tilt[0]:g} B{active.tilt[1]:g} of M666 tilt the bed: the "
-                        "touches are taken with it, the machine has it in its endstops")
+        findings.append(Note(f"A{active.tilt[0]:g} B{active.tilt[1]:g} of M666 tilt the bed: the "
+                             "touches are taken with it, the machine has it in its endstops"))
     beds = tuple(_mesh(Path(path), active, Path(name)) for name in meshes)
     if not beds:
-        findings.append("the file holds no touches: give the map that G29 wrote with --mesh "
-                        "heightmap.csv")
+        findings.append(Note("the file holds no touches: give the map that G29 wrote with --mesh "
+                             "heightmap.csv"))
     findings += [f for bed in beds for f in bed.findings]
     return Printer(str(path), now, (np.nan, np.nan, np.nan), nominal, active != delta, meshes=beds,
                    findings=tuple(findings))
 
 
-def _active(path: Path, lines: Lines, delta: Delta) -> tuple[Delta, list[str]]:
+def _active(path: Path, lines: Lines, delta: Delta) -> tuple[Delta, list[Note]]:
     """Return what the firmware prints with, and what may hold more."""
     beside = path.with_name(OVERRIDE)
     runs = [command for _, command in lines.elsewhere]
@@ -79,8 +80,8 @@ def _active(path: Path, lines: Lines, delta: Delta) -> tuple[Delta, list[str]]:
         saved = read_lines(beside)
         both = replace(lines, values={**lines.values, **saved.values})
         return read_delta(both), []
-    return delta, [f"{place} runs another file, which is not followed: numbers of M665 and M666 "
-                   "there would win" for place in lines.overruled()]
+    return delta, [Note(f"{place} runs another file, which is not followed: numbers of M665 and "
+                        "M666 there would win") for place in lines.overruled()]
 
 
 def _mesh(config: Path, active: Delta, path: Path) -> Mesh:

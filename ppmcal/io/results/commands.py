@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ppmcal.calibration.compensation import KINDS, Compensation
+from ppmcal.io.csv import Table
 from ppmcal.io.results.record import Column, Finite, Part, Record, Text, Whole, table_text
+from ppmcal.io.results.residual_rows import rms
 from ppmcal.io.results.tables import (
     WrittenTable,
     column_units,
@@ -18,6 +20,7 @@ from ppmcal.io.results.tables import (
     joint_columns,
     pose_columns,
 )
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import OfUnit
@@ -175,6 +178,33 @@ def target_sentence(mechanism: Mechanism, frame: str) -> str:
     return (f"Targets are where the mark that {frame} measured is to be{turned}: "
             f"{np.linalg.norm(place):.4g} {units.length} from the platform's origin ({at} "
             f"{units.length} in its axes). With --frame base they are poses of that origin.")
+
+
+class ErrorSizes(NamedTuple):
+    """Sizes of some errors, in the unit of their column."""
+
+    mean: float
+    rms: float
+    max: float
+
+
+def error_sizes(values: Array) -> ErrorSizes | None:
+    """Return mean, rms and largest of what is finite, None where nothing is."""
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return None
+    return ErrorSizes(float(values.mean()), rms(values), float(values.max()))
+
+
+def predicted_errors(table: Table, kind: str) -> dict[str, Array]:
+    """Return by stage the errors (N,) that commands.csv says are to be expected of one kind.
+
+    In its units; of corrected commands nan where the model's own uncertainty is unknown. In files
+    of earlier versions that uncertainty, ``sigma``, is not in what is left of the arithmetic.
+    """
+    left = np.nan_to_num(table.number(f"error_{kind}_after"))
+    return {"uncorrected": table.number(f"error_{kind}_before"),
+            "corrected": np.maximum(left, table.number(f"sigma_{kind}"))}
 
 
 def accepted_sentence(accepted: int, targets: int) -> str:

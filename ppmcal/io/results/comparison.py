@@ -13,7 +13,7 @@ from ppmcal.calibration.sessions import Change, Comparison, DifferenceNoise, Pos
 from ppmcal.inference.priors import SURE
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Flag, Part, Record, Text, Whole
-from ppmcal.io.results.tables import WrittenTable
+from ppmcal.io.results.tables import WrittenTable, finite_number
 from ppmcal.io.results.units import COLUMN, MachineUnits
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.provenance import Provenance
@@ -52,6 +52,18 @@ class ParameterDifference(Part):
     def wide(self) -> float | None:
         """Half of the 95 % interval of the difference, None without one."""
         return half_or(self.half, self.sigma)
+
+    @property
+    def in_sigmas(self) -> float | None:
+        """The difference over its sigma, None where it is not known or beyond reason."""
+        if self.difference is None or self.sigma is None or not self.sigma > 0.0:
+            return None
+        return finite_number(self.difference / self.sigma)
+
+    @property
+    def wide_in_sigmas(self) -> float:
+        """Half of the 95 % interval over sigma."""
+        return (self.wide or 0.0) / (self.sigma or 1.0)
 
 
 class PartOfChange(Part):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 from ppmcal.calibration.interpretation import plain_mistakes
 from ppmcal.calibration.knowledge import coverage
@@ -11,7 +12,7 @@ from ppmcal.codec import in_units, unsaid
 from ppmcal.diagnosis import other_days
 from ppmcal.diagnosis.hypotheses import Untestable
 from ppmcal.diagnosis.localization import Place
-from ppmcal.diagnosis.plot_data import PlotData, plot_data
+from ppmcal.diagnosis.plot_data import PlotData, SelectionStep, plot_data
 from ppmcal.diagnosis.result import Diagnosis, LeftOutBlocks, Swallowed, UnknownFound
 from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.diagnosed_errors import DiagnosedErrors
@@ -29,6 +30,7 @@ from ppmcal.io.results.interpretation import MisreadingEntry, misreading_entries
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.other_models import OtherModel, OtherModels, TriedSet, other_files
 from ppmcal.io.results.record import Flag, Record, Shown, Text
+from ppmcal.io.results.tables import finite_number
 from ppmcal.io.results.validation import ValidatedDataset
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Key, Units
@@ -118,6 +120,34 @@ class DiagnosisRecord(Record):
             plot_data=in_units(plot_data(result), units),
             coverage=coverage(fit), units=units,
             provenance=Provenance(**provenance))
+
+
+class GapStep(NamedTuple):
+    """One model on the way from nominal to the noise: residuals over the noise, and what it closes.
+
+    Shares are of the squares that exceed the noise, as effects add in squares: ``of_whole`` of the
+    first model's, ``of_geometry``, of effects, of what geometry leaves; None where there is none.
+    """
+
+    step: SelectionStep
+    ratio: float
+    of_whole: float | None
+    of_geometry: float | None
+
+
+def gap_steps(steps: Sequence[SelectionStep]) -> list[GapStep]:
+    """Return what each step closes of the gap, those left out whose residuals are not known."""
+    known = [(s, r) for s in steps if (r := finite_number(s.rms_ratio)) is not None]
+    excess = [max(r**2 - 1.0, 0.0) for _, r in known]
+    fitted = next((e for (s, _), e in zip(known, excess, strict=True) if s.what == "geometry"),
+                  0.0)
+    gone = [None, *(a - b for a, b in pairwise(excess))]
+    return [GapStep(s, r, _part(g, excess[0]), _part(g, fitted) if s.what == "effect" else None)
+            for (s, r), g in zip(known, gone, strict=False)]
+
+
+def _part(gone: float | None, gap: float) -> float | None:
+    return None if gone is None or not gap > 0.0 else gone / gap
 
 
 def _confirmed(result: Diagnosis) -> bool | None:

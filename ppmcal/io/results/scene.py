@@ -30,6 +30,7 @@ from ppmcal.kinematics.pose_sweep import PoseSweep, pose_sweep
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.notes import NOTE, Note
 from ppmcal.units import Units, coordinate_quantity
 
 __all__ = ["MeasuredPose", "PlacedLimb", "Point", "Scene", "SceneEffect", "SceneFrame",
@@ -140,10 +141,10 @@ class Scene(Part):
             effects=tuple(effects), notes=(*notes, *_own_notes(mechanism, effects)))
 
 
-def _own_notes(mechanism: Mechanism, effects: Sequence[SceneEffect]) -> tuple[str, ...]:
+def _own_notes(mechanism: Mechanism, effects: Sequence[SceneEffect]) -> tuple[Note, ...]:
     if not mechanism.effects or effects:
         return ()
-    return ("Effects of the file are left out: this is its geometry.",)
+    return (Note("Effects of the file are left out: this is its geometry.", NOTE),)
 
 
 def _with_frame(m: MeasuredPose, kept: Array, about: int) -> MeasuredPose:

@@ -12,16 +12,24 @@ import numpy as np
 from ppmcal.codec import AGAIN
 from ppmcal.errors import BadInput
 from ppmcal.io import csv_text
-from ppmcal.io.csv import Table, csv_table, refuse_absurd
+from ppmcal.io.csv import Table, csv_table, joined, refuse_absurd, whole_rows
 from ppmcal.io.csv_body import Cells
 from ppmcal.io.results.record import Part
 from ppmcal.io.rotations import EULER
+from ppmcal.limits import refuse_shape
 from ppmcal.linalg import Array
 from ppmcal.model.instruments import number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map
-from ppmcal.store.inputs import read_bytes
+from ppmcal.store.inputs import read_bytes, read_pieces
+
+
+def finite_number(value: Any) -> float | None:
+    """Return a number of at most ``LARGEST``, None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if abs(value) <= LARGEST else None
 
 
 def joint_columns(mechanism: Mechanism, q: Array, pattern: str) -> dict[str, Array]:
@@ -113,6 +121,8 @@ def map_table(mechanism: Mechanism, pose: Array, maps: Sequence[Map], status: Se
 P = TypeVar("P", bound=Part)
 LARGEST = 1e140
 """Larger numbers are refused: their squares would overflow."""
+PIECE = 1 << 25
+"""Bytes of a table that are held at once beside its columns."""
 FLAGS = {"": np.nan, "true": 1.0, "false": 0.0}
 
 
@@ -137,7 +147,18 @@ class WrittenTable:
             BadInput: as :func:`ppmcal.io.csv.csv_table`, a last line that was cut off, or a
                 number that is too large.
         """
-        source, data = str(path), read_bytes(path)
+        head, parts = b"", list[Table]()
+        try:
+            for rows in whole_rows(read_pieces(path, PIECE)):
+                parts.append(self._table(head + rows, str(path), wanted))
+                head = head or rows[:rows.find(b"\n") + 1]
+            refuse_shape(sum(p.size for p in parts), len(parts[0].header), str(path))
+        except (BadInput, IndexError):    # told with its place in the whole file
+            parts = [self._table(read_bytes(path), str(path), wanted)]
+        return joined(parts)
+
+    def _table(self, data: bytes, source: str, wanted: Callable[[str], bool]) -> Table:
+        """Return the columns of a file's bytes, or of some of its rows under the header."""
         try:
             if data and data[-1:] not in (b"\r", b"\n"):
                 raise BadInput("is cut off: its last line has no end", f"{source}: last line")

@@ -1,4 +1,4 @@
-"""The measured rows of an identification, placed on its machine."""
+"""The measured rows of an identification, placed on its machine, and the poses that are drawn."""
 
 from __future__ import annotations
 
@@ -12,28 +12,42 @@ from ppmcal import algebra as cga
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io import read_dataset
 from ppmcal.io.csv import Table
+from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import FittedDataset, RegistrationEntry
-from ppmcal.io.results.scene_parts import MeasuredPose, Point
+from ppmcal.io.results.residual_rows import norm, row_key, used
+from ppmcal.io.results.scene import MeasuredPose, Point, ScenePoses
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import with_joints
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.model.registration import Registration
-from ppmcal.report.records import Identified
-from ppmcal.report.residuals import used
-from ppmcal.report.rows import recorded_inputs, row_key
+from ppmcal.notes import NOTE, Note
 from ppmcal.store.inputs import digest_of
 from ppmcal.wording import pluralize
 
 POINTS, WORST = 2000, 200
 """So many rows are drawn at most; so many of them are the worst, and as many left out ones."""
+POSES_OF_WORST, POSES_OF_NEXT = 4, 24
+"""The machine is drawn at so many rows that miss most, and at most so many to measure next."""
+NEXT = "next:"
+"""Keys of poses to measure next begin so; those of measured rows with a number."""
 CHUNK = 500
 """Poses that are solved at once: no compiler is waited for."""
 STAGES = ("before", "after")
+
+
+@dataclass(frozen=True)
+class FittedRows:
+    """What a folder says of the rows of a fit: identification.json and residuals.csv."""
+
+    folder: str
+    record: IdentificationRecord
+    residuals: Table | None
 
 
 @dataclass(frozen=True)
@@ -49,10 +63,10 @@ class PlacedRows:
     points: tuple[MeasuredPose, ...]
     q: Array
     pose: Array
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
-def placed_rows(one: Identified, index: int, mechanism: Mechanism, most: int = POINTS
+def placed_rows(one: FittedRows, index: int, mechanism: Mechanism, most: int = POINTS
                 ) -> PlacedRows:
     """Return the rows of residuals.csv where the machine has the measured point.
 
@@ -60,8 +74,8 @@ def placed_rows(one: Identified, index: int, mechanism: Mechanism, most: int = P
     are those of residuals.csv, turned into base axes.
 
     Args:
-        one: the identification.
-        index: its index on the page.
+        one: the fit.
+        index: its index among several that are drawn.
         mechanism: the machine that it found.
         most: so many rows at most.
     """
@@ -69,11 +83,11 @@ def placed_rows(one: Identified, index: int, mechanism: Mechanism, most: int = P
     table = one.residuals
     if table is None or not table.size:
         return replace(nothing, notes=(
-            "There is no residuals.csv, so no measured rows are drawn.",))
+            Note("There is no residuals.csv, so no measured rows are drawn.", NOTE),))
     rows, thinned = _chosen(table, most)
     names = np.array(table.words("dataset"), dtype=object)
     plain = replace(mechanism, effects=())
-    found, notes = [nothing], [thinned] if thinned else []
+    found, notes = [nothing], [*thinned]
     for entry in one.record.datasets:
         own = rows[(names[rows] == entry.name) | (len(one.record.datasets) == 1)]
         if not own.size:
@@ -82,7 +96,7 @@ def placed_rows(one: Identified, index: int, mechanism: Mechanism, most: int = P
             data = with_joints(plain, _read(one, entry, mechanism))
         except (PpmcalError, OSError) as error:
             what = getattr(error, "what", None) or error
-            notes.append(f"The rows of {entry.name} are not drawn: {what}.")
+            notes.append(Note(f"The rows of {entry.name} are not drawn: {what}.", NOTE))
             continue
         found.append(_of_dataset(table, own, data, entry, plain, index))
     joined = PlacedRows(tuple(p for f in found for p in f.points),
@@ -92,12 +106,12 @@ def placed_rows(one: Identified, index: int, mechanism: Mechanism, most: int = P
     return replace(joined, notes=tuple(notes))
 
 
-def _chosen(table: Table, most: int) -> tuple[Ints, str]:
-    """Return the rows to draw, and how they were chosen; empty where they are all."""
+def _chosen(table: Table, most: int) -> tuple[Ints, tuple[Note, ...]]:
+    """Return the rows to draw, and how they were chosen where they are not all."""
     if table.size <= most:
-        return np.arange(table.size), ""
+        return np.arange(table.size), ()
     part = min(WORST, most // 4)
-    size = np.nan_to_num(_norm(_residual(table, np.arange(table.size), "after")), nan=-1.0)
+    size = np.nan_to_num(norm(_residual(table, np.arange(table.size), "after").T), nan=-1.0)
     keep = used(table)
     worst = np.argsort(np.where(keep, -size, 1.0), kind="stable")[:part]
     out = np.flatnonzero(~keep)
@@ -105,19 +119,20 @@ def _chosen(table: Table, most: int) -> tuple[Ints, str]:
     rest = most - part - out.size
     even = np.linspace(0, table.size - 1, max(rest, 1)).astype(int)
     rows = np.unique(np.concatenate([worst, out, even]))
-    return rows, (f"{rows.size} of {table.size} rows are drawn: every "
-                  f"{max(2, round(table.size / max(rest, 1)))}th or so, the {part} worst, and "
-                  f"{pluralize(int(out.size), 'row')} left out.")
+    return rows, (Note(
+        f"{rows.size} of {table.size} rows are drawn: every "
+        f"{max(2, round(table.size / max(rest, 1)))}th or so, the {part} worst, and "
+        f"{pluralize(int(out.size), 'row')} left out.", NOTE),)
 
 
-def _read(one: Identified, entry: FittedDataset, mechanism: Mechanism) -> Dataset:
+def _read(one: FittedRows, entry: FittedDataset, mechanism: Mechanism) -> Dataset:
     """Return the data set of a file that is still the one which was fitted.
 
     Raises:
         BadInput: it is not there, or has changed.
     """
     inputs = one.record.provenance.inputs
-    name = next(iter(recorded_inputs(one, entry.source)), "")
+    name = next(iter(one.record.provenance.inputs_of(entry.source)), "")
     file = Path(name).name or entry.name
     if not name:
         raise BadInput("the record does not say which file they are of", one.folder)
@@ -158,12 +173,12 @@ def _of_dataset(table: Table, rows: Ints, data: Dataset, entry: FittedDataset,
         along = _lines(model, data, at, pose, after, point)
     errors = [_in_base(table, rows, stage, registration, along) for stage, registration in
               zip(STAGES, (before, after), strict=True)]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     if lost:
-        notes = (f"{pluralize(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} no "
-                 "pose of this machine or no joint values.",)
+        notes = (Note(f"{pluralize(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} "
+                      "no pose of this machine or no joint values.", NOTE),)
     if data.kind.along_line:
-        notes += (f"Errors of {entry.name} are along the measured distance.",)
+        notes += (Note(f"Errors of {entry.name} are along the measured distance.", NOTE),)
     return PlacedRows(_points(table, rows, plain, (entry.name, index), point, errors),
                       data.q[at], pose, notes)
 
@@ -173,8 +188,8 @@ def _points(table: Table, rows: Ints, plain: Mechanism, owner: tuple[str, int], 
     """Return the points, file units; ``errors``: before and after (R, 3), base axes."""
     f, (name, index) = plain.units.factor("length"), owner
     keep, reasons = used(table)[rows], table.words("reason")
-    values = [_norm(_residual(table, rows, s)) for s in STAGES]
-    turns = [_norm(_residual(table, rows, s, POSE_COORDINATES[3:])) for s in STAGES]
+    values = [norm(_residual(table, rows, s).T) for s in STAGES]
+    turns = [norm(_residual(table, rows, s, POSE_COORDINATES[3:]).T) for s in STAGES]
     numbers = table.number("row")[rows].astype(int).tolist()
     return tuple(MeasuredPose(
         label=f"row {row} of {name}", key=row_key(index, name, row), point=_three(point[n] / f),
@@ -234,12 +249,6 @@ def _residual(table: Table, rows: Ints, stage: str,
     return np.stack([table.number(f"{stage}_{c}")[rows] for c in columns], axis=1)
 
 
-def _norm(values: Array) -> Array:
-    seen = np.isfinite(values)
-    size: Array = np.sqrt(np.sum(np.where(seen, values, 0.0)**2, axis=1))
-    return np.where(seen.any(axis=1), size, np.nan)
-
-
 def _known(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
@@ -251,3 +260,72 @@ def _vector(vector: Array) -> Point | None:
 def _three(vector: Array) -> Point:
     x, y, z = vector.tolist()
     return x, y, z
+
+
+def with_poses(mechanism: Mechanism, rows: PlacedRows, most: int
+                ) -> tuple[tuple[MeasuredPose, ...], ScenePoses]:
+    """Return the points with their nearest drawn pose, and the poses to draw the machine at."""
+    if not rows.points:
+        return (), ScenePoses((), (), rows.q)
+    place = pose_vector(rows.pose)
+    place[:, 3:] *= mechanism.length_scale
+    worst = np.argsort([-(p.value or 0.0) if p.used else 1.0 for p in rows.points], kind="stable")
+    chosen, nearest = spread_rows(place, worst[:POSES_OF_WORST].tolist(), most)
+    own = set(chosen)
+    points = tuple(p.changed(
+        frame=chosen.index(n) if n in own else int(nearest[n]), own=n in own)
+        for n, p in enumerate(rows.points))
+    return points, ScenePoses([rows.points[n].label for n in chosen],
+                              [rows.points[n].key for n in chosen], rows.q[chosen])
+
+
+def spread_rows(place: Array, first: Sequence[int], most: int) -> tuple[list[int], Array]:
+    """Return rows that lie far from each other, in order, and of each row the nearest of them.
+
+    Args:
+        place: of R rows (R, d), all of one unit.
+        first: rows that are among them, unless they are at one place.
+        most: so many at most.
+    """
+    start = [int(np.argmin(np.linalg.norm(place - place.mean(axis=0), axis=1))), *first]
+    apart, chosen = np.full(len(place), np.inf), list[int]()
+    while len(chosen) < min(most, len(place)):
+        n = start.pop(0) if start else int(np.argmax(apart))
+        if not apart[n] > 0.0:
+            if not start:
+                break
+            continue
+        chosen.append(n)
+        apart = np.minimum(apart, np.linalg.norm(place - place[n], axis=1))
+    chosen.sort()
+    distance = np.linalg.norm(place[:, None] - place[None, chosen], axis=-1)
+    return chosen, np.argmin(distance, axis=1)
+
+
+def with_next(poses: ScenePoses, wanted: Table | None, mechanism: Mechanism) -> ScenePoses:
+    """Return poses followed by those of next.csv, by its joint values.
+
+    Args:
+        poses: to draw the machine at.
+        wanted: next.csv, in the file's units; None without one.
+        mechanism: the machine.
+    """
+    names = [f"q_{a}" for a in mechanism.actuators]
+    if wanted is None or not set(names) <= set(wanted.numbers):
+        return poses
+    factors = np.array([factor for factor, _ in mechanism.joint_units])
+    q = np.stack([wanted.number(n) for n in names], axis=-1) * factors
+    q, first = np.unique(q, axis=0, return_index=True)
+    order = np.argsort(first)[:POSES_OF_NEXT]
+    rows = [int(r) + 1 for r in first[order]]
+    return ScenePoses([*poses.labels, *(_label(wanted, r) for r in rows)],
+                      [*poses.keys, *(f"{NEXT}{r}" for r in rows)],
+                      np.concatenate([poses.q, q[order]]))
+
+
+def _label(wanted: Table, row: int) -> str:
+    """Return which row it is, and the load it is measured under if there is one."""
+    more: Sequence[str] = [f"{name} {wanted.number(name)[row - 1]:.4g}"
+                           for name in ("mass", "payload", "temperature")
+                           if name in wanted.numbers]
+    return f"measure next, row {row}" + "".join(f", {m}" for m in more)
