@@ -146,6 +146,8 @@ GOOD = readings(places(9))
     ([*GOOD, "{bl:1631.15, br:2729.87, tr:2400.60, tr:2400.60, tl:1.0}"], "tr twice", "line 10"),
     ([*GOOD, "{bl:1631.15, br:2729.87, tr:24"], "cut off", "line 10"),
     ([clbm(GOOD)[:-30]], "cut off", "line 1"),
+    ([*GOOD, "{{bl:1631.15, br:2729.87, tr:2400.60, tl:998.65}"], "cut off", "line 10"),
+    ([*GOOD, "}{bl:1631.15, br:2729.87"], "cut off", "line 10"),
     ([*GOOD, "{bl:1631.15, br:x, tr:2400.60, tl:998.65}"], "'x', not a length", "line 10"),
     ([*GOOD, "{bl:1.63, br:2.73, tr:2.40, tl:1.00}"], "implausible", "line 10"),
     ([*GOOD, "{bl:-1631.15, br:2729.87, tr:2400.60, tl:998.65}"], "implausible", "line 10"),
@@ -184,6 +186,19 @@ def test_options_that_cannot_be_used(tmp_path, options, says):
     log(tmp_path, *GOOD)
     told = ppmcal("import", "maslow", "maslow.log", *options, cwd=tmp_path, expect=2)
     assert says in " ".join(told.err.split())
+
+
+@pytest.mark.parametrize("keys", ["tlX: 0 tlY: 0 trX: 2900 trY: 0 brX: 3000",
+                                  "tlX: 2900 tlY: 2000 trX: 0 trY: 2000 brX: 3000",
+                                  "tlX: 0 tlY: 2e300 trX: 0 trY: 2000 brX: 3000",
+                                  "tlX: 0 tlY: 2000 trX: 3000 trY: 2000 brX: 0"])
+def test_anchors_that_are_no_frame(tmp_path, keys):
+    """Asked for they are refused; in a log the readings alone say where anchors are."""
+    (tmp_path / "maslow.yaml").write_text(keys)
+    path = log(tmp_path, *GOOD)
+    with pytest.raises(BadInput, match="in one line, or the frame is mirrored"):
+        import_config("maslow", path, anchors=tmp_path / "maslow.yaml")
+    assert "suits the readings" in import_config("maslow", log(tmp_path, *GOOD, keys)).headline()
 
 
 def test_options_of_another_format_are_refused(tmp_path):

@@ -21,7 +21,8 @@ COPIES = {"hexapod.yaml": "mine.yaml", "scenario.yaml": "mine.scenario.yaml",
           "measurements.csv": "run1.csv", "measurements.yaml": "run1.yaml",
           "hidden/measurements.csv": "run2.csv", "hidden/measurements.yaml": "run2.yaml",
           "targets.csv": "targets.csv", "poses.csv": "poses.csv",
-          "printer/printer.cfg": "printer.cfg", "maslow/maslow.log": "maslow.log"}
+          "printer/printer.cfg": "printer.cfg", "maslow/maslow.log": "maslow.log",
+          "hangprinter/samples.jsonl": "samples.jsonl"}
 LINES = ("ppmcal identify mine.yaml run1.csv --quiet",
          "ppmcal simulate mine.yaml mine.scenario.yaml --seed 5 --out may --quiet",
          "ppmcal simulate mine.yaml mine.scenario.yaml --seed 6 --out june --quiet",

@@ -29,8 +29,8 @@ CONTROLLER = Controller(
             "height", "float | None", None, "Height of a Maslow's upper anchors above the lower "
             "ones, mm", how={"metavar": "MM", "otherwise": "likewise"}),
         ImportOption(
-            "anchors", "Path_ | None", None, "A maslow.yaml with tlX, tlY, trX, trY, brX, which "
-            "say about where the anchors are.")),
+            "anchors", "Path_ | None", None, "A file of the machine that says about where the "
+            "anchors are: {words}.", "a maslow.yaml with tlX, tlY, trX, trY and brX")),
     examples=(("import", "ppmcal import maslow maslow.log"),
               ("export", "ppmcal export maslow fitted-maslow")),
     use="ppmcal export maslow {model} writes the anchors' keys for maslow.yaml",

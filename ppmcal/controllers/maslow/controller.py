@@ -11,7 +11,8 @@ import numpy as np
 
 from ppmcal.controllers.export import Exported
 from ppmcal.controllers.maslow.imported import import_config as import_config
-from ppmcal.controllers.maslow.reading import BELTS, keys_of
+from ppmcal.controllers.maslow.reading import BELTS, anchors_of, goes_round, keys_of
+from ppmcal.controllers.pose_errors import MM
 from ppmcal.controllers.ropes.export import (
     Frame,
     RopeFirmware,
@@ -48,10 +49,9 @@ def order(mechanism: Mechanism) -> list[int]:
     else:
         away = anchors - anchors.mean(axis=0)
         found = [int(i) for i in np.argsort(np.arctan2(away[:, 1], away[:, 0]))]
-    x, y = anchors[found][:, :2].T
-    if 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) <= 0.0:
-        raise BadInput("the anchors bl, br, tr and tl do not go round counter-clockwise: the frame "
-                       "is mirrored", mechanism.source,
+    if not goes_round(anchors[found] / MM):
+        raise BadInput("the anchors bl, br, tr and tl do not go round counter-clockwise: they are "
+                       "in one line, or the frame is mirrored", mechanism.source,
                        "Check which belt is which, and that x goes right and y up")
     return found
 
@@ -87,8 +87,7 @@ def read(content: str, source: str) -> Array:
     Raises:
         BadInput: one is missing.
     """
-    keys = keys_of(content, source)
-    return np.array([[keys.get(f"{b}X", 0.0), keys.get(f"{b}Y", 0.0), 0.0] for b in BELTS])
+    return np.pad(anchors_of(keys_of(content, source)), ((0, 0), (0, 1)))
 
 
 def notes(found: Frame) -> Iterator[str]:

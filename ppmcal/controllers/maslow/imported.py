@@ -10,7 +10,15 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ppmcal.controllers.importing import MACHINE, ImportedFiles
-from ppmcal.controllers.maslow.reading import BELTS, LONGEST, NEEDED, read_keys, read_log
+from ppmcal.controllers.maslow.reading import (
+    BELTS,
+    LONGEST,
+    NEEDED,
+    anchors_of,
+    goes_round,
+    read_keys,
+    read_log,
+)
 from ppmcal.controllers.ropes.export import horizontal
 from ppmcal.controllers.ropes.files import (
     Rope,
@@ -71,8 +79,8 @@ def import_config(path: Path, options: Mapping[str, Any]) -> ImportedFiles:
 def _anchors(rows: Array, keys: Mapping[str, float], source: str, width: float | None,
              height: float | None) -> tuple[Array, str, float]:
     """Return anchors (4, 2), mm, in the order of the belts, from where, and their tolerance."""
-    if width is None and height is None and all(k in keys for k in NEEDED):
-        at = np.array([[keys.get(f"{belt}{axis}", 0.0) for axis in "XY"] for belt in BELTS])
+    at = anchors_of(keys)
+    if width is None and height is None and all(k in keys for k in NEEDED) and goes_round(at):
         axes = horizontal(np.append(at[1] - at[0], 0.0))[:2, :2]    # of the frame that is held
         return ((at - at[0]) @ axes.T + 0.0).round(DIGITS), f"tlX ... brY of {source}", KNOWN
     w, h, own = _rectangle(rows)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,6 +20,8 @@ BELTS = ("bl", "br", "tr", "tl")
 """Counter-clockwise from the bottom left, as the firmware lists them."""
 SHORTEST, LONGEST = 10.0, 20_000.0
 """No belt is shorter or longer, mm."""
+LEAST_AREA = 1e4
+"""Two sides of a frame span more, mm^2."""
 FEWEST = 4
 """Places that a run needs: five coordinates of anchors are open, and a place says two numbers."""
 KEYS = ("tlX", "tlY", "trX", "trY", "blX", "blY", "brX", "brY")
@@ -109,7 +111,24 @@ def keys_of(text: str, source: str) -> dict[str, float]:
         raise BadInput(f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing",
                        source, "Give the machine's maslow.yaml, with lines such as "
                        "Maslow_tlX: 0.0")
+    if not goes_round(anchors_of(keys)):
+        raise BadInput("the anchors bl, br, tr and tl do not go round counter-clockwise: they are "
+                       "in one line, or the frame is mirrored", source,
+                       "Check tlX ... brY: x goes right and y up, mm")
     return keys
+
+
+def anchors_of(keys: Mapping[str, float]) -> Array:
+    """Return the anchors (4, 2), mm, in the order of :data:`BELTS`; what is not said is 0."""
+    return np.array([[keys.get(f"{belt}{axis}", 0.0) for axis in "XY"] for belt in BELTS])
+
+
+def goes_round(anchors: Array) -> bool:
+    """Return whether anchors (4, 2) or (4, 3), mm, are corners of a frame, counter-clockwise."""
+    if not np.all(np.abs(anchors) <= LONGEST):
+        return False
+    x, y = (np.roll(anchors, -1, axis=0) - anchors).T[:2]    # of the sides
+    return bool(np.all(x * np.roll(y, -1) - y * np.roll(x, -1) > LEAST_AREA))
 
 
 def _keys(text: str) -> dict[str, float]:
@@ -175,10 +194,11 @@ def _begins(rows: list[tuple[int, tuple[float, ...]]], before: list[tuple[int, t
 
 def _readings(line: str, where: str) -> Iterator[tuple[float, ...]]:
     """Yield the lengths of each reading of a line, in the order of :data:`BELTS`."""
-    if line.count("{") != line.count("}"):
+    parts = _READING.findall(line)
+    if line.count("{") != line.count("}") or not parts:
         raise BadInput("a reading is cut off", where,
                        "Take the rest of it out of the file, or log it again")
-    for inside in _READING.findall(line):
+    for inside in parts:
         given: dict[str, float] = {}
         for name, words in _BELT.findall(inside):
             belt = name.lower()

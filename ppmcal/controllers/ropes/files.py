@@ -152,7 +152,7 @@ def _sidecar(name: str, run: RopeRun, source: str, sigma: float, position: float
     kind = (f"{{kind: position, sigma: {{position: {position:g}, actuator: {sigma:g}, "
             "estimated: true}}" if seen else
             f"{{kind: none, sigma: {{actuator: {sigma:g}, estimated: true}}}}")
-    frame = "frame: unknown\ntarget: known\n" if seen else ""
+    frame = "frame: known\ntarget: known\n" if seen else ""
     return f"""\
 # {printable(f"{run.where} of {source}")}
 # sigma: how far one reading scatters, estimated from what is left; {sigma:g} mm begins it.
