@@ -24,7 +24,7 @@ WORKSHOP = '''"""Offsets of the workshop's controller."""
 
 from ppmcal.controllers import Controller
 from ppmcal.controllers.delta.geometry import ANGLES, DeltaGeometry
-from ppmcal.controllers.delta.imported import printer_importer
+from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.delta.options import delta_options
 from ppmcal.controllers.delta.printer import Printer, nominal_of
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from ppmcal.controllers.delta.export import export_delta
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
 from ppmcal.controllers.delta.geometry import TOWERS, DeltaGeometry, travel
-from ppmcal.controllers.delta.imported import printer_importer
+from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.delta.printer import Printer
 from ppmcal.controllers.export import Exported
 from ppmcal.controllers.klipper.config import (

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.controllers.export import Exported
-from ppmcal.controllers.maslow.imported import import_config as import_config
+from ppmcal.controllers.maslow.importer import import_config as import_config
 from ppmcal.controllers.maslow.reading import BELTS, anchors_of, goes_round, keys_of
 from ppmcal.controllers.pose_errors import MM
 from ppmcal.controllers.ropes.export import (

@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.controllers.delta.export import export_delta
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
 from ppmcal.controllers.delta.geometry import DeltaGeometry
-from ppmcal.controllers.delta.imported import printer_importer
+from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.export import Exported
 from ppmcal.controllers.reprap.arithmetic import delta_of, travel
 from ppmcal.controllers.reprap.config import (
