@@ -30,8 +30,8 @@ FARTHEST = 1e5
 LEAST, LARGEST_BUILDUP = 0.01, 10.0
 """No radius, mm, advantage or tooth count is less, and no line builds up by more."""
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
-_LETTER = re.compile(rf"([A-Z])\s*({_NUMBER}(?:\s*:\s*{_NUMBER})*)", re.IGNORECASE)
-_LINE = re.compile(r"^[ \t]*M(669|666)\b([^;\n]*)", re.MULTILINE | re.IGNORECASE)
+_LETTER = re.compile(rf"([A-Z])\s*({_NUMBER}(?:\s*:\s*{_NUMBER})*)", re.ASCII | re.IGNORECASE)
+_LINE = re.compile(r"^[ \t]*M(669|666)\b([^;\n]*)", re.ASCII | re.MULTILINE | re.IGNORECASE)
 _SPOOLS = {"Q": "buildup", "R": "radius", "U": "advantage", "O": "lines", "L": "motor_teeth",
            "H": "spool_teeth"}
 _CONFIG = {"spool_buildup_factor": "buildup", "spool_r": "radius", "spool_r_in_origin": "radius",

@@ -29,10 +29,12 @@ NEEDED = ("tlX", "tlY", "trX", "trY", "brX")
 """Anchors' keys; bl is the origin, and brY 0 where nothing else is said."""
 _CLBM = "CLBM"
 _READING = re.compile(r"\{([^{}]*)\}")
-_BELT = re.compile(rf"""["']?\b({'|'.join(BELTS)})\b["']?\s*[:=]\s*([^,;}}]*)""", re.IGNORECASE)
-_OPENED = re.compile(rf"""\{{[^{{}}]*\b({'|'.join(BELTS)})\b["']?\s*[:=]""", re.IGNORECASE)
+_BELT = re.compile(rf"""["']?\b({'|'.join(BELTS)})\b["']?\s*[:=]\s*([^,;}}]*)""",
+                   re.ASCII | re.IGNORECASE)
+_OPENED = re.compile(rf"""\{{[^{{}}]*\b({'|'.join(BELTS)})\b["']?\s*[:=]""",
+                     re.ASCII | re.IGNORECASE)
 _KEY = re.compile(rf"(?<![A-Za-z])(?:maslow_)?({'|'.join(KEYS)})\s*[:=]\s*"
-                  r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)", re.IGNORECASE)
+                  r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)", re.ASCII | re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,9 @@ def _table(data: bytes, path: Path) -> RopeRun:
     """Return the one run of a CSV."""
     table = csv_table(data, str(path), lambda name: name.strip().lower() not in BELTS)
     columns = {name.strip().lower(): values for name, values in table.numbers.items()}
+    if missing := [belt for belt in BELTS if belt not in columns]:
+        raise BadInput(f"has no column {' and no column '.join(missing)}", f"{path}: header",
+                       "Name the belts' columns bl, br, tr and tl")
     rows = np.column_stack([columns[belt] for belt in BELTS])
     for n, row in enumerate(rows, 1):
         _plausible(dict(zip(BELTS, row.tolist(), strict=True)), f"{path}: row {n}")
