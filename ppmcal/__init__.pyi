@@ -125,6 +125,9 @@ def import_config(
     mesh: Path_ | Sequence[Path_] = ...,
     scale: str = ...,
     radius: float | None = ...,
+    width: float | None = ...,
+    height: float | None = ...,
+    anchors: Path_ | None = ...,
     progress: Progress = ...,
 ) -> ImportResult: ...
 def inverse(

@@ -34,13 +34,13 @@ def carry_out(spec: Command, asked: Arguments, *, progress: Any = no_progress) -
     run = work(spec.name).run
     if not spec.recorded:
         return run(asked)
-    options = {}
+    options, unused = {}, asked.unused()
     for one in taken(spec.arguments, CONSOLE):
         value = getattr(asked, one.name)
         if one.name == "seed":
             _refuse_seed(value)
         _refuse_words(one.name, one.kind, value)
-        if one.option.recorded:
+        if one.option.recorded and one.name not in unused:
             options[one.name] = as_json(value, one.value)
     with recording(recorded_as(spec), options):
         return run(asked)

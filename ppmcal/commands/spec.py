@@ -165,6 +165,10 @@ class Arguments:
         """
         return ""
 
+    def unused(self) -> Collection[str]:
+        """Return the names of options that decide nothing here, and are not recorded."""
+        return ()
+
     def completed(self) -> Self:
         """Return the arguments of a command line with what follows from them for others."""
         return self

@@ -3,8 +3,8 @@
 A folder's ``__init__`` has ``CONTROLLER``, what help says of it (:class:`Controller`), without
 NumPy. Its module ``controller`` does the work: ``export``, as
 :class:`ppmcal.controllers.export.Exporter` says, ``patch`` where it can copy a file in use, and
-``printer`` where the configuration can be read
-(:class:`ppmcal.controllers.delta.printer.Importer`).
+``import_config`` where its files can be read (:class:`ppmcal.controllers.importing.Importer`), with
+the options that ``CONTROLLER`` names.
 Folders without ``CONTROLLER`` hold what several share.
 
 Another package adds a format through the entry points ``ppmcal.controllers``, for ``export``, and
@@ -16,14 +16,14 @@ from __future__ import annotations
 
 import importlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 from ppmcal.errors import unknown
 
 TYPE_CHECKING = False    # help needs the names alone
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
     from importlib.metadata import EntryPoint
     from typing import Any
 
@@ -34,6 +34,27 @@ EXPORTS, IMPORTS = "ppmcal.controllers", "ppmcal.imports"
 
 
 @dataclass(frozen=True)
+class ImportOption:
+    """One option of ``import``; controllers that take options of one name share it.
+
+    Attributes:
+        name: of the field of the command's arguments.
+        kind: its annotation, as it is written.
+        default: what is taken where nothing is given.
+        help: what it is; ``{words}`` stands for the ``words`` of all controllers that have it.
+        words: what it is to one controller.
+        how: the rest of :class:`ppmcal.commands.spec.Option`, by name.
+    """
+
+    name: str
+    kind: str
+    default: Any
+    help: str
+    words: str = ""
+    how: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Controller:
     """What is said of a controller's format.
 
@@ -41,7 +62,7 @@ class Controller:
         order: place in lists.
         exports: what ``export`` writes; imports: what ``import`` reads, empty where it does not.
         title: what people call it, where that is not its name.
-        meshes: what ``import --mesh`` takes of it; radius: what it calls a delta's radius.
+        options: what ``import`` asks of it besides its file.
         copies: whether ``export --write`` copies a file of it.
         examples: command lines to copy, by their command.
         use: what somebody does with a calibrated machine who has this controller. ``{model}`` is
@@ -54,8 +75,7 @@ class Controller:
     exports: str
     imports: str = ""
     title: str = ""
-    meshes: str = ""
-    radius: str = ""
+    options: tuple[ImportOption, ...] = ()
     copies: bool = False
     examples: tuple[tuple[str, str], ...] = ()
     use: str = ""
@@ -143,6 +163,32 @@ def uses(mechanism: Mechanism, model: str, form: str = "", old: str = "") -> lis
 def examples(command: str) -> tuple[str, ...]:
     """Return command lines to copy of ``export`` or ``import``."""
     return tuple(line for one in own().values() for of, line in one.examples if of == command)
+
+
+def import_options() -> dict[str, ImportOption]:
+    """Return by name the options that ``import`` has, as help says them.
+
+    A controller of another package takes those of them that its ``CONTROLLER`` names.
+    """
+    known: dict[str, list[ImportOption]] = {}
+    for controller in own().values():
+        for one in controller.options:
+            known.setdefault(one.name, []).append(one)
+    return {name: replace(first, help=first.help.replace(
+        "{words}", ", or ".join(one.words for one in (first, *others))))
+        for name, (first, *others) in known.items()}
+
+
+def options_of(name: str) -> tuple[ImportOption, ...]:
+    """Return the options that ``import`` takes for a format.
+
+    Raises:
+        BadInput: there is no such format.
+    """
+    if name.lower() in own():
+        return own()[name.lower()].options
+    found = getattr(loaded(name, IMPORTS), "CONTROLLER", None)
+    return () if found is None else tuple(found.options)
 
 
 def _docstring(module: str) -> str:

@@ -111,11 +111,11 @@ def found(fit: Fit) -> dict[str, float]:
 
 # --- exact without noise ------------------------------------------------------------------------
 
+LEVEL = ("delta-linear", "delta-rotary", "five-bar", "hangprinter", "maslow")
+"""Machines that only move: their poses are positions."""
 EXACT_CASES = [
-    # the poses of deltas that only move are positions
-    *(("pose", n) for n in NAMES if n not in ("delta-linear", "delta-rotary")),
-    *(("position", n) for n in ("3-RPR", "3-RPS", "6-UPS", "delta-linear", "delta-rotary",
-                                "delta-rotary-6rods"))]
+    *(("pose", n) for n in NAMES if n not in LEVEL),
+    *(("position", n) for n in ("3-RPR", "3-RPS", "6-UPS", *LEVEL, "delta-rotary-6rods"))]
 
 
 @pytest.mark.slow

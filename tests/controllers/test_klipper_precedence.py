@@ -113,7 +113,7 @@ def test_import_and_the_written_copy_are_what_klipper_reads(tmp_path: Path, make
     path.write_text(make(tmp_path))
     now = firmware(path)
     found = import_config("klipper", path)
-    assert found.printer.geometry == geometry(now)
+    assert found.imported.printer.geometry == geometry(now)
     found.save(tmp_path / "imported")
     out = ["--old", "printer.cfg", "--write", "--json"]
     run = ppmcal("export", "klipper", "imported/machine.yaml", *out, cwd=tmp_path)
@@ -130,8 +130,8 @@ def test_import_and_the_written_copy_are_what_klipper_reads(tmp_path: Path, make
             if f"{section}.{key}" not in keys:
                 assert after[section][key].split() == text.split(), (section, key)
     # and what was nominal before is nominal still
-    assert apart(import_config("klipper", copy).printer.nominal.geometry,
-                 found.printer.nominal.geometry) < 1e-6
+    assert apart(import_config("klipper", copy).imported.printer.nominal.geometry,
+                 found.imported.printer.nominal.geometry) < 1e-6
 
 
 def test_numbers_in_the_body_that_win_over_a_calibration_are_told(tmp_path: Path) -> None:
@@ -140,8 +140,8 @@ def test_numbers_in_the_body_that_win_over_a_calibration_are_told(tmp_path: Path
     path.write_text(uncommented(tmp_path).replace("#*# delta_radius = 140.0", "#*# delta_radius = "
                                                   "140.5").replace("= 290.0", "= 290.2"))
     found = import_config("klipper", path)
-    assert found.printer.geometry.radius == 140.0
-    assert found.printer.calibration.radius == 140.5
+    assert found.imported.printer.geometry.radius == 140.0
+    assert found.imported.printer.calibration.radius == 140.5
     (said,) = [f for f in found.findings if "wins over" in f]
     assert "delta_radius 140.0 (line 8) wins over the 140.500000" in said and "1 more" in said
     assert "saved.yaml" in found.files() and "140.5" in found.files()["saved.yaml"]
@@ -167,7 +167,7 @@ def test_only_files_beside_are_followed_and_no_circle(tmp_path: Path) -> None:
     path.write_text(text.replace("mainsail.cfg", "../up.cfg").replace(
         "[mcu]", f"[include {tmp_path}/up.cfg]\n[include *.none]\n[mcu]"))
     found = import_config("klipper", path)
-    assert found.printer.geometry == OLD and not found.printer.included
+    assert found.imported.printer.geometry == OLD and not found.imported.printer.included
     assert sum("not beside the file" in f for f in found.findings) == 2
     (home / "mainsail.cfg").write_text("[include mainsail.cfg]\n")
     path.write_text(text)

@@ -83,8 +83,9 @@ def written(folder: Path, text: str) -> Path:
 
 def test_what_is_commented_out_is_nominal_and_what_is_saved_a_result(tmp_path: Path) -> None:
     found = import_config("klipper", written(tmp_path, config(REAL)))
-    assert found.printer.nominal.geometry == MEANT and found.printer.geometry == REAL
-    assert not found.off and not found.findings
+    assert found.imported.printer.nominal.geometry == MEANT
+    assert found.imported.printer.geometry == REAL
+    assert not found.imported.printer.off and not found.findings
     found.save(tmp_path / "o")
     machine, saved = (read_mechanism(tmp_path / "o" / f"{n}.yaml") for n in ("machine", "saved"))
     place = machine.names.index("delta_radius")
@@ -111,19 +112,19 @@ def test_before_is_what_identify_says_of_the_same_files(tmp_path: Path) -> None:
 def test_a_printer_without_touches_has_no_before(tmp_path: Path) -> None:
     text = config(REAL).split("#*# [delta_calibrate]")[0]
     found = import_config("klipper", written(tmp_path, text))
-    assert found.before == {} and "Before" not in found.headline()
+    assert found.imported.before == {} and "Before" not in found.headline()
 
 
 def test_numbers_that_were_edited_by_hand_are_named_with_how_much(tmp_path: Path) -> None:
     edited = DeltaGeometry(REAL.radius, REAL.angles, REAL.arms, tuple(
         e + 0.1 for e in REAL.endstops))
     found = import_config("klipper", written(tmp_path, config(edited)))
-    assert found.off == pytest.approx({f"stepper_{t}.position_endstop": 0.1 for t in "abc"},
-                                      abs=1e-3)
+    assert found.imported.printer.off == pytest.approx(
+        {f"stepper_{t}.position_endstop": 0.1 for t in "abc"}, abs=1e-3)
     (said,) = found.findings
     assert "edited by hand" in said and "+0.100 mm" in said
     run = ppmcal("import", "klipper", "printer.cfg", "--json", cwd=tmp_path, expect=1)
-    assert set(run.json["saved_off"]) == set(found.off)
+    assert set(run.json["saved_off"]) == set(found.imported.printer.off)
     assert run.json["nominal"]["printer.delta_radius"] == 140.0
     assert run.json["saved"]["printer.delta_radius"] == REAL.radius
 
@@ -133,22 +134,24 @@ def test_rods_of_which_only_a_result_is_known_are_wide_and_asked_for(tmp_path: P
     saved = DeltaGeometry(REAL.radius, REAL.angles, (300.9, 299.7, 300.0), REAL.endstops)
     path = written(tmp_path, config(saved, arms="", pairs=1.0))
     found = import_config("klipper", path)
-    assert found.printer.nominal.geometry.arms == pytest.approx((300.2,) * 3)
-    assert found.printer.nominal.rods == 2.0 and found.rods == "shared" and found.scale == "printed"
+    assert found.imported.printer.nominal.geometry.arms == pytest.approx((300.2,) * 3)
+    assert found.imported.printer.nominal.rods == 2.0
+    assert found.imported.rods == "shared" and found.imported.scale == "printed"
     assert any("--rods LENGTH" in f for f in found.findings)
     assert not any("shrunk" in f for f in found.findings)
     assert any("shrunk" in f for f in import_config("klipper", path, scale="known").findings)
     given = import_config("klipper", path, rods=(300, "single"))
-    assert given.printer.nominal.geometry.arms == (300.0,) * 3
-    assert (given.rods, given.scale, given.printer.nominal.rods) == ("single", "printed", 0.3)
+    assert given.imported.printer.nominal.geometry.arms == (300.0,) * 3
+    assert (given.imported.rods, given.imported.scale) == ("single", "printed")
+    assert given.imported.printer.nominal.rods == 0.3
     assert not any("nominal length" in f for f in given.findings)
 
 
 def test_a_placeholder_is_no_nominal_and_several_comments_are_said(tmp_path: Path) -> None:
     found = import_config("klipper", written(tmp_path, config(
         REAL, body="#delta_radius: 174.75\n#delta_radius: 99\n")))
-    assert found.printer.nominal.geometry.radius == REAL.radius
-    assert found.printer.nominal.radius == np.inf
+    assert found.imported.printer.nominal.geometry.radius == REAL.radius
+    assert found.imported.printer.nominal.radius == np.inf
     words = " ".join(found.findings)
     assert "99 mm in a comment of the body is 41.6 mm from the" in words
     assert "174.75, 99 are commented out" in words
@@ -182,7 +185,8 @@ def test_a_rod_on_a_drawing_does_not_outweigh_a_caliper(tmp_path: Path) -> None:
     real = DeltaGeometry(140.5, REAL.angles, (304.0,) * 3, REAL.endstops)
     found = import_config("klipper", written(tmp_path, config(real, real, pairs=0.995,
                                                               noise=0.01)))
-    assert found.scale == "printed" and found.printer.nominal.geometry.arms == (300.0,) * 3
+    assert found.imported.scale == "printed"
+    assert found.imported.printer.nominal.geometry.arms == (300.0,) * 3
     rods, away = re.search(r"the rods are ([\d.]+) mm; if the rods are 300 mm, the distances read "
                            r"([\d.]+) % too long", found.headline()).groups()
     assert float(rods) == pytest.approx(302.5, abs=1.5) and float(away) > 0.0
@@ -197,7 +201,7 @@ def test_a_rod_on_a_drawing_does_not_outweigh_a_caliper(tmp_path: Path) -> None:
     assert "With doubts" in text and "rods and the scale of distances" in text
     # rods that somebody measured are better known than the part
     stated = import_config("klipper", tmp_path / "printer.cfg", rods=304)
-    assert stated.scale == "printed" and stated.printer.nominal.rods == 0.3
+    assert stated.imported.scale == "printed" and stated.imported.printer.nominal.rods == 0.3
 
 
 @pytest.mark.slow
@@ -368,7 +372,7 @@ def test_a_saved_mesh_becomes_touches_to_and_fro(tmp_path: Path) -> None:
     path = written(tmp_path, config(REAL, extra=extra) + mesh_lines(
         heights, (-100.0, 100.0, -100.0, 100.0)))
     found = import_config("klipper", path, mesh="default")
-    touches = np.array(found.printer.meshes[0].rows)
+    touches = np.array(found.imported.printer.meshes[0].rows)
     side = np.linspace(-100.0, 100.0, 5)
     order = [(0, 2), *((1, c) for c in (3, 2, 1)), *((2, c) for c in range(5)),
              *((3, c) for c in (3, 2, 1)), (4, 2)]
@@ -388,7 +392,7 @@ def test_a_log_of_touches_is_a_mesh(tmp_path: Path) -> None:
              for n, (x, y) in enumerate([(0, 0), (0, 0), (40, 0), (40, 30), (0, 30), (-40, 30)])]
     (tmp_path / "klippy.log").write_text("\n".join(lines))
     path = written(tmp_path, config(REAL))
-    found = import_config("klipper", path, mesh=tmp_path / "klippy.log").printer.meshes[0]
+    found = import_config("klipper", path, mesh=tmp_path / "klippy.log").imported.printer.meshes[0]
     touches = np.array(found.rows)
     assert found.name == "klippy" and touches[2:, 4].tolist() == [1.0, 1.0, -1.0, -1.0]
     np.testing.assert_allclose(touches[2, 1:4], down(REAL, np.array([[40.0, 0.0, 0.02]]))[0],
@@ -438,8 +442,8 @@ def test_what_reprapfirmware_saved_is_a_result(tmp_path: Path) -> None:
     (tmp_path / "config-override.g").write_text("M665 R140.62 H290.1 X0.2 Y-0.3\nM666 X0.3 Y-0.4\n")
     (tmp_path / "heightmap.csv").write_text(MAP)
     found = import_config("reprap", tmp_path / "config.g", mesh=tmp_path / "heightmap.csv")
-    assert found.printer.nominal.geometry.radius == 140.0
-    assert found.printer.geometry.radius == 140.62 and "saved.yaml" in found.files()
+    assert found.imported.printer.nominal.geometry.radius == 140.0
+    assert found.imported.printer.geometry.radius == 140.62 and "saved.yaml" in found.files()
     assert not found.findings
 
 
@@ -494,9 +498,9 @@ def test_saved_numbers_of_real_printers_are_what_their_touches_give(tmp_path: Pa
             text += (f"#*# distance{i}: {row[0]}\n#*# distance{i}_pos1: {str(row[1:4])[1:-1]}\n"
                      f"#*# distance{i}_pos2: {str(row[4:])[1:-1]}\n")
         found = import_config("klipper", written(tmp_path, text))
-        assert found.printer.nominal.geometry.arms == tuple(
+        assert found.imported.printer.nominal.geometry.arms == tuple(
             map(float, event["geometry_start"]["arms"]))
-        if found.off:
+        if found.imported.printer.off:
             off.append(event["id"][:3])
     assert off == ["011", "019", "022"]
 
@@ -516,7 +520,7 @@ def test_real_beds_come_out_as_the_steps_that_were_worked_out_of_them(tmp_path: 
         text += f"[bed_mesh]\nmesh_radius: {mesh['mesh_radius']}\n"
         text += mesh_lines(heights, (x.min(), x.max(), y.min(), y.max()))
         found = import_config("klipper", written(tmp_path, text), mesh="default")
-        touches = np.array(found.printer.meshes[0].rows)
+        touches = np.array(found.imported.printer.meshes[0].rows)
         steps = np.array([[float(r[f"stepper_{t}_usteps"]) for t in "abc"] for r in table])
         assert np.max(np.abs(touches[:, 1:4] / mesh["active_geometry"]["stepdists"] - steps)) < 1e-3
         assert touches[:, 4].tolist() == [float(r["approach_dir_x"]) for r in table]
@@ -530,7 +534,7 @@ def test_a_radius_that_was_measured_by_hand_is_nominal(tmp_path: Path) -> None:
     said = import_config("klipper", path)
     assert any("taken for a placeholder" in f for f in said.findings)
     found = import_config("klipper", path, radius=140.4)
-    nominal = found.printer.nominal
+    nominal = found.imported.printer.nominal
     assert nominal.geometry.radius == 140.4 and nominal.origin["delta_radius"] == "--radius"
     assert nominal.radius == 1.0 and not found.findings
     found.save(tmp_path / "o")
@@ -547,7 +551,7 @@ def test_a_radius_far_from_what_is_printed_with_is_said_and_none_refused(tmp_pat
     path = written(tmp_path, config(REAL))
     found = import_config("klipper", path, radius=160.0)
     assert any("19.4 mm from the 140.62 mm" in f for f in found.findings)
-    assert found.printer.nominal.radius >= 19.4
+    assert found.imported.printer.nominal.radius >= 19.4
     for wrong in ("0", "-3", "nan", "350"):
         run = ppmcal("import", "klipper", "printer.cfg", "--radius", wrong, cwd=tmp_path, expect=2)
         assert "radius" in run.err
@@ -557,9 +561,9 @@ def test_a_radius_far_from_what_is_printed_with_is_said_and_none_refused(tmp_pat
 def test_reprap_takes_a_radius_too(tmp_path: Path) -> None:
     (tmp_path / "config.g").write_text("M665 R140 L300 B110 H290\n")
     found = import_config("reprap", tmp_path / "config.g", radius=140.7)
-    assert found.printer.nominal.geometry.radius == 140.7
-    assert found.printer.geometry.radius == 140.0    # what touches were made with
-    assert found.printer.nominal.origin["delta_radius"] == "--radius"
+    assert found.imported.printer.nominal.geometry.radius == 140.7
+    assert found.imported.printer.geometry.radius == 140.0    # what touches were made with
+    assert found.imported.printer.nominal.origin["delta_radius"] == "--radius"
     assert not any("--radius" in f for f in found.findings)
 
 

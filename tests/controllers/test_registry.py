@@ -24,10 +24,13 @@ WORKSHOP = '''"""Offsets of the workshop's controller."""
 
 from ppmcal.controllers import Controller
 from ppmcal.controllers.delta.geometry import ANGLES, DeltaGeometry
+from ppmcal.controllers.delta.importer import printer_importer
+from ppmcal.controllers.delta.options import delta_options
 from ppmcal.controllers.delta.printer import Printer, nominal_of
 
 CONTROLLER = Controller(9, "offsets.", use="bench {model} takes the machine",
-                        drives=lambda mechanism: mechanism.motion.turns_freely)
+                        drives=lambda mechanism: mechanism.motion.turns_freely,
+                        options=delta_options("none", "R"))
 
 
 def export(mechanism, old, poses):
@@ -40,6 +43,9 @@ def printer(path, rods, meshes, radius):
     meant = DeltaGeometry(r, ANGLES, (rod,) * 3, (end,) * 3)
     origin = dict.fromkeys(("delta_radius", "rods", "endstops"), "the file")
     return Printer(str(path), meant, (0.01,) * 3, nominal_of(str(path), meant, meant, origin, rods))
+
+
+import_config = printer_importer(printer)
 '''
 
 
@@ -99,7 +105,7 @@ def test_every_controller_says_what_it_does_and_is_in_the_docs():
         assert hasattr(entry.load(), "export") and f"ppmcal export {name}" in page
         assert controllers.own()[name].exports.endswith(".")
     for name, entry in controllers.imported().items():
-        assert hasattr(entry.load(), "printer") and f"ppmcal import {name}" in page
+        assert hasattr(entry.load(), "import_config") and f"ppmcal import {name}" in page
 
 
 def test_no_other_module_names_a_controller():

@@ -29,7 +29,8 @@ def bed(folder: Path, there: float) -> None:
     point = np.column_stack([x.ravel(), y.ravel(), rng.normal(0.0, 0.012, way.size)])
     rows = np.column_stack([np.zeros(way.size), down(REAL, point) + (way * size)[:, None], way])
     folder.mkdir()
-    texts = files(import_config("klipper", written(folder, config(MEANT))).printer, "fixed")
+    found = import_config("klipper", written(folder, config(MEANT)))
+    texts = files(found.imported.printer, "fixed")
     (folder / "machine.yaml").write_text(texts["machine.yaml"])
     np.savetxt(folder / "bed.csv", rows, delimiter=",", comments="", fmt="%.6f",
                header="height,q_a,q_b,q_c,dir_x")

@@ -34,7 +34,7 @@ def campaign(folder: Path) -> Path:
     """
     folder.mkdir()
     found = import_config("klipper", written(folder, config(MEANT, pairs=1.0, noise=0.01)))
-    texts = files(found.printer, "fixed")
+    texts = files(found.imported.printer, "fixed")
     for name in ("machine.yaml", "heights.csv", "heights.yaml", "distances.csv", "distances.yaml"):
         (folder / name).write_text(texts[name])
     rng = np.random.default_rng(3)

@@ -14,10 +14,13 @@ from helpers.paths import ROOT
 
 from fuzz.judge import SECONDS
 from ppmcal.commands.batch.manifest import read_manifest
+from ppmcal.controllers.hangprinter import config as hangprinter_config
+from ppmcal.controllers.hangprinter.importer import import_config as import_hangprinter
 from ppmcal.controllers.joints import file as joint_tables_file
 from ppmcal.controllers.klipper import config as klipper_config
 from ppmcal.controllers.klipper import reading as klipper_reading
 from ppmcal.controllers.linuxcnc import hal as linuxcnc_hal
+from ppmcal.controllers.maslow.importer import import_config as import_maslow
 from ppmcal.controllers.reprap import config as reprap_config
 from ppmcal.controllers.reprap import reading as reprap_reading
 from ppmcal.io.column_names import LABELS
@@ -142,6 +145,26 @@ def _joints(data):
 
 def _klipper(path):
     return klipper_reading.read_printer(path, None, (), None)
+
+
+def _maslow(path):
+    _imported(import_maslow(path, {"width": None, "height": None, "anchors": None}))
+
+
+def _hangprinter(path):
+    _imported(import_hangprinter(path, {"anchors": None}))
+
+
+def _imported(found):
+    """What an import writes is a machine and measurements that can be read again."""
+    place = folder() / "imported"
+    place.mkdir(exist_ok=True)
+    for name, text in found.files().items():
+        (place / name).write_text(text, encoding="utf-8")
+    machine = read_mechanism(place / "machine.yaml")
+    for name in found.files():
+        if name.endswith(".csv"):
+            read_dataset(place / name, machine)
 
 
 def _heights(path):
@@ -301,6 +324,18 @@ def readers():
             b"RepRapFirmware height map file v2\naxis0,axis1,min0,max0,min1,max1,radius,spacing0,"
             b"spacing1,num0,num1\nX,Y,-10,10,-10,10,-1,10,10,3,3\n0.1,0.2,0.3\n0.1,0,0.3\n"
             b"0.1,0.2,0.3\n",)),
+        Reader("maslow", from_file("maslow.log", _maslow), (
+            *texts("sample_data/maslow/maslow.log"), b"bl,br,tr,tl\n" + b"".join(
+                b"%d,%d,%d,%d\n" % (1000 + 90 * n, 2700 - 70 * n, 2400, 998 + 60 * n)
+                for n in range(6)))),
+        Reader("hangprinter", from_file("samples.jsonl", _hangprinter), (
+            *texts("sample_data/hangprinter/samples.jsonl"),
+            b"motor_pos_samp = np.array([\n" + b"".join(
+                b"  [%d, %d, 3.5, -4e2],  # x\n" % (n, 5 * n) for n in range(30)) + b"])\n")),
+        Reader("hangprinter-config", lambda d: hangprinter_config.parse_config(
+            d.decode("utf-8", "replace"), "config.g").matrix("config.g"), (
+            b"M669 A0:-1600:-120 B1300:1250:-160 C-1400:750:-150 D20:10:2350\n"
+            b"M666 Q0.05 R75:75:75:75 U2:2:2:4 O1 L20 H255\n",)),
         Reader("hal", _hal, (_hal_text(),
                              _hal_text() + b"net a genhexkins.screw-lead <= b\n")),
         Reader("hal-joints", _joints, (

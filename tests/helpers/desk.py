@@ -21,7 +21,8 @@ COPIES = {"hexapod.yaml": "mine.yaml", "scenario.yaml": "mine.scenario.yaml",
           "measurements.csv": "run1.csv", "measurements.yaml": "run1.yaml",
           "hidden/measurements.csv": "run2.csv", "hidden/measurements.yaml": "run2.yaml",
           "targets.csv": "targets.csv", "poses.csv": "poses.csv",
-          "printer/printer.cfg": "printer.cfg"}
+          "printer/printer.cfg": "printer.cfg", "maslow/maslow.log": "maslow.log",
+          "hangprinter/samples.jsonl": "samples.jsonl"}
 LINES = ("ppmcal identify mine.yaml run1.csv --quiet",
          "ppmcal simulate mine.yaml mine.scenario.yaml --seed 5 --out may --quiet",
          "ppmcal simulate mine.yaml mine.scenario.yaml --seed 6 --out june --quiet",
@@ -30,7 +31,10 @@ LINES = ("ppmcal identify mine.yaml run1.csv --quiet",
          "ppmcal kinematics inverse mine.yaml poses.csv --quiet",
          "ppmcal import klipper printer.cfg --out printer --quiet",
          "ppmcal identify printer/machine.yaml printer/heights.csv printer/distances.csv "
-         "--out fitted-printer --quiet")
+         "--out fitted-printer --quiet",
+         "ppmcal import maslow maslow.log --out belts --quiet",
+         "ppmcal identify belts/machine.yaml belts/run_1.csv belts/run_2.csv "
+         "--out fitted-maslow --quiet")
 
 
 def examples_of(name: str) -> list[str]:

@@ -107,11 +107,11 @@ class Printer:
         return self.saved and self.calibration != self.nominal.geometry
 
 
-class Importer(Protocol):
-    """A module, or an object, that reads a printer in one format."""
+class PrinterReader(Protocol):
+    """What reads a printer in one format."""
 
-    def printer(self, path: Path, rods: float | None, meshes: Sequence[str], radius: float | None
-                ) -> Printer:
+    def __call__(self, path: Path, rods: float | None, meshes: Sequence[str], radius: float | None
+                 ) -> Printer:
         """Return the printer of a configuration, with what it has measured.
 
         Args:

@@ -1,12 +1,14 @@
 """Klipper, firmware of printers."""
 
 from ppmcal.controllers import Controller
+from ppmcal.controllers.delta.options import delta_options
 
 CONTROLLER = Controller(
     0, "lines for the printer.cfg of a linear delta.",
     "printer.cfg of a delta printer, with the heights and distances that DELTA_CALIBRATE saved in "
-    "it, and its meshes.", meshes="the name of a mesh that Klipper saved, a log of its touches",
-    radius="delta_radius", copies=True, examples=(
+    "it, and its meshes.", options=delta_options(
+        "the name of a mesh that Klipper saved, a log of its touches", "delta_radius"),
+    copies=True, examples=(
         ("export", "ppmcal export klipper fitted-printer --old printer.cfg --write"),
         ("import", "ppmcal import klipper printer.cfg")),
     use="ppmcal export klipper {model} --old {old} --write makes a printer.cfg with the new "

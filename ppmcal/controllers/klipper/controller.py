@@ -9,6 +9,7 @@ from pathlib import Path
 from ppmcal.controllers.delta.export import export_delta
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
 from ppmcal.controllers.delta.geometry import TOWERS, DeltaGeometry, travel
+from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.delta.printer import Printer
 from ppmcal.controllers.export import Exported
 from ppmcal.controllers.klipper.config import (
@@ -86,6 +87,9 @@ def patch(exported: Exported, old: Path) -> Exported:
     return replace(exported, files={**exported.files, COPY: text}, advice=(advice,))
 
 
-def printer(path: Path, rods: float | None, meshes: Sequence[str], radius: float | None) -> Printer:
-    """Return the printer; see :class:`ppmcal.controllers.delta.printer.Importer`."""
+def _printer(path: Path, rods: float | None, meshes: Sequence[str], radius: float | None
+             ) -> Printer:
     return with_own_fit(read_printer(path, rods, meshes, radius))
+
+
+import_config = printer_importer(_printer)

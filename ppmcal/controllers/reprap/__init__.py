@@ -1,9 +1,10 @@
 """RepRapFirmware, firmware of printers."""
 
 from ppmcal.controllers import Controller
+from ppmcal.controllers.delta.options import delta_options
 
 CONTROLLER = Controller(
     2, "M665 and M666 of a linear delta.", "config.g of RepRapFirmware.", title="RepRapFirmware",
-    meshes="RepRapFirmware's heightmap.csv", radius="R of M665",
+    options=delta_options("RepRapFirmware's heightmap.csv", "R of M665"),
     use="ppmcal export reprap {model} --old {old} writes the lines M665 and M666: paste them into "
         "{old}")

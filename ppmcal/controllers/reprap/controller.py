@@ -10,6 +10,7 @@ import numpy as np
 from ppmcal.controllers.delta.export import export_delta
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
 from ppmcal.controllers.delta.geometry import DeltaGeometry
+from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.export import Exported
 from ppmcal.controllers.reprap.arithmetic import delta_of, travel
 from ppmcal.controllers.reprap.config import (
@@ -89,7 +90,7 @@ REPRAP = DeltaFirmware(
     "reprap", "RepRapFirmware", "reprap.g", ("X", "Y", "Z"), "delta radius R",
     "H of M665 and X, Y, Z of M666", "divide its steps per mm (M92) by that", read_lines,
     parse_lines, read_delta, _of, travel, _table, format_delta, _how, _advice, _notes)
-printer = read_printer
+import_config = printer_importer(read_printer)
 
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:

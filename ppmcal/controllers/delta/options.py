@@ -1,0 +1,32 @@
+"""What ``import`` asks of a delta printer besides its configuration."""
+
+from __future__ import annotations
+
+from ppmcal.controllers import ImportOption
+
+
+def delta_options(meshes: str, radius: str) -> tuple[ImportOption, ...]:
+    """Return the options of a firmware.
+
+    Args:
+        meshes: what it calls a probed bed.
+        radius: what it calls the delta's radius.
+    """
+    return (
+        ImportOption(
+            "rods", "str | float | Sequence[str | float]", (),
+            "Length of the rods as you measured it, mm; and rods as drawn, one length for all, or "
+            "one for each tower  [default: shared, or single where they differ]. Repeat to give "
+            "both.", how={"metavar": "MM|fixed|shared|single", "kind": "str"}),
+        ImportOption(
+            "mesh", "Path_ | Sequence[Path_]", (), "A probed bed, as touches with their direction "
+            "of travel: {words}. Repeatable.", meshes,
+            {"metavar": "NAME|FILE", "kind": "str"}),
+        ImportOption(
+            "scale", "str", "printed", "What measured distances are: those of a printed part, "
+            "which shrinks; true; or all off by a factor that nothing is known of.",
+            how={"choices": ("printed", "known", "unknown"), "shown": True}),
+        ImportOption(
+            "radius", "float | None", None, "{words}, as you measured it, mm: from the joints at a "
+            "tower to those at the effector, seen from above", radius,
+            {"metavar": "MM", "otherwise": "as the file has it"}))

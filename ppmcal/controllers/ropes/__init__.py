@@ -1,0 +1,1 @@
+"""What controllers of ropes to one point share: the machine's file, readings, the export."""

@@ -1,0 +1,204 @@
+"""The export of ropes to one point, in the anchors of a firmware that declares its conventions.
+
+Of its anchors a firmware makes rope lengths for any place, in a frame that the anchors or the
+lines' zero define. The machine is driven with these, old and new: how far it then is from what was
+asked, in that frame, is the error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ppmcal.controllers.export import Exported, NotExpressed, Number
+from ppmcal.controllers.pose_errors import MM, ErrorSummary, pose_errors
+from ppmcal.controllers.pose_grid import at_rest, default_grid, instrument_notes
+from ppmcal.controllers.ropes.machine import RopeGeometry, rope_geometry
+from ppmcal.errors import BadInput, NoResult
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.equilibrium import reached_poses
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.linalg import Array
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.store.inputs import read_bytes
+
+EXACT = 1e-9
+"""Lengths and ratios that differ by less, m, are alike."""
+MOST = 1500
+"""Poses of the grid that are tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Where a firmware's frame is in the machine's base: its axes (3, 3) as rows, and origin, m."""
+
+    axes: Array
+    origin: Array
+
+    def inside(self, points: Array) -> Array:
+        """Return points (N, 3) of the base in the firmware's frame."""
+        return np.asarray((points - self.origin) @ self.axes.T)
+
+
+@dataclass(frozen=True)
+class RopeFirmware:
+    """What a firmware of ropes makes of its anchors.
+
+    Attributes:
+        name, title: of the format; file: that is written.
+        order: limbs of a machine in the firmware's order; raises BadInput for a machine that it
+            does not drive.
+        frame: the firmware's frame in a machine, with ropes in its order.
+        lengths: what it takes ropes to be at points (N, 3) for anchors (k, 3), both in its frame,
+            as joint values (N, k); m.
+        table: name and value of each number that is written for anchors (k, 3), mm.
+        text: the file for anchors, mm, below a comment; read: anchors (k, 3), mm, of such a file.
+        decimals: of a number in it.
+        zero: the rope lengths' part that it computes itself, so that no offset is missing, for
+            anchors (k, 3), m.
+        notes, advice: sentences, for a frame and for an old file.
+        scaled: what to do where ropes give another length than they count.
+    """
+
+    name: str
+    title: str
+    file: str
+    order: Callable[[Mechanism], list[int]]
+    frame: Callable[[Mechanism, RopeGeometry], Frame]
+    lengths: Callable[[Array, Array], Array]
+    zero: Callable[[Array], Array]
+    table: Callable[[Array], Iterable[tuple[str, float]]]
+    text: Callable[[Array, str], str]
+    read: Callable[[str, str], Array]
+    decimals: int
+    advice: Callable[[Path | None], Iterable[str]]
+    notes: Callable[[Frame], Iterable[str]]
+    scaled: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Machine:
+    """A machine in a firmware's order and frame; joint values of it are those of ``real``."""
+
+    real: Mechanism
+    ropes: RopeGeometry
+    nominal: RopeGeometry
+    order: list[int]
+    frame: Frame
+
+
+def export_ropes(firmware: RopeFirmware, mechanism: Mechanism, old: Path | None,
+                 poses: Path | None) -> Exported:
+    """Return the machine in a firmware's anchors; see :class:`ppmcal.controllers.export.Exporter`.
+
+    Raises:
+        BadInput: a machine that it does not drive, or an option without use.
+        NoResult: the file reads back as other numbers.
+    """
+    if poses is not None:
+        raise BadInput(f"{firmware.name} takes numbers, not poses", "--poses", "Leave it out")
+    machine = _machine(firmware, mechanism)
+    exact = machine.frame.inside(machine.ropes.anchors) / MM
+    new = np.round(exact, firmware.decimals) + 0.0
+    present = _present(firmware, machine, old)
+    wanted = _wanted(mechanism)
+    before, after = (_errors(firmware, machine, anchors * MM, wanted, mechanism)
+                     for anchors in (present, new))
+    lacks = tuple(_lacks(firmware, machine, exact * MM, wanted))
+    notes = (*firmware.notes(machine.frame), *instrument_notes(mechanism))
+    comment = "\n".join([f"{mechanism.name}: error if the model is exact {after.words()}, before "
+                         f"{before.words()}.",
+                         *(f"Cannot be expressed: {lack.what}." for lack in lacks),
+                         *(f"Note: {note}." for note in notes)])
+    text = firmware.text(new, comment)
+    if not np.array_equal(firmware.read(text, firmware.file), new):
+        raise NoResult("the lines read back as other numbers", firmware.file,
+                       "This is a fault of ppmcal; do not use them")
+    olds = dict(firmware.table(present))
+    return Exported(
+        firmware.name, firmware.title, {firmware.file: text},
+        f"{firmware.title}'s anchors hold {'most' if lacks else 'all'} of the geometry",
+        tuple(Number(name, olds.get(name), value, "mm") for name, value in firmware.table(new)),
+        f"{len(wanted)} places of a box about home", before, after, lacks, notes,
+        tuple(firmware.advice(old)), poses=wanted)
+
+
+def _machine(firmware: RopeFirmware, mechanism: Mechanism) -> _Machine:
+    order = firmware.order(mechanism)
+    ropes, nominal = (_ordered(rope_geometry(m), order) for m in (mechanism, mechanism.nominal()))
+    return _Machine(mechanism, ropes, nominal, order, firmware.frame(mechanism, ropes))
+
+
+def _ordered(ropes: RopeGeometry, order: list[int]) -> RopeGeometry:
+    return RopeGeometry(ropes.anchors[order], ropes.offset[order], ropes.ratio[order],
+                        tuple(ropes.actuators[i] for i in order))
+
+
+def _present(firmware: RopeFirmware, machine: _Machine, old: Path | None) -> Array:
+    """Return the anchors in use (k, 3), mm: of the old file, else the nominal ones."""
+    if old is None:
+        nominal = machine.real.nominal()
+        anchors = firmware.frame(nominal, machine.nominal).inside(machine.nominal.anchors) / MM
+        return np.asarray(np.round(anchors, firmware.decimals) + 0.0)
+    return firmware.read(read_bytes(old).decode("utf-8-sig", errors="replace"), str(old))
+
+
+def _wanted(mechanism: Mechanism) -> Array:
+    """Return wanted poses (N, 6), base frame."""
+    poses = default_grid(mechanism).poses(mechanism)
+    return np.asarray(poses[:: 1 + len(poses) // MOST])
+
+
+def _errors(firmware: RopeFirmware, machine: _Machine, anchors: Array, wanted: Array,
+            real: Mechanism) -> ErrorSummary:
+    """Return how far ``real`` is from wanted poses (N, 6), driven with anchors (k, 3), m."""
+    lengths = firmware.lengths(anchors, machine.frame.inside(wanted[:, :3]))
+    # what a firmware counts as a length is one by the nominal ratio
+    q = np.empty((len(wanted), len(real.actuators)))
+    q[:, list(machine.ropes.actuators)] = lengths / machine.nominal.ratio
+    reached = reached_poses(Model(real), q, at_rest(real, len(q))).pose
+    return pose_errors(real, reached, pose_motor(np.nan_to_num(wanted)))
+
+
+def _lacks(firmware: RopeFirmware, machine: _Machine, anchors: Array, wanted: Array
+           ) -> Iterator[NotExpressed]:
+    """Yield what anchors alone cannot hold, with what that costs."""
+    mechanism, ropes = machine.real, machine.ropes
+    bare = replace(mechanism, effects=())
+    names = [mechanism.limbs[i].name for i in machine.order]
+    longer = ropes.ratio / machine.nominal.ratio
+    apart = ropes.offset - firmware.zero(anchors)
+    parts = []
+    if np.ptp(apart) > EXACT or abs(apart[0]) > EXACT:
+        parts.append("ropes are longer than they read by " + ", ".join(
+            f"{value / MM:.4g} mm ({name})" for name, value in zip(names, apart, strict=True)))
+    if np.abs(longer - 1.0).max() > EXACT:
+        parts.append(f"{firmware.scaled}: " + ", ".join(
+            f"{value:.6g} ({name})" for name, value in zip(names, longer, strict=True)))
+    if parts:
+        slots = tuple(n for n in mechanism.names if n.endswith((".offset", ".ratio")))
+        yield NotExpressed("; ".join(parts), slots,
+                           _errors(firmware, machine, anchors, wanted, bare))
+    for effect in mechanism.effects:
+        if not effect.kind.instrument:
+            yield NotExpressed(f"effect {effect.kind.name}", tuple(
+                mechanism.names[p] for p in effect.parameters.values()), None)
+
+
+def shift_words(frame: Frame) -> str:
+    """Return where a firmware's frame is in the model's base, empty where it is the same one."""
+    turn = float(np.degrees(np.arctan2(frame.axes[0, 1], frame.axes[0, 0])))
+    place = ", ".join(f"{v:.4g}" for v in frame.origin / MM)
+    if np.abs(frame.origin).max() < EXACT and abs(turn) < 1e-9:
+        return ""
+    return f"({place}) mm" + (f", turned by {turn:.4g} deg" if abs(turn) >= 1e-9 else "")
+
+
+def horizontal(x_axis: Array) -> Array:
+    """Return the axes (3, 3), as rows, of a frame whose x axis is along a vector in the plane."""
+    along = x_axis / np.linalg.norm(x_axis)
+    up = np.array([0.0, 0.0, 1.0])
+    return np.array([along, np.cross(up, along), up])

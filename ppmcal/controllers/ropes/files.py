@@ -1,0 +1,166 @@
+"""Ropes to one point as a mechanism file and measurement files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import yaml
+
+from ppmcal.io import csv_text
+from ppmcal.io.yaml import printable
+from ppmcal.linalg import Array
+
+SAME_PLACE = 3.0
+"""RopeRun one after the other are of one place if they differ by less on every rope, mm."""
+
+
+@dataclass(frozen=True)
+class Rope:
+    """A rope, and what of its length is not in the joint value.
+
+    Attributes:
+        name: of the rope; anchor: where it begins, mm.
+        offset: the slot as the file has it.
+        held: coordinates of the anchor that define the frame, and are not open.
+    """
+
+    name: str
+    anchor: tuple[float, ...]
+    offset: str
+    held: str = ""
+
+    @property
+    def place(self) -> str:
+        """The anchor as the file has it."""
+        own = dict(zip("xyz", map(_number, self.anchor), strict=False))
+        if not self.held:
+            return f"[{', '.join(own.values())}]"
+        return "{" + ", ".join(
+            f"{c}: {{value: {v}, fixed: true}}" if c in self.held else f"{c}: {v}"
+            for c, v in own.items()) + "}"
+
+
+@dataclass(frozen=True)
+class RopeMachine:
+    """Ropes that hold one point, mm.
+
+    Attributes:
+        name: of the machine; comment: the lines at the head of its file.
+        motion: ``planar-point`` or ``translational``.
+        ropes: in the order of the joints.
+        home: where the point is in the middle.
+        tolerances: by class of slot.
+        limits: of the joint values (k, 2).
+        more: further lines of the file.
+    """
+
+    name: str
+    comment: str
+    motion: str
+    ropes: tuple[Rope, ...]
+    home: tuple[float, ...]
+    tolerances: Mapping[str, float]
+    limits: Array
+    more: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class RopeRun:
+    """One run of joint values (N, k), mm, and where they stand in the controller's file.
+
+    ``places``: measured positions (N, 3), mm, nan where there are none; None for no instrument.
+    """
+
+    joints: Array
+    where: str
+    places: Array | None = None
+
+
+def machine_yaml(machine: RopeMachine) -> str:
+    """Return the commented mechanism file."""
+    axes = "xyz"[:len(machine.home)]
+    fixed = ", ".join(f"{c}: {{value: 0, fixed: true}}" for c in axes)
+    name = yaml.safe_dump(printable(machine.name), width=1000).strip().removesuffix("...").strip()
+    ropes = "".join(f"""\
+  - name: {rope.name}
+    kind: rope
+    base: {{point: {rope.place}}}
+    platform: {{point: {{{fixed}}}}}
+    offset: {rope.offset}
+""" for rope in machine.ropes)
+    home = ", ".join(f"{c}: {_number(v)}" for c, v in zip(axes, machine.home, strict=True))
+    tolerances = ", ".join(f"{k}: {_number(v)}" for k, v in machine.tolerances.items())
+    limits = ", ".join(f"{rope.name}: [{_number(low)}, {_number(high)}]"
+                       for rope, (low, high) in zip(machine.ropes, machine.limits.tolist(),
+                                                    strict=True))
+    comment = "".join(f"# {line}\n" for line in machine.comment.splitlines())
+    return f"""\
+{comment}format: ppmcal/mechanism/1
+name: {name}
+units: {{length: mm, angle: deg}}   # of every number in this file
+motion: {machine.motion}
+limbs:    # ropes that meet in one point, where platform's x, y, z are 0
+{ropes}home: {{pose: {{{home}}}}}
+tolerances: {{{tolerances}}}    # one standard deviation each
+limits: {{{limits}}}
+{machine.more}"""
+
+
+def _number(value: float) -> str:
+    return f"{value:.10g}"
+
+
+def measurement_files(machine: RopeMachine, runs: Sequence[RopeRun], source: str, sigma: float,
+                      position: float = 0.0) -> dict[str, str]:
+    """Return name -> text of a table and a sidecar for each run.
+
+    Args:
+        machine: whose joints are read.
+        runs: at least one.
+        source: the file's name.
+        sigma: what joint values repeat to, mm; estimates begin there.
+        position: standard deviation of measured places, mm.
+    """
+    out = {}
+    for n, run in enumerate(runs, 1):
+        name = "measurements" if len(runs) == 1 else f"run_{n:0{len(str(len(runs)))}d}"
+        header = ["pose", *(f"q_{rope.name}" for rope in machine.ropes)]
+        columns = [places_of(run.joints), *run.joints.T]
+        if run.places is not None:
+            header += ["x", "y", "z"][:len(machine.home)]
+            columns += list(run.places.T[:len(machine.home)])
+        out[f"{name}.csv"] = csv_text(header, columns)
+        out[f"{name}.yaml"] = _sidecar(name, run, source, sigma, position)
+    return out
+
+
+def places_of(joints: Array) -> Array:
+    """Return a number per place (N,): readings one after the other that are alike share it."""
+    out = np.zeros(len(joints), dtype=int)
+    first = 0
+    for n in range(1, len(joints)):
+        again = bool(np.all(np.abs(joints[n] - joints[first]) < SAME_PLACE))
+        first = first if again else n
+        out[n] = out[n - 1] + (not again)
+    return out + 1
+
+
+def _sidecar(name: str, run: RopeRun, source: str, sigma: float, position: float) -> str:
+    seen = run.places is not None
+    kind = (f"{{kind: position, sigma: {{position: {position:g}, actuator: {sigma:g}, "
+            "estimated: true}}" if seen else
+            f"{{kind: none, sigma: {{actuator: {sigma:g}, estimated: true}}}}")
+    frame = "frame: known\ntarget: known\n" if seen else ""
+    return f"""\
+# {printable(f"{run.where} of {source}")}
+# sigma: how far one reading scatters, estimated from what is left; {sigma:g} mm begins it.
+# Where you know it, put it in and take `estimated` out.
+format: ppmcal/dataset/1
+name: {name}
+units: {{length: mm, angle: deg}}
+instrument: {kind}
+{frame}"""
+
+
