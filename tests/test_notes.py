@@ -83,6 +83,7 @@ ALLOWED = {
     ("controllers/klipper/lines.py", "line.startswith(SAVED)"),
     ("controllers/klipper/lines.py", "line.startswith(f'{SAVED} ')"),
     ("controllers/klipper/lines.py", "line.text.startswith(SAVED)"),
+    ("controllers/maslow/reading.py", "_CLBM in line"),
     ("io/point_list.py", "'date' in line.lower().split()"),
     ("store/differences.py", "line.startswith('#*#')"),
     # columns of a table

@@ -13,8 +13,8 @@ Array = np.ndarray
 class Machine:
     """Nominal points (m, 3) of base and platform, mm; tolerance of both, and who pulls.
 
-    ``centre``, ``half``: of the poses x, y, z and rotation vector (6,); ``free``: coordinates of the
-    points that the file leaves free; ``instrument``: none or pose.
+    ``centre``, ``half``: of the poses x, y, z and rotation vector (6,); ``instrument``: none or
+    pose.
     """
 
     name: str
@@ -44,18 +44,23 @@ class Machine:
 
         def points(p: Array, fixed: bool) -> object:
             values = [float(v) for v in p[:size]]
-            return {c: {"value": v, "fixed": True} for c, v in zip("xyz", values)} if fixed else values
+            if not fixed:
+                return values
+            return {c: {"value": v, "fixed": True}
+                    for c, v in zip("xyz"[:size], values, strict=True)}
 
         own = self.motion == "planar-point"
-        names = {"planar-point": "x y", "planar": "x y rz", "spatial": "x y z rx ry rz"}[self.motion]
-        at = dict(zip(("x", "y", "z", "rx", "ry", "rz"), self.centre))
+        names = {"planar-point": "x y", "planar": "x y rz",
+                 "spatial": "x y z rx ry rz"}[self.motion]
+        at = dict(zip(("x", "y", "z", "rx", "ry", "rz"), self.centre, strict=True))
         return {"format": "ppmcal/mechanism/1", "name": self.name, "motion": self.motion,
                 "units": {"length": "mm", "angle": "rad"}, "home": {"pose": {
                     c: float(at[c]) for c in names.split()}},
                 "limbs": [{"name": n, "kind": "rope", "base": {"point": points(a, False)},
                            "platform": {"point": points(b, own)},
                            "offset": {"value": 0.0, "fixed": not self.offset}}
-                          for n, a, b in zip(self.ropes, self.anchors, self.hooks)],
+                          for n, a, b in zip(self.ropes, self.anchors, self.hooks,
+                                             strict=True)],
                 "tolerances": {"point": self.tolerance, "offset": self.offset or 1.0}}
 
 

@@ -73,7 +73,7 @@ CAUSES: dict[str, tuple[Cause | None, frozenset[str]]] = {
 }
 """By name the cause, and the kinds that are right; those that no kind is right for are unknown.
 
-Stretch and a frame that gives are told apart by the lengths alone: either name is right for both."""
+Stretch and a frame that gives differ by the ropes' lengths alone: either name is right for both."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,8 @@ def _seen(machine: Machine, extra: Array, anchors: Array, hooks: Array, poses: A
     columns = [by_anchor, by_hook]
     if machine.offset:
         columns.append(np.broadcast_to(np.eye(m), (n, m, m)))
-    geometry = (rest @ np.concatenate(columns, axis=2)).reshape(-1, sum(c.shape[2] for c in columns))
+    geometry = rest @ np.concatenate(columns, axis=2)
+    geometry = geometry.reshape(-1, geometry.shape[2])
     column = (rest @ extra[..., None]).reshape(-1)
     left = column - geometry @ np.linalg.lstsq(geometry, column, rcond=1e-9)[0]
     return float(np.sqrt(np.mean(left**2)))

@@ -18,6 +18,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
 
 
 def order(mechanism: Mechanism) -> list[int]:
@@ -85,17 +86,20 @@ def read(content: str, source: str) -> Array:
     return parse_config(content, source).matrix(source)
 
 
-def notes(found: Frame) -> Iterator[str]:
+def notes(found: Frame) -> Iterator[Note]:
     """Yield what becomes of a machine identified in another frame."""
     if words := shift_words(found):
-        yield ("the firmware has its origin where all line positions are 0: in the model's base "
-               f"that is at {words}, and places in the model are those of the printer less that")
+        yield Note(
+               "the firmware has its origin where all line positions are 0: in the model's base "
+               f"that is at {words}, and places in the model are those of the printer less that",
+               NOTE)
 
 
-def advice(old: Path | None) -> Iterator[str]:
+def advice(old: Path | None) -> Iterator[Note]:
     """Yield how to bring the numbers into the machine."""
-    yield (f"Put the line of {HANGPRINTER.file} in place of M669's anchors in config.g, keep its "
-           "other letters and M666, and home.")
+    yield Note(
+           f"Put the line of {HANGPRINTER.file} in place of M669's anchors in config.g, keep its "
+           "other letters and M666, and home.", NOTE)
 
 
 HANGPRINTER = RopeFirmware(

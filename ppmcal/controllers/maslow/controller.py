@@ -24,6 +24,7 @@ from ppmcal.controllers.ropes.machine import RopeGeometry, holds_a_point, rope_g
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
 from ppmcal.store.inputs import read_bytes
 
 COPY = "maslow.yaml"
@@ -90,19 +91,21 @@ def read(content: str, source: str) -> Array:
     return np.pad(anchors_of(keys_of(content, source)), ((0, 0), (0, 1)))
 
 
-def notes(found: Frame) -> Iterator[str]:
+def notes(found: Frame) -> Iterator[Note]:
     """Yield what becomes of a machine identified in another frame."""
     if words := shift_words(found):
-        yield ("the Maslow has its origin at the bottom left anchor and its x axis through the "
+        yield Note(
+               "the Maslow has its origin at the bottom left anchor and its x axis through the "
                f"bottom right one: in the model's base that is at {words}, and places in the model "
-               "are those of the router less that")
+               "are those of the router less that", NOTE)
 
 
-def advice(old: Path | None) -> Iterator[str]:
+def advice(old: Path | None) -> Iterator[Note]:
     """Yield how to bring the numbers into the machine."""
-    yield (f"Put the lines of {MASLOW.file} in place of those of the machine's maslow.yaml, or "
+    yield Note(
+           f"Put the lines of {MASLOW.file} in place of those of the machine's maslow.yaml, or "
            "send each as $/Maslow_tlX=VALUE, and restart."
-           + ("" if old is None else f" --write makes a copy of {old} with them."))
+           + ("" if old is None else f" --write makes a copy of {old} with them."), NOTE)
 
 
 MASLOW = RopeFirmware(
@@ -131,6 +134,6 @@ def patch(exported: Exported, old: Path) -> Exported:
     if not np.array_equal(read(content, COPY), read(exported.files[MASLOW.file], MASLOW.file)):
         raise NoResult("the copy reads back as other numbers", str(old),
                        f"Put the lines of {MASLOW.file} there by hand")
-    told = (f"The {COPY} written is a copy of {old} with the new numbers. Keep the old one, put "
-            "the copy in its place, and restart.")
+    told = Note(f"The {COPY} written is a copy of {old} with the new numbers. Keep the old one, "
+                "put the copy in its place, and restart.", NOTE)
     return replace(exported, files={**exported.files, COPY: content}, advice=(told,))

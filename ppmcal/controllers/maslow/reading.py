@@ -13,6 +13,7 @@ from ppmcal.controllers.ropes.files import RopeRun, places_of
 from ppmcal.errors import BadInput
 from ppmcal.io.csv import csv_table
 from ppmcal.linalg import Array
+from ppmcal.notes import FINDING, Note
 from ppmcal.store.inputs import read_bytes
 from ppmcal.wording import pluralize
 
@@ -87,8 +88,8 @@ def read_log(path: Path) -> Log:
         raise BadInput(f"a run has readings at {pluralize(_places(most.joints), 'place')}, and "
                        f"{FEWEST} are the least", f"{path}: {most.where}",
                        "Calibrate with more points: the firmware's grid has nine at least")
-    findings += [f"{path}: {run.where}: readings at {pluralize(_places(run.joints), 'place')} are "
-                 f"no calibration, and left out: {FEWEST} are the least"
+    findings += [Note(f"{path}: {run.where}: readings at {pluralize(_places(run.joints), 'place')} "
+                      f"are no calibration, and left out: {FEWEST} are the least", FINDING)
                  for run in runs if _places(run.joints) < FEWEST]
     return Log(tuple(good), _keys(text), tuple(findings))
 

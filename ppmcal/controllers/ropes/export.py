@@ -23,6 +23,7 @@ from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.store.inputs import read_bytes
 
 EXACT = 1e-9
@@ -74,8 +75,8 @@ class RopeFirmware:
     text: Callable[[Array, str], str]
     read: Callable[[str, str], Array]
     decimals: int
-    advice: Callable[[Path | None], Iterable[str]]
-    notes: Callable[[Frame], Iterable[str]]
+    advice: Callable[[Path | None], Iterable[Note]]
+    notes: Callable[[Frame], Iterable[Note]]
     scaled: str
 
 
