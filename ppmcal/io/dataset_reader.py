@@ -27,6 +27,8 @@ from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
     frame_of,
+    located,
+    offset_of,
     point_of,
     read_sidecar,
     rotation_of,
@@ -100,6 +102,7 @@ def may_be_words(read: ReadFile, mechanism: Mechanism) -> Callable[[str], bool]:
 
 def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism) -> Dataset:
     """Return a table of measurements as a data set, with what its sidecar ``side`` says."""
+    file = located(file, mechanism, side)
     source, units, read = table.source, file.units.units(), file.read
     known = [*names.known_columns(mechanism), *MATRIX]
     columns, findings = header_columns(table, read, mechanism, side)
@@ -136,13 +139,14 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         target=point_of(file.target, mechanism.motion, units, side),
         target_rotation=rotation_of(file.target_rotation, units, side),
         scale=scale_of(file.scale, file.instrument.kind, side),
+        offset=offset_of(file.instrument, units, side),
         estimated=file.instrument.sigma.estimated, homing=file.homing,
         approach=approach, findings=(*findings, *seen.findings, *more,
                                      *_contradicted(labels, groups, source)),
         extra=_fixed_point(file, to_q, mechanism, units, side), units=units,
         convention=convention, read=read.model_dump(exclude_unset=True),
         headers=headers)
-    data.kind.refuse(mechanism.motion, mechanism.surplus, side)
+    data.kind.refuse(mechanism.motion, mechanism.surplus, side, mechanism.gravity)
     refuse_noise(data, mechanism, side)
     remark_data(data, table, file, side)
     data = replace(data, chance=chance(data, steps_of(plain.numbers, data, mechanism.reach)))

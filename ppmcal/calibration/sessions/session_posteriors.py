@@ -138,7 +138,7 @@ def _opened(problem: Problem) -> Problem:
                                for u in (d.frame, d.target, d.target_rotation))
         # heights are so small, or so alike, that their scale is nothing but their noise
         return replace(d, frame=frame, target=target, target_rotation=turn, homing="alone",
-                       scale=replace(d.scale, fitted=d.scale.fitted or not d.kind.touches))
+                       scale=replace(d.scale, fitted=d.scale.fitted or d.kind.scales))
 
     return problem.changed(datasets=tuple(map(opened, problem.datasets)),
                            given=problem.environments if problem.mechanism.effects else None)

@@ -334,7 +334,7 @@ def in_other_assembly(fit: Fit) -> Bools:
     mechanism = fit.problem.mechanism.with_values(state.g)
     q, pose = fit.problem.ends(0, state)[0]
     out = np.zeros(len(data), dtype=bool)
-    if data.kind.scalar:
+    if data.kind.scalar or not data.kind.of_poses:
         return out
     # where the platform would be by what was measured, else as predicted
     seen = shown(data)

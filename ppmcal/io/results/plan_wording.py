@@ -160,10 +160,10 @@ def instrument(plan: Plan) -> str:
     i, units = plan.instrument, plan.mechanism.units
     noise = []
     if i.kind.scalar:
-        noise.append(f"{i.kind.number} {units.words(i.sigma_value, 'length')}")
-    else:
+        noise.append(f"{i.kind.number} {units.words(i.sigma_value, i.kind.quantity)}")
+    elif i.kind.of_poses:
         noise.append(f"position {units.words(i.sigma_position, 'length')}")
-    if i.kind.sees_rotation and np.isfinite(i.sigma_rotation):
+    if np.isfinite(i.sigma_rotation):
         noise.append(f"rotation {units.words(i.sigma_rotation, 'angle')}")
     largest: dict[str, float] = {}
     for s, (f, name) in zip(i.sigma_actuator, plan.mechanism.joint_units, strict=True):
