@@ -111,7 +111,8 @@ def _choices(name: str, mechanism: Mechanism, units: Units) -> tuple[Mapping[str
                 return ANGULAR, TURN
             return (LENGTHS if quantity == "length" else ANGULAR), units.factor(quantity)
     bare_name = name.removeprefix("cmd_").removeprefix("sigma_")
-    if bare_name in (*TURNS, "rotation", "roll", "pitch", "wx", "wy", "wz") or name.startswith("euler_"):
+    if bare_name in (*TURNS, "rotation", "roll", "pitch", "wx", "wy", "wz") or (
+            name.startswith("euler_")):
         return ANGULAR, units.factor("angle")
     if bare_name in (*AXES, *number_names(), "position", "vx", "vy", "vz"):
         return LENGTHS, units.factor("length")

@@ -105,16 +105,14 @@ class SidecarFile(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _blind(cls, data: Any) -> Any:
-        instrument = data.get("instrument") if isinstance(data, dict) else None
-        kind = instrument.get("kind") if isinstance(instrument, dict) else None
-        if isinstance(kind, str) and kind in instruments():
-            own = instruments()[kind]
-            # an instrument that shows joints alone has neither, whatever is written
-            last = {"frame": "known", "target": "known"} if own.inside else {}
-            top = {k: v for k, v in own.assumed.items() if k in cls.model_fields}
-            return {**top, **data, **last}
-        return data
+    def _assumed(cls, data: Any) -> Any:
+        kind = _kind_named(data)
+        if kind is None:
+            return data
+        # an instrument that shows joints alone has neither, whatever is written, nor tilts a target
+        last = {"frame": "known"} if kind.inside else {}
+        last |= {"target": "known"} if kind.inside or not kind.of_poses else {}
+        return {**kind.assumed, **data, **last}
 
     format: Annotated[str, choice("format", FORMAT)]
     """What this file is."""
@@ -138,6 +136,13 @@ class SidecarFile(Strict):
     """Whether the joints' zeros are those of the machine or of this file."""
     read: ReadFile = ReadFile()
     """How to read the CSV, where it is not as the contract has it."""
+
+
+def _kind_named(data: Any) -> InstrumentKind | None:
+    """Return the kind of instrument that a sidecar's content names, None where it names none."""
+    instrument = data.get("instrument") if isinstance(data, Mapping) else None
+    name = instrument.get("kind") if isinstance(instrument, Mapping) else None
+    return instruments().get(name) if isinstance(name, str) else None
 
 
 def sidecar_path(csv_path: Path) -> Path:
@@ -165,14 +170,17 @@ def read_sidecar(csv_path: Path) -> tuple[SidecarFile, str]:
 def sidecar_of(content: Mapping[str, Any], mechanism: Mechanism) -> SidecarFile:
     """Return what a sidecar would hold, given as a mapping.
 
-    Left out, ``units`` are the mechanism file's, ``frame`` and ``target`` unknown.
+    Left out, ``units`` are the mechanism file's, ``frame`` and ``target`` unknown, or what the kind
+    of instrument assumes.
 
     Raises:
         BadInput: as :func:`read_sidecar`.
     """
     units = {"length": mechanism.units.length, "angle": mechanism.units.angle}
+    kind = _kind_named(content)
     return check(SidecarFile, {"format": FORMAT, "units": units, "frame": "unknown",
-                               "target": "unknown", **content}, "sidecar")
+                               "target": "unknown", **(kind.assumed if kind else {}), **content},
+                 "sidecar")
 
 
 def sigma_needs(file: SidecarFile, source: str, rotation: bool) -> None:
@@ -244,7 +252,8 @@ def scale_of(raw: object, kind: InstrumentKind, source: str, where: str = "scale
     """
     if not kind.scales and raw not in ("known", 1, 1.0):
         raise BadInput("heights of a flat have no scale of their own" if kind.touches else
-                       f"readings of the instrument '{kind}' are no lengths that have a scale", f"{source}: {where}",
+                       f"readings of the instrument '{kind}' are no lengths that have a scale",
+                       f"{source}: {where}",
                        "Take it out; a scale goes with pose, position or distance")
     if raw in ("unknown", "known"):
         return Unknown(raw == "unknown", np.ones(1))

@@ -71,9 +71,9 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.observation import coordinates as coordinates
     from ppmcal.calibration.fit.observation import labels as labels
     from ppmcal.calibration.fit.observation import noise as noise
+    from ppmcal.calibration.fit.observation import noise_quantity as noise_quantity
     from ppmcal.calibration.fit.observation import shown as shown
     from ppmcal.calibration.fit.observation import stretched as stretched
-    from ppmcal.calibration.fit.observation import noise_quantity as noise_quantity
     from ppmcal.calibration.fit.observation import turn_between as turn_between
     from ppmcal.calibration.fit.observation import typical_noise as typical_noise
     from ppmcal.calibration.fit.observation import values_per_row as values_per_row

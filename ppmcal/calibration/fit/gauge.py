@@ -1,9 +1,9 @@
 """What a machine that calibrates itself cannot see of its own frames: its gauge.
 
-Joint values alone, of drives and of encoders at other joints, are the same wherever the base stands, and wherever the platform's own axes are
-put in it. So some coordinates of base points, then of platform points, are held where they are and
-define these frames: all of the first limb's, of the next ones as many as turns would leave open.
-They are a choice, and neither known nor redundant.
+Joint values alone, of drives and of encoders at other joints, are the same wherever the base
+stands, and wherever the platform's own axes are put in it. So some coordinates of base points, then
+of platform points, are held where they are and define these frames: all of the first limb's, of the
+next ones as many as turns would leave open. They are a choice, and neither known nor redundant.
 """
 
 from __future__ import annotations
@@ -156,9 +156,9 @@ def _read(mechanism: Mechanism, data: Dataset, free: Sequence[int]) -> Array:
     by_pose = reading.by_pose[:, mechanism.dof, None]
     a = closure.pose_matrix(pose)
     by_gap = held_by(closure, pose, a, by_pose)[..., 0]
-    shown = -np.einsum("nm,nmf->nf", by_gap, closure.error_matrix(pose, free))
+    shown = -np.asarray(np.einsum("nm,nmf->nf", by_gap, closure.error_matrix(pose, free)))
     columns = closure.columns[reading.limb]
     if columns:
         own = reading.by_parameters(columns, closure.slots[reading.limb])
         shown[:, [list(free).index(p) for p in columns]] += own
-    return shown - shown.mean(axis=0) if data.offset.fitted else shown
+    return np.asarray(shown - shown.mean(axis=0)) if data.offset.fitted else shown

@@ -119,8 +119,8 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
         scale = take(data.scale.fitted, ["scale"])
         offset = take(data.offset.fitted, [f"offset.{POSE_COORDINATES[data.kind.place]}"]
                       if data.offset.fitted else ())
-        opens[i] = NuisanceColumns(frame, target, turn, homing, scale, offset, parts, points, turn_parts,
-                        np.where(np.isfinite(about), about, 0.0))
+        opens[i] = NuisanceColumns(frame, target, turn, homing, scale, offset, parts, points,
+                                   turn_parts, np.where(np.isfinite(about), about, 0.0))
         by_name[data.name] = opens[i]
     return tuple(opens[i] for i in range(len(opens))), tuple(names)
 

@@ -82,14 +82,8 @@ class Response:
         """Set the columns of geometry and of homing offsets in ``out`` (n, m, C), zero before."""
         place = {p: c for c, p in enumerate(free)}
         shifted = homing.stop > homing.start
-        if self.seen.inside is not None:
-            if shifted:
-                out[..., homing] += self.by_joint
-            self._limb_columns(out, place)
-            for rows, columns, block in self.closure.error_blocks(self.pose, self.lines):
-                out[..., [place[p] for p in columns]] += self.by_equation[..., rows] @ block
-            return
-        tables = compiled_limbs(self.closure, len(self.pose))
+        self._limb_columns(out, place)
+        tables = None if self.seen.inside else compiled_limbs(self.closure, len(self.pose))
         if tables is not None and tables.error_columns(
                 self.pose, self.by_pose, place, out, homing.start if shifted else None):
             return
@@ -109,7 +103,8 @@ class Response:
     def _limb_columns(self, out: Array, place: dict[int, int]) -> None:
         """Add how an encoder's reading moves with its limb while the platform stands still."""
         inside = self.seen.inside
-        assert inside is not None
+        if inside is None:
+            return
         columns = self.closure.columns[inside.limb]
         if columns:
             out[:, 0, [place[p] for p in columns]] += inside.by_parameters(

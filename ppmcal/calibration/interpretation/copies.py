@@ -63,7 +63,8 @@ def steps_of(numbers: Mapping[str, Array], data: Dataset, reach: float) -> Array
             out[i] = step_of(numbers[name]) * factor
     if data.kind.scalar and not out[6] < math.inf:
         # the whole range of a joint moves the platform by no more than the reach, or a radian
-        out[6] = (reach if data.kind.quantity == "length" else 1.0) * max((step_of(q) / float(np.nanmax(q) - np.nanmin(q)) for q in data.q.T
+        size = reach if data.kind.quantity == "length" else 1.0
+        out[6] = size * max((step_of(q) / float(np.nanmax(q) - np.nanmin(q)) for q in data.q.T
                               if np.isfinite(q).any() and np.nanmax(q) > np.nanmin(q)),
                              default=math.inf)
     return out

@@ -36,8 +36,8 @@ def _placed(at: str, mechanism: Mechanism, place: str) -> int:
                        f"Choose one of: {there}" if there else "Choose another limb")
     joint = joints[name]
     if joint.unless in limb.constants:
-        raise BadInput(f"{at} is a ball: {limb_name} has its universal joint on the platform", place,
-                       "Choose another joint")
+        raise BadInput(f"{at} is a ball: {limb_name} has its universal joint on the platform",
+                       place, "Choose another joint")
     if joint.needs and joint.needs not in limb.constants:
         raise BadInput(f"{at} is a universal joint, and the mechanism file does not say how its "
                        "first axis lies, about which an encoder turns", place,
@@ -49,4 +49,4 @@ def _placed(at: str, mechanism: Mechanism, place: str) -> int:
 JOINT = register(InstrumentKind(
     "joint", lambda motion: (5,), "value", frame_parts=lambda motion, between: (),
     target_parts=lambda motion, relative: (), opened=(), sigma="value", placed=_placed,
-    assumed={"frame": "known", "target": "known", "offset": "unknown"}))
+    assumed={"frame": "known", "target": "known"}))

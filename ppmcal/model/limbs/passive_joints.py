@@ -1,9 +1,9 @@
 """What an encoder reads at the joints of a limb: the driven one, and the passive ones.
 
-A limb that is closed says how each of its joints stands. A reading depends on how its two bodies lie
-to each other, so one line says how it moves, as for the closure: its pairing with a twist of the
-platform, and with the other sign of every frame before it. A turn about an axis alone is a line at
-infinity: no direction, the axis as its moment.
+A limb that is closed says how each of its joints stands. A reading depends on how its two bodies
+lie to each other, so one line says how it moves, as for the closure: its pairing with a twist of
+the platform, and with the other sign of every frame before it. A turn about an axis alone is a line
+at infinity: no direction, the axis as its moment.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ Reading = tuple[Array, Array, Array]
 class EncoderJoint:
     """A joint that an encoder can be at.
 
-    ``quantity``: ``angle`` or ``length``; ``said``: its letter, or that it is driven; ``needs``: the
-    direction that a limb must have for it, ``unless`` it has another; ``read``: motors (n, 8) of the ends of the base's chain,
-    of the middle one, of the platform's in base axes -> the reading; None: the drive's own u.
+    ``quantity``: ``angle`` or ``length``; ``said``: its letter, or that it is driven; ``needs``:
+    the direction that a limb must have for it, ``unless`` it has another; ``read``: motors (n, 8)
+    of the ends of the base's chain, of the middle one, of the platform's in base axes -> the
+    reading; None: the drive's own u.
     """
 
     quantity: str
@@ -60,8 +61,7 @@ def _first_axis(base: Array, middle: Array, held: Array) -> Reading:
 
 
 def _hinge(base: Array, middle: Array, held: Array) -> Reading:
-    """Turn about z of the base chain's end: from the middle chain's reach to the platform's point.
-    """
+    """Turn about z of the base chain's end: from the middle chain's reach to the platform."""
     value, line, _ = _first_axis(base, middle, held)
     reach = cga.translation(middle)
     return (value - np.arctan2(reach[..., 1], reach[..., 0]), line, _pull(_across(reach), reach))
@@ -70,7 +70,7 @@ def _hinge(base: Array, middle: Array, held: Array) -> Reading:
 def _across(place: Array) -> Array:
     """Return how the angle about z moves with a point (n, 3): 1/m, square to it and to z."""
     x, y, _ = np.moveaxis(place, -1, 0)
-    return np.stack([-y, x, np.zeros_like(x)], axis=-1) / (x * x + y * y)[..., None]
+    return np.asarray(np.stack([-y, x, np.zeros_like(x)], axis=-1) / (x * x + y * y)[..., None])
 
 
 def _turn(base: Array, middle: Array, held: Array) -> Reading:
