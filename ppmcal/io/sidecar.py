@@ -88,8 +88,7 @@ class InstrumentFile(Strict):
     at: Label | None = None
     """The joint that an encoder is at, such as `leg1.joint2` (kind joint)."""
     offset: Any = None
-    """What an encoder at a joint reads more than is true: unknown (fit it), known (none), a number.
-    """
+    """What an encoder at a joint reads more than is true: unknown, known (nothing), or a number."""
 
 
 class SidecarFile(Strict):

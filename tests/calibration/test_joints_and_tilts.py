@@ -340,3 +340,17 @@ def test_plans_have_such_instruments_and_fleets_do_not(tmp_path):
         "Instrument: joint at leg1.joint1, standard deviation value 0.002 deg; offset unknown.")
     with pytest.raises(BadInput, match="fleets are not measured with the instrument 'joint'"):
         ppmcal.tolerances(mechanism, accuracy=0.5, instrument=side)
+
+
+def test_columns_have_units_of_their_own_and_are_nobodys_elsewhere():
+    (data,) = read(file_of("3-RPR"), {"value [rad]": np.linspace(0.2, 0.7, 8)},
+                   encoder("leg1.joint1"))
+    np.testing.assert_allclose(data.value, np.linspace(0.2, 0.7, 8))
+    (data,) = read(file_of("6-UPS"), {"roll [rad]": 0.01 * ANGLES["roll"],
+                                      "pitch": ANGLES["pitch"]}, TILT)
+    np.testing.assert_allclose(data.rotation[:, 0], 0.01 * ANGLES["roll"])
+    points = {c: np.arange(8.0) for c in "xyz"}
+    (data,) = read(file_of("6-UPS"), points | ANGLES | {"value": np.arange(8.0)},
+                   {"kind": "position", "sigma": {"position": 0.02}})
+    assert any("columns roll, pitch, value: not used, nobody knows them" in f
+               for f in data.findings)

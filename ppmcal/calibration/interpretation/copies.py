@@ -54,8 +54,9 @@ def steps_of(numbers: Mapping[str, Array], data: Dataset, reach: float) -> Array
     """
     length, angle = data.units.factor("length"), data.units.factor("angle")
     own = {name: (i, length if i < 3 else angle) for i, name in enumerate(POSE_COORDINATES)}
-    of = data.units.factor(data.kind.quantity) if data.kind.scalar else length
-    own |= dict.fromkeys(number_names(), (6, of))
+    own |= dict.fromkeys(number_names(), (6, length))
+    if data.kind.scalar:
+        own[data.kind.number] = (6, data.units.factor(data.kind.quantity))
     own |= {name: (c, angle) for name, c in zip(data.kind.names, (3, 4), strict=False)}
     out = np.full(7, math.inf)
     for name, (i, factor) in own.items():

@@ -18,7 +18,7 @@ from ppmcal.io.results.tables import (
     joint_columns,
 )
 from ppmcal.linalg import Array
-from ppmcal.model.instruments import is_joint_reading, number_names
+from ppmcal.model.instruments import is_own_reading, number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.store.output import LongText
@@ -46,7 +46,7 @@ def quantity_of(coordinate: str) -> str:
 def is_measured(name: str) -> bool:
     """Whether residuals are of something called so."""
     return (name in (*POSE_COORDINATES, *number_names()) or name.startswith(GAP)
-            or is_joint_reading(name))
+            or is_own_reading(name))
 
 
 def _residual_names(problem: Problem) -> list[str]:

@@ -17,7 +17,7 @@ from ppmcal.io.csv_body import Cells
 from ppmcal.io.results.record import Part
 from ppmcal.io.rotations import EULER
 from ppmcal.linalg import Array
-from ppmcal.model.instruments import is_joint_reading, number_names
+from ppmcal.model.instruments import is_own_reading, number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map
@@ -86,7 +86,7 @@ def column_units(mechanism: Mechanism, header: Sequence[str]) -> dict[str, str]:
         for stage in STAGES:
             bare = name.removeprefix(stage)
             if bare != name and (bare in (*POSE_COORDINATES, *number_names())
-                                 or is_joint_reading(bare)):
+                                 or is_own_reading(bare)):
                 out[name] = units.name(coordinate_quantity(bare))
     return out
 

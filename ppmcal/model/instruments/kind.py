@@ -217,11 +217,11 @@ def _at_joint(kind: InstrumentKind, at: str, coordinate: int) -> InstrumentKind:
 
 
 def number_names() -> tuple[str, ...]:
-    """Return the columns of all kinds that measure no coordinates of a pose themselves."""
-    return tuple(name for k in instruments().values()
-                 for name in ((k.number,) if k.scalar else k.names))
+    """Return what the numbers are called of all kinds that show one of a point: their columns."""
+    return tuple(k.number for k in instruments().values() if k.scalar and k.of_poses)
 
 
-def is_joint_reading(name: str) -> bool:
-    """Whether something among residuals is what an encoder at a joint read."""
-    return name.startswith((TURN_OF, SLIDE_OF))
+def is_own_reading(name: str) -> bool:
+    """Whether something among residuals is an angle of a tilt, or what an encoder read."""
+    return name.startswith((TURN_OF, SLIDE_OF)) or any(
+        name in k.names for k in instruments().values())
