@@ -126,8 +126,10 @@ def _dataset() -> Schema:
     # of what shows no place there is nothing to say of where it stands
     needed = [key for key in ("frame", "target") if key in out["required"]]
     out["required"] = [key for key in out["required"] if key not in needed]
-    out["if"] = {"properties": {"instrument": {"properties": {"kind": {
-        "enum": [k.name for k in instruments().values() if k.inside or not k.of_poses]}}}}}
+    placeless = [k.name for k in instruments().values() if k.inside or not k.of_poses]
+    out["if"] = {"properties": {"instrument": {
+        "description": "What shows no place.", "properties": {"kind": {
+            "description": "Its kind.", "enum": placeless}}}}}
     out["else"] = {"required": needed}
     out["$defs"]["SigmaFile"]["properties"]["actuator"] |= _one_or_each()
     return out

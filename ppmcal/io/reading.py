@@ -126,11 +126,12 @@ def _choices(name: str, mechanism: Mechanism, units: Units, kind: InstrumentKind
     return FURTHER.get(further.get(name, ""), {}), 1.0
 
 
-def declared_unit(name: str, mechanism: Mechanism, units: Units) -> str:
+def declared_unit(name: str, mechanism: Mechanism, units: Units,
+                  kind: InstrumentKind | None = None) -> str:
     """Return the unit of a column for which nobody names another; empty for a bare number."""
     if name == "temperature" or name.startswith("temperature_"):
         return "C"
-    known, factor = _choices(name, mechanism, units)
+    known, factor = _choices(name, mechanism, units, kind)
     if known is LENGTHS:
         return units.length
     if known is ANGULAR:

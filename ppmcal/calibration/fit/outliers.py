@@ -261,8 +261,9 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
                 registration = fit.state.registrations[rows.dataset]
                 pose = fit.state.poses[rows.dataset][index][None]
                 predicted = float(measured_pose(registration, pose)[0, places[c]])
+            name = data.kind.number if data.kind.of_poses else data.kind.columns(motion)[c]
             yield GrossError(data.name, int(data.rows[index]), places[c], value, predicted, times,
-                             data.kind.number)
+                             name)
 
 
 def _widest_gap(rows: Rows, n: int) -> tuple[str, float]:
