@@ -122,9 +122,12 @@ COORDINATE = "coordinate"
 """The quantity of a mapping by pose coordinates: each its own."""
 
 
+ANGLES_SEEN = ("rx", "ry", "rz", "roll", "pitch")
+
+
 def coordinate_quantity(name: str) -> str:
-    """Return ``length`` for x, y, z and ``angle`` for rx, ry, rz."""
-    return "angle" if name.startswith("r") else "length"
+    """Return ``length`` for x, y, z and ``angle`` for rx, ry, rz; also of other readings."""
+    return "angle" if name in ANGLES_SEEN or name.startswith("turn_") else "length"
 
 
 Length = Annotated[T, Quantity("length")]

@@ -131,7 +131,8 @@ def _like(fit: Fit) -> int | None:
     """Return the data set that new rows are like: the most numbers a row; None: none can be."""
     motion = fit.problem.mechanism.motion
     found = [(-len(d.kind.coordinates(motion)), not d.kind.sees_rotation, d.kind.along_line, i)
-             for i, d in enumerate(fit.problem.datasets) if d.to_q is None and fit.keep[i].any()]
+             for i, d in enumerate(fit.problem.datasets)
+             if d.to_q is None and fit.keep[i].any()]
     return min(found)[-1] if found else None
 
 
@@ -148,7 +149,8 @@ def _instrument(fit: Fit, i: int) -> Instrument:
         middle(data.sigma_value), data.sigma_actuator,
         Unknown(data.frame.fitted, at.frame_pose), Unknown(data.target.fitted, at.target),
         Unknown(data.target_rotation.fitted, at.target_rotation), name=NAME,
-        scale=replace(data.scale, value=np.array([at.scale])))
+        scale=replace(data.scale, value=np.array([at.scale])),
+        offset=replace(data.offset, value=np.array([at.offset])))
 
 
 def _pool(fit: Fit, i: int, seed: int) -> Candidates:
@@ -167,7 +169,7 @@ def _pool(fit: Fit, i: int, seed: int) -> Candidates:
 def _white(mechanism: Mechanism, instrument: Instrument, pool: Candidates
            ) -> tuple[Array, tuple[str, ...]]:
     """Return white rows (R, m, C) in natural units, and the names of their columns."""
-    data = instrument.dataset(pool.q, pool.pose, {}, mechanism.motion.planar)
+    data = instrument.dataset(pool.q, pool.pose, {}, mechanism)
     problem = Problem(mechanism, (data,), mechanism.free)
     state = problem.solve(State(mechanism.values, (instrument.registration,),
                                 (pose_motor(pool.pose),)))

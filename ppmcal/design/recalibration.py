@@ -62,8 +62,7 @@ class MeasurementSetup:
     @cached_property
     def problem(self) -> Problem:
         """The problem of the nominal machine measured without error."""
-        planar = self.mechanism.motion.planar
-        data = self.instrument.dataset(self.q, self.pose, {}, planar)
+        data = self.instrument.dataset(self.q, self.pose, {}, self.mechanism)
         return Problem(self.mechanism, (data,), self.mechanism.free)
 
     @cached_property
@@ -178,8 +177,8 @@ def alone(
     mechanism, instrument = setup.mechanism, setup.instrument
     real, there, _ = newton(Model(mechanism, g).closure(setup.q), pose_motor(setup.pose))
     raw = np.asarray(linalg.solve(linear.white, noise[..., None])[..., 0], dtype=np.float64)
-    data = perturbed(instrument.dataset(setup.q, pose_vector(real), {},
-                                     mechanism.motion.planar), raw, mechanism.motion)
+    data = perturbed(instrument.dataset(setup.q, pose_vector(real), {}, mechanism), raw,
+                     mechanism.motion)
     free = list(setup.problem.free) if linear.geometry else []
     problem = Problem(mechanism, (data.take(there),), tuple(free))
     first = mechanism.values.copy()

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.instrument_readings import own_readings
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array
-from ppmcal.model.dataset import TRUE_SCALE, Dataset, Unknown
+from ppmcal.model.dataset import NO_OFFSET, TRUE_SCALE, Dataset, Unknown
 from ppmcal.model.instruments import POSE, POSITION, InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
@@ -41,6 +43,7 @@ class Instrument:
     chosen: bool = True
     name: str = NAME
     scale: Unknown = TRUE_SCALE
+    offset: Unknown = NO_OFFSET
 
     @property
     def registration(self) -> Registration:
@@ -49,14 +52,19 @@ class Instrument:
                                     self.target_rotation.value,
                                     scale=float(self.scale.value[0]))
 
-    def dataset(self, q: Array, pose: Array, columns: Mapping[str, Array], planar: bool) -> Dataset:
+    def dataset(self, q: Array, pose: Array, columns: Mapping[str, Array], mechanism: Mechanism
+                ) -> Dataset:
         """Return measurements (N rows) without error at joints (N, k) and poses (N, 6)."""
-        n = len(q)
+        n, planar = len(q), mechanism.motion.planar
         seen = measured_pose(self.registration, pose_motor(pose))
         seen[:, [2, 3, 4]] = np.where(planar, np.nan, seen[:, [2, 3, 4]])
         value = np.full(n, np.nan)
         if self.kind.value is not None:
             value = self.kind.value(seen[:, :3], np.zeros(3))
+        if not self.kind.of_poses:
+            own = own_readings(self.kind, self.registration, Model(mechanism), q, pose_motor(pose))
+            seen[:], value = np.nan, own[:, 0] + float(self.offset.value[0])
+            seen[:, list(self.kind.coordinates(mechanism.motion))] = own
         return Dataset(
             name=self.name, source=self.name, kind=self.kind, rows=np.arange(1, n + 1), q=q,
             commanded=None, position=seen[:, :3], rotation=seen[:, 3:], value=value, to_q=None,
@@ -64,7 +72,8 @@ class Instrument:
             sigma_rotation=np.full((n, 3), self.sigma_rotation),
             sigma_value=np.full(n, self.sigma_value), sigma_actuator=self.sigma_actuator,
             groups=np.arange(n), columns=columns, sessions=None, frame=self.frame,
-            target=self.target, target_rotation=self.target_rotation, scale=self.scale)
+            target=self.target, target_rotation=self.target_rotation, scale=self.scale,
+            offset=self.offset)
 
 
 def default_instrument(mechanism: Mechanism) -> Instrument:

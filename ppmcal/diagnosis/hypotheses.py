@@ -193,7 +193,7 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
     problem = to.system.problem
     effects = {p for e in problem.mechanism.effects for p in e.parameters.values()}
     taken = (set(problem.free) - set(tried)) | effects
-    alone = all(d.kind.blind for d in problem.datasets)
+    alone = all(d.kind.inside for d in problem.datasets)
     for p, parameter in enumerate(problem.mechanism.parameters):
         if p in taken or parameter.per_unit or is_joint_component(parameter.name):
             continue

@@ -171,7 +171,8 @@ def possible_rows(stage: Linearisation, rng: np.random.Generator) -> Dataset | N
         np.median(first.value[np.isfinite(first.value)])))
     return replace(data, columns=columns, kind=first.kind, frame=first.frame, value=value,
                    sigma_value=np.full(len(q), number), target=first.target,
-                   target_rotation=first.target_rotation, extra=first.extra)
+                   target_rotation=first.target_rotation, offset=first.offset,
+                   extra=first.extra)
 
 
 def _template(stage: Linearisation) -> int:

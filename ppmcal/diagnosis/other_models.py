@@ -12,7 +12,7 @@ import numpy as np
 
 from ppmcal.calibration.compensation import CandidateModel
 from ppmcal.calibration.fit import Fit, bounded, left_out_note
-from ppmcal.calibration.knowledge import registered
+from ppmcal.calibration.knowledge import measuring_frames
 from ppmcal.diagnosis.explanation import (
     CausePlace,
 )
@@ -82,4 +82,4 @@ def fitted(fit: Fit) -> Mechanism:
     """Return the machine at the fitted values, with the registrations."""
     mechanism = fit.problem.mechanism.with_values(fit.state.g)
     return replace(mechanism, home_q=np.full_like(mechanism.home_q, np.nan), registrations={
-        **mechanism.registrations, **registered(fit.problem, fit.state)})
+        **mechanism.registrations, **measuring_frames(fit.problem, fit.state)})

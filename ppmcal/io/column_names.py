@@ -10,7 +10,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.io.schema import did_you_mean
 from ppmcal.model.dataset import WRENCH
-from ppmcal.model.instruments import number_names
+from ppmcal.model.instruments import InstrumentKind, number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
 
@@ -55,20 +55,25 @@ UNIT_WORDS: Mapping[str, str] = {
 _UNITS = re.compile(r"\b(?:length )?units?\s*[:=]\s*([a-zµ]+)", re.I)
 
 
-def known_columns(mechanism: Mechanism) -> list[str]:
-    """Return every column name that a measurement file of this machine may have."""
+def known_columns(mechanism: Mechanism, kind: InstrumentKind | None = None) -> list[str]:
+    """Return every column name that a measurement file of this machine may have.
+
+    ``kind``: of the instrument, where it is known: some have columns that others do not.
+    """
     actuators = mechanism.actuators
+    own = () if kind is None or kind.of_poses else kind.columns(mechanism.motion)
     out = ["pose", "session", *(f"q_{a}" for a in actuators), *COORDINATES, *QUATERNION,
-           *number_names(), *ENVIRONMENT, *(f"to_q_{a}" for a in actuators),
+           *number_names(), *own, *ENVIRONMENT, *(f"to_q_{a}" for a in actuators),
            *(f"dir_{a}" for a in (*actuators, "x", "y", "z")),
            *(f"vel_{a}" for a in actuators), *(f"cmd_{c}" for c in (*COORDINATES, *QUATERNION)),
-           *(f"sigma_{c}" for c in (*COORDINATES, "position", "rotation", *number_names()))]
+           *(f"sigma_{c}" for c in (*COORDINATES, "position", "rotation", *number_names(), *own))]
     return list(dict.fromkeys(out))
 
 
-def check_columns(header: Sequence[str], mechanism: Mechanism, source: str) -> None:
+def check_columns(header: Sequence[str], mechanism: Mechanism, source: str,
+                  kind: InstrumentKind | None = None) -> None:
     """Refuse a column that nobody knows, with the nearest match."""
-    known = known_columns(mechanism)
+    known = known_columns(mechanism, kind)
     for name in header:
         if name not in known and not name.startswith("temperature_"):
             raise BadInput(f"unknown column '{name}'", f"{source}: header",

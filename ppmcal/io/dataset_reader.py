@@ -27,6 +27,8 @@ from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
     frame_of,
+    located,
+    offset_of,
     point_of,
     read_sidecar,
     rotation_of,
@@ -39,6 +41,7 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.pose_readings import shifted_rows
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.repeats import commanded_poses, places
 from ppmcal.notes import Note
@@ -80,15 +83,16 @@ def read_files(path: Path, mechanism: Mechanism) -> tuple[Table, SidecarFile, st
         # what is wrong with the table comes first
         read_table(path, loose=may_be_words(ReadFile(), mechanism))
     file, side = read_sidecar(path)
-    return (read_table(path, loose=may_be_words(file.read, mechanism), sheet=file.read.sheet),
-            file, side)
+    loose = may_be_words(file.read, mechanism, file.instrument.kind)
+    return read_table(path, loose=loose, sheet=file.read.sheet), file, side
 
 
-def may_be_words(read: ReadFile, mechanism: Mechanism) -> Callable[[str], bool]:
+def may_be_words(read: ReadFile, mechanism: Mechanism, kind: InstrumentKind | None = None
+                 ) -> Callable[[str], bool]:
     """Return what says of a header whether the column may hold words: labels, what nobody needs."""
     words = {*names.LABELS, *read.ignore,
              *(h for own, h in read.columns.items() if own in names.LABELS)}
-    known = [*names.known_columns(mechanism), *MATRIX, *mechanism.actuators,
+    known = [*names.known_columns(mechanism, kind), *MATRIX, *mechanism.actuators,
              *read.columns.values()]
 
     def loose(header: str) -> bool:
@@ -100,9 +104,11 @@ def may_be_words(read: ReadFile, mechanism: Mechanism) -> Callable[[str], bool]:
 
 def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism) -> Dataset:
     """Return a table of measurements as a data set, with what its sidecar ``side`` says."""
+    file = located(file, mechanism, side)
     source, units, read = table.source, file.units.units(), file.read
-    known = [*names.known_columns(mechanism), *MATRIX]
-    columns, findings = header_columns(table, read, mechanism, side)
+    kind = file.instrument.kind
+    known = [*names.known_columns(mechanism, kind), *MATRIX]
+    columns, findings = header_columns(table, read, mechanism, side, kind)
     convention = read.rotation or (
         "quat-xyzw" if any(c.name == "quat_x" for c in columns) else "rotvec")
     headers = {c.name: c.called for c in columns if c.name != c.called}
@@ -110,9 +116,9 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
                                     known, source)
     columns, findings = [c for c in columns if c.name not in strange], [*findings, *more]
     table = _in_seconds(named(table, columns), read)
-    plain = in_units(table, declared(columns, table, read, side), read, mechanism, units)
+    plain = in_units(table, declared(columns, table, read, side), read, mechanism, units, kind)
     table = in_conventions(plain, read, mechanism, units, side)
-    names.check_columns(table.header, mechanism, source)
+    names.check_columns(table.header, mechanism, source, kind)
     findings += names.ambiguous_directions(table.header, mechanism, source)
     joint = mechanism.joint_factors(units)
     q, commanded = joint_values(table, mechanism, units, joint)
@@ -138,13 +144,14 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         target=point_of(file.target, mechanism.motion, units, side),
         target_rotation=rotation_of(file.target_rotation, units, side),
         scale=scale_of(file.scale, file.instrument.kind, side),
+        offset=offset_of(file.instrument, units, side),
         estimated=file.instrument.sigma.estimated, homing=file.homing,
         approach=approach, findings=(*findings, *seen.findings, *more,
                                      *_contradicted(labels, groups, source)),
         extra=_fixed_point(file, to_q, mechanism, units, side), units=units,
         convention=convention, read=read.model_dump(exclude_unset=True),
         headers=headers)
-    data.kind.refuse(mechanism.motion, mechanism.surplus, side)
+    data.kind.refuse(mechanism.motion, mechanism.surplus, side, mechanism.gravity)
     refuse_noise(data, mechanism, side)
     remark_data(data, table, file, side)
     data = replace(data, chance=chance(data, steps_of(plain.numbers, data, mechanism.reach)))

@@ -24,6 +24,7 @@ from ppmcal.io.ros_bag import bag_tables, is_bag
 from ppmcal.io.ros_tables import FORM, Recording, ros_csv, ros_headers
 from ppmcal.io.tables import is_text, read_table
 from ppmcal.io.yaml import number_text
+from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.inputs import first_bytes, read_bytes
 
@@ -60,8 +61,8 @@ class ForeignTable:
         return any(h.startswith(("q_", "cmd_")) for h in self.table.header)
 
 
-def foreign_tables(path: Path, mechanism: Mechanism, read: ReadFile, side: str
-                   ) -> list[ForeignTable]:
+def foreign_tables(path: Path, mechanism: Mechanism, read: ReadFile, side: str,
+                   kind: InstrumentKind | None = None) -> list[ForeignTable]:
     """Return the tables of a foreign file: one, or of a bag one for each message type.
 
     Args:
@@ -69,6 +70,7 @@ def foreign_tables(path: Path, mechanism: Mechanism, read: ReadFile, side: str
         mechanism: for the names of its actuators.
         read: the sidecar's block; what it says of other files' columns is none of this one.
         side: what messages call the sidecar.
+        kind: of the instrument, where that is known.
 
     Raises:
         BadInput: as :func:`csv_table` and :func:`with_header`, or an unknown unit in a header.
@@ -76,13 +78,14 @@ def foreign_tables(path: Path, mechanism: Mechanism, read: ReadFile, side: str
     if path.is_dir() or is_bag(first_bytes(path, 16)):
         made = bag_tables(path, mechanism, read.topics)
     else:
-        made = [_recording(path, mechanism, read)]
-    return [_understood(r, mechanism, read, side) for r in made]
+        made = [_recording(path, mechanism, read, kind)]
+    return [_understood(r, mechanism, read, side, kind) for r in made]
 
 
-def _recording(path: Path, mechanism: Mechanism, read: ReadFile) -> Recording:
+def _recording(path: Path, mechanism: Mechanism, read: ReadFile, kind: InstrumentKind | None
+               ) -> Recording:
     """Return a file's table as it stands."""
-    known = {*known_columns(mechanism), *MATRIX}
+    known = {*known_columns(mechanism, kind), *MATRIX}
 
     def wordy(header: str) -> bool:
         own = next((o for o, h in read.columns.items() if h in (header, bare_name(header))), None)
@@ -103,11 +106,12 @@ def _recording(path: Path, mechanism: Mechanism, read: ReadFile) -> Recording:
     return replace(ros_headers(table, mechanism), remarks=remarks)
 
 
-def _understood(made: Recording, mechanism: Mechanism, read: ReadFile, side: str) -> ForeignTable:
+def _understood(made: Recording, mechanism: Mechanism, read: ReadFile, side: str,
+                kind: InstrumentKind | None) -> ForeignTable:
     """Return a table under our own names."""
-    known, table = {*known_columns(mechanism), *MATRIX}, made.table
+    known, table = {*known_columns(mechanism, kind), *MATRIX}, made.table
     mine = _of_file(read, table)
-    columns, findings = header_columns(table, mine, mechanism, side)
+    columns, findings = header_columns(table, mine, mechanism, side, kind)
     names, taken = {c.name for c in columns}, dict[str, HeaderColumn]()
     for c in columns:
         own, why = own_name(c.name, known)

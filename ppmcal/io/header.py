@@ -19,6 +19,7 @@ from ppmcal.io.column_names import known_columns, recorders_names
 from ppmcal.io.csv import Table
 from ppmcal.io.read_block import HOMOGENEOUS, MATRIX, UNITS, ReadFile
 from ppmcal.io.schema import did_you_mean
+from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 
 T = TypeVar("T")
@@ -94,8 +95,8 @@ def zone_of(header: str) -> str | None:
     return f"{away[1]}{int(away[2]):02d}:00" if away else None
 
 
-def header_columns(table: Table, read: ReadFile, mechanism: Mechanism, side: str
-                   ) -> tuple[Columns, list[str]]:
+def header_columns(table: Table, read: ReadFile, mechanism: Mechanism, side: str,
+                   kind: InstrumentKind | None = None) -> tuple[Columns, list[str]]:
     """Return the columns of a table without those to be left alone, and what was concluded.
 
     Args:
@@ -103,12 +104,13 @@ def header_columns(table: Table, read: ReadFile, mechanism: Mechanism, side: str
         read: the sidecar's block.
         mechanism: for its actuators.
         side: what messages call the sidecar.
+        kind: of the instrument, where that is known.
 
     Raises:
         BadInput: an unknown unit, two columns of one name, a header in the block that the file
             does not have, or a last row of matrices that is not 0, 0, 0, 1.
     """
-    known = [*known_columns(mechanism), *MATRIX]
+    known = [*known_columns(mechanism, kind), *MATRIX]
     columns = _of_matrices(table, bare_columns(table, read, known), read)
     columns = _renamed(columns, read, known, table.source, side)
     names, findings = recorders_names([c.name for c in columns], mechanism, table.source)

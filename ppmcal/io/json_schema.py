@@ -20,6 +20,7 @@ from ppmcal.io.sidecar import SidecarFile
 from ppmcal.io.slots import DirectionFile, SlotFile, SlotGroup, groups
 from ppmcal.io.stiffness import PARTS, TRANSLATIONS, joint_names
 from ppmcal.model.effects import GEOMETRY, effect_kinds
+from ppmcal.model.instruments import instruments
 from ppmcal.model.limbs import LimbKind, kinds
 from ppmcal.model.limbs.chain import JOINT_COMPONENTS
 
@@ -121,6 +122,15 @@ def _dataset() -> Schema:
     out["properties"]["scale"] |= {"anyOf": [{"enum": ["known", "unknown"]}, NUMBER, about]}
     instrument = out["$defs"]["InstrumentFile"]["properties"]
     instrument["point"] |= {"anyOf": [VECTOR, {"enum": ["known", "unknown"]}]}
+    instrument["offset"] |= {"anyOf": [NUMBER, {"enum": ["known", "unknown"]}]}
+    # of what shows no place there is nothing to say of where it stands
+    needed = [key for key in ("frame", "target") if key in out["required"]]
+    out["required"] = [key for key in out["required"] if key not in needed]
+    placeless = [k.name for k in instruments().values() if k.inside or not k.of_poses]
+    out["if"] = {"properties": {"instrument": {
+        "description": "What shows no place.", "properties": {"kind": {
+            "description": "Its kind.", "enum": placeless}}}}}
+    out["else"] = {"required": needed}
     out["$defs"]["SigmaFile"]["properties"]["actuator"] |= _one_or_each()
     return out
 
@@ -137,6 +147,8 @@ def _scenario() -> Schema:
                 own[key] |= POSE
     out["$defs"]["PosesFile"] |= {"minProperties": 1, "maxProperties": 1}
     out["$defs"]["ScenarioSigmaFile"]["properties"]["actuator"] |= _one_or_each()
+    instrument = out["$defs"]["ScenarioInstrumentFile"]["properties"]
+    instrument["offset"] |= {"anyOf": [NUMBER, {"enum": ["known"]}]}
     conditions = out["$defs"]["ConditionsFile"]["properties"]
     conditions["velocity"] |= _one_or_each()
     for key, single in (("payload", NUMBER), ("temperature", NUMBER)):

@@ -45,6 +45,8 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
         return _scalar(table, file, side, units)
     if kind.blind:
         return _nothing(table, mechanism, file, side)
+    if kind.of_turn is not None:
+        return _tilts(table, mechanism, file, side)
     position, rotation, findings = _pose(table, mechanism, kind, units)
     turning = bool(np.isfinite(rotation).any())
     sigma_needs(file, side, turning)
@@ -70,6 +72,24 @@ def _nothing(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
     findings = _unused(table, kind, lambda c: _scalar_column(c, kind) or c in (
         *COORDINATES, *QUATERNION))
     return Measured(blank, blank, unknown(n), np.full((n, 3), size), blank, unknown(n),
+                    tuple(findings))
+
+
+def _tilts(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -> Measured:
+    """Return angles of a body's rotation in the places of their coordinates."""
+    kind, n, angle = file.instrument.kind, len(table), file.units.units().factor("angle")
+    kind.refuse(mechanism.motion, mechanism.surplus, side, mechanism.gravity)
+    sigma_needs(file, side, False)
+    names = kind.columns(mechanism.motion)
+    _need(table, names, f"instrument `{kind}`")
+    rotation, nothing = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+    sigma = np.full((n, 3), (file.instrument.sigma.rotation or np.nan) * angle)
+    for name, c in zip(names, kind.coordinates(mechanism.motion), strict=True):
+        rotation[:, c - 3] = table.numbers[name] * angle
+        _override(sigma[:, c - 3], table, f"sigma_{name}", angle)
+    findings = _unused(table, kind, lambda c: c not in names and (
+        c in COORDINATES or c in QUATERNION or _scalar_column(c, kind)))
+    return Measured(nothing, rotation, unknown(n), np.full((n, 3), np.nan), sigma, unknown(n),
                     tuple(findings))
 
 
@@ -146,19 +166,18 @@ def _need(table: Table, names: tuple[str, ...], who: str) -> None:
 
 
 def _scalar(table: Table, file: SidecarFile, side: str, units: Units) -> Measured:
-    """Return heights or distances with their noise."""
+    """Return heights, distances or a joint's readings with their noise."""
     kind, sigma = file.instrument.kind, file.instrument.sigma
     name = kind.number
     sigma_needs(file, side, False)
     _need(table, (name,), f"instrument `{kind}`")
-    n, length = len(table), units.factor("length")
-    value = stacked(table, [name])[:, 0] * length
+    n, factor = len(table), units.factor(kind.quantity)
+    value = stacked(table, [name])[:, 0] * factor
     if kind.along_line and np.any(value <= 0.0):
         raise BadInput(f"a {name} must be greater than 0",
                        table.at(name, int(np.argmax(value <= 0.0))), "Check the value")
-    own = kind.sigma_of(sigma) or sigma.position
-    sigma_value = np.full(n, (own or np.nan) * length)
-    _override(sigma_value, table, f"sigma_{name}", length)
+    sigma_value = np.full(n, (kind.sigma_stated(sigma) or np.nan) * factor)
+    _override(sigma_value, table, f"sigma_{name}", factor)
     nothing = np.full((n, 3), np.nan)
     findings = _unused(table, kind, lambda c: (
         c in COORDINATES or c in QUATERNION or _scalar_column(c, kind)))

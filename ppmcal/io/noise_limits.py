@@ -29,7 +29,8 @@ def refuse_noise(data: Dataset, mechanism: Mechanism, side: str) -> None:
     """
     for name, sigma, quantity in (("position", data.sigma_position, "length"),
                                   ("rotation", data.sigma_rotation, "angle"),
-                                  ("value", data.sigma_value, "length")):
+                                  ("value", data.sigma_value,
+                                   data.kind.quantity if data.kind.scalar else "length")):
         known = data.kind.number if name == "value" else name
         refuse_sigma(sigma, quantity, mechanism, data.units,
                      f"{side}: instrument.sigma.{known}, or columns of their own")

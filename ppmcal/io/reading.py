@@ -26,14 +26,16 @@ from ppmcal.kinematics.pose_readings import (
     understood,
 )
 from ppmcal.linalg import Array, finite_rows
-from ppmcal.model.instruments import number_names
+from ppmcal.model.instruments import InstrumentKind, number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import LENGTHS, TURN, Units
 
 
-def in_units(table: Table, columns: Columns, read: ReadFile, mechanism: Mechanism, units: Units
-             ) -> Table:
+def in_units(table: Table, columns: Columns, read: ReadFile, mechanism: Mechanism, units: Units,
+             kind: InstrumentKind | None = None) -> Table:
     """Return a table under our own names with its signs put right, and in the file's units.
+
+    ``kind``: of the instrument, where its columns are there.
 
     Raises:
         BadInput: a unit that a column cannot be in.
@@ -44,7 +46,7 @@ def in_units(table: Table, columns: Columns, read: ReadFile, mechanism: Mechanis
             numbers[c.name] = c.sign * numbers[c.name]
         if c.unit:
             numbers[c.name] = _in_declared(numbers[c.name], c.name, c.unit, read, mechanism, units,
-                                           c.place)
+                                           c.place, kind)
     return replace(table, numbers=numbers)
 
 
@@ -87,12 +89,12 @@ def in_conventions(table: Table, read: ReadFile, mechanism: Mechanism, units: Un
 
 
 def _in_declared(values: Array, name: str, unit: str, read: ReadFile, mechanism: Mechanism,
-                 units: Units, place: str) -> Array:
+                 units: Units, place: str, kind: InstrumentKind | None) -> Array:
     """Return a column's numbers in the unit that the file declares for it."""
     if name == "temperature" or name.startswith("temperature_"):
         _allowed(unit, TEMPERATURES, name, place)
         return TEMPERATURES[unit](values)
-    known, declared = _choices(name, mechanism, units)
+    known, declared = _choices(name, mechanism, units, kind)
     if unit == "counts" and known is not LENGTHS:
         if read.counts_per_turn is None:
             raise BadInput("counts of what? The counts in a turn are missing", place,
@@ -102,7 +104,8 @@ def _in_declared(values: Array, name: str, unit: str, read: ReadFile, mechanism:
     return np.asarray(values * (known[unit] / declared))
 
 
-def _choices(name: str, mechanism: Mechanism, units: Units) -> tuple[Mapping[str, float], float]:
+def _choices(name: str, mechanism: Mechanism, units: Units, kind: InstrumentKind | None = None
+             ) -> tuple[Mapping[str, float], float]:
     """Return the units that a column may be in, SI, and the one that it is declared in."""
     for a, quantity, bare in zip(mechanism.actuators, mechanism.actuator_quantity,
                                  mechanism.actuator_has_ratio, strict=True):
@@ -111,20 +114,24 @@ def _choices(name: str, mechanism: Mechanism, units: Units) -> tuple[Mapping[str
                 return ANGULAR, TURN
             return (LENGTHS if quantity == "length" else ANGULAR), units.factor(quantity)
     bare_name = name.removeprefix("cmd_").removeprefix("sigma_")
+    if kind is not None and not kind.of_poses and bare_name in kind.columns(mechanism.motion):
+        own = kind.quantity if kind.scalar else "angle"
+        return (LENGTHS if own == "length" else ANGULAR), units.factor(own)
     if bare_name in (*TURNS, "rotation", "wx", "wy", "wz") or name.startswith("euler_"):
         return ANGULAR, units.factor("angle")
     if bare_name in (*AXES, *number_names(), "position", "vx", "vy", "vz"):
         return LENGTHS, units.factor("length")
-    kind = {"payload": "payload", "time": "time", **dict.fromkeys(("fx", "fy", "fz"), "force"),
+    further = {"payload": "payload", "time": "time", **dict.fromkeys(("fx", "fy", "fz"), "force"),
             **dict.fromkeys(("mx", "my", "mz"), "moment")}
-    return FURTHER.get(kind.get(name, ""), {}), 1.0
+    return FURTHER.get(further.get(name, ""), {}), 1.0
 
 
-def declared_unit(name: str, mechanism: Mechanism, units: Units) -> str:
+def declared_unit(name: str, mechanism: Mechanism, units: Units,
+                  kind: InstrumentKind | None = None) -> str:
     """Return the unit of a column for which nobody names another; empty for a bare number."""
     if name == "temperature" or name.startswith("temperature_"):
         return "C"
-    known, factor = _choices(name, mechanism, units)
+    known, factor = _choices(name, mechanism, units, kind)
     if known is LENGTHS:
         return units.length
     if known is ANGULAR:

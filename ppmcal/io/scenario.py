@@ -22,6 +22,7 @@ from ppmcal.io.yaml_merge import IN_MEMORY
 from ppmcal.limits import POSES, SIMULATED_ROWS
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import ZERO_CELSIUS, Unknown
+from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import Parameter
 from ppmcal.simulation.scenario import Circle, GridPattern, Helix, Listed, Pattern, Random, Scenario
@@ -43,8 +44,10 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
     length, angle = units.factor("length"), units.factor("angle")
     errors, scale = _errors(file.errors, mechanism, units, source)
     sigma = file.instrument.sigma
-    own = file.instrument.kind.sigma_of(sigma)
-    for value, quantity in ((sigma.position, "length"), (own, "length"), (sigma.rotation, "angle")):
+    kind = file.instrument.kind.located(file.instrument.at, mechanism, source)
+    kind.refuse(mechanism.motion, mechanism.surplus, source, mechanism.gravity)
+    own, of = kind.sigma_of(sigma), kind.quantity if kind.scalar else "length"
+    for value, quantity in ((sigma.position, "length"), (own, of), (sigma.rotation, "angle")):
         # next to none is none; more than the machine could not be read again
         size = (value or 0.0) * units.factor(quantity)
         if size > (mechanism.reach if quantity == "length" else 1.0):
@@ -62,10 +65,10 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
     return Scenario(
         source=source, units=units,
         poses=poses,
-        errors=errors, error_scale=scale, kind=file.instrument.kind,
+        errors=errors, error_scale=scale, kind=kind,
         sigma_position=(sigma.position or 0.0) * length,
         sigma_rotation=(sigma.rotation or 0.0) * angle,
-        sigma_value=(own if own is not None else sigma.position or 0.0) * length,
+        sigma_value=(own if own is not None else sigma.position or 0.0) * units.factor(of),
         sigma_actuator=actuator_noise(sigma.actuator, mechanism, joint, source),
         point=_given(point, f"{source}: instrument.point"),
         point_known=file.instrument.point in (None, "known"), frame=frame,
@@ -75,7 +78,8 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
         repeats=file.repeats, approach=file.approach, payload=tuple(file.conditions.payload),
         temperature=None if warm is None else (warm.mean + ZERO_CELSIUS, warm.swing),
         velocity=np.abs(actuator_noise(file.conditions.velocity, mechanism, joint, source)),
-        with_effects=machine, seed=file.seed, pairs=_pairs(file, source))
+        with_effects=machine, seed=file.seed, pairs=_pairs(file, source),
+        offset=_offset(file.instrument.offset, kind, units, f"{source}: instrument.offset"))
 
 
 def _refuse_many(file: ScenarioFile, poses: Pattern, source: str) -> None:
@@ -93,6 +97,17 @@ def _pairs(file: ScenarioFile, source: str) -> bool:
         raise BadInput("only distances without a fixed point are between positions",
                        f"{source}: instrument.between", "Take out `between` or `point`")
     return True
+
+
+def _offset(raw: object, kind: InstrumentKind, units: Units, place: str) -> float:
+    """Return what an encoder at a joint reads more than is true, SI."""
+    if raw == "known":
+        return 0.0
+    if kind.placed is None:
+        raise BadInput(f"the instrument '{kind}' has no offset", place, "Take it out")
+    if isinstance(raw, bool) or not isinstance(raw, int | float) or not abs(raw) <= LARGEST:
+        raise BadInput(f"{show(raw)} is not a number", place, "Write a number such as 12.5")
+    return float(raw) * units.factor(kind.quantity)
 
 
 def _given(value: Unknown, place: str) -> Array:

@@ -127,6 +127,8 @@ class ScenarioSigmaFile(Strict):
     """Of a height (kind plane)."""
     distance: Sigma | None = None
     """Of a distance (kind distance)."""
+    value: Sigma | None = None
+    """Of what an encoder at a joint reads (kind joint)."""
     actuator: Annotated[Any, BeforeValidator(_noise)] = 0.0
     """Of the joint values: one number, or one by actuator."""
 
@@ -144,6 +146,10 @@ class ScenarioInstrumentFile(Strict):
     """The fixed point that distances are measured from."""
     between: Annotated[str, choice("kind of distance", "point", "positions")] = "point"
     """Whether distances are from a point or between two platform positions."""
+    at: Label | None = None
+    """The joint that an encoder is at, such as `leg1.joint2` (kind joint)."""
+    offset: Any = "known"
+    """What an encoder at a joint reads more than is true, or `known`: nothing more."""
 
 
 class NoiseFile(Strict):

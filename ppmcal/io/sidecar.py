@@ -33,7 +33,7 @@ from ppmcal.io.schema import (
 from ppmcal.io.yaml import read_yaml
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array
-from ppmcal.model.dataset import Unknown
+from ppmcal.model.dataset import NO_OFFSET, Unknown
 from ppmcal.model.instruments import InstrumentKind, instruments
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import Motion
@@ -66,6 +66,8 @@ class SigmaFile(Strict):
     """Of a height (kind plane)."""
     distance: Positive | None = None
     """Of a distance (kind distance)."""
+    value: Positive | None = None
+    """Of what an encoder at a joint reads (kind joint), an angle or, of a slide, a length."""
     actuator: Annotated[Any, BeforeValidator(_noise)] = 0.0
     """Of the joint values: one number, or one by actuator."""
     estimated: Flag = False
@@ -83,6 +85,10 @@ class InstrumentFile(Strict):
     """Standard deviations of the noise."""
     point: Any = None
     """The fixed point that distances are measured from, or `unknown`."""
+    at: Label | None = None
+    """The joint that an encoder is at, such as `leg1.joint2` (kind joint)."""
+    offset: Any = None
+    """What an encoder at a joint reads more than is true: unknown, known (nothing), or a number."""
 
 
 class SidecarFile(Strict):
@@ -98,12 +104,14 @@ class SidecarFile(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _blind(cls, data: Any) -> Any:
-        instrument = data.get("instrument") if isinstance(data, dict) else None
-        kind = instrument.get("kind") if isinstance(instrument, dict) else None
-        if isinstance(kind, str) and kind in instruments() and instruments()[kind].blind:
-            return {**data, "frame": "known", "target": "known"}
-        return data
+    def _assumed(cls, data: Any) -> Any:
+        kind = _kind_named(data)
+        if kind is None:
+            return data
+        # an instrument that shows joints alone has neither, whatever is written, nor tilts a target
+        last = {"frame": "known"} if kind.inside else {}
+        last |= {"target": "known"} if kind.inside or not kind.of_poses else {}
+        return {**kind.assumed, **data, **last}
 
     format: Annotated[str, choice("format", FORMAT)]
     """What this file is."""
@@ -127,6 +135,13 @@ class SidecarFile(Strict):
     """Whether the joints' zeros are those of the machine or of this file."""
     read: ReadFile = ReadFile()
     """How to read the CSV, where it is not as the contract has it."""
+
+
+def _kind_named(data: Any) -> InstrumentKind | None:
+    """Return the kind of instrument that a sidecar's content names, None where it names none."""
+    instrument = data.get("instrument") if isinstance(data, Mapping) else None
+    name = instrument.get("kind") if isinstance(instrument, Mapping) else None
+    return instruments().get(name) if isinstance(name, str) else None
 
 
 def sidecar_path(csv_path: Path) -> Path:
@@ -154,21 +169,27 @@ def read_sidecar(csv_path: Path) -> tuple[SidecarFile, str]:
 def sidecar_of(content: Mapping[str, Any], mechanism: Mechanism) -> SidecarFile:
     """Return what a sidecar would hold, given as a mapping.
 
-    Left out, ``units`` are the mechanism file's, ``frame`` and ``target`` unknown.
+    Left out, ``units`` are the mechanism file's, ``frame`` and ``target`` unknown, or what the kind
+    of instrument assumes.
 
     Raises:
         BadInput: as :func:`read_sidecar`.
     """
     units = {"length": mechanism.units.length, "angle": mechanism.units.angle}
+    kind = _kind_named(content)
     return check(SidecarFile, {"format": FORMAT, "units": units, "frame": "unknown",
-                               "target": "unknown", **content}, "sidecar")
+                               "target": "unknown", **(kind.assumed if kind else {}), **content},
+                 "sidecar")
 
 
 def sigma_needs(file: SidecarFile, source: str, rotation: bool) -> None:
     """Refuse a sidecar without the standard deviations that its instrument needs."""
     kind, sigma = file.instrument.kind, file.instrument.sigma
     place = f"{source}: instrument.sigma"
-    if kind.sigma_of(sigma) is None and sigma.position is None and not kind.blind:
+    if not kind.of_poses and kind.sigma_of(sigma) is None:
+        raise BadInput(f"the key '{kind.sigma}' is missing", place, "Add the standard deviation "
+                       f"of a reading, such as `{kind.sigma}: 0.002`")
+    if kind.of_poses and kind.sigma_stated(sigma) is None and not kind.blind:
         raise BadInput("the key 'position' is missing", place,
                        "Add the instrument's standard deviation, such as `position: 0.01`")
     if kind.sees_rotation and rotation and sigma.rotation is None:
@@ -228,8 +249,10 @@ def scale_of(raw: object, kind: InstrumentKind, source: str, where: str = "scale
     A printed part that shrank, a caliper or a tracker in another scale: all rows of the file are
     off together. ``{value: 0.995, sigma: 0.0015}``: fitted, known to be so near that.
     """
-    if kind.touches and raw not in ("known", 1, 1.0):
-        raise BadInput("heights of a flat have no scale of their own", f"{source}: {where}",
+    if not kind.scales and raw not in ("known", 1, 1.0):
+        raise BadInput("heights of a flat have no scale of their own" if kind.touches else
+                       f"readings of the instrument '{kind}' are no lengths that have a scale",
+                       f"{source}: {where}",
                        "Take it out; a scale goes with pose, position or distance")
     if raw in ("unknown", "known"):
         return Unknown(raw == "unknown", np.ones(1))
@@ -240,6 +263,32 @@ def scale_of(raw: object, kind: InstrumentKind, source: str, where: str = "scale
                        f"a number from {NEAR_ONE[0]:g} to {NEAR_ONE[1]:g}, such as 0.997, or "
                        "{value: 0.995, sigma: 0.0015}")
     return Unknown(False, np.array([float(raw)]))
+
+
+def offset_of(file: InstrumentFile, units: Units, source: str) -> Unknown:
+    """Return what an encoder's readings are more than the true ones (1,): unknown, or given, SI."""
+    kind, raw, place = file.kind, file.offset, f"{source}: instrument.offset"
+    if kind.placed is None:
+        if raw is not None:
+            raise BadInput(f"the instrument '{kind}' has no offset", place, "Take it out")
+        return NO_OFFSET
+    if raw in (None, "unknown", "known"):
+        return Unknown(raw != "known", np.zeros(1))
+    found = _list([raw], (1,))
+    if found is None:
+        raise _neither(raw, place, "a number")
+    return Unknown(False, np.array(found) * units.factor(kind.quantity))
+
+
+def located(file: SidecarFile, mechanism: Mechanism, source: str) -> SidecarFile:
+    """Return a sidecar whose instrument is at the joint that it names, if it is at one.
+
+    Raises:
+        BadInput: as :meth:`InstrumentKind.located`, or an instrument that tells nothing here.
+    """
+    own = file.instrument
+    kind = own.kind.located(own.at, mechanism, source)
+    return file.model_copy(update={"instrument": own.model_copy(update={"kind": kind})})
 
 
 def _near_one(raw: object) -> TypeGuard[float]:
@@ -301,9 +350,9 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
         BadInput: anything wrong in the file, or an instrument that cannot be planned for.
     """
     source = str(path)
-    file = check(SidecarFile, read_yaml(Path(path)), source)
+    file = located(check(SidecarFile, read_yaml(Path(path)), source), mechanism, source)
     units, kind, sigma = file.units.units(), file.instrument.kind, file.instrument.sigma
-    kind.refuse(mechanism.motion, mechanism.surplus, source)
+    kind.refuse(mechanism.motion, mechanism.surplus, source, mechanism.gravity)
     sigma_needs(file, source, mechanism.motion.turns)
     frame = frame_of(file.frame, mechanism.motion, units, source)
     if frame.same_as is not None:
@@ -312,16 +361,18 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
     if kind.along_line:
         frame = _from_point(file, frame, mechanism, units, source)
     length, angle = units.factor("length"), units.factor("angle")
-    own, scalar = kind.sigma_of(sigma) or sigma.position, kind.scalar
+    own, scalar = kind.sigma_stated(sigma), kind.scalar
+    of = units.factor(kind.quantity) if scalar else length
     found = Instrument(
         kind, np.nan if scalar else (sigma.position or np.nan) * length,
-        (sigma.rotation or np.nan) * angle if kind.sees_rotation else np.nan,
-        (own or np.nan) * length if scalar else np.nan,
+        (sigma.rotation or np.nan) * angle if kind.sees_rotation or kind.of_turn else np.nan,
+        (own or np.nan) * of if scalar else np.nan,
         actuator_noise(sigma.actuator, mechanism, mechanism.joint_factors(units), source),
         frame, point_of(file.target, mechanism.motion, units, source),
-        rotation_of(file.target_rotation, units, source), scale=scale_of(file.scale, kind, source))
+        rotation_of(file.target_rotation, units, source), scale=scale_of(file.scale, kind, source),
+        offset=offset_of(file.instrument, units, source))
     for value, quantity in ((found.sigma_position, "length"), (found.sigma_rotation, "angle"),
-                            (found.sigma_value, "length")):
+                            (found.sigma_value, kind.quantity if scalar else "length")):
         refuse_sigma(np.array([value]), quantity, mechanism, units, f"{source}: instrument.sigma")
     return found
 

@@ -94,7 +94,8 @@ def after_events(registration: Registration, shift: Shift) -> Registration:
         target = cga.move_point(moved, target)
         turn = cga.rotation_vector(cga.compose(moved, cga.motor_from_rotation_vector(
             turn, np.zeros(3))))
-    return Registration(frame, target, turn, registration.homing, registration.scale)
+    return Registration(frame, target, turn, registration.homing, registration.scale,
+                        registration.offset)
 
 
 def _motor(displacement: Array) -> Array:

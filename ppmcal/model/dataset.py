@@ -33,6 +33,8 @@ class Unknown:
 
 TRUE_SCALE = Unknown(False, np.ones(1))
 """That of an instrument that shows lengths as they are."""
+NO_OFFSET = Unknown(False, np.zeros(1))
+"""That of an instrument whose zero is where it should be."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -48,8 +50,9 @@ class Dataset:
             ratio), (N, k); nan where the file gives a commanded pose instead.
         commanded: commanded poses (N, 6), nan where unused, or None.
         position: measured position (N, 3), nan where not measured (planar: z is nan).
-        rotation: measured rotation vector (N, 3), nan where not measured (planar: only z).
-        value: heights or distances (N,), nan for other instruments.
+        rotation: measured rotation vector (N, 3), nan where not measured (planar: only z); of an
+            inclinometer its angles in the places of their coordinates.
+        value: heights, distances or joints' readings (N,), nan for other instruments.
         to_q: second joint values of a distance between two platform positions, or None.
         sigma_position, sigma_rotation: standard deviations (N, 3).
         sigma_value: of ``value`` (N,).
@@ -62,6 +65,7 @@ class Dataset:
         frame, target, target_rotation: known or to be fitted; (6,), (3,), (3,).
         scale: what the file's lengths are times the true ones (1,), known or to be fitted, with a
             normal prior where it has a ``sigma``.
+        offset: what the readings of an encoder at a joint are more than the true ones (1,), SI.
         estimated: whether the stated noise is only where its estimate starts.
         homing: ``shared`` or ``per-file``; inside the program also ``alone``: open even in the
             first file.
@@ -109,6 +113,7 @@ class Dataset:
     target_rotation: Unknown
     labels: NDArray[np.int64] | None = None
     scale: Unknown = TRUE_SCALE
+    offset: Unknown = NO_OFFSET
     estimated: bool = False
     homing: str = "shared"
     approach: str = "unknown"

@@ -22,6 +22,7 @@ class Registration:
         homing: shift of the joint values of this file (k,), unit of q; 0 () where there is none.
             Of one session, so that model files do not keep it.
         scale: lengths that the instrument shows over true ones.
+        offset: what an encoder at a joint shows more than is true, rad or m; of one session too.
 
     Several machines that are registered together have frames (M, 8) and targets (M, 3).
     """
@@ -31,6 +32,7 @@ class Registration:
     target_rotation: Array = field(default_factory=lambda: np.zeros(3))
     homing: Array = field(default_factory=lambda: np.zeros(()))
     scale: float = 1.0
+    offset: float = 0.0
 
     @classmethod
     def of_pose(cls, frame: Array, target: Array | None = None,

@@ -92,11 +92,18 @@ def _owners(datasets: Sequence[Dataset]) -> list[int]:
 
 
 def _other_target(one: Dataset, two: Dataset) -> bool:
-    """Whether two files hold two targets of one body, seen at the same poses from one frame."""
-    if one.sessions or two.sessions or not _one_frame(one, two):
+    """Whether two files hold two targets of one body, seen at the same poses from one frame.
+
+    Or what encoders at other joints, or an inclinometer, read there.
+    """
+    if one.sessions or two.sessions:
+        return False
+    beside = one.kind is not two.kind and not (one.kind.of_poses and two.kind.of_poses)
+    if not beside and not _one_frame(one, two):
         return False
     targets = one.target, two.target
-    if not any(t.fitted for t in targets) and np.array_equal(targets[0].value, targets[1].value):
+    if not beside and not any(t.fitted for t in targets) and np.array_equal(
+            targets[0].value, targets[1].value):
         return False    # the same mark again: the poses were driven to twice
     if not _at_one_time(one, two):
         return False

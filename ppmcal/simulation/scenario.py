@@ -117,11 +117,12 @@ class Scenario:
         error_scale: draw errors from the tolerances times this, or None.
         kind: of instrument.
         sigma_position, sigma_rotation: noise of the instrument, 0 where none, m and rad.
-        sigma_value: noise of a height or distance, m.
+        sigma_value: noise of a height, distance or joint's reading, m or rad.
         sigma_actuator: noise of the joints (k,), unit of q.
         point: the fixed point of a distance instrument (3,); point_known: whether the
             sidecar gives it.
         pairs: distances are between two platform positions.
+        offset: what an encoder at a joint reads more than is true, rad or m.
         frame: the base's pose in the measuring frame (6,); frame_known: left at the default.
         target, target_rotation: (3,) each; target_known, target_rotation_known likewise.
         ar, outliers, tails: correlation of successive noise, share of outliers, ``normal`` or
@@ -163,3 +164,4 @@ class Scenario:
     with_effects: Mechanism
     seed: int
     pairs: bool = False
+    offset: float = 0.0

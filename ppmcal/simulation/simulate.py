@@ -19,6 +19,8 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import with_strokes
 from ppmcal.kinematics.equilibrium import consistent_joints, reached_poses
+from ppmcal.kinematics.instrument_readings import sensor_turn
+from ppmcal.kinematics.joint_readings import JointReading
 from ppmcal.kinematics.needed_columns import ORDER, missing_columns, remembers
 from ppmcal.kinematics.registration import displaced, predict
 from ppmcal.linalg import Array, Ints, finite_rows
@@ -38,7 +40,8 @@ class Campaign:
     """A simulated campaign of N rows, SI.
 
     ``pose`` labels (N,); ``q`` as the controller believes it (N, k); ``position`` (N, 3) and
-    ``rotation`` vector (N, 3) as measured; ``value`` a height or distance (N,), else nan;
+    ``rotation`` vector (N, 3) as measured, or angles in the places of their coordinates;
+    ``value`` a height, distance or a joint's reading (N,), else nan;
     ``to_q`` (N, k) joint values at the other end of a distance between two positions;
     ``direction`` of approach by joint (N, k);
     ``velocity`` of the joints at the trigger (N, k); ``payload`` kg, ``temperature`` K,
@@ -76,7 +79,7 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
         BadInput: an instrument that is not simulated, or no pose inside the workspace.
         NoResult: the true machine cannot reach any pose.
     """
-    scenario.kind.refuse(mechanism.motion, mechanism.surplus, scenario.source)
+    scenario.kind.refuse(mechanism.motion, mechanism.surplus, scenario.source, mechanism.gravity)
     rng = np.random.default_rng(scenario.seed if seed is None else seed)
     q, left_out, listed = commands(mechanism.nominal(), scenario, rng)
     own = listed.columns if listed else {}
@@ -102,11 +105,11 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     with_effects = with_strokes(scenario.with_effects, q)
     model = Model(with_effects, g)
     _recorded(with_effects, rows, scenario)
-    joints, actual, stretch = _visited(model, q[order], rows, scenario, rng)
+    joints, actual, stretch, inside = _visited(model, q[order], rows, scenario, rng)
     # a distance between two positions: from each to the one half a campaign away
     other = (order + len(q) // 2) % len(q)
-    there, ends, _ = _visited(model, q[other], rows, scenario, rng) if scenario.pairs else (
-        joints, actual, None)
+    there, ends, _, _ = _visited(model, q[other], rows, scenario, rng) if scenario.pairs else (
+        joints, actual, None, None)
     keep = finite_rows(actual) & finite_rows(ends)
     if not keep.all() and remembers(with_effects):
         raise BadInput(f"pose {order[~keep][0]} cannot be reached, and an effect depends on the "
@@ -120,6 +123,8 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     shown = None if stretch is None else stretch[keep] if len(stretch) > 1 else stretch
     position, rotation, value, outlier = _measured(actual[keep], ends[keep], shown, mechanism,
                                                    scenario, rng)
+    if scenario.kind.placed is not None and inside is not None:
+        value += scenario.offset + inside.value[keep]
     labels = order if listed is None or listed.labels is None else listed.labels[order]
     return Campaign(labels[keep], joints[keep], position, rotation, value, direction[keep],
                     velocity[keep] if np.any(velocity) else None,
@@ -167,29 +172,42 @@ def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mecha
     position = stretched(position, stretch)
     far = stretched(predict(registration, other)[0], stretch) if scenario.pairs else scenario.point
     error, outlier = _errors(len(position), scenario, rng)
-    value = np.full(len(position), np.nan) if scenario.kind.value is None else (
-        scenario.kind.value(position, far) + error[:, 0])
+    value = np.full(len(position), np.nan) if not scenario.kind.scalar else error[:, 0]
+    if scenario.kind.value is not None:
+        value = scenario.kind.value(position, far) + error[:, 0]
+    if scenario.kind.of_turn is not None:
+        angles = error[:, 3:]
+        places = [c - 3 for c in scenario.kind.coordinates(mechanism.motion)]
+        angles[:, places] += scenario.kind.of_turn(
+            sensor_turn(mechanism, registration, pose)[1], mechanism.motion)[0]
+        return position + error[:, :3], angles, value, outlier
     return position + error[:, :3], _turned(turn, error[:, 3:], mechanism), value, outlier
 
 
 @stage("moving the machine")
 def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
-             rng: np.random.Generator) -> tuple[Array, Array, Array | None]:
-    """Return joint values as recorded, poses (N, 8) reached, and the instrument's stretch.
+             rng: np.random.Generator
+             ) -> tuple[Array, Array, Array | None, JointReading | None]:
+    """Return joint values as recorded, poses (N, 8) reached, the instrument's stretch.
+
+    And how the joint reads that an encoder is at, where there is one.
 
     ``q`` (N, k) are the commands. A machine with surplus equations records where its limbs are.
     """
     q, real = consistent_joints(model, q, rows)
-    actual = real.pose
+    actual, true, at = real.pose, q, real
     if np.any(scenario.sigma_actuator > 0.0):
         shaken = q + rng.normal(size=q.shape) * scenario.sigma_actuator
         if model.mechanism.surplus:
             q = shaken
         else:
-            actual = reached_poses(model, shaken, rows, start=real.closed, start_q=q).pose
+            at = reached_poses(model, shaken, rows, start=real.closed, start_q=q)
+            actual, true = at.pose, shaken
+    inside = None if scenario.kind.placed is None else JointReading(
+        at.model.closure(true), at.closed, scenario.kind.at)
     shift = real.model.shift
     actual = displaced(actual, shift)
-    return q, actual, shift.stretch if shift else None
+    return q, actual, shift.stretch if shift else None, inside
 
 
 def _environment(mechanism: Mechanism, direction: Array, velocity: Array, payload: Array | None,

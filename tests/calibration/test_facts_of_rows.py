@@ -176,7 +176,7 @@ def test_predictions_move_with_whatever_a_shift_moves() -> None:
     points, twist, stretch = rng.normal(size=(n, 3)), rng.normal(size=(n, 6)), np.diag([1.0, 2, 3])
     pose = np.tile([1.0, *[0.0] * 7], (n, 1))
     seen: Any = SimpleNamespace(residual=np.zeros((n, m)), by_poses=(by_poses,), points=(points,),
-                                by_points=(by_points,))
+                                by_points=(by_points,), inside=None)
     closure: Any = SimpleNamespace(model=SimpleNamespace(shift=None))
     unknown: Any = None
     response = Response(closure, pose, seen, unknown)

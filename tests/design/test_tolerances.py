@@ -184,7 +184,7 @@ def measured(setup: MeasurementSetup, g: np.ndarray, noise: np.ndarray) -> Datas
     """What the setup's instrument shows of one machine, as a data set."""
     m, instrument = setup.mechanism, setup.instrument
     real, _, _ = newton(Model(m, g).closure(setup.q), pose_motor(setup.pose))
-    clean = instrument.dataset(setup.q, pose_vector(real), {}, m.motion.planar)
+    clean = instrument.dataset(setup.q, pose_vector(real), {}, m)
     if instrument.kind.scalar:
         return replace(clean, value=clean.value + instrument.sigma_value * noise[:, 0])
     pick = list(instrument.kind.coordinates(m.motion))

@@ -23,6 +23,7 @@ from ppmcal.model.instruments import (
     InstrumentKind,
     find_instrument,
     instruments,
+    is_own_reading,
     number_names,
 )
 from ppmcal.model.motions import (
@@ -38,12 +39,19 @@ from ppmcal.model.motions import (
 SIX = (0, 1, 2, 3, 4, 5)
 
 
-def test_the_five_in_the_order_in_which_they_are_told() -> None:
-    assert list(instruments()) == ["pose", "position", "plane", "distance", "none"]
+def test_the_seven_in_the_order_in_which_they_are_told() -> None:
+    assert list(instruments()) == ["pose", "position", "plane", "distance", "inclinometer",
+                                   "joint", "none"]
     assert number_names() == ("height", "distance")
+    assert [is_own_reading(n) for n in ("roll", "pitch", "turn_leg1.joint1", "rx", "height")] == [
+        True, True, True, False, False]
     assert [k.name for k in instruments().values() if k.touches] == ["plane"]
     assert [k.name for k in instruments().values() if k.along_line] == ["distance"]
     assert [k.name for k in instruments().values() if k.sees_rotation] == ["pose"]
+    assert [k.name for k in instruments().values() if not k.of_poses] == ["inclinometer", "joint"]
+    assert [k.name for k in instruments().values() if k.inside] == ["joint", "none"]
+    assert [k.name for k in instruments().values() if not k.scales] == [
+        "plane", "inclinometer", "joint"]
     with pytest.raises(BadInput, match="unknown instrument kind 'laser'"):
         find_instrument("laser")
 

@@ -61,7 +61,6 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.noise_estimate import noise_sentences as noise_sentences
     from ppmcal.calibration.fit.noise_estimate import noise_source as noise_source
     from ppmcal.calibration.fit.noise_estimate import noise_state as noise_state
-    from ppmcal.calibration.fit.noise_estimate import typical_noise as typical_noise
     from ppmcal.calibration.fit.noise_estimate import with_estimated_noise as with_estimated_noise
     from ppmcal.calibration.fit.noise_estimate import with_noise as with_noise
     from ppmcal.calibration.fit.noise_estimate import with_own_noise as with_own_noise
@@ -72,9 +71,11 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.observation import coordinates as coordinates
     from ppmcal.calibration.fit.observation import labels as labels
     from ppmcal.calibration.fit.observation import noise as noise
+    from ppmcal.calibration.fit.observation import noise_quantity as noise_quantity
     from ppmcal.calibration.fit.observation import shown as shown
     from ppmcal.calibration.fit.observation import stretched as stretched
     from ppmcal.calibration.fit.observation import turn_between as turn_between
+    from ppmcal.calibration.fit.observation import typical_noise as typical_noise
     from ppmcal.calibration.fit.observation import values_per_row as values_per_row
     from ppmcal.calibration.fit.other_branch import branch_findings as branch_findings
     from ppmcal.calibration.fit.other_branch import in_other_branch as in_other_branch

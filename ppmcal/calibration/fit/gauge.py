@@ -1,9 +1,9 @@
 """What a machine that calibrates itself cannot see of its own frames: its gauge.
 
-Joint values alone are the same wherever the base stands, and wherever the platform's own axes are
-put in it. So some coordinates of base points, then of platform points, are held where they are and
-define these frames: all of the first limb's, of the next ones as many as turns would leave open.
-They are a choice, and neither known nor redundant.
+Joint values alone, of drives and of encoders at other joints, are the same wherever the base
+stands, and wherever the platform's own axes are put in it. So some coordinates of base points, then
+of platform points, are held where they are and define these frames: all of the first limb's, of the
+next ones as many as turns would leave open. They are a choice, and neither known nor redundant.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import forward
-from ppmcal.kinematics.least_squares_closure import surplus
+from ppmcal.kinematics.joint_readings import JointReading
+from ppmcal.kinematics.least_squares_closure import held_by, surplus
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.limbs.chain import cross_matrix
@@ -39,11 +40,11 @@ def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
     Itself where an instrument says where they stand, where the file leaves that to the tolerances
     (``gauge: tolerances``), and where enough is fixed already.
     """
-    if mechanism.gauge != "base" or not datasets or not all(d.kind.blind for d in datasets):
+    if mechanism.gauge != "base" or not datasets or not all(d.kind.inside for d in datasets):
         return mechanism
     if not mechanism.free:      # a machine that is looked at, not fitted
         return mechanism
-    held = _held(mechanism, np.concatenate([d.q for d in datasets]))
+    held = _held(mechanism, datasets)
     if not held:
         return mechanism
     said = Note(f"{', '.join(mechanism.names[p] for p in held)} are held as they are: they define "
@@ -53,9 +54,9 @@ def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
                    findings=(*mechanism.findings, said))
 
 
-def _held(mechanism: Mechanism, q: Array) -> list[int]:
+def _held(mechanism: Mechanism, datasets: Sequence[Dataset]) -> list[int]:
     """Return the free parameters to hold, limb by limb, in each those that the gauge moves most."""
-    unseen = _unseen(mechanism, q)
+    unseen = _unseen(mechanism, datasets)
     basis, out = np.zeros((unseen.shape[1], 0)), list[int]()
     for end, limb, leverage in ((e, limb, part) for part in (LEVERAGE, 0.1 * LEVERAGE)
                                 for e in ("base", "platform") for limb in mechanism.limbs):
@@ -73,8 +74,8 @@ def _held(mechanism: Mechanism, q: Array) -> list[int]:
     return out
 
 
-def _unseen(mechanism: Mechanism, q: Array) -> Array:
-    """Return how free parameters (F, z) move with the frames' motions that no row (N, k) shows."""
+def _unseen(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Array:
+    """Return how free parameters (F, z) move with the frames' motions that no row shows."""
     free = list(mechanism.free)
     slots = list(_slots(mechanism))
     moves = np.stack([move for _, _, move in slots]) if slots else np.zeros((0, 12))
@@ -83,7 +84,10 @@ def _unseen(mechanism: Mechanism, q: Array) -> Array:
         for i, name, _ in slots]) if slots else np.zeros((0, len(free)))
     steps = linalg.pinv(by_free) @ moves
     # what the file fixes cannot move, and what rows show is no gauge
-    shown = [moves - by_free @ steps, _shown(mechanism, q, free) @ steps]
+    alone = np.concatenate([d.q for d in datasets if d.kind.blind or mechanism.surplus]
+                           or [np.zeros((0, len(mechanism.actuators)))])
+    shown = [moves - by_free @ steps, _shown(mechanism, alone, free) @ steps,
+             *(_read(mechanism, d, free) @ steps for d in datasets if not d.kind.blind)]
     _, size, motions = linalg.svd(np.concatenate(shown), full=True)
     whole = np.concatenate([size, np.zeros(len(motions) - len(size))])
     still = motions[whole < UNSEEN * max(1.0, float(whole.max(initial=0.0)))]
@@ -125,16 +129,38 @@ def _slots(mechanism: Mechanism) -> Iterator[tuple[int, str, Array]]:
                 yield i, slot, np.where(kept, move, 0.0)
 
 
-def _shown(mechanism: Mechanism, q: Array, free: Sequence[int]) -> Array:
-    """Return what surplus equations of some rows show of free parameters (r, F)."""
+def _some(mechanism: Mechanism, q: Array, free: Sequence[int]) -> tuple[Closure, Array]:
+    """Return the closure and poses (n, 8) of a few of some rows (N, k)."""
     some = q[np.linspace(0, len(q) - 1, min(len(q), POSES)).astype(int)]
     model = Model(replace(mechanism, effects=()))
     some = some[finite_rows(some)]
     pose = forward(model, some).pose
     good = finite_rows(pose)
-    if not good.any():
+    return model.closure(some[good], free), pose[good]
+
+
+def _shown(mechanism: Mechanism, q: Array, free: Sequence[int]) -> Array:
+    """Return what surplus equations of some rows show of free parameters (r, F)."""
+    closure, pose = _some(mechanism, q, free)
+    if not len(pose) or not mechanism.surplus:
         return np.zeros((0, len(free)))
-    closure = model.closure(some[good], free)
-    basis = surplus(mechanism, closure.pose_matrix(pose[good]))
-    shown = np.swapaxes(basis, -1, -2) @ closure.error_matrix(pose[good], free)
+    basis = surplus(mechanism, closure.pose_matrix(pose))
+    shown = np.swapaxes(basis, -1, -2) @ closure.error_matrix(pose, free)
     return np.asarray(shown.reshape(-1, len(free)))
+
+
+def _read(mechanism: Mechanism, data: Dataset, free: Sequence[int]) -> Array:
+    """Return what an encoder at a joint shows of free parameters (r, F), but for its offset."""
+    closure, pose = _some(mechanism, data.q, free)
+    if not len(pose):
+        return np.zeros((0, len(free)))
+    reading = JointReading(closure, pose, data.kind.at)
+    by_pose = reading.by_pose[:, mechanism.dof, None]
+    a = closure.pose_matrix(pose)
+    by_gap = held_by(closure, pose, a, by_pose)[..., 0]
+    shown = -np.asarray(np.einsum("nm,nmf->nf", by_gap, closure.error_matrix(pose, free)))
+    columns = closure.columns[reading.limb]
+    if columns:
+        own = reading.by_parameters(columns, closure.slots[reading.limb])
+        shown[:, [list(free).index(p) for p in columns]] += own
+    return np.asarray(shown - shown.mean(axis=0)) if data.offset.fitted else shown

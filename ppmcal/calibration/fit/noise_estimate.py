@@ -21,6 +21,7 @@ from ppmcal.calibration.fit.fit_result import (
 from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.gauss_newton import least_squares, prior_square
 from ppmcal.calibration.fit.linearisation import prior_weights, qr_factor, seen_directions
+from ppmcal.calibration.fit.observation import noise_quantity, typical_noise
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.linalg import Array, Bools, svd
 from ppmcal.model.dataset import Dataset
@@ -96,11 +97,6 @@ def with_estimated_noise(problem: Problem, options: FitOptions,
     return fit, factor
 
 
-def typical_noise(data: Dataset) -> float:
-    """Return the median noise of a data set's values or positions, m."""
-    return float(np.nanmedian(data.sigma_value if data.kind.scalar else data.sigma_position))
-
-
 def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> list[str]:
     """Return what the estimated noise of data sets (D,) is, in their own units."""
     out = []
@@ -108,9 +104,10 @@ def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> l
         if wanted and not data.estimated:
             out.append(f"{data.name}: noise {f:.3g} times the stated one.")
         elif wanted:
-            began = typical_noise(data) / data.units.factor("length")
-            out.append(f"{data.name}: noise {began * f:.3g} {data.units.length}, estimated from "
-                       f"its residuals; the {began:g} {data.units.length} of its sidecar count as "
+            of = noise_quantity(data)
+            began, unit = typical_noise(data) / data.units.factor(of), data.units.name(of)
+            out.append(f"{data.name}: noise {began * f:.3g} {unit}, estimated from "
+                       f"its residuals; the {began:g} {unit} of its sidecar count as "
                        f"{LEAST:.0f} of them.")
     return out
 

@@ -209,7 +209,8 @@ def _has_sight(problem: Problem, state: State, index: int) -> bool:
     data = problem.datasets[index]
     own_scale = data.scale.fitted or state.registrations[index].scale != 1.0
     return (not problem.mechanism.effects and not problem.mechanism.surplus
-            and not data.kind.along_line and not (data.kind.touches and own_scale)
+            and data.kind.of_poses and not data.kind.along_line
+            and not (data.kind.touches and own_scale)
             and not np.any(data.sigma_actuator > 0.0))
 
 

@@ -29,6 +29,7 @@ class NuisanceColumns:
     target_rotation: slice
     homing: slice
     scale: slice
+    offset: slice
     frame_parts: tuple[int, ...]
     target_parts: tuple[int, ...]
     turn_parts: tuple[int, ...]
@@ -50,10 +51,12 @@ class NuisanceColumns:
             moved = replace(moved, homing=moved.homing + step[..., self.homing])
         if self.scale.stop > self.scale.start:
             moved = replace(moved, scale=moved.scale + float(step[self.scale.start]))
+        if self.offset.stop > self.offset.start:
+            moved = replace(moved, offset=moved.offset + float(step[self.offset.start]))
         return moved
 
     def fill(self, out: Array, seen: ResidualJacobian) -> None:
-        """Fill the columns of frame, target, target rotation and scale in ``out`` (n, m, C)."""
+        """Fill the columns of frame, target, its rotation, scale and offset (n, m, C)."""
         for columns, parts, source in (
                 (self.frame, self.frame_parts, seen.by_frame),
                 (self.target, self.target_parts, seen.by_target),
@@ -62,6 +65,8 @@ class NuisanceColumns:
                 out[..., columns] = source[..., list(parts)]
         if self.scale.stop > self.scale.start:
             out[..., self.scale] = seen.by_scale[..., None]
+        if self.offset.stop > self.offset.start:
+            out[:, 0, self.offset] = 1.0
 
 
 def frame_parts(data: Dataset, motion: Motion) -> tuple[int, ...]:
@@ -106,13 +111,16 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
         if owner is not None:
             frame, about, parts = owner.frame, owner.about, owner.frame_parts
         target = take(data.target.fitted, [f"target.{POSE_COORDINATES[p]}" for p in points])
-        turns = data.target_rotation.fitted and data.kind.sees_rotation and motion.turns
+        turns = data.target_rotation.fitted and motion.turns and (
+            data.kind.sees_rotation or data.kind.of_turn is not None)
         turn = take(turns, [f"target_rotation.{POSE_COORDINATES[3 + p]}" for p in turn_parts])
         homing = take((i > 0 and data.homing == "per-file") or data.homing == "alone",
                       [f"homing.{a}" for a in mechanism.actuators])
         scale = take(data.scale.fitted, ["scale"])
-        opens[i] = NuisanceColumns(frame, target, turn, homing, scale, parts, points, turn_parts,
-                        np.where(np.isfinite(about), about, 0.0))
+        offset = take(data.offset.fitted, [f"offset.{POSE_COORDINATES[data.kind.place]}"]
+                      if data.offset.fitted else ())
+        opens[i] = NuisanceColumns(frame, target, turn, homing, scale, offset, parts, points,
+                                   turn_parts, np.where(np.isfinite(about), about, 0.0))
         by_name[data.name] = opens[i]
     return tuple(opens[i] for i in range(len(opens))), tuple(names)
 

@@ -14,12 +14,15 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
+from ppmcal.kinematics.closure import Closure
+from ppmcal.kinematics.instrument_readings import levelled, sensor_turn
+from ppmcal.kinematics.joint_readings import JointReading
 from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, row_by_row
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.model.motions import POSE_COORDINATES, Motion
+from ppmcal.model.motions import Motion
 from ppmcal.model.registration import Registration
 
 GAP = "gap_"
@@ -41,6 +44,7 @@ class ResidualJacobian:
         by_points: d prediction / d(point before the file's scale) (n, m, 3), of each pose.
         by_scale: d prediction / d(scale of the file) (n, m).
         points: where the measured point truly is, measuring frame (n, 3), of each pose.
+        inside: of an encoder at a joint how it reads, beside what the pose makes of that.
     """
 
     residual: Array
@@ -52,6 +56,7 @@ class ResidualJacobian:
     by_points: tuple[Array, ...]
     points: tuple[Array, ...]
     by_scale: Array
+    inside: JointReading | None = None
 
     def picked(self, parts: Sequence[int]) -> ResidualJacobian:
         """Return some of the coordinates."""
@@ -61,7 +66,6 @@ class ResidualJacobian:
             tuple(b[:, pick] for b in self.by_poses), self.by_frame[:, pick],
             self.by_target[:, pick], self.by_target_rotation[:, pick],
             tuple(b[:, pick] for b in self.by_points), self.points, self.by_scale[:, pick])
-
 
     def beside(self, residual: Array) -> ResidualJacobian:
         """Return the rows with more residuals (n, s) behind theirs, on which no part here acts."""
@@ -96,11 +100,7 @@ def labels(data: Dataset, mechanism: Mechanism) -> tuple[str, ...]:
 
     Without an instrument the limbs, ``gap_leg1``, ..., whose lengths contradict each other.
     """
-    if data.kind.scalar:
-        return (data.kind.number,)
-    if data.kind.blind:
-        return gap_names(mechanism)
-    return tuple(POSE_COORDINATES[c] for c in coordinates(data, mechanism.motion))
+    return gap_names(mechanism) if data.kind.blind else data.kind.labels(mechanism.motion)
 
 
 def gap_names(mechanism: Mechanism) -> tuple[str, ...]:
@@ -123,7 +123,8 @@ def pivot(data: Dataset) -> Array:
 
 
 def view(data: Dataset, registration: Registration, poses: Sequence[Array], motion: Motion,
-         about: Array, stretch: Array | None = None) -> ResidualJacobian:
+         about: Array, stretch: Array | None = None,
+         closures: Sequence[Closure] = ()) -> ResidualJacobian:
     """Compare the data set's rows with poses: measured = frame o pose o target.
 
     Args:
@@ -134,7 +135,12 @@ def view(data: Dataset, registration: Registration, poses: Sequence[Array], moti
         motion: the machine's motion.
         about: the frame's pivot (3,), m in the measuring frame.
         stretch: the instrument shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
+        closures: of each of the poses, for instruments that need more than these: weight, joints.
     """
+    if data.kind.of_turn is not None:
+        return _tilts(data, registration, poses[0], closures[0].model.mechanism)
+    if data.kind.placed is not None:
+        return _joint(data, registration, poses[0], closures[0])
     if data.kind.touches:
         stretch = None    # a touch is not a reading: the flat's height is as it is given
     stretch = in_scale(stretch, registration.scale)
@@ -178,6 +184,43 @@ def _six_coordinates(data: Dataset, registration: Registration, pose: Array, mot
                             np.pad(seen, ((0, 0), (0, 3))) / registration.scale)
 
 
+def _tilts(data: Dataset, registration: Registration, pose: Array, mechanism: Mechanism
+           ) -> ResidualJacobian:
+    """Angles of a body's rotation: they move with turns of the frame, the pose and the body."""
+    motion, of_turn = mechanism.motion, data.kind.of_turn
+    assert of_turn is not None
+    platform, sensor = sensor_turn(mechanism, registration, pose)
+    value, by_turn = of_turn(sensor, motion)
+    residual = wrapped(shown(data)[:, list(data.kind.coordinates(motion))] - value)
+    n, k = residual.shape
+    still, observed = np.zeros((n, k, 3)), np.isfinite(residual)
+    frame = cga.rotation_matrix(registration.frame) @ levelled(mechanism)
+    return ResidualJacobian(
+        np.where(observed, residual, 0.0), observed,
+        (np.concatenate([still, by_turn @ frame], axis=-1),),
+        np.concatenate([still, by_turn], axis=-1), still,
+        by_turn @ platform @ left_jacobian(registration.target_rotation), (still,),
+        (np.zeros((n, 3)),), np.zeros((n, k)))
+
+
+def _joint(data: Dataset, registration: Registration, pose: Array, closure: Closure
+           ) -> ResidualJacobian:
+    """What an encoder at a joint reads; a whole turn more or less is the same."""
+    reading = JointReading(closure, pose, data.kind.at)
+    residual = (data.value - registration.offset - reading.value)[:, None]
+    residual = wrapped(residual) if data.kind.quantity == "angle" else residual
+    observed, still = np.isfinite(residual), np.zeros((len(data), 1, 3))
+    return ResidualJacobian(
+        np.where(observed, residual, 0.0), observed, (reading.by_pose[:, None],),
+        np.zeros((len(data), 1, 6)), still, still, (still,), (np.zeros((len(data), 3)),),
+        np.zeros((len(data), 1)), reading)
+
+
+def wrapped(angle: Array) -> Array:
+    """Return angles, rad, within half a turn of 0."""
+    return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
+
+
 def _distance(data: Dataset, sights: Sequence[ResidualJacobian], scale: float) -> ResidualJacobian:
     """Distances from the frame's origin, or between two positions: their rows along the line."""
     signed = list(zip((1.0, -1.0), sights, strict=False))
@@ -219,8 +262,7 @@ def rotation_residual(data: Dataset, predicted: Array, motion: Motion) -> Array:
     if motion.planar:
         angle = np.arctan2(predicted[:, 1, 0], predicted[:, 0, 0])
         out = np.full_like(measured, np.nan)
-        difference = measured[:, 2] - angle
-        out[:, 2] = difference - 2.0 * np.pi * np.round(difference / (2.0 * np.pi))
+        out[:, 2] = wrapped(measured[:, 2] - angle)
         return out
     whole = finite_rows(measured)
     filled = np.where(whole[:, None], measured, 0.0)
@@ -243,6 +285,20 @@ def noise(data: Dataset, motion: Motion) -> Array:
                       data.sigma_position, data.sigma_rotation)
 
 
+def noise_quantity(data: Dataset) -> str:
+    """Return of what quantity a data set's noise is, where it is told as one number."""
+    if data.kind.scalar:
+        return data.kind.quantity
+    return "length" if data.kind.of_poses else "angle"
+
+
+def typical_noise(data: Dataset) -> float:
+    """Return the median noise of a data set's values or positions, m; of angles rad."""
+    sigma = data.sigma_value if data.kind.scalar else (
+        data.sigma_position if data.kind.of_poses else data.sigma_rotation)
+    return float(np.nanmedian(sigma))
+
+
 def joint_noise(mechanism: Mechanism, data: Dataset) -> Array:
     """Return the standard deviations of the joint values (k,), unit of q.
 
@@ -251,8 +307,9 @@ def joint_noise(mechanism: Mechanism, data: Dataset) -> Array:
     """
     if not mechanism.surplus or np.any(data.sigma_actuator > 0.0):
         return data.sigma_actuator
-    own = data.sigma_value if data.kind.scalar else data.sigma_position
-    size = float(np.nanmedian(own)) / mechanism.joint_ratios
+    own = typical_noise(data) * (
+        mechanism.length_scale if noise_quantity(data) == "angle" else 1.0)
+    size = own / mechanism.joint_ratios
     turns = np.array([q == "angle" for q in mechanism.actuator_quantity])
     return np.asarray(np.where(turns, size / mechanism.length_scale, size))
 

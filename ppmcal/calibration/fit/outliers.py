@@ -256,13 +256,14 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
                 continue
             value = float(shown(data)[index, places[c]])
             predicted = value - float(rows.raw[n, c])
-            if places[c] >= 3:
+            if places[c] >= 3 and data.kind.of_poses:
                 # rotation vectors do not add up: what the others say of the whole rotation
                 registration = fit.state.registrations[rows.dataset]
                 pose = fit.state.poses[rows.dataset][index][None]
                 predicted = float(measured_pose(registration, pose)[0, places[c]])
+            name = data.kind.number if data.kind.of_poses else data.kind.columns(motion)[c]
             yield GrossError(data.name, int(data.rows[index]), places[c], value, predicted, times,
-                             data.kind.number)
+                             name)
 
 
 def _widest_gap(rows: Rows, n: int) -> tuple[str, float]:

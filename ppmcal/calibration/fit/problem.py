@@ -191,8 +191,7 @@ class Problem:
         for d, pose in zip(self.datasets, poses, strict=True):
             if not finite_rows(pose).any():
                 raise no_pose(self.mechanism, d)
-        registrations = [replace(start_registration(unscaled(d), pose, self.mechanism.motion,
-                                                    self.mechanism.reach),
+        registrations = [replace(start_registration(unscaled(d), pose, self.mechanism),
                                  scale=float(d.scale.value[0]))
                          for d, pose in zip(self.datasets, poses, strict=True)]
         for i, d in enumerate(self.datasets):
@@ -333,8 +332,15 @@ class Problem:
         def look(*closed: Array) -> ResidualJacobian:
             platforms = [platform_pose(pose, model.shift)
                          for pose, model in zip(closed, models, strict=True)]
-            seen = view(part, registration, [displaced(p, shift) for p in platforms], motion,
-                        self.opens[i].about, shift.stretch if shift else None)
+            # a joint is in a limb, before what moves the platform beyond it
+            at_joint = data.kind.placed is not None
+            seen = view(part, registration,
+                        closed if at_joint else [displaced(p, shift) for p in platforms], motion,
+                        self.opens[i].about, shift.stretch if shift else None,
+                        [] if data.kind.of_poses else [m.closure(q) for (q, _), m in
+                                                       zip(ends, models, strict=True)])
+            if at_joint:
+                return seen
             moved = [by_displacement(p, shift) for p in platforms]
             return replace(seen, by_poses=tuple(
                 by if d is None else by @ d for by, d in zip(seen.by_poses, moved, strict=True)))

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
-from ppmcal.calibration.fit.observation import rotation_residual
+from ppmcal.calibration.fit.observation import rotation_residual, wrapped
 from ppmcal.errors import BadInput
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.instrument_readings import levelled, own_readings
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import predict
@@ -45,8 +47,7 @@ def start_scalar(data: Dataset, pose: Array, registration: Registration, motion:
         return registration
     rows = np.flatnonzero(finite_rows(pose) & np.isfinite(data.value))
     if rows.size < 3:
-        raise BadInput(f"only {rows.size} usable rows: an unknown frame needs at least 3",
-                       data.source, "Measure more poses")
+        raise _few(rows.size, "frame", data)
     point, _ = predict(registration, pose[rows])
     assert data.kind.start is not None
     step = data.kind.start(point, data.value[rows], motion)
@@ -69,30 +70,33 @@ judge a trial (Rousseeuw and Van Driessen 1999, least trimmed squares), and rows
 most: it is where a fit starts."""
 
 
-def start_registration(data: Dataset, pose: Array, motion: Motion, size: float) -> Registration:
-    """Return frame and target to start from.
+def start_registration(data: Dataset, pose: Array, mechanism: Mechanism) -> Registration:
+    """Return frame and target to start from; of an encoder at a joint its offset.
 
     Args:
         data: the measurements; known parts of frame and target are kept.
         pose: platform motors at the rows' joint values (N, 8), nan rows are ignored.
-        motion: the machine's motion.
-        size: the machine's, m: an unknown target may be so far away.
+        mechanism: the machine; an unknown target may be as far away as it reaches.
 
     Raises:
         BadInput: fewer rows than an unknown frame or target needs.
     """
+    motion, size = mechanism.motion, mechanism.reach
     registration = Registration.of_pose(data.frame.value, data.target.value,
                                         data.target_rotation.value)
+    if data.kind.placed is not None:
+        return _with_offset(data, pose, registration, mechanism)
     if not data.frame.fitted and not data.target.fitted and not data.target_rotation.fitted:
         return registration
+    if data.kind.aligned is not None:
+        return _levelled(data, pose, registration, mechanism)
     if data.kind.scalar:
         return start_scalar(data, pose, registration, motion)
     planar = motion.planar
     position = np.where([False, False, planar], 0.0, data.position)
     rows = np.flatnonzero(finite_rows(position) & finite_rows(pose))
     if rows.size < 3:
-        raise BadInput(f"only {rows.size} usable rows: an unknown frame or target needs at least 3",
-                       data.source, "Measure more poses")
+        raise _few(rows.size, "frame or target", data)
     rows = rows[np.linspace(0, rows.size - 1, min(rows.size, ENOUGH)).astype(int)]
     plain = _aligned(data, pose, position, rows, registration, planar, size)
     if rows.size < 2 * SUBSET:
@@ -117,6 +121,48 @@ def start_registration(data: Dataset, pose: Array, motion: Motion, size: float) 
     away = misses(rows, best)
     near = rows[away <= BLUNDER * np.median(away)]
     return _aligned(data, pose, position, near, registration, planar, size)
+
+
+def _with_offset(data: Dataset, pose: Array, registration: Registration, mechanism: Mechanism
+                 ) -> Registration:
+    """Return the registration with the offset at which a joint's readings miss least, in median."""
+    registration = replace(registration, offset=float(data.offset.value[0]))
+    rows = np.flatnonzero(finite_rows(pose) & np.isfinite(data.value))
+    if not data.offset.fitted:
+        return registration
+    if rows.size < 3:
+        raise _few(rows.size, "offset", data)
+    away = data.value[rows] - own_readings(data.kind, Registration(), Model(mechanism),
+                                           data.q[rows], pose[rows])[:, 0]
+    if data.kind.quantity == "angle":
+        middle = float(np.angle(np.exp(1j * away).sum()))
+        away = middle + wrapped(away - middle)
+    return replace(registration, offset=float(np.median(away)))
+
+
+def _levelled(data: Dataset, pose: Array, registration: Registration, mechanism: Mechanism
+              ) -> Registration:
+    """Return the base's tilt and a sensor's mounting with which its angles agree best."""
+    angles = np.concatenate([data.position, data.rotation], axis=1)[
+        :, list(data.kind.coordinates(mechanism.motion))]
+    rows = np.flatnonzero(finite_rows(angles) & finite_rows(pose))
+    if rows.size < 3:
+        raise _few(rows.size, "tilt of the base or rotation of the sensor", data)
+    up, still = levelled(mechanism), np.zeros(3)
+    body = cga.rotation_matrix(cga.motor_from_rotation_vector(registration.target_rotation, still))
+    assert data.kind.aligned is not None
+    frame, body = data.kind.aligned(
+        angles[rows], up @ cga.rotation_matrix(pose[rows]),
+        (cga.rotation_matrix(registration.frame), body @ up.T),
+        (data.frame.fitted, data.target_rotation.fitted))
+    turn = cga.rotation_vector(cga.motor_from_matrix(body @ up, still))
+    return replace(registration, target_rotation=turn, frame=cga.motor_from_matrix(
+        frame, cga.translation(registration.frame)))
+
+
+def _few(rows: int, what: str, data: Dataset) -> BadInput:
+    return BadInput(f"only {rows} usable rows: an unknown {what} needs at least 3", data.source,
+                    "Measure more poses")
 
 
 def _aligned(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64],

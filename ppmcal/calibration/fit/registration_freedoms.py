@@ -209,7 +209,7 @@ def _possible(problem: Problem, keep: Sequence[Bools]) -> list[tuple[int, str]]:
     """Return what may have to be open: data set, and what of it."""
     out = list[tuple[int, str]]()
     for i, data in enumerate(problem.datasets):
-        if data.kind.scalar:
+        if data.kind.scalar or not data.kind.of_poses:
             continue
         shared = data.frame.same_as is not None
         turns = data.kind.sees_rotation and problem.mechanism.motion.turns

@@ -51,7 +51,7 @@ class Response:
     def by_pose(self) -> Array:
         """How predictions move with the closed pose's displacement and rotation (n, m, 6)."""
         by_pose, shift = self.seen.by_poses[self.end], self.closure.model.shift
-        if shift is None or shift.pose is None:
+        if shift is None or shift.pose is None or self.seen.inside is not None:
             return by_pose
         # a turn of the closed pose comes out turned by the effects' own rotation
         turn = cga.motor_from_rotation_vector(shift.pose[:, 3:], np.zeros(3))
@@ -73,13 +73,17 @@ class Response:
     @cached_property
     def by_joint(self) -> Array:
         """How predictions move with joint values (n, m, k)."""
-        return np.asarray(self.by_equation @ self.closure.joint_matrix(self.pose, self.lines))
+        out = np.asarray(self.by_equation @ self.closure.joint_matrix(self.pose, self.lines))
+        if self.seen.inside is not None:
+            out[:, 0] += self.seen.inside.by_joint
+        return out
 
     def geometry_columns(self, out: Array, free: Sequence[int], homing: slice) -> None:
         """Set the columns of geometry and of homing offsets in ``out`` (n, m, C), zero before."""
         place = {p: c for c, p in enumerate(free)}
         shifted = homing.stop > homing.start
-        tables = compiled_limbs(self.closure, len(self.pose))
+        self._limb_columns(out, place)
+        tables = None if self.seen.inside else compiled_limbs(self.closure, len(self.pose))
         if tables is not None and tables.error_columns(
                 self.pose, self.by_pose, place, out, homing.start if shifted else None):
             return
@@ -96,6 +100,16 @@ class Response:
         if shifted:
             out[..., homing] += self.by_joint
 
+    def _limb_columns(self, out: Array, place: dict[int, int]) -> None:
+        """Add how an encoder's reading moves with its limb while the platform stands still."""
+        inside = self.seen.inside
+        if inside is None:
+            return
+        columns = self.closure.columns[inside.limb]
+        if columns:
+            out[:, 0, [place[p] for p in columns]] += inside.by_parameters(
+                columns, self.closure.slots[inside.limb])
+
     @cached_property
     def _by_slot(self) -> dict[tuple[int, str], Array]:
         return {}
@@ -105,6 +119,8 @@ class Response:
         if (limb, slot) not in self._by_slot:
             block = self.closure.slot_matrix(self.pose, limb, (slot,), self.lines)
             self._by_slot[limb, slot] = (self.by_equation @ block)[..., 0]
+            if self.seen.inside is not None and self.seen.inside.limb == limb:
+                self._by_slot[limb, slot][:, 0] += self.seen.inside.by_slots((slot,))[:, 0]
         return self._by_slot[limb, slot]
 
     def column(self, shift: Shift) -> Array:
@@ -112,6 +128,8 @@ class Response:
         out = np.zeros(self.seen.residual.shape)
         for (limb, slot), change in shift.slots.items():
             out += self.by_slot(limb, slot) * np.broadcast_to(change, (len(out),))[:, None]
+        if self.seen.inside is not None:
+            return out    # what moves the platform beyond its limbs leaves their joints alone
         if shift.pose is not None:
             out += (self.seen.by_poses[self.end] @ shift.pose[..., None])[..., 0]
         for twist in displacement_twists(self.platform, shift, self.closure.model.shift):

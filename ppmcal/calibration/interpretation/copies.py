@@ -55,13 +55,17 @@ def steps_of(numbers: Mapping[str, Array], data: Dataset, reach: float) -> Array
     length, angle = data.units.factor("length"), data.units.factor("angle")
     own = {name: (i, length if i < 3 else angle) for i, name in enumerate(POSE_COORDINATES)}
     own |= dict.fromkeys(number_names(), (6, length))
+    if data.kind.scalar:
+        own[data.kind.number] = (6, data.units.factor(data.kind.quantity))
+    own |= {name: (c, angle) for name, c in zip(data.kind.names, (3, 4), strict=False)}
     out = np.full(7, math.inf)
     for name, (i, factor) in own.items():
         if name in numbers:
             out[i] = step_of(numbers[name]) * factor
     if data.kind.scalar and not out[6] < math.inf:
-        # the whole range of a joint moves the platform by no more than the reach
-        out[6] = reach * max((step_of(q) / float(np.nanmax(q) - np.nanmin(q)) for q in data.q.T
+        # the whole range of a joint moves the platform by no more than the reach, or a radian
+        size = reach if data.kind.quantity == "length" else 1.0
+        out[6] = size * max((step_of(q) / float(np.nanmax(q) - np.nanmin(q)) for q in data.q.T
                               if np.isfinite(q).any() and np.nanmax(q) > np.nanmin(q)),
                              default=math.inf)
     return out

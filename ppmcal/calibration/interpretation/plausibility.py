@@ -147,6 +147,8 @@ def _positions(mechanism: Mechanism, data: Dataset, side: str) -> list[str]:
     """Compare the measured motion with the machine's reach."""
     reach, out = mechanism.reach, []
     values = data.value if data.kind.scalar else data.position
+    if not data.kind.of_poses and (not data.kind.scalar or data.kind.quantity == "angle"):
+        values = np.full(len(data), np.nan)
     far = _far(values, TOO_FAR * reach)
     if far.any():
         out.append(f"{data.source}: {row_list(data.rows[far] - 1)}: measured "

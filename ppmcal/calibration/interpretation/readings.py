@@ -122,7 +122,7 @@ def with_verb(names: Sequence[str], one: str, several: str) -> str:
 
 def readable(data: Dataset) -> bool:
     """Whether a data set can be read otherwise: poses or positions at given joint values."""
-    return not data.kind.scalar and data.commanded is None
+    return not data.kind.scalar and data.kind.of_poses and data.commanded is None
 
 
 @dataclass(frozen=True)

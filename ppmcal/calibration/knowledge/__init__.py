@@ -49,6 +49,9 @@ if TYPE_CHECKING:
         far_from_nominal as far_from_nominal,
     )
     from ppmcal.calibration.knowledge.parameter_estimates import farthest as farthest
+    from ppmcal.calibration.knowledge.parameter_estimates import (
+        measuring_frames as measuring_frames,
+    )
     from ppmcal.calibration.knowledge.parameter_estimates import registered as registered
     from ppmcal.calibration.knowledge.parameter_estimates import with_estimates as with_estimates
     from ppmcal.calibration.knowledge.session_variance import SessionVariance as SessionVariance

@@ -220,14 +220,21 @@ def with_estimates(fit: Fit, found: Sequence[Estimate]) -> Mechanism:
     return replace(mechanism, parameters=parameters,
                    home_q=np.full_like(mechanism.home_q, np.nan),
                    registrations={**mechanism.registrations,
-                                  **registered(fit.problem, fit.state)})
+                                  **measuring_frames(fit.problem, fit.state)})
+
+
+def measuring_frames(problem: Problem, state: State) -> dict[str, Registration]:
+    """Return the registrations of data sets that show poses, or parts of them."""
+    shown = {d.name for d in problem.datasets if d.kind.of_poses}
+    return {name: r for name, r in registered(problem, state).items() if name in shown}
 
 
 def registered(problem: Problem, state: State) -> dict[str, Registration]:
     """Return frame and target of every data set, SI."""
     out = {}
     for data, s in zip(problem.datasets, state.registrations, strict=True):
-        out[data.name] = Registration(s.frame, s.target, s.target_rotation, scale=s.scale)
+        out[data.name] = Registration(s.frame, s.target, s.target_rotation, scale=s.scale,
+                                      offset=s.offset)
     return out
 
 

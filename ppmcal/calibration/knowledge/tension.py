@@ -15,7 +15,14 @@ import numpy as np
 from scipy.special import expit, logit
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import LEAST, Fit, coverage_by, known_part, typical_noise
+from ppmcal.calibration.fit import (
+    LEAST,
+    Fit,
+    coverage_by,
+    known_part,
+    noise_quantity,
+    typical_noise,
+)
 from ppmcal.calibration.knowledge.session_clusters import RIDGE, Clusters, unit_rows
 from ppmcal.inference.priors import UNKNOWN
 from ppmcal.inference.row_weights import log_ratio
@@ -161,7 +168,8 @@ def noise_beyond_tolerances(fit: Fit, which: Sequence[bool]) -> list[str]:
         noise = typical_noise(data)
         if not 0.0 < moved < 1.0 or not np.isfinite(noise):
             continue
-        unit, factor = data.units.length, data.units.factor("length")
+        of = noise_quantity(data)
+        unit, factor = data.units.name(of), data.units.factor(of)
         out.append(
             f"{data.name}: what is left, {noise / factor:.3g} {unit}, is taken for noise, and is "
             f"more than this machine's tolerances move the readings ({moved * noise / factor:.3g} "

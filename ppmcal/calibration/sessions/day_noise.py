@@ -21,6 +21,7 @@ from ppmcal.calibration.fit import (
     FitOptions,
     Problem,
     noise_check,
+    noise_quantity,
     noise_state,
     opened,
     secondary,
@@ -48,15 +49,17 @@ class DayNoise:
 
     Attributes:
         factor: over the stated one.
-        sigma: of a typical value or position, m; nan where neither was measured.
+        sigma: of a typical value or position, SI; nan where neither was measured.
         source: ``stated``; ``residuals`` of a fit to that day alone, or its ``repeats``.
         unlike: rows that such a fit of the first machine leaves out.
+        quantity: of ``sigma``.
     """
 
     factor: float
     sigma: float
     source: str
     unlike: tuple[UnlikeRow, ...] = ()
+    quantity: str = "length"
 
 
 def day_noise(machines: Sequence[Mechanism], data: Dataset) -> DayNoise:
@@ -75,7 +78,8 @@ def day_noise(machines: Sequence[Mechanism], data: Dataset) -> DayNoise:
         data.sigma_position).any() else typical_noise(data)
     fits = [f for m in machines if (f := _own_fit(m, wide)) is not None]
     factor, source = min((_noise(fit, own, data) for fit, own in fits), default=(1.0, STATED))
-    return DayNoise(factor, factor * known, source, _unlike(fits[0][0], data) if fits else ())
+    return DayNoise(factor, factor * known, source, _unlike(fits[0][0], data) if fits else (),
+                    noise_quantity(data))
 
 
 def _own_fit(machine: Mechanism, data: Dataset) -> tuple[Fit, float] | None:

@@ -138,7 +138,7 @@ def _opened(problem: Problem) -> Problem:
                                for u in (d.frame, d.target, d.target_rotation))
         # heights are so small, or so alike, that their scale is nothing but their noise
         return replace(d, frame=frame, target=target, target_rotation=turn, homing="alone",
-                       scale=replace(d.scale, fitted=d.scale.fitted or not d.kind.touches))
+                       scale=replace(d.scale, fitted=d.scale.fitted or d.kind.scales))
 
     return problem.changed(datasets=tuple(map(opened, problem.datasets)),
                            given=problem.environments if problem.mechanism.effects else None)
@@ -231,8 +231,7 @@ def _sights(fit: Fit, problem: Problem, columns: _Columns, found: _Reduced
     sights = []
     for data, parts in zip(problem.datasets, left, strict=True):
         if parts:
-            turns = 0 if data.kind.scalar else sum(
-                c >= 3 for c in coordinates(data, problem.mechanism.motion))
+            turns = sum(c >= 3 for c in coordinates(data, problem.mechanism.motion))
             sights.append(PoseResiduals(
                 data.name, data.kind.name, np.concatenate([q for q, _ in parts]),
                 np.concatenate([r for _, r in parts]), turns))
@@ -258,7 +257,7 @@ def _raw(fit: Fit, rows: Rows, data: Dataset, rest: Array) -> Array:
     if rows.weight is not None:
         raw = np.sqrt(rows.weight)[:, None] * raw
     raw = raw[:, :raw.shape[1] - rows.surplus]
-    if data.kind.scalar:
+    if data.kind.scalar or not data.kind.of_poses:
         return raw
     six = np.zeros((len(raw), 6))
     six[:, list(coordinates(data, motion))] = raw

@@ -202,7 +202,8 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
             e, closer=np.nan, interval=(np.nan, np.nan)) for e in errors[1:])), notes)
     elsewhere = secondary("rows in another assembly mode", lambda: int(
         (in_other_assembly(fits[0]) & rows).sum()), 0, notes)
-    return Validated(data.name, data.source, (int(rows.sum()), len(whole)), (*asked, *demanded),
+    return Validated(data.name, data.source, (int(rows.sum()), len(whole)),
+                     (*asked, *(("offset",) if data.offset.fitted else ()), *demanded),
                      demanded, compared, elsewhere,
                      tuple(np.setdiff1d(whole.rows, data.rows).tolist()))
 
@@ -334,7 +335,7 @@ def in_other_assembly(fit: Fit) -> Bools:
     mechanism = fit.problem.mechanism.with_values(state.g)
     q, pose = fit.problem.ends(0, state)[0]
     out = np.zeros(len(data), dtype=bool)
-    if data.kind.scalar:
+    if data.kind.scalar or not data.kind.of_poses:
         return out
     # where the platform would be by what was measured, else as predicted
     seen = shown(data)

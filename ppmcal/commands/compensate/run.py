@@ -327,7 +327,8 @@ def _or_assume(column: str) -> str:
 def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:
     """Return the registration that the targets are in, and its name."""
     names = list(mechanism.registrations)
-    if frame == "base":
+    # what was calibrated by joints and tilts alone has none
+    if frame == "base" or (frame is None and not names and mechanism.measured is not None):
         return Registration(), ""
     if frame is None:
         if len(names) == 1:

@@ -138,6 +138,8 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
     if sigma != "estimated":
         beside += secondary(APART, lambda: pulled_apart(fit, problem.datasets), [], extra)
     told += [*secondary("the scale of true lengths", lambda: list(scale_sentences(found)), [],
+                        extra),
+             *secondary("the offsets of encoders", lambda: list(offset_sentences(found)), [],
                         extra), *([choice_sentence(choice)] if choice else [])]
     whole = replace(found, findings=(*notes, *units, *beside, *extra, *found.findings),
                     earlier=before, campaign=campaign)
@@ -167,6 +169,19 @@ def scale_sentences(found: Identification) -> Iterator[Note]:
                 f"{data.scale.sigma:g}")
             yield Note(f"{data.name}: readings come out {too_long(registration.scale)} "
                        f"(+- {100.0 * half:.2g} %, 95 %){stated}.", NOTE)
+
+
+def offset_sentences(found: Identification) -> Iterator[str]:
+    """Yield what each encoder at a joint reads more than is true, where fitted, with 95 %."""
+    fit, names = found.fit, list(found.columns)
+    for data, at in zip(fit.problem.datasets, fit.state.registrations, strict=True):
+        own = [n for n in names if n.startswith("offset.") and n.endswith(f" of {data.name}")]
+        if data.offset.fitted and own:
+            place, units = names.index(own[0]), data.units
+            half = coverage(fit) * float(np.sqrt(found.covariance[place, place]))
+            yield (f"{data.name}: the encoder at {data.kind.at} reads "
+                   f"{units.words(at.offset, data.kind.quantity, 6)} more than is true "
+                   f"(+- {units.words(half, data.kind.quantity, 2)}, 95 %).")
 
 
 def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:

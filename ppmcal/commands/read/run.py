@@ -29,9 +29,10 @@ from ppmcal.io.pose_fields import QUATERNION
 from ppmcal.io.read_block import MATRIX, ReadFile
 from ppmcal.io.reading import declared_unit, in_conventions, in_units
 from ppmcal.io.schema import check
-from ppmcal.io.sidecar import FORMAT, SidecarFile, sidecar_path
+from ppmcal.io.sidecar import FORMAT, SidecarFile, located, sidecar_path
 from ppmcal.io.yaml import dump_yaml, read_yaml
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import Note
 from ppmcal.store.output import Content, Output
@@ -139,7 +140,9 @@ def run(asked: ReadArguments) -> ReadResult:
     block = block if names is None else check(
         ReadFile, {"names": names}, "--names").model_copy(update={
             k: getattr(block, k) for k in block.model_fields_set - {"names"}})
-    found = [f for p in paths for f in foreign_tables(p, machine, block, place)]
+    kind = None if content is None else located(
+        check(SidecarFile, content, place), machine, place).instrument.kind
+    found = [f for p in paths for f in foreign_tables(p, machine, block, place, kind)]
     refuse_unused(block, found, place)
     log, lists = sort_out(found, machine)
     lists = lists if units is None else [_in_unit(points, units) for points in lists]
@@ -155,7 +158,6 @@ def run(asked: ReadArguments) -> ReadResult:
         notes += more
     file = check(SidecarFile, content, place)
 
-
     def told(f: ForeignTable, own: str) -> tuple[str, str]:
         by_side, own_units = unit_of(own, block, place), file.units.units()
         column = f.columns.get(own)
@@ -163,11 +165,11 @@ def run(asked: ReadArguments) -> ReadResult:
             return column.unit, column.unit_from
         if by_side is not None:
             return by_side, "read.units"
-        unit = declared_unit(own, machine, own_units)
+        unit = declared_unit(own, machine, own_units, kind)
         return unit, said if unit in (own_units.length, own_units.angle) else ""
 
     sentences = [understood(f, told) for f in (log, *lists)] + list(together.sentences)
-    table = _declared(together, [log, *lists], block, machine, file.units.units(), place)
+    table = _declared(together, [log, *lists], block, machine, file.units.units(), place, kind)
     kept = {k: v for k, v in content.items() if k != "read"}
     kept |= {"read": {"shift": block.shift}} if block.shift else {}
     runs = _by_target(table, kept, block, asked.name, place, machine)
@@ -204,14 +206,14 @@ def _check_options(join: str | None, units: str | None, tolerance: float) -> Non
 
 
 def _declared(together: Joined, files: Sequence[ForeignTable], block: ReadFile,
-              machine: Mechanism, units: Units, place: str) -> Table:
+              machine: Mechanism, units: Units, place: str, kind: InstrumentKind | None) -> Table:
     """Return the table in the sidecar's units, axes and conventions."""
     table = together.table
     columns = [c for f in files for n, c in f.columns.items() if n in table.header]
     columns = [replace(c, unit="") if c.name == "time" else c
                for c in declared(columns, table, block, place)]
-    return in_conventions(in_units(table, columns, block, machine, units), block, machine, units,
-                          place)
+    return in_conventions(in_units(table, columns, block, machine, units, kind), block, machine,
+                          units, place)
 
 
 def _by_target(table: Table, kept: dict[str, Any], block: ReadFile, name: str, place: str,

@@ -99,6 +99,10 @@ def solve(mechanism: Mechanism, asked: TolerancesArguments) -> ToleranceResult:
     demand, instrument = _demand(machine, asked), None
     if asked.instrument is not None:
         instrument = read_instrument(asked.instrument, machine)
+        if not instrument.kind.of_poses:
+            raise BadInput(f"fleets are not measured with the instrument '{instrument.kind}'",
+                           f"{asked.instrument}: instrument.kind", "Use pose, position, plane or "
+                           "distance")
     tasks, notes = _tasks(machine, asked, _tool(machine, asked, instrument))
     unit = natural_units(machine, found, metric_length(asked.metric, machine))
     weight, exponent = _costs(machine, found, unit)

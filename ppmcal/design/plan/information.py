@@ -88,7 +88,7 @@ def offer(
         NoResult: nothing can be told.
     """
     q = candidates.q[pose]
-    data = instrument.dataset(q, candidates.pose[pose], columns, mechanism.motion.planar)
+    data = instrument.dataset(q, candidates.pose[pose], columns, mechanism)
     about = (like.problem.opens[0].about,) if like else None
     problem = Problem(mechanism, (data,), mechanism.free, about)
     state = problem.solve(State(mechanism.values, (instrument.registration,),

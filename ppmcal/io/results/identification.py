@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.calibration.fit import Noise
-from ppmcal.calibration.knowledge import FreedomChoice
+from ppmcal.calibration.knowledge import FreedomChoice, registered
 from ppmcal.calibration.validation import DEFINITION, Dependence, Identification
 from ppmcal.codec import unsaid
 from ppmcal.io import write_mechanism
@@ -176,8 +176,10 @@ def _correlations(result: Identification) -> tuple[CorrelatedPair, ...]:
 
 def _datasets(result: Identification) -> tuple[FittedDataset, ...]:
     units, fit = result.mechanism.units, result.fit
+    stands = registered(fit.problem, fit.state)
     return tuple(FittedDataset(
         name=d.name, source=d.source, kind=d.kind.name, rows=len(d), used=int(k.sum()),
-        registration=RegistrationEntry.of(result.mechanism.registrations[d.name], units),
-        registration_before=RegistrationEntry.of(result.before_registrations[d.name], units))
+        registration=RegistrationEntry.of(stands[d.name], units, d.kind),
+        registration_before=RegistrationEntry.of(result.before_registrations[d.name], units,
+                                                 d.kind))
         for d, k in zip(fit.problem.datasets, fit.keep, strict=True))

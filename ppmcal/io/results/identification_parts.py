@@ -23,6 +23,7 @@ from ppmcal.io.results.units import (
     numbers,
 )
 from ppmcal.linalg import Array
+from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.units import Angle, Length, OfUnit, Units
@@ -163,18 +164,22 @@ class ExcludedRow(Part):
 class RegistrationEntry(Part):
     """Frame (6: length, then angle), target (3, length), rotation (3, angle), in file units.
 
-    ``scale``: lengths that the instrument shows over true ones.
+    ``scale``: lengths that the instrument shows over true ones; ``encoder_offset``: what an encoder
+    at a joint reads more than is true, in ``unit``.
     """
 
     frame: Numbers = ()
     target: Length[Numbers] = ()
     target_rotation: Angle[Numbers] = ()
     scale: Finite = 1.0
+    encoder_offset: OfUnit[Finite | None] = None
+    unit: Text = ""
 
     @classmethod
-    def of(cls, r: Registration, units: Units) -> RegistrationEntry:
+    def of(cls, r: Registration, units: Units, kind: InstrumentKind) -> RegistrationEntry:
         """Return the entry in file units."""
-        return cls.filled(r, units, frame=numbers(r.frame_pose / factors(units)))
+        more = {} if kind.placed is None else {"encoder_offset": r.offset, "unit": kind.quantity}
+        return cls.filled(r, units, frame=numbers(r.frame_pose / factors(units)), **more)
 
 
 class FittedDataset(Part):

@@ -18,10 +18,11 @@ from ppmcal.io.results.tables import (
     joint_columns,
 )
 from ppmcal.linalg import Array
-from ppmcal.model.instruments import number_names
+from ppmcal.model.instruments import is_own_reading, number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.store.output import LongText
+from ppmcal.units import coordinate_quantity
 
 PARAMETERS = ("name", "nominal", "value", "error", "sigma", "sigma_data", "tolerance", "unit",
               "status", "low", "high")
@@ -39,12 +40,13 @@ NEXT_TABLE = WrittenTable("next.csv", lambda name: name in (*POSE_COORDINATES, *
 
 def quantity_of(coordinate: str) -> str:
     """Return the quantity of a measured coordinate, ``length`` or ``angle``."""
-    return "angle" if coordinate in POSE_COORDINATES[3:] else "length"
+    return coordinate_quantity(coordinate) if is_measured(coordinate) else "length"
 
 
 def is_measured(name: str) -> bool:
     """Whether residuals are of something called so."""
-    return name in (*POSE_COORDINATES, *number_names()) or name.startswith(GAP)
+    return (name in (*POSE_COORDINATES, *number_names()) or name.startswith(GAP)
+            or is_own_reading(name))
 
 
 def _residual_names(problem: Problem) -> list[str]:

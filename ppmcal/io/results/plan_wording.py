@@ -160,10 +160,10 @@ def instrument(plan: Plan) -> str:
     i, units = plan.instrument, plan.mechanism.units
     noise = []
     if i.kind.scalar:
-        noise.append(f"{i.kind.number} {units.words(i.sigma_value, 'length')}")
-    else:
+        noise.append(f"{i.kind.number} {units.words(i.sigma_value, i.kind.quantity)}")
+    elif i.kind.of_poses:
         noise.append(f"position {units.words(i.sigma_position, 'length')}")
-    if i.kind.sees_rotation and np.isfinite(i.sigma_rotation):
+    if np.isfinite(i.sigma_rotation):
         noise.append(f"rotation {units.words(i.sigma_rotation, 'angle')}")
     largest: dict[str, float] = {}
     for s, (f, name) in zip(i.sigma_actuator, plan.mechanism.joint_units, strict=True):
@@ -173,8 +173,12 @@ def instrument(plan: Plan) -> str:
             f"{v:.4g} {name or '(bare joint value)'}" for name, v in largest.items() if v > 0.0))
     own = "Instrument" if i.chosen else (
         "Instrument (none given; noise a tenth of the median length tolerance)")
-    text = (f"{own}: {i.kind}, standard deviation {', '.join(noise)}; frame {_open(i.frame)}, "
-            f"target {_open(i.target)}.")
+    kind = f"{i.kind} at {i.kind.at}" if i.kind.at else str(i.kind)
+    stands = f"frame {_open(i.frame)}, target {_open(i.target)}"
+    if not i.kind.of_poses:
+        stands = f"offset {_open(i.offset)}" if i.kind.at else (
+            f"tilt of the base {_open(i.frame)}, rotation of the sensor {_open(i.target_rotation)}")
+    text = f"{own}: {kind}, standard deviation {', '.join(noise)}; {stands}."
     if i.target.fitted and plan.mechanism.motion.turns:
         text += " The unknown target is taken to be near the platform's origin."
     return text

@@ -77,11 +77,12 @@ def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: st
     if campaign.to_q is not None:
         header |= joint_columns(mechanism, campaign.to_q, "to_q_{}")
     if scenario.kind.scalar:
-        header[scenario.kind.number] = campaign.value / units.factor("length")
+        header[scenario.kind.number] = campaign.value / units.factor(scenario.kind.quantity)
     else:
-        for c in scenario.kind.coordinates(mechanism.motion):
+        for c, column in zip(scenario.kind.coordinates(mechanism.motion),
+                             scenario.kind.columns(mechanism.motion), strict=True):
             part = campaign.position[:, c] if c < 3 else campaign.rotation[:, c - 3]
-            header[POSE_COORDINATES[c]] = part / units.factor("length" if c < 3 else "angle")
+            header[column] = part / units.factor("length" if c < 3 else "angle")
     header |= {f"dir_{a}": campaign.direction[:, i].astype(int)
                for i, a in enumerate(mechanism.actuators)}
     if campaign.velocity is not None:
@@ -100,11 +101,12 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
     """Return measurements.yaml: what a user would know, not what is true."""
     units = mechanism.units
     length, angle = units.factor("length"), units.factor("angle")
-    sigma: dict[str, Any] = {} if scenario.kind.blind else {
+    kind = scenario.kind
+    sigma: dict[str, Any] = {} if kind.blind or not kind.of_poses else {
         "position": _sigma(scenario.sigma_position, length)}
-    if scenario.kind.scalar:
-        sigma = {scenario.kind.sigma: _sigma(scenario.sigma_value, length)}
-    if scenario.kind.sees_rotation:
+    if kind.scalar:
+        sigma = {kind.sigma: _sigma(scenario.sigma_value, units.factor(kind.quantity))}
+    if kind.sees_rotation or kind.of_turn is not None:
         sigma["rotation"] = _sigma(scenario.sigma_rotation, angle)
     if np.any(scenario.sigma_actuator > 0.0):
         shown = joint_columns(mechanism, scenario.sigma_actuator[None], "{}")
@@ -112,7 +114,8 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
     content: dict[str, Any] = {
         "format": "ppmcal/dataset/1", "name": printable(name),
         "units": {"length": units.length, "angle": units.angle},
-        "instrument": {"kind": scenario.kind.name, "sigma": sigma} | _point(scenario, length),
+        "instrument": {"kind": kind.name, "sigma": sigma} | _point(scenario, length) | (
+            {"at": kind.at} if kind.at else {}),
         "frame": "known" if scenario.frame_known or scenario.pairs else "unknown",
         "target": "known" if scenario.target_known else "unknown",
         "target_rotation": "known" if scenario.target_rotation_known else "unknown",

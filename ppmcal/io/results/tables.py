@@ -18,11 +18,12 @@ from ppmcal.io.results.record import Part
 from ppmcal.io.rotations import EULER
 from ppmcal.limits import refuse_shape
 from ppmcal.linalg import Array
-from ppmcal.model.instruments import number_names
+from ppmcal.model.instruments import is_own_reading, number_names
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map
 from ppmcal.store.inputs import read_bytes, read_pieces
+from ppmcal.units import coordinate_quantity
 
 
 def finite_number(value: Any) -> float | None:
@@ -92,8 +93,9 @@ def column_units(mechanism: Mechanism, header: Sequence[str]) -> dict[str, str]:
             out[name] = joints.get(name.removeprefix("to_q_"), "")
         for stage in STAGES:
             bare = name.removeprefix(stage)
-            if bare != name and bare in (*POSE_COORDINATES, *number_names()):
-                out[name] = units.angle if bare.startswith("r") else units.length
+            if bare != name and (bare in (*POSE_COORDINATES, *number_names())
+                                 or is_own_reading(bare)):
+                out[name] = units.name(coordinate_quantity(bare))
     return out
 
 

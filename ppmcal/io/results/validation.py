@@ -17,7 +17,7 @@ from ppmcal.units import OfUnit, Units
 from ppmcal.wording import number
 
 OPENED = {"frame": "the frame", "target": "the target", "rotation": "the body's rotation",
-          "homing": "the joints' zeros"}
+          "homing": "the joints' zeros", "offset": "the encoder's offset"}
 
 
 ONE_ROW, FEW = 0.8, 5
@@ -98,8 +98,8 @@ class NoiseUsed(Part):
     @classmethod
     def of(cls, found: DayNoise, units: Units) -> NoiseUsed:
         """Return a noise in file units."""
-        value = found.sigma / units.factor("length")
-        return cls(value=value, stated=value / found.factor, unit=units.length,
+        value = found.sigma / units.factor(found.quantity)
+        return cls(value=value, stated=value / found.factor, unit=units.name(found.quantity),
                    factor=found.factor, source=found.source)
 
 

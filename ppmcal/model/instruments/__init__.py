@@ -16,6 +16,7 @@ from ppmcal.model.instruments.kind import (
     InstrumentKind,
     find_instrument,
     instruments,
+    is_own_reading,
     number_names,
     register,
 )
@@ -30,4 +31,5 @@ for _module in sorted(m.name for m in pkgutil.iter_modules(__path__)):
     importlib.import_module(f"{__name__}.{_module}")
 
 __all__ = ["DISTANCE", "HOMING", "PLANE", "POSE", "POSITION", "REGISTERED", "ROTATION",
-           "InstrumentKind", "find_instrument", "instruments", "number_names", "register"]
+           "InstrumentKind", "find_instrument", "instruments", "is_own_reading", "number_names",
+           "register"]

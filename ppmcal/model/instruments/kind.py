@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
-from ppmcal.model.motions import SPATIAL, Motion
+from ppmcal.model.motions import POSE_COORDINATES, SPATIAL, Motion
 from ppmcal.model.registry import Registry
+from ppmcal.units import coordinate_quantity
+
+if TYPE_CHECKING:
+    from ppmcal.model.mechanism import Mechanism
 
 Parts = tuple[int, ...]
 FRAME, TARGET, ROTATION, HOMING = REGISTERED = ("frame", "target", "rotation", "homing")
@@ -28,7 +33,7 @@ def whole_target(motion: Motion, relative: bool) -> Parts:
 
 @dataclass(frozen=True, eq=False)
 class InstrumentKind:
-    """One kind of instrument: what it measures of frame o pose o target.
+    """One kind of instrument: what it measures of frame o pose o target, or of a limb.
 
     Attributes:
         name: as in files.
@@ -49,6 +54,16 @@ class InstrumentKind:
             and the flat may have a shape.
         along_line: whether it shows a distance from the frame's origin, which is
             ``instrument.point``, or between two platform positions (``to_q_`` columns).
+        names: what its coordinates are called where they are no pose's own.
+        of_turn: of a kind that shows angles of a body's rotation: rotations (n, 3, 3) in the
+            measuring frame, motion -> angles (n, k), rad, and their derivatives by a turn in that
+            frame (n, k, 3). Where the machine is no planar one that frame's z is up.
+        aligned: of such a kind: angles, rotations of the platform towards that frame, rotations of
+            frame and body, which of these two are open -> these two, from which a fit starts.
+        placed: of a kind that is at a joint of a limb: the name of the joint, the machine, the
+            place in the file -> which coordinate it stands in the place of. ``at``: that joint.
+        assumed: what the sidecar need not say. ``refused``: motion, direction of weight in base
+            axes -> why it tells nothing of such a machine, and what to do; empty: it does.
     """
 
     name: str
@@ -63,19 +78,27 @@ class InstrumentKind:
     sees_rotation: bool = False
     touches: bool = False
     along_line: bool = False
+    names: tuple[str, ...] = ()
+    of_turn: Callable[[Array, Motion], tuple[Array, Array]] | None = None
+    aligned: Callable[[Array, Array, tuple[Array, Array], tuple[bool, bool]],
+                      tuple[Array, Array]] | None = None
+    placed: Callable[[str, Mechanism, str], int] | None = None
+    at: str = ""
+    assumed: Mapping[str, str] = field(default_factory=dict)
+    refused: Callable[[Motion, Array], tuple[str, str]] | None = None
 
     def __post_init__(self) -> None:
         """Refuse a number that nothing says the value of (ValueError)."""
-        if bool(self.number) != (self.value is not None):
+        if bool(self.number) != (self.value is not None or self.placed is not None):
             raise ValueError(f"instrument '{self.name}' needs the number's name and its value")
 
     def __str__(self) -> str:
         """Return the name."""
         return self.name
 
-    def __reduce__(self) -> tuple[Any, tuple[str]]:
-        """Pickle as the registered kind of that name."""
-        return _registered, (self.name,)
+    def __reduce__(self) -> tuple[Any, tuple[str, str, int]]:
+        """Pickle as the registered kind of that name, at its joint."""
+        return _registered, (self.name, self.at, self.place if self.at else 0)
 
     @property
     def scalar(self) -> bool:
@@ -88,26 +111,83 @@ class InstrumentKind:
         return not self.coordinates(SPATIAL)
 
     @property
+    def inside(self) -> bool:
+        """Whether it shows nothing of where the base stands, nor of a target: joints alone."""
+        return self.blind or self.placed is not None
+
+    @property
+    def of_poses(self) -> bool:
+        """Whether it shows coordinates of a pose themselves, or one that stands for them."""
+        return self.of_turn is None and self.placed is None
+
+    @property
+    def scales(self) -> bool:
+        """Whether it shows lengths, which may come out too long."""
+        return self.of_poses and not self.touches
+
+    @property
     def place(self) -> int:
         """Where that number stands among x, y, z, rx, ry, rz, whatever the motion."""
         return self.coordinates(SPATIAL)[0]
+
+    @property
+    def quantity(self) -> str:
+        """The quantity of that number, ``length`` or ``angle``."""
+        return coordinate_quantity(POSE_COORDINATES[self.place])
+
+    def columns(self, motion: Motion) -> tuple[str, ...]:
+        """Return what it measures is called, as columns."""
+        if self.scalar:
+            return (self.number,)
+        own = self.coordinates(motion)
+        return self.names[:len(own)] or tuple(POSE_COORDINATES[c] for c in own)
+
+    def labels(self, motion: Motion) -> tuple[str, ...]:
+        """Return what it measures is called among residuals: of a joint by its name."""
+        prefix = TURN_OF if self.place > 2 else SLIDE_OF
+        return (f"{prefix}{self.at}",) if self.at else self.columns(motion)
+
+    def located(self, at: str | None, mechanism: Mechanism, source: str) -> InstrumentKind:
+        """Return the kind at the joint that a file names; itself where it has none.
+
+        Raises:
+            BadInput: a joint that there is not, none where one is needed, or one without need.
+        """
+        place = f"{source}: instrument.at"
+        if self.placed is None:
+            if at is not None:
+                raise BadInput(f"the instrument '{self}' is not at a joint", place,
+                               "Take it out, or write `kind: joint`")
+            return self
+        return _at_joint(self, at or "", self.placed(at or "", mechanism, place))
 
     def sigma_of(self, sigmas: object) -> float | None:
         """Return what the mapping ``sigmas`` of a file says under the kind's own key."""
         found: float | None = getattr(sigmas, self.sigma) if self.sigma else None
         return found
 
-    def refuse(self, motion: Motion, surplus: int, source: str) -> None:
+    def sigma_stated(self, sigmas: Any) -> float | None:
+        """Return the same, or what it says of positions where that will do."""
+        return self.sigma_of(sigmas) or (sigmas.position if self.of_poses else None)
+
+    def refuse(self, motion: Motion, surplus: int, source: str, gravity: Array | None = None
+               ) -> None:
         """Refuse heights of a machine that has none, and joints alone where they tell nothing.
 
         Args:
             motion: of the machine.
             surplus: how many equations it has more than freedoms.
             source: the file that says what kind.
+            gravity: direction of weight in base axes (3,)  [default: the motion's usual one].
 
         Raises:
-            BadInput: touches of a flat by a planar machine; no instrument and no surplus.
+            BadInput: touches of a flat by a planar machine; no instrument and no surplus; what the
+                kind itself refuses.
         """
+        if self.refused is not None:
+            why, hint = self.refused(motion, motion.gravity if gravity is None else gravity)
+            if why:
+                raise BadInput(why, f"{source}: instrument.kind", hint)
         if self.blind and not surplus:
             raise BadInput("without an instrument nothing is known of this machine: it has as "
                            "many closure equations as freedoms, so any joint values agree",
@@ -122,10 +202,26 @@ _REGISTRY: Registry[InstrumentKind] = Registry("instrument kind", "ppmcal.instru
 register, instruments, find_instrument = _REGISTRY.register, _REGISTRY.kinds, _REGISTRY.find
 
 
-def _registered(name: str) -> InstrumentKind:
-    return find_instrument(name)
+TURN_OF, SLIDE_OF = "turn_", "slide_"
+"""How the name of a joint's reading begins among residuals."""
+
+
+def _registered(name: str, at: str = "", place: int = 0) -> InstrumentKind:
+    kind = find_instrument(name)
+    return _at_joint(kind, at, place) if at else kind
+
+
+@lru_cache(maxsize=256)
+def _at_joint(kind: InstrumentKind, at: str, coordinate: int) -> InstrumentKind:
+    return replace(kind, at=at, coordinates=lambda motion: (coordinate,))
 
 
 def number_names() -> tuple[str, ...]:
-    """Return what the numbers of all kinds that show one are called: their columns."""
-    return tuple(k.number for k in instruments().values() if k.scalar)
+    """Return what the numbers are called of all kinds that show one of a point: their columns."""
+    return tuple(k.number for k in instruments().values() if k.scalar and k.of_poses)
+
+
+def is_own_reading(name: str) -> bool:
+    """Whether something among residuals is an angle of a tilt, or what an encoder read."""
+    return name.startswith((TURN_OF, SLIDE_OF)) or any(
+        name in k.names for k in instruments().values())

@@ -1,0 +1,52 @@
+"""Encoders at a joint of a limb: a passive joint's, or a second one beside the drive's own.
+
+The column ``value`` holds an angle, of a slide a length: how the link behind the joint stands to
+the one before it, and an offset, unknown where nobody says otherwise. Which joints there are is
+the limb's own declaration (:mod:`ppmcal.model.limbs.passive_joints`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ppmcal.errors import BadInput, unknown
+from ppmcal.model.instruments.kind import InstrumentKind, register
+from ppmcal.model.limbs.passive_joints import joints_of
+
+if TYPE_CHECKING:
+    from ppmcal.model.mechanism import Mechanism
+
+
+def _placed(at: str, mechanism: Mechanism, place: str) -> int:
+    """Return which coordinate a joint's reading is like: x for a slide, rz for a turn."""
+    limb_name, _, name = at.rpartition(".")
+    limbs = {limb.name: limb for limb in mechanism.limbs}
+    named = {f"{n}.{j}" for n, limb in limbs.items() for j in joints_of(limb.kind)}
+    if not at:
+        raise BadInput("the joint that the encoder is at is missing", place,
+                       f"Write one, such as `at: {min(named, default='leg1.joint1')}`")
+    if limb_name not in limbs:
+        raise unknown("joint", at, sorted(named), place)
+    limb = limbs[limb_name]
+    joints = joints_of(limb.kind)
+    if name not in joints:
+        there = ", ".join(f"{limb_name}.{n} ({j.said})" for n, j in joints.items())
+        raise BadInput(f"{limb_name}, of kind {limb.kind.written or limb.kind.name}, has no joint "
+                       f"'{name}' that one angle or length tells of", place,
+                       f"Choose one of: {there}" if there else "Choose another limb")
+    joint = joints[name]
+    if joint.unless in limb.constants:
+        raise BadInput(f"{at} is a ball: {limb_name} has its universal joint on the platform",
+                       place, "Choose another joint")
+    if joint.needs and joint.needs not in limb.constants:
+        raise BadInput(f"{at} is a universal joint, and the mechanism file does not say how its "
+                       "first axis lies, about which an encoder turns", place,
+                       f"Give {limb_name} the direction {joint.needs}, such as "
+                       f"`{joint.needs.split('.')[0]}: {{axis: [0, 1, 0]}}`")
+    return 0 if joint.quantity == "length" else 5
+
+
+JOINT = register(InstrumentKind(
+    "joint", lambda motion: (5,), "value", frame_parts=lambda motion, between: (),
+    target_parts=lambda motion, relative: (), opened=(), sigma="value", placed=_placed,
+    assumed={"frame": "known", "target": "known"}))
