@@ -82,7 +82,7 @@ def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:
 
 
 def transmissions(mechanism: Mechanism) -> tuple[Transmission, ...]:
-    """Return how well each limb's joint moves the platform at home.
+    """Return how well each driven limb's joint moves the platform at home.
 
     Raises:
         BadInput: the home pose cannot be reached.
@@ -92,6 +92,9 @@ def transmissions(mechanism: Mechanism) -> tuple[Transmission, ...]:
     everything = tuple(range(len(mechanism.parameters)))
     out, row = [], 0
     for i, limb in enumerate(mechanism.limbs):
+        if not limb.driven:
+            row += limb.kind.surface.equations
+            continue
         pair, value = roots[0, i], float(values[0, i])
         half = float(pair[1] - pair[0]) / 2.0
         margin, allowed = np.inf, 0.0

@@ -27,8 +27,9 @@ from ppmcal.kinematics.compiled_algebra import (
 )
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.model.limbs.surfaces import LEVER
 
-SPHERE, BASE_PLANE, PLATFORM_PLANE = 0, 1, 2
+SPHERE, BASE_PLANE, PLATFORM_PLANE, ANGLE = 0, 1, 2, 3
 STILL, SLIDES, TURNS = 0, 1, 2
 BLOCK = 8
 """Rows whose pairings are made together, so that one instruction serves several."""
@@ -75,6 +76,9 @@ def equations_at(limbs: LimbTables, chain: Array, size: Array, R: Array, t: Arra
         z = R[6] * end[9] + R[7] * end[10] + R[8] * end[11] + t[2]
         for e in range(limbs.first[leg], limbs.first[leg + 1]):
             a = limbs.axis[e]
+            if limbs.form[e] == ANGLE:
+                angle_at(base, end, R, a, limbs.other[e], c, line, e)
+                continue
             p1, p2, p3 = x, y, z
             if limbs.form[e] == SPHERE:
                 r, f = size[e, 0], size[e, 1]
@@ -100,6 +104,22 @@ def equations_at(limbs: LimbTables, chain: Array, size: Array, R: Array, t: Arra
 
 
 @part
+def angle_at(base: Array, end: Array, R: Array, a: int, b: int, c: Array, line: Array, e: int
+             ) -> None:
+    """Fill misclosure and line of an angle: the base chain's axis a square to the platform's b."""
+    n1, n2, n3 = base[a], base[3 + a], base[6 + a]
+    m1, m2, m3 = end[b], end[3 + b], end[6 + b]
+    w1 = R[0] * m1 + R[1] * m2 + R[2] * m3
+    w2 = R[3] * m1 + R[4] * m2 + R[5] * m3
+    w3 = R[6] * m1 + R[7] * m2 + R[8] * m3
+    c[e] = LEVER * (n1 * w1 + n2 * w2 + n3 * w3)
+    line[e, 0], line[e, 1], line[e, 2] = 0.0, 0.0, 0.0
+    line[e, 3] = LEVER * (w2 * n3 - w3 * n2)
+    line[e, 4] = LEVER * (w3 * n1 - w1 * n3)
+    line[e, 5] = LEVER * (w1 * n2 - w2 * n1)
+
+
+@part
 def middles_at(limbs: LimbTables, chain: Array, size: Array, middle: Array) -> None:
     """Fill each equation's line in the middle chain's root axes (d, 6)."""
     for e in range(limbs.form.shape[0]):
@@ -114,7 +134,7 @@ def middles_at(limbs: LimbTables, chain: Array, size: Array, middle: Array) -> N
             i, j = (a + 1) % 3, (a + 2) % 3
             middle[e, 3 + i] = mid[9 + j]
             middle[e, 3 + j] = -mid[9 + i]
-        else:
+        elif limbs.form[e] == PLATFORM_PLANE:
             for i in range(3):
                 middle[e, i] = mid[3 * i + a]
 

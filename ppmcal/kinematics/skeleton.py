@@ -28,7 +28,7 @@ class PlacedJoint:
     """One joint of a limb in N poses.
 
     Attributes:
-        number: from the base, 1 on; kind: R, P, U or S, empty where the limb's name has no letter.
+        number: from the base, 1 on; kind: R, P, U, S or Pa, empty where its name has no letter.
         driven: whether the actuator moves it.
         centre: (N, 3), m, base axes.
         axis: unit direction of its own z axis (N, 3): hinge or slide; of U and S it has no meaning.
@@ -127,8 +127,9 @@ def skeleton(model: Model, pose: Array, q: Array) -> tuple[LimbSkeleton, ...]:
 
 def _limb(model: Model, index: int, pose: Array, q: Array) -> LimbSkeleton:
     limb = model.mechanism.limbs[index]
-    kind, u = limb.kind, model.joint_coordinate(index, q)
-    values = {**model.limb_values[index], U: u}
+    kind, values = limb.kind, dict(model.limb_values[index])
+    if limb.driven:
+        values[U] = model.joint_coordinate(index, q)
     values |= kind.turn(values, pose)
     base = _walk(kind.base, values, np.broadcast_to(cga.identity_motor(), pose.shape))
     platform = _walk(kind.platform, values, pose)
@@ -148,7 +149,7 @@ def _limb(model: Model, index: int, pose: Array, q: Array) -> LimbSkeleton:
     back = [Link(p.name, p.end, p.start) for p in reversed(_links(platform[1:], values))]
     return LimbSkeleton(limb.name, kind.name, cga.translation(base[0].after),
                         cga.translation(platform[0].after), _joints(kind, values, steps),
-                        tuple(links + back), _drive(values, steps, u),
+                        tuple(links + back), _drive(values, steps),
                         np.linalg.norm(held - end, axis=-1), (end, held))
 
 
@@ -190,14 +191,17 @@ def _middle_root(kind: LimbKind, values: Values, start: Array, held: Array, midd
     wanted = cga.move_point(cga.reverse(start), cga.translation(held))
     sphere = bool(np.any(kind.evaluate(values).radius[..., 0] > 0.0))
     if not sphere:
-        away = (wanted - reach) * np.array([1.0, 0.0, 0.0])
+        free = np.ones(3) if kind.surface.forms and not kind.planar else np.array([1.0, 0.0, 0.0])
+        free[[form.axis for form in kind.surface.forms[:1]]] = 0.0
+        away = (wanted - reach) * free
         return cga.compose(start, cga.translator(away)), True
     turn = np.zeros_like(wanted)
-    if kind.planar or kind.surface.equations > 1:
+    hinged = kind.surface.equations > 1 and not kind.surface.angles
+    if kind.planar or hinged:
         # a hinge about local z: the plane, or a second equation, leaves no other turn
         turn[:, 2] = (np.arctan2(wanted[:, 1], wanted[:, 0]) - np.arctan2(reach[:, 1], reach[:, 0]))
     hinge = cga.motor_from_rotation_vector(turn, np.zeros(3))
-    if kind.surface.equations > 1:
+    if hinged:
         return cga.compose(start, hinge), False
     rest = _shortest_turn(cga.move_point(hinge, reach), wanted)
     return cga.compose(cga.compose(start, rest), hinge), False
@@ -233,9 +237,10 @@ def _slides(step: ChainStep, values: Values) -> bool:
 
 def _joints(kind: LimbKind, values: Values, steps: list[_Placed]) -> tuple[PlacedJoint, ...]:
     """Return the joints, with the letters that the kind's name has for them."""
-    letters = re.findall(r"\(?[A-Z]\)?", kind.name)
+    letters = re.findall(r"\(?[A-Z]a?\)?", kind.name)
     out = []
-    for number, p in enumerate((p for p in steps if p.step.joint), start=1):
+    for p in (p for p in steps if p.step.joint):
+        number = int(p.step.slots[0].name.partition(".")[0].removeprefix("joint"))
         letter = letters[number - 1] if number <= len(letters) else ""
         # the last of its slots turns it about its own z axis
         own = np.asarray(dict(p.step.twists(values))[p.step.slots[-1].name], dtype=float)[..., :3]
@@ -248,7 +253,7 @@ def _turned(motor: Array, direction: Array) -> Array:
     return np.asarray((cga.rotation_matrix(motor) @ direction[..., None])[..., 0], dtype=float)
 
 
-def _drive(values: Values, steps: list[_Placed], u: Array) -> Drive | None:
+def _drive(values: Values, steps: list[_Placed]) -> Drive | None:
     """Return the step that is driven, with where the limb would go on at u = 0."""
     for place, p in enumerate(steps):
         if not p.step.drive:
@@ -265,6 +270,6 @@ def _drive(values: Values, steps: list[_Placed], u: Array) -> Drive | None:
             zero = cga.translation(cga.compose(p.before, ahead))
             if np.any(np.linalg.norm(zero - centre, axis=-1) > 1e-9):
                 break
-        return Drive(slides, u, centre, axis / np.where(size > 0.0, size, 1.0),
+        return Drive(slides, values[U], centre, axis / np.where(size > 0.0, size, 1.0),
                      centre if slides else zero)
     return None
