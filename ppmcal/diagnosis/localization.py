@@ -89,8 +89,7 @@ def _by_actuator(stage: Linearisation, cleaned: Array) -> list[Place]:
     k = len(mechanism.actuators)
     drive = np.zeros((*stage.system.residual.shape, k))
     for part in stage.system.parts:
-        for i in mechanism.driven:
-            limb = mechanism.limbs[i]
+        for i, limb in enumerate(mechanism.limbs):
             raw = np.where(part.response.seen.observed, part.response.by_slot(i, "offset"), 0.0)
             column = (part.whitener @ raw[..., None])[..., 0]
             drive[part.at, :column.shape[1], limb.actuator] += column

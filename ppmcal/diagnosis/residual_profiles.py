@@ -81,8 +81,7 @@ def _errors(fit: Fit, rows: Rows) -> tuple[Array, Array, Array]:
     assert rows.response is not None
     mechanism = fit.problem.mechanism
     drive = np.zeros((*rows.residual.shape, len(mechanism.actuators)))
-    for i in mechanism.driven:
-        limb = mechanism.limbs[i]
+    for i, limb in enumerate(mechanism.limbs):
         for end in (rows.response, rows.second):
             if end is not None:
                 drive[..., limb.actuator] += np.where(rows.observed, end.by_slot(i, "offset"), 0.0)

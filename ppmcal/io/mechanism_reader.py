@@ -24,6 +24,7 @@ from ppmcal.io.schema import check, dotted
 from ppmcal.io.stiffness import read_stiffness
 from ppmcal.io.yaml import decimals, to_file
 from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
+from ppmcal.kinematics.closed_at_home import held_twice
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import PASSIVE, Limb, Mechanism
 from ppmcal.model.motions import Motion
@@ -77,6 +78,7 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
         digits=_digits(file, drafts, units), findings=tuple(findings), source=source,
         inputs=inputs, stiffness=read_stiffness(file.stiffness, file.limbs, limbs, units, source),
         tolerances=tolerances, cost=_cost(file, source))
+    _hold_once(mechanism)
     machine = with_effects(mechanism, file.effects, units, source)
     refuse_tolerances(machine)
     remark_machine(machine)
@@ -141,6 +143,18 @@ def _something_to_drive(drafts: Sequence[Draft], equations: int, needed: int, mo
             f"the limbs put {equations} conditions on the platform and have {drives} drives: the "
             f"{equations - drives} that no drive changes hold all {needed} coordinates of a pose "
             f"in {motion} motion, or some of them twice", f"{source}: limbs",
+            "Leave out limbs, or choose kinds that hold less, so that each thing is held once")
+
+
+def _hold_once(mechanism: Mechanism) -> None:
+    """Refuse limbs that hold rotations and together hold one of them twice."""
+    if not mechanism.surplus or not any(limb.kind.surface.angles for limb in mechanism.limbs):
+        return
+    twice = held_twice(mechanism)
+    if twice:
+        raise BadInput(
+            f"the limbs hold the platform twice: {twice} of the {mechanism.dependent} conditions "
+            "that no drive changes say the same as others at home", f"{mechanism.source}: limbs",
             "Leave out limbs, or choose kinds that hold less, so that each thing is held once")
 
 

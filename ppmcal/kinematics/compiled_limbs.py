@@ -24,7 +24,8 @@ from ppmcal.model.limbs.driven import DrivenChain, cut_at_drive
 
 MANY = 1000
 """From so many rows on the compiled path pays for its import, half a second with what is kept."""
-FORMS = {"sphere": 0, "base plane": 1, "platform plane": 2, "angle": 3}
+FORMS = {"sphere": 0, "base plane": 1, "platform plane": 2, "angle": 3,
+         "between axes": 4}
 STILL, SLIDES, TURNS = 0, 1, 2
 CHAINS = 3
 
@@ -115,7 +116,8 @@ def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
     for group in closure.groups:
         kind, own = group.kind, list(group.limbs)
         forms = kind.surface.forms
-        if group.turning or group.pose is not None or not forms or any(
+        offset = group.turning and kind.is_offset(group.values, group.wanted)
+        if offset or group.pose is not None or not forms or any(
                 f.name not in FORMS for f in forms):
             return None
         parts = [cut_at_drive(chain, group.values, group.wanted, len(own))

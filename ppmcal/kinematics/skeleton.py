@@ -148,7 +148,8 @@ def _limb(model: Model, index: int, pose: Array, q: Array) -> LimbSkeleton:
         links, end = [*links, Link(GUIDE, end, foot)], foot
     back = [Link(p.name, p.end, p.start) for p in reversed(_links(platform[1:], values))]
     return LimbSkeleton(limb.name, kind.name, cga.translation(base[0].after),
-                        cga.translation(platform[0].after), _joints(kind, values, steps),
+                        cga.translation(platform[0].after),
+                        _joints(kind, values, [*steps, *platform[1:]]),
                         tuple(links + back), _drive(values, steps),
                         np.linalg.norm(held - end, axis=-1), (end, held))
 

@@ -308,7 +308,7 @@ def joint_steps(model: Model) -> Array:
     """Return a moderate step of each joint value (k,): 3 % of the reach, or 0.08 rad."""
     mechanism = model.mechanism
     step = np.empty(len(mechanism.actuators))
-    for limb in mechanism.limbs:
+    for limb in (mechanism.limbs[i] for i in mechanism.driven):
         ratio = limb.slots.values(model.parameters).get("ratio", 1.0)
         step[limb.actuator] = (0.03 * mechanism.reach if limb.kind.actuator == "length"
                                else 0.08) / abs(ratio)

@@ -277,6 +277,23 @@ def test_what_is_refused_of_machines() -> None:
     assert refused(yaml.safe_dump(only))[0] == "no limb has a drive"
 
 
+def test_limbs_that_hold_the_same_twice_are_refused() -> None:
+    """As in an Exechon: two U(P)R on one line keep their hinges square to it three times over."""
+    def limb(name: str, x: float) -> dict[str, object]:
+        return {"name": name, "kind": "U(P)R", "base": {"point": [x, 0, 0], "axis": [1, 0, 0]},
+                "platform": {"point": [x / 3, 0, 0], "axis": [0, 1, 0]}}
+
+    tree = yaml.safe_load((CONFIGS / "mixed-spatial.yaml").read_text(encoding="utf-8"))
+    del tree["limits"]
+    tree["limbs"] = [limb("one", 300.0), limb("two", -300.0), {
+        "name": "three", "kind": "R(P)S", "base": {"point": [0, 250, 0], "axis": [1, 0, 0]},
+        "platform": {"point": [0, 80, 0]}}]
+    what, hint = refused(yaml.safe_dump(tree))
+    assert what == ("the limbs hold the platform twice: 2 of the 5 conditions that no drive "
+                    "changes say the same as others at home")
+    assert hint.startswith("Leave out limbs, or choose kinds that hold less")
+
+
 def test_a_redundant_tricept_is_least_squares_that_its_centre_leg_holds() -> None:
     """Four drives for three freedoms: joints that disagree move the platform along its surface."""
     tree = yaml.safe_load((CONFIGS / "tricept.yaml").read_text(encoding="utf-8"))

@@ -78,8 +78,7 @@ def in_other_branch(model: Model, pose: Array, q: Array, ranges: Ranges
         index of the row, and the reason to refuse it.
     """
     mechanism = model.mechanism
-    for index in mechanism.driven:
-        limb = mechanism.limbs[index]
+    for index, limb in enumerate(mechanism.limbs):
         name = mechanism.actuators[limb.actuator]
         if limb.kind.branch is None or f"q_{name}" not in ranges:
             continue

@@ -29,22 +29,22 @@ def _platform(number: int) -> Chain:
 register(LimbKind(
     "U(P)U", False, BETWEEN_AXES, base=_ON_AXIS, middle=Chain((slide(U, "z"),)),
     platform=_platform(3), actuator="length", branch="branch", strut=True,
-    closes_when="|B-A| = u and base.axis, platform.axis and B-A are in one plane",
+    closes_when="|B-A| = u; base.axis, platform.axis and B-A are in one plane",
     source="Di Gregorio, Parenti-Castelli: A translational 3-DOF parallel manipulator (1998)"))
 
 register(LimbKind(
     "U(P)R", False, HINGE_ON_PLATFORM, base=_ON_AXIS,
     middle=Chain((slide(U, "x"), slide("lateral", "z", 0.0))), platform=_platform(3),
     actuator="length", branch="branch",
-    closes_when="|B-A|^2 = u^2 + lateral^2, platform.axis.(B-A) = lateral and "
-                "base.axis.platform.axis = 0",
+    closes_when="|B-A|^2 = u^2 + lateral^2; platform.axis.(B-A) = lateral; platform.axis is square "
+                "to base.axis",
     source="Bi, Jin: Kinematic modeling of Exechon parallel kinematic machine (2011)"))
 
 register(LimbKind(
     "(P)RRR", False, PLANE_AND_DIRECTION,
     base=Chain((_BASE, align("base.axis"), joint(1), slide(U, "z"), joint(2))),
     middle=Chain((slide("lateral", "z", 0.0),)), platform=_platform(4), actuator="length",
-    closes_when="base.axis.(B-A) = u + lateral and platform.axis is along base.axis",
+    closes_when="base.axis.(B-A) = u + lateral; platform.axis is along base.axis",
     source="Kong, Gosselin: Type synthesis of parallel mechanisms (2007), Tripteron"))
 
 register(LimbKind(
@@ -53,13 +53,14 @@ register(LimbKind(
                 slide("proximal", "x"), joint(2))),
     middle=Chain((slide("distal", "z"),)), platform=_platform(4), actuator="angle",
     branch="branch",
-    closes_when="|B - A - proximal Rot(axis, u) zero| = distal and base.axis.platform.axis = 0",
+    closes_when="|B - A - proximal Rot(axis, u) zero| = distal; platform.axis is square to "
+                "base.axis",
     source="Clavel: DELTA, a fast robot with parallel geometry (1988)"))
 
 register(LimbKind(
     "UP", False, HELD_SLIDE, base=_ON_AXIS, middle=Chain(()),
     platform=Chain((_POINT, align("platform.axis", "platform.direction"), joint(2, "x"))),
     actuator="",
-    closes_when="A is on the line through B along platform.direction and "
-                "base.axis.platform.axis = 0",
+    closes_when="A is on the line through B along platform.direction; platform.axis is square to "
+                "base.axis",
     source="Neumann: Tricept, US patent 4732525 (1988)"))

@@ -58,7 +58,8 @@ class EquationForm:
 
     ``name``: ``sphere``, centred at the end of the base chain; ``base plane``, square to the local
     ``axis`` (0, 1, 2: x, y, z) of the base chain's end; ``platform plane``, of the platform's;
-    ``angle``, the local ``axis`` of the base chain's end square to ``other`` of the platform's.
+    ``angle``, the local ``axis`` of the base chain's end square to ``other`` of the platform's;
+    ``between axes``, both of these in one plane with the line between the ends of the chains.
     """
 
     name: str
@@ -91,7 +92,7 @@ class Surface:
     @property
     def angles(self) -> bool:
         """Whether one of them turns the platform and nothing else."""
-        return self.turns or any(f.name == "angle" for f in self.forms)
+        return any(f.name in ("angle", "between axes") for f in self.forms)
 
 
 @dataclass(frozen=True)

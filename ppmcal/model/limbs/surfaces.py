@@ -155,4 +155,5 @@ HINGE_ON_PLATFORM = Surface("sphere, platform plane and angle", (True, False, Tr
 HELD_SLIDE = Surface(
     "line of the platform and angle", (False, False, True), _held_slide,
     (EquationForm("platform plane", Z), EquationForm("platform plane", Y), _SQUARE))
-BETWEEN_AXES = Surface("sphere between axes", (True, True), _sphere_between_axes, turns=True)
+BETWEEN_AXES = Surface("sphere between axes", (True, True), _sphere_between_axes,
+                       (_ROD, EquationForm("between axes", Z, Z)), turns=True)
