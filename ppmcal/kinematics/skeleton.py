@@ -21,6 +21,8 @@ from ppmcal.model.limbs.chain import Chain, ChainStep, U, Values
 
 GUIDE = "slide"
 """Name of a passive slide among the links of a limb."""
+FOLD = "hinged bars"
+"""Name of what passive hinges of parallel axes span, whose bars no slot tells."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Link:
     """A straight piece of a limb in N poses, from ``start`` to ``end`` (N, 3), m, base axes.
 
     ``name`` is the slot whose length it is, ``u`` for a driven slide, :data:`GUIDE` for a passive
-    one, ``joint2`` for the frame error of a joint.
+    one, :data:`FOLD` between hinges, ``joint2`` for the frame error of a joint.
     """
 
     name: str
@@ -135,8 +137,8 @@ def _limb(model: Model, index: int, pose: Array, q: Array) -> LimbSkeleton:
     platform = _walk(kind.platform, values, pose)
     reach = _motors(kind.middle.evaluate(values, ())[0], len(pose))
     start = base[-1].after
-    root, guided = _middle_root(kind, values, start, platform[-1].after, reach)
-    guide = [Link(GUIDE, cga.translation(start), cga.translation(root))] if guided else []
+    root, spanned = _middle_root(kind, values, start, platform[-1].after, reach)
+    guide = [Link(spanned, cga.translation(start), cga.translation(root))] if spanned else []
     middle = _walk(kind.middle, values, root)
     steps = [*base[1:], *middle]
     links = _links(base[1:], values) + guide + _links(middle, values)
@@ -175,8 +177,8 @@ def _end(placed: list[_Placed], root: Array) -> Array:
 
 
 def _middle_root(kind: LimbKind, values: Values, start: Array, held: Array, middle: Array
-                 ) -> tuple[Array, bool]:
-    """Return where the middle chain begins (N, 8), behind the first passive joint; does it slide?
+                 ) -> tuple[Array, str]:
+    """Return where the middle chain begins (N, 8), behind what the passive joints span, by name.
 
     Args:
         kind: of the limb.
@@ -187,7 +189,7 @@ def _middle_root(kind: LimbKind, values: Values, start: Array, held: Array, midd
     """
     if not kind.surface.point_moves[0]:
         turn = cga.rotation_matrix(held) @ np.swapaxes(cga.rotation_matrix(middle), -1, -2)
-        return cga.motor_from_matrix(turn, cga.translation(start)), False
+        return cga.motor_from_matrix(turn, cga.translation(start)), ""
     reach = cga.translation(middle)
     wanted = cga.move_point(cga.reverse(start), cga.translation(held))
     sphere = bool(np.any(kind.evaluate(values).radius[..., 0] > 0.0))
@@ -195,7 +197,7 @@ def _middle_root(kind: LimbKind, values: Values, start: Array, held: Array, midd
         free = np.ones(3) if kind.surface.forms and not kind.planar else np.array([1.0, 0.0, 0.0])
         free[[form.axis for form in kind.surface.forms[:1]]] = 0.0
         away = (wanted - reach) * free
-        return cga.compose(start, cga.translator(away)), True
+        return cga.compose(start, cga.translator(away)), FOLD if free.sum() > 1.0 else GUIDE
     turn = np.zeros_like(wanted)
     hinged = kind.surface.equations > 1 and not kind.surface.angles
     if kind.planar or hinged:
@@ -203,9 +205,9 @@ def _middle_root(kind: LimbKind, values: Values, start: Array, held: Array, midd
         turn[:, 2] = (np.arctan2(wanted[:, 1], wanted[:, 0]) - np.arctan2(reach[:, 1], reach[:, 0]))
     hinge = cga.motor_from_rotation_vector(turn, np.zeros(3))
     if hinged:
-        return cga.compose(start, hinge), False
+        return cga.compose(start, hinge), ""
     rest = _shortest_turn(cga.move_point(hinge, reach), wanted)
-    return cga.compose(cga.compose(start, rest), hinge), False
+    return cga.compose(cga.compose(start, rest), hinge), ""
 
 
 def _shortest_turn(a: Array, b: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.limb_roots import limb_roots
-from ppmcal.kinematics.skeleton import GUIDE, LimbSkeleton
+from ppmcal.kinematics.skeleton import FOLD, GUIDE, LimbSkeleton
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import PASSIVE
 
@@ -61,7 +61,8 @@ def interferences(limbs: Sequence[LimbSkeleton], near: float,
                   actuators: Sequence[int]) -> list[Interference]:
     """Return the pairs of limbs whose joints or links are nearer than ``near`` m somewhere.
 
-    Links that end in joints which are near count as those joints. Passive slides are not links, and
+    Links that end in joints which are near count as those joints. Passive slides and what hinges
+    span are not links, and
     limbs of one actuator belong together.
 
     Args:
@@ -72,7 +73,8 @@ def interferences(limbs: Sequence[LimbSkeleton], near: float,
     out = []
     centres = [np.stack([limb.base_point, *(j.centre for j in limb.joints), limb.platform_point],
                         axis=1) for limb in limbs]
-    links = [[(k.start, k.end) for k in limb.links if k.name != GUIDE] for limb in limbs]
+    links = [[(k.start, k.end) for k in limb.links if k.name not in (GUIDE, FOLD)]
+             for limb in limbs]
     for i in range(len(limbs)):
         for j in range(i + 1, len(limbs)):
             if actuators[i] == actuators[j] != PASSIVE:

@@ -326,9 +326,9 @@ def spread(model: Model, count: int = 5, seed: int = 1, size: float = 1.0) -> tu
 
 
 def joint_coordinates(model: Model, q: Array) -> list[Array]:
-    """Return u = ratio q + offset (N,) of each limb."""
+    """Return u = ratio q + offset (N,) of each driven limb."""
     out = []
-    for limb in model.mechanism.limbs:
+    for limb in (model.mechanism.limbs[i] for i in model.mechanism.driven):
         v = limb.slots.values(model.parameters)
         out.append(v.get("ratio", 1.0) * q[:, limb.actuator] + v.get("offset", 0.0))
     return out

@@ -211,6 +211,20 @@ def _driven(name: str) -> int:
     return sum(c.isupper() for c in name[:name.index("(") + 2])
 
 
+@pytest.mark.parametrize(("name", "limb", "actuator"), [("delta-parallelograms", 1, 1),
+                                                        ("mixed-spatial", 1, 1)])
+def test_the_two_branch_settings_are_the_two_roots(name: str, limb: int, actuator: int) -> None:
+    tree = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text(encoding="utf-8"))
+    q = {}
+    for branch in (1, -1):
+        tree["limbs"][limb]["branch"] = branch
+        mechanism = read_text(yaml.safe_dump(tree))
+        q[branch] = home_state(mechanism).q[actuator]
+        closed = Model(mechanism).closure(home_state(mechanism).q).lengths(mechanism.home[None])
+        assert np.max(np.abs(closed)) < 1e-12
+    assert q[1] > q[-1] + 1e-3
+
+
 def tricept(change: dict[str, object]) -> str:
     tree = yaml.safe_load((CONFIGS / "tricept.yaml").read_text(encoding="utf-8"))
     tree["limbs"][3] |= change
