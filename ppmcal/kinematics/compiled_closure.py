@@ -110,7 +110,7 @@ def direction_at(base: Array, end: Array, R: Array, i: int, j: int, meet: float,
                  z: float, c: Array, line: Array, e: int) -> None:
     """Fill misclosure and line of a condition e on directions; x, y, z: the platform's point.
 
-    As :func:`surfaces._angle` (``meet`` 0) and :func:`surfaces._sphere_between_axes` (1); without
+    As :func:`surfaces._angle` (``meet`` 0) and :func:`surfaces._between_axes` (1); without
     branches, which would slow down those who have no such condition.
     """
     apart = 1.0 - meet

@@ -145,8 +145,9 @@ def _limb(model: Model, index: int, pose: Array, q: Array) -> LimbSkeleton:
     end = _end(middle, root)
     held = cga.translation(platform[-1].after)
     if not kind.surface.point_moves[0]:
-        along = cga.rotation_matrix(platform[-1].after)[..., :, 0]
-        foot = end + np.sum((held - end) * along, axis=-1, keepdims=True) * along
+        axes, foot = cga.rotation_matrix(platform[-1].after), end
+        for along in (axes[..., :, k] for k in _free_axes(kind, "platform plane")):
+            foot = foot + np.sum((held - end) * along, axis=-1, keepdims=True) * along
         links, end = [*links, Link(GUIDE, end, foot)], foot
     back = [Link(p.name, p.end, p.start) for p in reversed(_links(platform[1:], values))]
     return LimbSkeleton(limb.name, kind.name, cga.translation(base[0].after),
@@ -194,10 +195,9 @@ def _middle_root(kind: LimbKind, values: Values, start: Array, held: Array, midd
     wanted = cga.move_point(cga.reverse(start), cga.translation(held))
     sphere = bool(np.any(kind.evaluate(values).radius[..., 0] > 0.0))
     if not sphere:
-        free = np.ones(3) if kind.surface.forms and not kind.planar else np.array([1.0, 0.0, 0.0])
-        free[[form.axis for form in kind.surface.forms[:1]]] = 0.0
-        away = (wanted - reach) * free
-        return cga.compose(start, cga.translator(away)), FOLD if free.sum() > 1.0 else GUIDE
+        along = _free_axes(kind, "base plane")
+        away = (wanted - reach) * np.isin(np.arange(3), along)
+        return cga.compose(start, cga.translator(away)), FOLD if len(along) == 2 else GUIDE
     turn = np.zeros_like(wanted)
     hinged = kind.surface.equations > 1 and not kind.surface.angles
     if kind.planar or hinged:
@@ -208,6 +208,14 @@ def _middle_root(kind: LimbKind, values: Values, start: Array, held: Array, midd
         return cga.compose(start, hinge), ""
     rest = _shortest_turn(cga.move_point(hinge, reach), wanted)
     return cga.compose(cga.compose(start, rest), hinge), ""
+
+
+def _free_axes(kind: LimbKind, plane: str) -> list[int]:
+    """Return along which local axes passive joints move on, in planes of that form or in space."""
+    if kind.planar or not kind.surface.forms:
+        return [0]
+    return [k for k in range(3) if k not in {f.axis for f in kind.surface.forms
+                                             if f.name == plane}]
 
 
 def _shortest_turn(a: Array, b: Array) -> Array:

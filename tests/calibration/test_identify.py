@@ -115,7 +115,7 @@ EXACT_CASES = [
     # the poses of deltas that only move are positions
     *(("pose", n) for n in NAMES if n not in ("delta-linear", "delta-rotary")),
     *(("position", n) for n in ("3-RPR", "3-RPS", "6-UPS", "delta-linear", "delta-rotary",
-                                "delta-rotary-6rods"))]
+                                "delta-rotary-6rods", "tricept", "3-UPU"))]
 
 
 @pytest.mark.slow

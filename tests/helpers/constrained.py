@@ -15,7 +15,8 @@ from helpers.paths import ROOT
 from ppmcal.model.mechanism import Mechanism
 
 MACHINES = {"UP": "tricept", "U(P)U": "3-UPU", "(R)RPaU": "delta-parallelograms",
-            "(P)RRR": "mixed-spatial", "U(P)R": "mixed-spatial"}
+            "(P)RRR": "mixed-spatial", "U(P)R": "mixed-spatial",
+            "UPU": "passive-legs", "UPR": "passive-legs"}
 """Kind -> a config with it."""
 PASSIVE = {
     # base to the limb, with `a`, `b` ... the passive joints and `s` a passive slide; platform
@@ -26,8 +27,11 @@ PASSIVE = {
     "(P)RRR": ("A D:base.axis J1 Z:u J2 Rz:a X:s Rz:b Y:t Z:lateral Rz:c",
                "B D:platform.axis:none J4"),
     "U(P)R": ("A D:base.axis J1 Rz:a Q Rz:b X:u Z:lateral Rz:c", "B D:platform.axis:none J3"),
+    "UPU": ("A D:base.axis J1 Rz:a Rx:b Y:long Rx:c Rz:d", "B D:platform.axis:none J3"),
+    "UPR": ("A D:base.axis J1 Rz:a Q Rz:b X:long Z:lateral Rz:c", "B D:platform.axis:none J3"),
 }
-CONDITIONS = {"UP": 3, "U(P)U": 2, "(R)RPaU": 2, "(P)RRR": 3, "U(P)R": 3}
+CONDITIONS = {"UP": 3, "U(P)U": 2, "(R)RPaU": 2, "(P)RRR": 3, "U(P)R": 3,
+              "UPU": 1, "UPR": 2}
 
 
 def with_joint_frames(kind: str) -> Mechanism:
@@ -48,6 +52,7 @@ def serial_pose(kind: str, v: Mapping[str, float], c: Mapping[str, Array], u: Ar
         rng: draws the passive joints.
     """
     passive = {name: rng.uniform(-0.8, 0.8, u.shape) for name in "abcdst"}
+    passive["long"] = rng.uniform(0.4, 0.8, u.shape)
     base, platform = PASSIVE[kind]
     place = (chain(base, {**v, **passive}, c, u)
              @ np.linalg.inv(chain(platform, v, c, u)))

@@ -11,10 +11,12 @@ from ppmcal.model.limbs.chain import Chain, U, align, joint, shift, slide, turn
 from ppmcal.model.limbs.kind import LimbKind, register
 from ppmcal.model.limbs.surfaces import (
     BETWEEN_AXES,
+    FREE_HINGE,
     HELD_SLIDE,
     HINGE_ON_PLATFORM,
     PLANE_AND_DIRECTION,
     ROD_AND_ANGLE,
+    SPHERE_BETWEEN_AXES,
 )
 
 _BASE, _POINT = shift("base.point", planar=False), shift("platform.point", planar=False)
@@ -27,7 +29,7 @@ def _platform(number: int) -> Chain:
 
 
 register(LimbKind(
-    "U(P)U", False, BETWEEN_AXES, base=_ON_AXIS, middle=Chain((slide(U, "z"),)),
+    "U(P)U", False, SPHERE_BETWEEN_AXES, base=_ON_AXIS, middle=Chain((slide(U, "z"),)),
     platform=_platform(3), actuator="length", branch="branch", strut=True,
     closes_when="|B-A| = u; base.axis, platform.axis and B-A are in one plane",
     source="Di Gregorio, Parenti-Castelli: A translational 3-DOF parallel manipulator (1998)"))
@@ -64,3 +66,14 @@ register(LimbKind(
     closes_when="A is on the line through B along platform.direction; platform.axis is square to "
                 "base.axis",
     source="Neumann: Tricept, US patent 4732525 (1988)"))
+
+register(LimbKind(
+    "UPU", False, BETWEEN_AXES, base=_ON_AXIS, middle=Chain(()), platform=_platform(3),
+    actuator="", closes_when="base.axis, platform.axis and B-A are in one plane",
+    source="Di Gregorio, Parenti-Castelli: A translational 3-DOF parallel manipulator (1998)"))
+
+register(LimbKind(
+    "UPR", False, FREE_HINGE, base=_ON_AXIS, middle=Chain((slide("lateral", "z", 0.0),)),
+    platform=_platform(3), actuator="",
+    closes_when="platform.axis.(B-A) = lateral; platform.axis is square to base.axis",
+    source="Bi, Jin: Kinematic modeling of Exechon parallel kinematic machine (2011)"))

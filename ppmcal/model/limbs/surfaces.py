@@ -101,6 +101,11 @@ def _plane_and_direction(base: Array, middle: Array, platform: Array) -> Iterato
 def _hinge_on_platform(base: Array, middle: Array, platform: Array) -> Iterator[_Equation]:
     """U-R: sphere and a plane of the platform, whose hinge is square to the U's first axis."""
     yield from _sphere(base, middle, platform)
+    yield from _free_hinge(base, middle, platform)
+
+
+def _free_hinge(base: Array, middle: Array, platform: Array) -> Iterator[_Equation]:
+    """The same at any distance."""
     yield from _platform_plane(base, middle, platform, Z)
     yield from _angle(base, platform, Z)
 
@@ -114,14 +119,20 @@ def _held_slide(base: Array, middle: Array, platform: Array) -> Iterator[_Equati
 
 def _sphere_between_axes(base: Array, middle: Array, platform: Array, pose: Array | None
                          ) -> Iterator[_Equation]:
-    """U-U: a sphere, and the first axes of both universal joints in one plane.
+    """U-U: a sphere, and the first axes of both universal joints in one plane."""
+    yield from _sphere(base, middle, platform)
+    yield from _between_axes(base, middle, platform, pose)
+
+
+def _between_axes(base: Array, middle: Array, platform: Array, pose: Array | None
+                  ) -> Iterator[_Equation]:
+    """The first axes of two universal joints in one plane with the rod between them.
 
     The joints' second axes are parallel, square to both first axes a and b and to the rod d: n,
     where the rod is. So b - k d is square to n, whatever k is. With the k that keeps it so to first
     order as n turns about a, the limb holds the platform by this alone: by a force where a and b
     meet, by a moment where they are parallel.
     """
-    yield from _sphere(base, middle, platform)
     start, end, a = cga.translation(base), cga.translation(platform), _axis(base, Z)
     own = _axis(platform, Z)
     at = cga.identity_motor() if pose is None else pose
@@ -140,6 +151,7 @@ def _sphere_between_axes(base: Array, middle: Array, platform: Array, pose: Arra
 
 
 _ROD, _SQUARE = EquationForm("sphere"), EquationForm("angle", Z, Z)
+_BETWEEN, _HINGED = EquationForm("between axes", Z, Z), EquationForm("platform plane", Z)
 
 SPHERE = Surface("sphere", (True,), _sphere, (_ROD,))
 BASE_PLANE = Surface("base plane", (True,), _base_plane, (EquationForm("base plane", Y),))
@@ -151,9 +163,11 @@ PLANE_AND_DIRECTION = Surface(
     "base plane and direction", (True, True, True), _plane_and_direction,
     (EquationForm("base plane", Z), EquationForm("angle", X, Z), EquationForm("angle", Y, Z)))
 HINGE_ON_PLATFORM = Surface("sphere, platform plane and angle", (True, False, True),
-                            _hinge_on_platform, (_ROD, EquationForm("platform plane", Z), _SQUARE))
+                            _hinge_on_platform, (_ROD, _HINGED, _SQUARE))
+FREE_HINGE = Surface("platform plane and angle", (False, True), _free_hinge, (_HINGED, _SQUARE))
 HELD_SLIDE = Surface(
     "line of the platform and angle", (False, False, True), _held_slide,
-    (EquationForm("platform plane", Z), EquationForm("platform plane", Y), _SQUARE))
-BETWEEN_AXES = Surface("sphere between axes", (True, True), _sphere_between_axes,
-                       (_ROD, EquationForm("between axes", Z, Z)), turns=True)
+    (_HINGED, EquationForm("platform plane", Y), _SQUARE))
+SPHERE_BETWEEN_AXES = Surface("sphere between axes", (True, True), _sphere_between_axes,
+                              (_ROD, _BETWEEN), turns=True)
+BETWEEN_AXES = Surface("between axes", (True,), _between_axes, (_BETWEEN,), turns=True)
