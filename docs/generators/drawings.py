@@ -139,8 +139,10 @@ def _limb(kind: LimbKind) -> Figure:
     machine = _shipped(example_limb(kind)[0].removesuffix(".yaml"))
     model = Model(machine)
     index = next(i for i, limb in enumerate(machine.limbs) if limb.kind.name == kind.name)
-    pose, q = _grown(model, index, GROWTH * machine.reach if kind.actuator == "length"
-                     else 2.0 * GROWTH)
+    # a passive limb is moved by another's drive
+    moving = index if kind.driven else machine.driven[0]
+    pose, q = _grown(model, moving, GROWTH * machine.reach
+                     if machine.limbs[moving].kind.actuator == "length" else 2.0 * GROWTH)
     limb = skeleton(model, pose, q)[index]
     motion = machine.motion
     figure, (axes,) = _empty(4.6, 3.2)
@@ -153,12 +155,14 @@ def _limb(kind: LimbKind) -> Figure:
     before, after = (_flat(limb.platform_point[n], motion) for n in (0, 1))
     way = (after - before) / np.linalg.norm(after - before)
     _label(axes, before, "B", INK, (-14 * way[0] - 4, -14 * way[1] - 4))
-    # a rope has no joint that is driven: its length is
-    driven = next((j.centre for j in limb.joints if j.driven),
-                  0.5 * (limb.base_point + limb.platform_point))
-    _label(axes, _flat(driven[0], motion), "u", RED, (-14, 6))
+    if kind.driven:
+        # a rope has no joint that is driven: its length is
+        driven = next((j.centre for j in limb.joints if j.driven),
+                      0.5 * (limb.base_point + limb.platform_point))
+        _label(axes, _flat(driven[0], motion), "u", RED, (-14, 6))
     _arrow(axes, before, after, RED)
-    axes.annotate("u grows", tuple(after), xytext=tuple(10 * way), textcoords="offset points",
+    axes.annotate("u grows" if kind.driven else "another's u grows", tuple(after),
+                  xytext=tuple(10 * way), textcoords="offset points",
                   color=RED, ha="left" if way[0] >= 0 else "right")
     axes.margins(0.14)
     return figure

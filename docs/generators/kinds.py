@@ -19,6 +19,7 @@ from ppmcal.model.limbs import LimbKind, kinds
 from ppmcal.model.limbs.chain import SlotSpec
 from ppmcal.model.motions import motions
 
+DRIVES = {"length": "slide", "angle": "hinge"}
 EXAMPLES = ALL_EXAMPLES["effects"]
 WORDS = {"dir": "`dir_<actuator>`", "vel": "`vel_<actuator>`", "temperature": "`temperature`",
          "load": "`payload` or a wrench", "wrench": "`payload` or a wrench", "time": "`time`",
@@ -30,7 +31,11 @@ Joints are named from base to platform, the driven one in brackets. A is `base.p
 `platform.point` carried to base axes, u = `ratio` q + `offset` the joint coordinate,
 d(φ) = (cos φ, sin φ), n(φ) = (−sin φ, cos φ), α = `base.angle`, σ = `slide_angle`,
 ψ = the platform's rotation + `platform.angle`. The drawings show one limb of a machine that ppmcal
-ships: in grey where it goes when its joint value grows.
+ships: in grey where it goes when its joint value grows. A kind without brackets is passive
+(`actuator: none`): it holds the platform and has no joint value.
+
+Conditions on directions, such as `platform.axis` square to `base.axis`, count as the arc at 1 m in
+tables of gaps.
 
 A limb's slots stand under its name: `leg1.base.point.x`, `leg1.length`. Lengths and angles are in
 the units of the file. Besides its slots each joint of a limb has a frame error, `joint1: {x, y, z,
@@ -52,7 +57,7 @@ def anchor_of(kind: LimbKind) -> str:
 def limb_page() -> str:
     """Return the page of all limb kinds."""
     listed = table(["kind", "driven", "closes when"], [
-        (f"[{k.name}](#{anchor_of(k)})", f"{'slide' if k.actuator == 'length' else 'hinge'}",
+        (f"[{k.name}](#{anchor_of(k)})", DRIVES.get(k.actuator, "none"),
          code(k.closes_when)) for k in kinds().values()])
     return "\n".join([LIMBS, listed, *map(_limb, kinds().values())])
 
@@ -60,8 +65,8 @@ def limb_page() -> str:
 def _limb(kind: LimbKind) -> str:
     slots = [(code(s.name), s.quantity, "needed" if s.default is None else f"{s.default:g}",
               f"`{s.tolerance_class}`", _slot(s)) for s in kind.slots]
-    further = [(code(d), "direction", "needed", "`angle`", "a unit vector in base axes")
-               for d in kind.directions]
+    further = [(code(d), "direction", "needed", "`angle`",
+                f"a unit vector in {d.partition('.')[0]} axes") for d in kind.directions]
     further += [(code(a), "direction", "none", "`angle`", "first axis of a universal joint whose "
                  "axes miss each other") for a in kind.axes if a not in kind.directions]
     branch = [] if kind.branch is None else [
@@ -70,7 +75,8 @@ def _limb(kind: LimbKind) -> str:
     machine, limb = example_limb(kind)
     return "\n".join([
         f"## {kind.name} {{ #{anchor_of(kind)} }}\n",
-        f"![One limb {kind.name}, and where it goes when its joint value grows]"
+        f"![One limb {kind.name}, and where it goes when {'its' if kind.driven else 'another'} "
+        f"joint value grows]"
         f"(images/generated/{anchor_of(kind)}.svg)\n",
         f"Closes when {code(kind.closes_when)}. Source: {kind.source}.\n",
         table(["slot", "measures", "default", "tolerance class", "meaning"],

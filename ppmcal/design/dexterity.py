@@ -82,7 +82,7 @@ def _measures(model: Model, q: Array, pose: Array) -> Array:
 def _joint_scale(mechanism: Mechanism) -> Array:
     """Return what makes a joint value a length (k,): 1/ratio, angles by the length scale."""
     ratio = np.ones(len(mechanism.actuators))
-    for limb in reversed(mechanism.limbs):
+    for limb in (mechanism.limbs[i] for i in reversed(mechanism.driven)):
         ratio[limb.actuator] = abs(limb.slots.values(mechanism.values).get("ratio", 1.0))
     length = [mechanism.length_scale if quantity == "angle" else 1.0
               for quantity in mechanism.actuator_quantity]

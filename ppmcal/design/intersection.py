@@ -68,7 +68,7 @@ def require_meet(mechanism: Mechanism) -> None:
                        "Use --method newton; planar machines, deltas of three parallelograms and "
                        "tripods can be intersected")
     offset = [limb.name for limb, values in zip(mechanism.limbs, Model(mechanism).limb_values,
-                                                strict=True) if limb.kind.turns(values)]
+                                                strict=True) if limb.kind.is_offset(values)]
     if offset:
         raise BadInput("the limbs' surfaces have no intersection in closed form: the axes of a "
                        f"universal joint of {', '.join(offset)} do not meet, so its surface is "

@@ -42,7 +42,8 @@ CLOSE = 1e-7
 def is_tripod(mechanism: Mechanism) -> bool:
     """Whether three limbs tie a point of the platform each to a circle."""
     return mechanism.motion.turns_freely and len(mechanism.limbs) == 3 and all(
-        limb.kind.surface.point_moves == (True, True) for limb in mechanism.limbs)
+        limb.kind.surface.point_moves == (True, True) and not limb.kind.surface.angles
+        for limb in mechanism.limbs)
 
 
 def origin_surfaces(closure: Closure) -> list[Array]:

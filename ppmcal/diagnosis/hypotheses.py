@@ -203,7 +203,7 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
         limbs = [limb for limb in problem.mechanism.limbs
                  if any(i == p for _, i in limb.slots.direct)
                  or any(p in (r, a) for _, _, r, a in limb.slots.polar)]
-        on = tuple(dict.fromkeys(to.actuators[limb.actuator] for limb in limbs))
+        on = tuple(dict.fromkeys(to.actuators[limb.actuator] for limb in limbs if limb.driven))
         column = to.columns.shifted(shifts)
         to.hypotheses.append(
             Hypothesis(

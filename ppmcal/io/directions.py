@@ -42,8 +42,9 @@ def _settle(v: Array) -> Array:
     return v
 
 
-def square(zero: Array, axis: Array, where: str) -> Array:
-    """Return ``zero`` (3,) made exactly perpendicular to ``axis`` (3,).
+def square(zero: Array, axis: Array, where: str, name: str = "base.zero",
+           other: str = "base.axis") -> Array:
+    """Return ``zero`` (3,) made exactly perpendicular to ``axis`` (3,), by their names.
 
     Raises:
         BadInput: they are further than 2e-3 rad from perpendicular.
@@ -51,9 +52,9 @@ def square(zero: Array, axis: Array, where: str) -> Array:
     along = float(zero @ axis)
     if abs(along) > SQUARE_TOLERANCE:
         angle = float(np.degrees(np.arccos(np.clip(along, -1.0, 1.0))))
-        raise BadInput(f"base.zero is not perpendicular to base.axis (they are {angle:.3f} deg "
-                       "apart)", where, "Give the arm's direction at u = 0, at right angles to "
-                                        "the axis")
+        what = "the arm's direction at u = 0" if name == "base.zero" else "it"
+        raise BadInput(f"{name} is not perpendicular to {other} (they are {angle:.3f} deg "
+                       "apart)", where, f"Give {what}, at right angles to the axis")
     for _ in range(4):
         if abs(float(zero @ axis)) <= 4e-16:
             break

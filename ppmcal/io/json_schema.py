@@ -13,12 +13,13 @@ from pydantic import BaseModel
 
 from ppmcal.errors import unknown
 from ppmcal.io.effects import EffectFile
+from ppmcal.io.limb_reader import NO_DRIVE
 from ppmcal.io.mechanism_schema import MechanismFile
 from ppmcal.io.pose_fields import PoseFile
 from ppmcal.io.scenario_schema import ScenarioFile
 from ppmcal.io.sidecar import SidecarFile
 from ppmcal.io.slots import DirectionFile, SlotFile, SlotGroup, groups
-from ppmcal.io.stiffness import PARTS, TRANSLATIONS, joint_names
+from ppmcal.io.stiffness import PARTS, TRANSLATIONS, joint_names, parts_of
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.instruments import instruments
 from ppmcal.model.limbs import LimbKind, kinds
@@ -190,11 +191,12 @@ def _limb(kind: LimbKind) -> Schema:
         "name": {"type": "string", "description": NAMED},
         "kind": {"const": kind.name, "description": "Joints from base to platform."},
         "actuator": {"type": "string", "description": "Joint variable  [default: the name]; limbs "
-                                                      "may have one in common."},
-        "stiffness": _springs(joint_names(kind))}
+                                                      "may have one in common."}
+        if kind.driven else {"const": NO_DRIVE, "description": "A passive limb has no drive."},
+        "stiffness": _springs(joint_names(kind), parts_of(kind))}
     if kind.branch:
         properties[kind.branch] = {"enum": [1, -1], "description": "Which of two solutions."}
-    further = (SlotGroup(d, "direction", ()) for d in kind.directions[1:])
+    further = (SlotGroup(d, "direction", ()) for d in kind.zeros.values())
     for group in (*groups(kind), *further):
         head, _, tail = group.path.partition(".")
         schema = _group(group)
@@ -212,7 +214,7 @@ def _limb(kind: LimbKind) -> Schema:
 def _group(group: SlotGroup) -> Schema:
     path, body = group.path, group.path.partition(".")[0]
     if group.form == "direction":
-        return {**DIRECTION, "description": "A direction in base axes."}
+        return {**DIRECTION, "description": f"A direction in {body} axes."}
     if group.form == "first axis":
         return {**DIRECTION, "description": f"First axis of the {body}'s universal joint, in "
                                             f"{body} axes."}
@@ -240,14 +242,14 @@ def _point() -> Schema:
                 if key == "fixed" else lists)} for key, one in slot_keys.items()}}]}
 
 
-def _springs(joints: tuple[str, ...]) -> Schema:
+def _springs(joints: tuple[str, ...], own_parts: tuple[str, ...] = PARTS) -> Schema:
     """Return ``stiffness``: N per unit of length or N m per unit of angle; .inf: rigid."""
     components = {c: {**NUMBER, "description": "N per unit of length." if c in TRANSLATIONS else
                       "N m per unit of angle."} for c in JOINT_COMPONENTS}
     components["value"] = {**NUMBER, "description": f"{', '.join(TRANSLATIONS)} alike."}
     one: Schema = {"anyOf": [NUMBER, {
         "type": "object", "additionalProperties": False, "properties": components}]}
-    parts = {part: {**NUMBER, "description": SPRINGS[part]} for part in PARTS}
+    parts = {part: {**NUMBER, "description": SPRINGS[part]} for part in own_parts}
     own = {joint: {**one, "description": "Of that joint's frame, in its own axes, z along the "
                                          "joint."} for joint in joints}
     return {"type": "object", "additionalProperties": False,

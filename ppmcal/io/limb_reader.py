@@ -20,12 +20,14 @@ from ppmcal.io.parameter_reader import Draft, SlotEntry
 from ppmcal.io.schema import check, show
 from ppmcal.io.slots import DirectionFile, SlotFile, SlotGroup, absent_axes, groups, point_parts
 from ppmcal.linalg import Array
-from ppmcal.model.limbs import LimbKind, find_kind
+from ppmcal.model.limbs import LimbKind, find_kind, kinds
 from ppmcal.model.limbs.chain import SlotSpec
-from ppmcal.model.motions import Motion, motion_names
+from ppmcal.model.motions import Motion, motion_names, motions
 from ppmcal.units import Units
 
 T = TypeVar("T", SlotFile, DirectionFile)
+NO_DRIVE = "none"
+"""What ``actuator`` says of a passive limb."""
 
 
 def limb_kind(raw: Mapping[Any, Any], motion: Motion, place: str) -> LimbKind:
@@ -45,6 +47,11 @@ def limb_kind(raw: Mapping[Any, Any], motion: Motion, place: str) -> LimbKind:
         there = " or ".join(motion_names(kind.planar))
         raise BadInput(f"{kind.name} is a kind for {there} motion, but the motion is {motion}",
                        f"{place}.kind", f"Write `motion: {there}`, or choose another kind")
+    if kind.surface.angles and not motion.turns_freely:
+        free = " or ".join(m.name for m in motions().values() if m.turns_freely)
+        raise BadInput(f"a {kind.name} keeps the platform from turning, but in {motion} motion it "
+                       "does not turn freely anyhow", f"{place}.kind",
+                       f"Write `motion: {free}`, or choose another kind")
     return kind
 
 
@@ -74,8 +81,7 @@ class LimbReader:
             if path in absent:
                 self.draft.absent += [(s.name, absent[path]) for s in group.slots]
             elif group.form == "direction":
-                zero = next((d for d in self.kind.directions if d != path), None)
-                self._direction(group, zero, given)
+                self._direction(group, self.kind.zeros.get(path), given)
             elif group.form == "first axis":
                 self._first_axis(group, given)
             elif group.form == "joint frame":
@@ -92,7 +98,7 @@ class LimbReader:
 
     def _flatten(self) -> dict[str, Any]:
         """Return group path -> raw value; refuse keys that the kind does not have."""
-        wanted = [g.path for g in groups(self.kind)] + list(self.kind.directions[1:])
+        wanted = [g.path for g in groups(self.kind)] + list(self.kind.zeros.values())
         tree: dict[str, list[str]] = {}
         for path in wanted:
             head, _, tail = path.partition(".")
@@ -119,10 +125,21 @@ class LimbReader:
                 out[f"{key}.{tail}"] = slot
         return out
 
-    def _actuator(self) -> str:
-        if "actuator" not in self.raw:
-            return self.draft.name
-        return word(self.raw["actuator"], self.at("actuator"))
+    def _actuator(self) -> str | None:
+        name = self.draft.name
+        if "actuator" in self.raw:
+            name = word(self.raw["actuator"], self.at("actuator"))
+        elif not self.kind.driven:
+            return None
+        if self.kind.driven and self.raw.get("actuator") == NO_DRIVE:
+            passive = " or ".join(k.name for k in kinds().values() if not k.driven)
+            raise BadInput(f"a {self.kind.name} without its drive leaves open what the drive holds",
+                           self.at("actuator"), f"Choose a kind without a drive: {passive}. A "
+                           f"joint variable cannot be called '{NO_DRIVE}'")
+        if not self.kind.driven and name != NO_DRIVE:
+            raise BadInput(f"a {self.kind.name} has no drive, but an actuator '{name}' is given",
+                           self.at("actuator"), f"Write `actuator: {NO_DRIVE}`, or leave it out")
+        return name if self.kind.driven else None
 
     def _branch(self) -> None:
         name = self.kind.branch
@@ -242,7 +259,7 @@ class LimbReader:
         """A direction, with ``base.zero`` that turns with it where the kind has one."""
         path = group.path
         axis = self._direction_file(path, given.get(path))
-        zero = self._direction_file(zero_name, given.get(zero_name)) if zero_name else None
+        zero = self._direction_file(zero_name, given.get(zero_name), path) if zero_name else None
         if axis.value is None and axis.share is not None:
             self._take_turns(group, axis, np.zeros(3))
             if zero_name and zero is not None and zero.value is not None:
@@ -254,19 +271,20 @@ class LimbReader:
             self.draft.constants[zero_name] = now[1]
         self._take_turns(group, axis, to_nominal(now, nominal))
 
-    def _direction_file(self, name: str, raw: Any) -> DirectionFile:
+    def _direction_file(self, name: str, raw: Any, axis: str = "") -> DirectionFile:
+        """Return a direction as the file has it; ``axis``: with which one it turns."""
         if raw is None:
             raise BadInput(f"the direction '{name}' is missing", self.at(""),
                            f"Add `{name.rpartition('.')[2]}: [0, 0, 1]` under "
                            f"`{name.partition('.')[0]}`")
         out = self._given(DirectionFile, raw, name)
-        if out.value is None and (out.share is None or name == "base.zero"):
+        if out.value is None and (out.share is None or axis):
             raise BadInput("the direction has no value", self.at(name),
                            "Add `value: [0, 0, 1]`")
         extra = sorted(set(out.model_fields_set) - {"value", "nominal"})
-        if name == "base.zero" and extra:
-            raise BadInput(f"base.zero turns with base.axis and has no '{extra[0]}' of its own",
-                           self.at(name), "Move it to base.axis")
+        if axis and extra:
+            raise BadInput(f"{name} turns with {axis} and has no '{extra[0]}' of its own",
+                           self.at(name), f"Move it to {axis}")
         return out
 
     def _pair(self, group: str, axis: DirectionFile, zero_name: str | None,
@@ -278,10 +296,11 @@ class LimbReader:
         if zero_name is None or zero is None or zero.value is None:
             return (a, None), (a0, None)
         place = self.at(zero_name)
-        z = square(unit(zero.value, place), a, place)
+        z = square(unit(zero.value, place), a, place, zero_name, group)
         if zero.nominal is None:
             return (a, z if axis.nominal is None else None), (a0, None)
-        return (a, z), (a0, square(unit(zero.nominal, place), a0, f"{place}.nominal"))
+        return (a, z), (a0, square(unit(zero.nominal, place), a0, f"{place}.nominal", zero_name,
+                                 group))
 
     def _take_turns(self, group: SlotGroup, axis: DirectionFile, nominal: Array) -> None:
         """Append the small rotation that is a direction's error."""

@@ -24,8 +24,10 @@ from ppmcal.io.schema import check, dotted
 from ppmcal.io.stiffness import read_stiffness
 from ppmcal.io.yaml import decimals, to_file
 from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
+from ppmcal.kinematics.closed_at_home import held_twice
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import Limb, Mechanism
+from ppmcal.model.mechanism import PASSIVE, Limb, Mechanism
+from ppmcal.model.motions import Motion
 from ppmcal.model.parameters import NO_TOLERANCE, Parameter, free_indices, unmatched
 from ppmcal.notes import NOTE, Note
 from ppmcal.units import Units, coordinate_quantity
@@ -48,7 +50,7 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
     units = file.units.units()
     drafts = _limbs(file, units, source)
     _agree_on_actuators(drafts, source)
-    actuators = tuple(dict.fromkeys(d.actuator for d in drafts))
+    actuators = tuple(dict.fromkeys(d.actuator for d in drafts if d.actuator is not None))
     home_pose = pose_from_map(file.home.pose, file.motion.coordinates, units, source, "home.pose")
     made, tolerances, findings = _parameters(file, drafts, units, home_pose, source)
     patterns = None if file.free is None else tuple(file.free)
@@ -59,8 +61,9 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
         raise unknown("parameter", missed, [p.name for p in made], f"{source}: optional")
     factors = _joint_factors(drafts, actuators, units)
     index = {p.name: i for i, p in enumerate(made)}
-    limbs = tuple(Limb(d.name, d.kind, actuators.index(d.actuator), assemble.slot_map(d, index),
-                       d.constants, d.branch) for d in drafts)
+    limbs = tuple(Limb(d.name, d.kind,
+                       PASSIVE if d.actuator is None else actuators.index(d.actuator),
+                       assemble.slot_map(d, index), d.constants, d.branch) for d in drafts)
     mechanism = Mechanism(
         name=file.name or Path(source).stem, motion=file.motion, limbs=limbs, actuators=actuators,
         parameters=made, free=tuple(free_indices(made, patterns)), home_pose=home_pose,
@@ -75,6 +78,7 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
         digits=_digits(file, drafts, units), findings=tuple(findings), source=source,
         inputs=inputs, stiffness=read_stiffness(file.stiffness, file.limbs, limbs, units, source),
         tolerances=tolerances, cost=_cost(file, source))
+    _hold_once(mechanism)
     machine = with_effects(mechanism, file.effects, units, source)
     refuse_tolerances(machine)
     remark_machine(machine)
@@ -123,7 +127,35 @@ def _limbs(file: MechanismFile, units: Units, source: str) -> list[Draft]:
             f"the limbs put {equations} conditions on the platform, but a pose in {file.motion} "
             f"motion has {needed} coordinates", f"{source}: limbs",
             f"Give limbs with {needed} conditions or more, or change `motion`")
+    _something_to_drive(drafts, equations, needed, file.motion, source)
     return drafts
+
+
+def _something_to_drive(drafts: Sequence[Draft], equations: int, needed: int, motion: Motion,
+                        source: str) -> None:
+    """Refuse a machine without drives, or whose conditions without a drive hold the platform."""
+    drives = len({d.actuator for d in drafts if d.actuator is not None})
+    if not drives:
+        raise BadInput("no limb has a drive", f"{source}: limbs",
+                       "Add a limb with a driven joint, such as U(P)S")
+    if equations - drives >= needed and any(d.kind.surface.angles for d in drafts):
+        raise BadInput(
+            f"the limbs put {equations} conditions on the platform and have {drives} drives: the "
+            f"{equations - drives} that no drive changes hold all {needed} coordinates of a pose "
+            f"in {motion} motion, or some of them twice", f"{source}: limbs",
+            "Leave out limbs, or choose kinds that hold less, so that each thing is held once")
+
+
+def _hold_once(mechanism: Mechanism) -> None:
+    """Refuse limbs that hold rotations and together hold one of them twice."""
+    if not mechanism.surplus or not any(limb.kind.surface.angles for limb in mechanism.limbs):
+        return
+    twice = held_twice(mechanism)
+    if twice:
+        raise BadInput(
+            f"the limbs hold the platform twice: {twice} of the {mechanism.dependent} conditions "
+            "that no drive changes say the same as others at home", f"{mechanism.source}: limbs",
+            "Leave out limbs, or choose kinds that hold less, so that each thing is held once")
 
 
 def _share_directions(drafts: Sequence[Draft], source: str) -> None:
@@ -141,9 +173,10 @@ def _share_directions(drafts: Sequence[Draft], source: str) -> None:
                                "Give it once, or the same everywhere")
             late = group not in d.constants
             d.constants[group] = values[share]
-            if late and "base.zero" in d.constants:
-                place = f"{source}: limbs.{d.name}.base.zero"
-                d.constants["base.zero"] = square(d.constants["base.zero"], values[share], place)
+            zero = d.kind.zeros.get(group, "")
+            if late and zero in d.constants:
+                place = f"{source}: limbs.{d.name}.{zero}"
+                d.constants[zero] = square(d.constants[zero], values[share], place, zero, group)
             names = (*d.kind.directions, *d.kind.axes)
             d.constants = {n: d.constants[n] for n in names if n in d.constants}
 
@@ -153,6 +186,8 @@ def _agree_on_actuators(drafts: Sequence[Draft], source: str) -> None:
     first: dict[str, Draft] = {}
     names = {d.actuator for d in drafts}
     for d in drafts:
+        if d.actuator is None:
+            continue
         if d.actuator.endswith("_nominal") and d.actuator.removesuffix("_nominal") in names:
             raise BadInput(f"the joint '{d.actuator}' would have the column in which commands.csv "
                            f"has the uncorrected '{d.actuator.removesuffix('_nominal')}'",
@@ -219,7 +254,7 @@ def _reach(drafts: Sequence[Draft], made: Sequence[Parameter], home_pose: Array)
 
 def _joint_factors(drafts: Sequence[Draft], actuators: Sequence[str], units: Units) -> Array:
     """Return the SI value of one file unit of each joint variable (k,); 1 with a ratio."""
-    first = {d.actuator: d for d in reversed(drafts)}
+    first = {d.actuator: d for d in reversed(drafts) if d.actuator is not None}
     return np.array([1.0 if first[a].has_ratio else units.factor(first[a].kind.actuator)
                      for a in actuators])
 
@@ -259,7 +294,7 @@ def _digits(file: MechanismFile, drafts: Sequence[Draft], units: Units) -> dict[
     pose = file.home.pose if isinstance(file.home.pose, dict) else {}
     printed += [(coordinate_quantity(c), float(pose[c])) for c in COORDINATES
                 if pose.get(c) is not None]
-    first = {d.actuator: d for d in reversed(drafts)}
+    first = {d.actuator: d for d in reversed(drafts) if d.actuator is not None}
     printed += [(first[a].kind.actuator, v) for a, v in (file.home.q or {}).items()
                 if not first[a].has_ratio]
     out = {}

@@ -10,6 +10,7 @@ import numpy as np
 
 from ppmcal.io.directions import rotation
 from ppmcal.io.effects import effects_tree
+from ppmcal.io.limb_reader import NO_DRIVE
 from ppmcal.io.measurement_block import measurement_tree
 from ppmcal.io.mechanism_schema import FORMAT
 from ppmcal.io.pose_fields import pose_to_map
@@ -34,7 +35,7 @@ class SlotWriter:
         """Return one limb as plain data."""
         limb = self.mechanism.limbs[index]
         out: dict[str, Any] = {"name": limb.name, "kind": limb.kind.written or limb.kind.name}
-        actuator = self.mechanism.actuators[limb.actuator]
+        actuator = self.mechanism.actuators[limb.actuator] if limb.driven else NO_DRIVE
         if actuator != limb.name:
             out["actuator"] = actuator
         for group in groups(limb.kind):
@@ -121,8 +122,9 @@ class SlotWriter:
         turn, nominal = (np.array([getattr(p, n) for p in parts]) for n in ("value", "nominal"))
         carries = any(s.startswith("joint") for s in self.slots[index]) or any(
             a in limb.constants for a in limb.kind.axes)
-        apart = first_axis or (len(limb.kind.directions) == 1 and carries)
-        for name in (path,) if first_axis else limb.kind.directions:
+        zero = limb.kind.zeros.get(path)
+        apart = first_axis or (zero is None and carries)
+        for name in (path, zero) if zero else (path,):
             constant = limb.constants[name]
             now = constant if apart or not turn.any() else rotation(turn) @ constant
             out: dict[str, Any] = {"value": [float(v) for v in now]}

@@ -42,6 +42,7 @@ class SlotEntry:
 class Draft:
     """One limb as read: entries in parameter order, and how slots follow from them.
 
+    ``actuator``: the joint variable's name, None for a passive limb.
     ``direct``: slot names that take an entry's value; ``polar``: (slot x, slot y, path of
     the radius, path of the angle). ``numbers``: lengths and angles as printed in the file;
     ``absent``: (slot name, the direction that the file would have to give for it).
@@ -49,7 +50,7 @@ class Draft:
 
     name: str
     kind: LimbKind
-    actuator: str
+    actuator: str | None
     entries: list[SlotEntry] = field(default_factory=list)
     direct: list[str] = field(default_factory=list)
     polar: list[tuple[str, str, str, str]] = field(default_factory=list)

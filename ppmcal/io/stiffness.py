@@ -51,8 +51,9 @@ def read_stiffness(default: Any, raw: Sequence[Mapping[Any, Any]], limbs: Sequen
     merged = []
     for limb, tree in zip(limbs, raw, strict=True):
         names = joint_names(limb.kind)
-        own = _section(tree.get(KEY), names, f"{source}: limbs.{limb.name}.{KEY}")
-        merged.append({k: v for k, v in {**common, **own}.items() if k in (*PARTS, *names)})
+        parts = parts_of(limb.kind)
+        own = _section(tree.get(KEY), names, f"{source}: limbs.{limb.name}.{KEY}", parts)
+        merged.append({k: v for k, v in {**common, **own}.items() if k in (*parts, *names)})
     _agree_on_drives(merged, limbs, source)
     out = tuple(_in_si(springs, limb, units) for springs, limb in zip(merged, limbs, strict=True))
     return out if any(out) else ()
@@ -73,6 +74,11 @@ def stiffness_trees(mechanism: Mechanism) -> tuple[dict[str, Any], list[dict[str
     return common, [{KEY: t} if t else {} for t in own]
 
 
+def parts_of(kind: LimbKind) -> tuple[str, ...]:
+    """Return the springs of a kind beside its joints'; a passive limb has those of joints alone."""
+    return PARTS if kind.driven else ()
+
+
 def joint_names(kind: LimbKind) -> tuple[str, ...]:
     """Return the joints of a kind, ``joint1``, ``joint2``, ..."""
     return tuple(dict.fromkeys(s.name.partition(".")[0] for s in kind.joint_slots))
@@ -85,11 +91,12 @@ def spring_quantity(part: str, kind: LimbKind) -> str:
     return "N.m/angle" if turning else "N/length"
 
 
-def _section(raw: Any, joints: Iterable[str], place: str) -> dict[str, Springs]:
+def _section(raw: Any, joints: Iterable[str], place: str, parts: Sequence[str] = PARTS
+             ) -> dict[str, Springs]:
     """Return key -> its springs of one ``stiffness`` mapping, file units."""
     if raw is None:
         return {}
-    allowed = (*PARTS, *joints)
+    allowed = (*parts, *joints)
     if not isinstance(raw, dict):
         raise BadInput(f"{show(raw)} is not a mapping", place,
                        f"Write keys with values here: {', '.join(allowed)}")

@@ -10,14 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.kinematics.closure import Closure, Model
-from ppmcal.kinematics.inverse import home_state, to_joint
+from ppmcal.kinematics.inverse import home_attempt, home_state, to_joint
 from ppmcal.kinematics.transmission import transmissions_at
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 DEAD_POINT = 0.02
 """A finding: a limb's transmission at home below this."""
+SAME = 1e-6
+"""Conditions are independent whose smallest singular value is above this part of the largest."""
 GOOD_TRANSMISSION = 0.5
 """A limb above this is not asked whether its tolerances can bring it to a dead point."""
 
@@ -82,7 +85,7 @@ def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:
 
 
 def transmissions(mechanism: Mechanism) -> tuple[Transmission, ...]:
-    """Return how well each limb's joint moves the platform at home.
+    """Return how well each driven limb's joint moves the platform at home.
 
     Raises:
         BadInput: the home pose cannot be reached.
@@ -92,6 +95,9 @@ def transmissions(mechanism: Mechanism) -> tuple[Transmission, ...]:
     everything = tuple(range(len(mechanism.parameters)))
     out, row = [], 0
     for i, limb in enumerate(mechanism.limbs):
+        if not limb.driven:
+            row += limb.kind.surface.equations
+            continue
         pair, value = roots[0, i], float(values[0, i])
         half = float(pair[1] - pair[0]) / 2.0
         margin, allowed = np.inf, 0.0
@@ -107,6 +113,20 @@ def transmissions(mechanism: Mechanism) -> tuple[Transmission, ...]:
         out.append(Transmission(limb.name, limb.kind.name, value, margin, allowed))
         row += limb.kind.surface.equations
     return tuple(out)
+
+
+def held_twice(mechanism: Mechanism) -> int:
+    """Return how many conditions that no drive changes say the same as others at home."""
+    closure = Model(mechanism).closure(home_attempt(mechanism).q)
+    pose = mechanism.home[None]
+    lines = closure.lines(pose)
+    driven = np.abs(closure.joint_matrix(pose, lines)[0]).max(axis=1) > 0.0
+    a = closure.pose_matrix(pose, lines)[0][~driven]
+    a[:, [c >= 3 for c in mechanism.dof]] /= mechanism.length_scale
+    if not a.size or not np.isfinite(a).all():
+        return 0
+    singular = linalg.singular_values(a[None])[0]
+    return len(a) - int(np.sum(singular > SAME * singular[0]))
 
 
 def _allowed(closure: Closure) -> Array:

@@ -65,7 +65,7 @@ class Model:
         return tuple(out)
 
     def joint_coordinate(self, limb: int, q: Array) -> Array:
-        """Return u = ratio q + offset of one limb, (N,); m or rad."""
+        """Return u = ratio q + offset of one limb with a drive, (N,); m or rad."""
         v = self.limb_values[limb]
         own = q[:, self.mechanism.limbs[limb].actuator]
         return np.asarray(v.get("ratio", 1.0) * own + v.get("offset", 0.0), dtype=float)
@@ -212,6 +212,8 @@ class Closure:
         lines = self.lines(pose) if lines is None else lines
         out = np.zeros((*lines.shape[:2], len(self.model.mechanism.actuators)))
         for group in self.groups:
+            if not group.kind.driven:
+                continue
             rows = group.slot_columns(group.of_rows(lines), pose, (U,))[..., 0]
             if drive and "ratio" in group.values:
                 rows = rows * group.values["ratio"][..., None]
@@ -272,7 +274,9 @@ class Closure:
         group = next(g for g in self.groups if limb in g.limbs)
         rows = group.rows[group.limbs.index(limb)]
         kind = group.kind
-        values = {**self.model.limb_values[limb], U: self.model.joint_coordinate(limb, self.q)}
+        values = dict(self.model.limb_values[limb])
+        if kind.driven:
+            values[U] = self.model.joint_coordinate(limb, self.q)
         body = kind.evaluate(values, {U, *slots}, np.atleast_2d(pose))
         out = np.zeros((*lines.shape[:2], len(slots)))
         out[:, rows[0]:rows[-1] + 1] = slot_columns(body, lines[:, rows], pose, slots)

@@ -27,8 +27,10 @@ from ppmcal.kinematics.compiled_algebra import (
 )
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.model.limbs.surfaces import LEVER
 
-SPHERE, BASE_PLANE, PLATFORM_PLANE = 0, 1, 2
+SPHERE, BASE_PLANE, PLATFORM_PLANE, ANGLE = 0, 1, 2, 3
+"""The form behind these is `between axes`: an angle whose first axis turns with the rod."""
 STILL, SLIDES, TURNS = 0, 1, 2
 BLOCK = 8
 """Rows whose pairings are made together, so that one instruction serves several."""
@@ -75,6 +77,10 @@ def equations_at(limbs: LimbTables, chain: Array, size: Array, R: Array, t: Arra
         z = R[6] * end[9] + R[7] * end[10] + R[8] * end[11] + t[2]
         for e in range(limbs.first[leg], limbs.first[leg + 1]):
             a = limbs.axis[e]
+            if limbs.form[e] >= ANGLE:
+                direction_at(base, end, R, a, limbs.other[e], float(limbs.form[e] - ANGLE), x, y, z,
+                             c, line, e)
+                continue
             p1, p2, p3 = x, y, z
             if limbs.form[e] == SPHERE:
                 r, f = size[e, 0], size[e, 1]
@@ -100,6 +106,33 @@ def equations_at(limbs: LimbTables, chain: Array, size: Array, R: Array, t: Arra
 
 
 @part
+def direction_at(base: Array, end: Array, R: Array, i: int, j: int, meet: float, x: float, y: float,
+                 z: float, c: Array, line: Array, e: int) -> None:
+    """Fill misclosure and line of a condition e on directions; x, y, z: the platform's point.
+
+    As :func:`surfaces._angle` (``meet`` 0) and :func:`surfaces._between_axes` (1); without
+    branches, which would slow down those who have no such condition.
+    """
+    apart = 1.0 - meet
+    a1, a2, a3 = base[i], base[3 + i], base[6 + i]
+    b1 = R[0] * end[j] + R[1] * end[3 + j] + R[2] * end[6 + j]
+    b2 = R[3] * end[j] + R[4] * end[3 + j] + R[5] * end[6 + j]
+    b3 = R[6] * end[j] + R[7] * end[3 + j] + R[8] * end[6 + j]
+    d1, d2, d3 = x - base[9], y - base[10], z - base[11]
+    n1, n2, n3 = a2 * d3 - a3 * d2, a3 * d1 - a1 * d3, a1 * d2 - a2 * d1
+    f = meet / math.sqrt(meet * (n1 * n1 + n2 * n2 + n3 * n3) + apart)
+    n1, n2, n3 = f * n1 + apart * a1, f * n2 + apart * a2, f * n3 + apart * a3
+    w1, w2, w3 = a2 * n3 - a3 * n2, a3 * n1 - a1 * n3, a1 * n2 - a2 * n1
+    k = meet * (w1 * b1 + w2 * b2 + w3 * b3) / (meet * (w1 * d1 + w2 * d2 + w3 * d3) + apart)
+    c[e] = LEVER * (n1 * b1 + n2 * b2 + n3 * b3)
+    b1, b2, b3 = b1 - k * x, b2 - k * y, b3 - k * z
+    line[e, 0], line[e, 1], line[e, 2] = -LEVER * k * n1, -LEVER * k * n2, -LEVER * k * n3
+    line[e, 3] = LEVER * (b2 * n3 - b3 * n2)
+    line[e, 4] = LEVER * (b3 * n1 - b1 * n3)
+    line[e, 5] = LEVER * (b1 * n2 - b2 * n1)
+
+
+@part
 def middles_at(limbs: LimbTables, chain: Array, size: Array, middle: Array) -> None:
     """Fill each equation's line in the middle chain's root axes (d, 6)."""
     for e in range(limbs.form.shape[0]):
@@ -114,7 +147,7 @@ def middles_at(limbs: LimbTables, chain: Array, size: Array, middle: Array) -> N
             i, j = (a + 1) % 3, (a + 2) % 3
             middle[e, 3 + i] = mid[9 + j]
             middle[e, 3 + j] = -mid[9 + i]
-        else:
+        elif limbs.form[e] == PLATFORM_PLANE:
             for i in range(3):
                 middle[e, i] = mid[3 * i + a]
 

@@ -24,7 +24,8 @@ from ppmcal.model.limbs.driven import DrivenChain, cut_at_drive
 
 MANY = 1000
 """From so many rows on the compiled path pays for its import, half a second with what is kept."""
-FORMS = {"sphere": 0, "base plane": 1, "platform plane": 2}
+FORMS = {"sphere": 0, "base plane": 1, "platform plane": 2, "angle": 3,
+         "between axes": 4}
 STILL, SLIDES, TURNS = 0, 1, 2
 CHAINS = 3
 
@@ -109,13 +110,14 @@ def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
     first = np.cumsum([0, *(limb.kind.surface.equations for limb in mechanism.limbs)])
     count = len(mechanism.limbs)
     ends, drive = np.zeros((count, CHAINS, 3, 12)), np.zeros((count, CHAINS), dtype=np.int64)
-    form, axis = np.zeros((2, int(first[-1])), dtype=np.int64)
-    u = np.zeros((max(g.values[U].shape[0] for g in closure.groups), count))
+    form, axis, other = np.zeros((3, int(first[-1])), dtype=np.int64)
+    u = np.zeros((max(g.values[U].shape[0] for g in closure.groups if g.kind.driven), count))
     every = []
     for group in closure.groups:
         kind, own = group.kind, list(group.limbs)
         forms = kind.surface.forms
-        if group.turning or group.pose is not None or not forms or any(
+        offset = group.turning and kind.is_offset(group.values, group.wanted)
+        if offset or group.pose is not None or not forms or any(
                 f.name not in FORMS for f in forms):
             return None
         parts = [cut_at_drive(chain, group.values, group.wanted, len(own))
@@ -127,10 +129,12 @@ def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
         for k, (how, where) in enumerate(moved):
             drive[own, k], ends[own, k] = how, where
         form[group.rows], axis[group.rows] = [FORMS[f.name] for f in forms], [f.axis for f in forms]
-        u[:, own] = group.values[U]
+        other[group.rows] = [f.other for f in forms]
+        if kind.driven:
+            u[:, own] = group.values[U]
         every.append(chains)
     tables = LimbTables(ends, drive, first, np.repeat(np.arange(count), np.diff(first)), form, axis,
-                        np.array(mechanism.dof))
+                        other, np.array(mechanism.dof))
     return CompiledLimbs(closure, tables, u, tuple(every))
 
 

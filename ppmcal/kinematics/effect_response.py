@@ -110,7 +110,8 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
     limbs = []
     for i, limb in enumerate(mechanism.limbs):
         values = model.limb_values[i]
-        ratio[limb.actuator] = values.get("ratio", 1.0)
+        if limb.driven:
+            ratio[limb.actuator] = values.get("ratio", 1.0)
         bars = [s.name for s in limb.kind.slots if s.is_bar]
         struts = {s: np.asarray(values[s], dtype=float) for s in bars}
         if not bars and limb.kind.actuator == "length":

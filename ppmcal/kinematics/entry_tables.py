@@ -47,7 +47,7 @@ def entry_tables(closure: Closure, chains: Sequence[Sequence[DrivenChain]],
             weights = limb.slots.jacobian(model.parameters, names, columns)
             asked = [(names[s], place[columns[c]], weights[s, c])
                      for s, c in zip(*np.nonzero(weights), strict=True)]
-            if homing is not None:
+            if homing is not None and limb.driven:
                 asked.append((U, homing + limb.actuator, ratio[0, at % ratio.shape[1]]))
             for name, column, weight in asked:
                 joint = limb.actuator if name == "ratio" else -1

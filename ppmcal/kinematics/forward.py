@@ -152,9 +152,10 @@ def _exact_sets(mechanism: Mechanism) -> tuple[tuple[int, ...], ...]:
 def _part(model: Model, some: Sequence[int]) -> tuple[Model, list[int]]:
     """Return the machine with some of its limbs, and which actuators they have."""
     mechanism = model.mechanism
-    driven = sorted({mechanism.limbs[i].actuator for i in some})
-    limbs = tuple(replace(mechanism.limbs[i], actuator=driven.index(mechanism.limbs[i].actuator))
-                  for i in some)
+    chosen = [mechanism.limbs[i] for i in some]
+    driven = sorted({limb.actuator for limb in chosen if limb.driven})
+    limbs = tuple(replace(limb, actuator=driven.index(limb.actuator)) if limb.driven else limb
+                  for limb in chosen)
     shift = model.shift and replace(model.shift, slots={
         (some.index(i), slot): v for (i, slot), v in model.shift.slots.items() if i in some})
     part = replace(mechanism, limbs=limbs, actuators=tuple(mechanism.actuators[a] for a in driven),

@@ -24,7 +24,10 @@ SURFACE_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class HomeState:
-    """What home selects: joint values (k,) and, per limb, which of two roots (L,), +-1."""
+    """What home selects: joint values (k,) and, per limb, which of two roots (L,), +-1.
+
+    1 for a passive limb.
+    """
 
     q: Array
     roots: tuple[int, ...]
@@ -76,6 +79,10 @@ def home_attempt(mechanism: Mechanism) -> HomeAttempt:
     q = np.full(len(mechanism.actuators), np.nan)
     chosen, lacking = [], []
     for i, limb in enumerate(mechanism.limbs):
+        if not limb.driven:
+            chosen.append(1)
+            lacking.append(0.0)
+            continue
         roots, missing = limb_roots(model, i, pose)
         reached = bool(np.all(np.isfinite(roots)))
         if not reached:
@@ -122,7 +129,7 @@ def _radius_hint(mechanism: Mechanism) -> str:
     for machine, _, words in other_radii(mechanism):
         model = Model(machine)
         if all(np.isfinite(limb_roots(model, i, machine.home[None])[0]).all()
-               for i in range(len(machine.limbs))):
+               for i in machine.driven):
             said = words.format(reason="this home pose allows")
             return f" {said[0].upper()}{said[1:]}"
     return ""
@@ -179,7 +186,8 @@ def inverse(model: Model, pose: Array) -> Inverse:
     state = home_state(mechanism)
     reasons = [""] * pose.shape[0]
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
-    for i, limb in enumerate(mechanism.limbs):
+    for i in mechanism.driven:
+        limb = mechanism.limbs[i]
         roots, missing = limb_roots(model, i, pose)
         own = wrapped(mechanism, limb.actuator,
                     to_joint(model, i, roots[:, 1 if state.roots[i] > 0 else 0]),

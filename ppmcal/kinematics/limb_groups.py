@@ -32,8 +32,8 @@ class LimbGroup:
         kind: of all of them.
         limbs: their indices in the mechanism (L,).
         rows: the closure equations of each (L, k).
-        actuators: of each (L,).
-        values: slots (1 or N, L) and directions (1, L, 3), SI, with ``u``.
+        actuators: of each (L,); of passive ones none (0,).
+        values: slots (1 or N, L) and directions (1, L, 3), SI, with ``u`` where they are driven.
         wanted: slots whose twists are there, ``u`` among them.
         turning: whether the surface depends on the pose besides.
         pose: motors (N, 8) at which the offset joints stand, None where their axes meet.
@@ -52,7 +52,7 @@ class LimbGroup:
     def surface(self) -> ClosureSurface:
         """The KGBs of all of them, (n, L, k, ...)."""
         pose = None if self.pose is None else self.pose[:, None, :]
-        return _evaluated(self.kind, self.values, self.wanted, pose)
+        return _evaluated(self.kind, self.values, self.wanted, pose, len(self.limbs))
 
     def at(self, pose: Array) -> LimbGroup:
         """Return the group with its offset joints turned as at motors (N, 8)."""
@@ -105,9 +105,11 @@ def groups_of(mechanism: Mechanism, limb_values: Sequence[Mapping[str, Any]], q:
     out = []
     for (_, _, turning), limbs in together.items():
         kind = mechanism.limbs[limbs[0]].kind
-        actuators = np.array([mechanism.limbs[i].actuator for i in limbs])
+        actuators = np.array([mechanism.limbs[i].actuator for i in limbs if kind.driven],
+                             dtype=np.int64)
         values = _stacked([mechanism.limbs[i] for i in limbs], [limb_values[i] for i in limbs])
-        values[U] = values.get("ratio", 1.0) * q[:, actuators] + values.get("offset", 0.0)
+        if kind.driven:
+            values[U] = values.get("ratio", 1.0) * q[:, actuators] + values.get("offset", 0.0)
         names = frozenset({U, *(n for i in limbs for n in wanted[i])})
         rows = np.array([first[i] + np.arange(kind.surface.equations) for i in limbs])
         out.append(LimbGroup(kind, tuple(limbs), rows, actuators, values, names, turning))
@@ -115,10 +117,9 @@ def groups_of(mechanism: Mechanism, limb_values: Sequence[Mapping[str, Any]], q:
 
 
 def _evaluated(kind: LimbKind, values: Mapping[str, Any], wanted: Collection[str],
-               pose: Array | None = None) -> ClosureSurface:
-    """Return the surfaces of limbs together, each array with a place for every limb."""
+               pose: Array | None, count: int) -> ClosureSurface:
+    """Return the surfaces of ``count`` limbs, each array with a place for every one."""
     found = kind.evaluate(values, wanted, pose)
-    count = np.shape(values[U])[1]
 
     def each(part: Array) -> Array:
         return part if part.shape[1] == count else np.broadcast_to(

@@ -27,14 +27,14 @@ TURNED = 1e-11
 
 
 def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
-    """Return both joint coordinates u of one limb, (N, 2), and by how much it misses (N,).
+    """Return both joint coordinates u of one driven limb, (N, 2), and by how much it misses (N,).
 
     Column 0 is the smaller, column 1 the larger root of the pair; equal where the joint
     enters linearly. nan where the limb cannot reach; the second result is then positive:
     the missing length (sphere or plane distance at the closest joint value), m.
     """
     roots, nearest = _root_pair(model, index, pose)
-    if model.mechanism.limbs[index].kind.turns(model.limb_values[index]):
+    if model.mechanism.limbs[index].kind.is_offset(model.limb_values[index]):
         starts = np.where(np.isfinite(roots), roots, nearest[:, None])
         for j in range(2):
             roots[:, j], nearest = _turned_root(model, index, pose, starts[:, j], j)
@@ -49,7 +49,7 @@ def nearest_joint(model: Model, index: int, pose: Array) -> Array:
     Of use where it has no root: as far as the limb reaches.
     """
     nearest = _root_pair(model, index, pose)[1]
-    if model.mechanism.limbs[index].kind.turns(model.limb_values[index]):
+    if model.mechanism.limbs[index].kind.is_offset(model.limb_values[index]):
         nearest = _turned_root(model, index, pose, nearest, 0)[1]
     return np.where(np.isfinite(nearest), nearest, 0.0)
 

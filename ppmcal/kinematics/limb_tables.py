@@ -12,8 +12,8 @@ class LimbTables(NamedTuple):
 
     ``ends`` (L, 3, 3, 12): a chain ends at ends[0] + f ends[1] + g ends[2], a rotation row by row
     and a translation, with (f, g) by ``drive`` (L, 3): nothing, (u, 0) or (cos u, sin u).
-    ``first`` (L + 1,): first equation of each limb; ``limb``, ``form``, ``axis`` (d,) of each
-    equation; ``dof`` (d,): coordinates of the pose.
+    ``first`` (L + 1,): first equation of each limb; ``limb``, ``form``, ``axis``, ``other`` (d,) of
+    each equation; ``dof`` (d,): coordinates of the pose.
     """
 
     ends: Array
@@ -22,6 +22,7 @@ class LimbTables(NamedTuple):
     limb: Ints
     form: Ints
     axis: Ints
+    other: Ints
     dof: Ints
 
 

@@ -21,6 +21,8 @@ from ppmcal.model.limbs.chain import Chain, ChainStep, U, Values
 
 GUIDE = "slide"
 """Name of a passive slide among the links of a limb."""
+FOLD = "hinged bars"
+"""Name of what passive hinges of parallel axes span, whose bars no slot tells."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class PlacedJoint:
     """One joint of a limb in N poses.
 
     Attributes:
-        number: from the base, 1 on; kind: R, P, U or S, empty where the limb's name has no letter.
+        number: from the base, 1 on; kind: R, P, U, S or Pa, empty where its name has no letter.
         driven: whether the actuator moves it.
         centre: (N, 3), m, base axes.
         axis: unit direction of its own z axis (N, 3): hinge or slide; of U and S it has no meaning.
@@ -46,7 +48,7 @@ class Link:
     """A straight piece of a limb in N poses, from ``start`` to ``end`` (N, 3), m, base axes.
 
     ``name`` is the slot whose length it is, ``u`` for a driven slide, :data:`GUIDE` for a passive
-    one, ``joint2`` for the frame error of a joint.
+    one, :data:`FOLD` between hinges, ``joint2`` for the frame error of a joint.
     """
 
     name: str
@@ -127,28 +129,31 @@ def skeleton(model: Model, pose: Array, q: Array) -> tuple[LimbSkeleton, ...]:
 
 def _limb(model: Model, index: int, pose: Array, q: Array) -> LimbSkeleton:
     limb = model.mechanism.limbs[index]
-    kind, u = limb.kind, model.joint_coordinate(index, q)
-    values = {**model.limb_values[index], U: u}
+    kind, values = limb.kind, dict(model.limb_values[index])
+    if limb.driven:
+        values[U] = model.joint_coordinate(index, q)
     values |= kind.turn(values, pose)
     base = _walk(kind.base, values, np.broadcast_to(cga.identity_motor(), pose.shape))
     platform = _walk(kind.platform, values, pose)
     reach = _motors(kind.middle.evaluate(values, ())[0], len(pose))
     start = base[-1].after
-    root, guided = _middle_root(kind, values, start, platform[-1].after, reach)
-    guide = [Link(GUIDE, cga.translation(start), cga.translation(root))] if guided else []
+    root, spanned = _middle_root(kind, values, start, platform[-1].after, reach)
+    guide = [Link(spanned, cga.translation(start), cga.translation(root))] if spanned else []
     middle = _walk(kind.middle, values, root)
     steps = [*base[1:], *middle]
     links = _links(base[1:], values) + guide + _links(middle, values)
     end = _end(middle, root)
     held = cga.translation(platform[-1].after)
     if not kind.surface.point_moves[0]:
-        along = cga.rotation_matrix(platform[-1].after)[..., :, 0]
-        foot = end + np.sum((held - end) * along, axis=-1, keepdims=True) * along
+        axes, foot = cga.rotation_matrix(platform[-1].after), end
+        for along in (axes[..., :, k] for k in _free_axes(kind, "platform plane")):
+            foot = foot + np.sum((held - end) * along, axis=-1, keepdims=True) * along
         links, end = [*links, Link(GUIDE, end, foot)], foot
     back = [Link(p.name, p.end, p.start) for p in reversed(_links(platform[1:], values))]
     return LimbSkeleton(limb.name, kind.name, cga.translation(base[0].after),
-                        cga.translation(platform[0].after), _joints(kind, values, steps),
-                        tuple(links + back), _drive(values, steps, u),
+                        cga.translation(platform[0].after),
+                        _joints(kind, values, [*steps, *platform[1:]]),
+                        tuple(links + back), _drive(values, steps),
                         np.linalg.norm(held - end, axis=-1), (end, held))
 
 
@@ -173,8 +178,8 @@ def _end(placed: list[_Placed], root: Array) -> Array:
 
 
 def _middle_root(kind: LimbKind, values: Values, start: Array, held: Array, middle: Array
-                 ) -> tuple[Array, bool]:
-    """Return where the middle chain begins (N, 8), behind the first passive joint; does it slide?
+                 ) -> tuple[Array, str]:
+    """Return where the middle chain begins (N, 8), behind what the passive joints span, by name.
 
     Args:
         kind: of the limb.
@@ -185,22 +190,32 @@ def _middle_root(kind: LimbKind, values: Values, start: Array, held: Array, midd
     """
     if not kind.surface.point_moves[0]:
         turn = cga.rotation_matrix(held) @ np.swapaxes(cga.rotation_matrix(middle), -1, -2)
-        return cga.motor_from_matrix(turn, cga.translation(start)), False
+        return cga.motor_from_matrix(turn, cga.translation(start)), ""
     reach = cga.translation(middle)
     wanted = cga.move_point(cga.reverse(start), cga.translation(held))
     sphere = bool(np.any(kind.evaluate(values).radius[..., 0] > 0.0))
     if not sphere:
-        away = (wanted - reach) * np.array([1.0, 0.0, 0.0])
-        return cga.compose(start, cga.translator(away)), True
+        along = _free_axes(kind, "base plane")
+        away = (wanted - reach) * np.isin(np.arange(3), along)
+        return cga.compose(start, cga.translator(away)), FOLD if len(along) == 2 else GUIDE
     turn = np.zeros_like(wanted)
-    if kind.planar or kind.surface.equations > 1:
+    hinged = kind.surface.equations > 1 and not kind.surface.angles
+    if kind.planar or hinged:
         # a hinge about local z: the plane, or a second equation, leaves no other turn
         turn[:, 2] = (np.arctan2(wanted[:, 1], wanted[:, 0]) - np.arctan2(reach[:, 1], reach[:, 0]))
     hinge = cga.motor_from_rotation_vector(turn, np.zeros(3))
-    if kind.surface.equations > 1:
-        return cga.compose(start, hinge), False
+    if hinged:
+        return cga.compose(start, hinge), ""
     rest = _shortest_turn(cga.move_point(hinge, reach), wanted)
-    return cga.compose(cga.compose(start, rest), hinge), False
+    return cga.compose(cga.compose(start, rest), hinge), ""
+
+
+def _free_axes(kind: LimbKind, plane: str) -> list[int]:
+    """Return along which local axes passive joints move on, in planes of that form or in space."""
+    if kind.planar or not kind.surface.forms:
+        return [0]
+    return [k for k in range(3) if k not in {f.axis for f in kind.surface.forms
+                                             if f.name == plane}]
 
 
 def _shortest_turn(a: Array, b: Array) -> Array:
@@ -233,9 +248,10 @@ def _slides(step: ChainStep, values: Values) -> bool:
 
 def _joints(kind: LimbKind, values: Values, steps: list[_Placed]) -> tuple[PlacedJoint, ...]:
     """Return the joints, with the letters that the kind's name has for them."""
-    letters = re.findall(r"\(?[A-Z]\)?", kind.name)
+    letters = re.findall(r"\(?[A-Z]a?\)?", kind.name)
     out = []
-    for number, p in enumerate((p for p in steps if p.step.joint), start=1):
+    for p in (p for p in steps if p.step.joint):
+        number = int(p.step.slots[0].name.partition(".")[0].removeprefix("joint"))
         letter = letters[number - 1] if number <= len(letters) else ""
         # the last of its slots turns it about its own z axis
         own = np.asarray(dict(p.step.twists(values))[p.step.slots[-1].name], dtype=float)[..., :3]
@@ -248,7 +264,7 @@ def _turned(motor: Array, direction: Array) -> Array:
     return np.asarray((cga.rotation_matrix(motor) @ direction[..., None])[..., 0], dtype=float)
 
 
-def _drive(values: Values, steps: list[_Placed], u: Array) -> Drive | None:
+def _drive(values: Values, steps: list[_Placed]) -> Drive | None:
     """Return the step that is driven, with where the limb would go on at u = 0."""
     for place, p in enumerate(steps):
         if not p.step.drive:
@@ -265,6 +281,6 @@ def _drive(values: Values, steps: list[_Placed], u: Array) -> Drive | None:
             zero = cga.translation(cga.compose(p.before, ahead))
             if np.any(np.linalg.norm(zero - centre, axis=-1) > 1e-9):
                 break
-        return Drive(slides, u, centre, axis / np.where(size > 0.0, size, 1.0),
+        return Drive(slides, values[U], centre, axis / np.where(size > 0.0, size, 1.0),
                      centre if slides else zero)
     return None

@@ -9,8 +9,9 @@ import numpy as np
 
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.limb_roots import limb_roots
-from ppmcal.kinematics.skeleton import GUIDE, LimbSkeleton
+from ppmcal.kinematics.skeleton import FOLD, GUIDE, LimbSkeleton
 from ppmcal.linalg import Array
+from ppmcal.model.mechanism import PASSIVE
 
 
 def transmissions_at(model: Model, pose: Array, q: Array) -> tuple[Array, Array]:
@@ -18,7 +19,7 @@ def transmissions_at(model: Model, pose: Array, q: Array) -> tuple[Array, Array]
 
     A pure number, 0 at a dead point (serial singularity: stretched, folded or square to its rail),
     1 at best: the sine of the joint's angle from it, or, for a prismatic joint, the part of its
-    motion that goes along the strut. nan where a limb cannot reach.
+    motion that goes along the strut. nan where a limb cannot reach, or has no drive.
 
     Args:
         model: the machine at its parameters.
@@ -28,10 +29,11 @@ def transmissions_at(model: Model, pose: Array, q: Array) -> tuple[Array, Array]
     slope = model.closure(q).joint_matrix(pose, drive=False)
     value, roots, row = [], [], 0
     for i, limb in enumerate(model.mechanism.limbs):
-        pair = limb_roots(model, i, pose)[0]
+        pair = (limb_roots(model, i, pose)[0] if limb.driven
+                else np.full((len(pose), 2), np.nan))
         half = (pair[:, 1] - pair[:, 0]) / 2.0
-        value.append(np.abs(slope[:, row, limb.actuator]) if limb.kind.actuator == "length"
-                     else np.abs(np.sin(half)))
+        value.append(np.abs(slope[:, row, limb.actuator])
+                     if limb.driven and limb.kind.actuator == "length" else np.abs(np.sin(half)))
         roots.append(pair)
         row += limb.kind.surface.equations
     return np.stack(value, axis=1), np.stack(roots, axis=1)
@@ -59,7 +61,8 @@ def interferences(limbs: Sequence[LimbSkeleton], near: float,
                   actuators: Sequence[int]) -> list[Interference]:
     """Return the pairs of limbs whose joints or links are nearer than ``near`` m somewhere.
 
-    Links that end in joints which are near count as those joints. Passive slides are not links, and
+    Links that end in joints which are near count as those joints. Passive slides and what hinges
+    span are not links, and
     limbs of one actuator belong together.
 
     Args:
@@ -70,10 +73,11 @@ def interferences(limbs: Sequence[LimbSkeleton], near: float,
     out = []
     centres = [np.stack([limb.base_point, *(j.centre for j in limb.joints), limb.platform_point],
                         axis=1) for limb in limbs]
-    links = [[(k.start, k.end) for k in limb.links if k.name != GUIDE] for limb in limbs]
+    links = [[(k.start, k.end) for k in limb.links if k.name not in (GUIDE, FOLD)]
+             for limb in limbs]
     for i in range(len(limbs)):
         for j in range(i + 1, len(limbs)):
-            if actuators[i] == actuators[j]:
+            if actuators[i] == actuators[j] != PASSIVE:
                 continue
             a, b = centres[i][:, :, None], centres[j][:, None, :]
             found = _nearest(np.linalg.norm(a - b, axis=-1), (a + b) / 2.0, near)

@@ -22,13 +22,17 @@ from ppmcal.notes import Note
 from ppmcal.units import Units
 from ppmcal.wording import pluralize
 
+PASSIVE = -1
+"""In the place of an actuator: the limb has no drive."""
+
 
 @dataclass(frozen=True)
 class Limb:
     """One limb: its kind, which actuator drives it, its directions, and its slots.
 
-    ``branch`` is the setting as the file gives it (+1, -1 or None); ``constants`` maps
-    direction names (``base.axis``) to unit vectors (3,).
+    ``actuator`` is :data:`PASSIVE` for a limb that holds the platform without a drive. ``branch``
+    is the setting as the file gives it (+1, -1 or None); ``constants`` maps direction names
+    (``base.axis``) to unit vectors (3,).
     """
 
     name: str
@@ -37,6 +41,11 @@ class Limb:
     slots: SlotMap
     constants: Mapping[str, Array] = field(default_factory=dict)
     branch: int | None = None
+
+    @property
+    def driven(self) -> bool:
+        """Whether it has a drive."""
+        return self.actuator != PASSIVE
 
 
 @dataclass(frozen=True)
@@ -126,6 +135,11 @@ class Mechanism:
         """Names of those coordinates."""
         return self.motion.coordinates
 
+    @cached_property
+    def driven(self) -> tuple[int, ...]:
+        """Indices of the limbs that have a drive; the others are passive."""
+        return tuple(i for i, limb in enumerate(self.limbs) if limb.driven)
+
     @property
     def equations(self) -> int:
         """Number of stacked closure equations m."""
@@ -181,14 +195,15 @@ class Mechanism:
 
     @cached_property
     def limb_ratios(self) -> Array:
-        """Drive ratio of each limb (L,), at the present values; 1 without one."""
+        """Drive ratio of each limb (L,), at the present values; 1 without one or a drive."""
         return np.array([limb.slots.values(self.values).get("ratio", 1.0) for limb in self.limbs])
 
     @property
     def joint_ratios(self) -> Array:
         """How far each joint moves per unit of q (k,), without its sign."""
         out = np.ones(len(self.actuators))
-        out[[limb.actuator for limb in self.limbs]] = np.abs(self.limb_ratios)
+        own = list(self.driven)
+        out[[self.limbs[i].actuator for i in own]] = np.abs(self.limb_ratios[own])
         return out
 
     def joint_factors(self, units: Units | None = None) -> Array:

@@ -124,7 +124,7 @@ def _effect(kind: str, name: str, text: str, limbs: tuple[int, ...]) -> SceneEff
 def _limbs(mechanism: Mechanism, on: Sequence[str]) -> tuple[int, ...]:
     """Return the limbs that these actuators drive."""
     return tuple(i for i, limb in enumerate(mechanism.limbs)
-                 if mechanism.actuators[limb.actuator] in on)
+                 if limb.driven and mechanism.actuators[limb.actuator] in on)
 
 
 def _name(mechanism: Mechanism, effect: Effect, on: Sequence[str]) -> str:

@@ -115,7 +115,8 @@ LEVEL = ("delta-linear", "delta-rotary", "five-bar", "hangprinter", "maslow")
 """Machines that only move: their poses are positions."""
 EXACT_CASES = [
     *(("pose", n) for n in NAMES if n not in LEVEL),
-    *(("position", n) for n in ("3-RPR", "3-RPS", "6-UPS", *LEVEL, "delta-rotary-6rods"))]
+    *(("position", n) for n in ("3-RPR", "3-RPS", "6-UPS", *LEVEL, "delta-rotary-6rods",
+                                "tricept", "3-UPU"))]
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import machines
+from helpers import constrained, machines
 from helpers.instruments import joints
 
 import ppmcal
@@ -49,6 +49,8 @@ CASES = {
     "planar pose on lines": ("(R)RP", "pose", ("frame", "target")),
     "planar position": ("R(P)R", "position", ("frame",)),
     "delta": ("delta", "position", ("frame",)),
+    "passive limb": ("UP", "pose", ("frame", "target", "homing")),
+    "limbs that hold rotations": ("U(P)U", "pose", ("frame", "turn")),
 }
 
 
@@ -70,7 +72,9 @@ def pieces_of(count: int) -> Iterator[None]:
 def case(name: str) -> tuple[Problem, State, list[np.ndarray], list[np.ndarray]]:
     """Return a problem off its minimum, rows to use and weights."""
     kind, instrument, opened = CASES[name]
-    mechanism = (machines.delta("(R)US", 3) if kind == "delta" else machines.plain(kind))
+    mechanism = (machines.delta("(R)US", 3) if kind == "delta" else
+                 constrained.with_joint_frames(kind) if kind in constrained.MACHINES else
+                 machines.plain(kind))
     rng = np.random.default_rng(7)
     planar, still = mechanism.motion.planar, not mechanism.motion.turns
     turns = np.array([0.0, 0.0, 1.0]) if planar else np.ones(3)

@@ -308,7 +308,7 @@ def joint_steps(model: Model) -> Array:
     """Return a moderate step of each joint value (k,): 3 % of the reach, or 0.08 rad."""
     mechanism = model.mechanism
     step = np.empty(len(mechanism.actuators))
-    for limb in mechanism.limbs:
+    for limb in (mechanism.limbs[i] for i in mechanism.driven):
         ratio = limb.slots.values(model.parameters).get("ratio", 1.0)
         step[limb.actuator] = (0.03 * mechanism.reach if limb.kind.actuator == "length"
                                else 0.08) / abs(ratio)
@@ -326,9 +326,9 @@ def spread(model: Model, count: int = 5, seed: int = 1, size: float = 1.0) -> tu
 
 
 def joint_coordinates(model: Model, q: Array) -> list[Array]:
-    """Return u = ratio q + offset (N,) of each limb."""
+    """Return u = ratio q + offset (N,) of each driven limb."""
     out = []
-    for limb in model.mechanism.limbs:
+    for limb in (model.mechanism.limbs[i] for i in model.mechanism.driven):
         v = limb.slots.values(model.parameters)
         out.append(v.get("ratio", 1.0) * q[:, limb.actuator] + v.get("offset", 0.0))
     return out
@@ -420,7 +420,8 @@ def _offset_length(kind: str, v: Mapping[str, float], c: Mapping[str, Array], u:
 CHAINS: dict[str, tuple[str, str, str, str]] = {
     # family; base to the first passive joint; on to the second; platform to the second.
     # A, B points; J1 a joint about local z, J1x along local x; Rz:slot, X:slot, Y:slot, Z:slot
-    # move; D:slot turns z onto a direction.
+    # move; D:slot turns z onto a direction, and D:slot:other x towards that other one; Q turns z
+    # onto an axis square to it.
     "R(P)R": ("sphere", "A J1", "J2x X:u Y:lateral J3", "B"),
     "(R)PR": ("guide", "A J1 Rz:u J2x", "Y:lateral J3", "B"),
     "(R)RR": ("sphere", "A J1 Rz:u X:proximal J2", "X:distal J3", "B"),
@@ -464,18 +465,25 @@ def _element(step: str, v: Mapping[str, float], c: Mapping[str, Array], u: Array
         part = np.array([v.get(f"{name}.{k}", 0.0) for k in ("x", "y", "z", "rx", "ry", "rz")])
         own = np.eye(3) if len(step) == 2 else np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
         return _place(Rotation.from_rotvec(own @ part[3:]).as_matrix(), own @ part[:3])
-    what, slot = step.split(":")
+    if step == "Q":
+        return _place(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), np.zeros(3))
+    what, slot, *zero = step.split(":")
     if what == "D":
         turn = Rotation.from_rotvec([v[f"{slot}.{k}"] for k in ("rx", "ry", "rz")]).as_matrix()
-        return _place(turn @ _oriented(c[slot], c.get("base.zero")), np.zeros(3))
-    value = u if slot == "u" else np.full(1, v.get(slot, 0.0))
-    if what == "Rz":
-        return _place(Rotation.from_rotvec(value[:, None] * [0.0, 0.0, 1.0]).as_matrix(),
+        return _place(turn @ _oriented(c[slot], c.get(zero[0] if zero else "base.zero")),
                       np.zeros(3))
+    value = np.atleast_1d(u if slot == "u" else v.get(slot, 0.0))
+    if what in ("Rx", "Rz"):
+        about = [0.0, 0.0, 1.0] if what == "Rz" else [1.0, 0.0, 0.0]
+        return _place(Rotation.from_rotvec(value[:, None] * about).as_matrix(), np.zeros(3))
+    if what == "Pa":    # moves on without a turn
+        return _place(np.eye(3), v["distal"] * np.stack(
+            [np.cos(value), 0.0 * value, np.sin(value)], axis=-1))
     return _place(np.eye(3), value[:, None] * np.array(_AXIS[what]))
 
 
-def _chain(steps: str, v: Mapping[str, float], c: Mapping[str, Array], u: Array) -> Array:
+def chain(steps: str, v: Mapping[str, float], c: Mapping[str, Array], u: Array) -> Array:
+    """Return the product (N, 4, 4) of a chain's steps, as :data:`CHAINS` writes them."""
     out = np.eye(4)[None]
     for step in steps.split():
         out = out @ _element(step, v, c, u)
@@ -523,9 +531,9 @@ def chain_lengths(kind: str, v: Mapping[str, float], c: Mapping[str, Array], u: 
     guide's normal being the hinge's axis.
     """
     family, first, second, last = CHAINS[kind]
-    base, link = _chain(first, v, c, u), _chain(second, v, c, u)
+    base, link = chain(first, v, c, u), chain(second, v, c, u)
     rotation, origin = matrices(pose)
-    end = _place(rotation, origin) @ _chain(last, v, c, u)
+    end = _place(rotation, origin) @ chain(last, v, c, u)
     start, stop = base[:, :3, 3], end[:, :3, 3]
     if v.get("base.axis_offset"):
         on = {"(P)US": lambda: _oriented(c["base.direction"], None).T @ _first_axis("base", v, c),

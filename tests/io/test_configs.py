@@ -36,6 +36,9 @@ RANK = {  # theory, section 5, for a measured full pose; delta-linear: as its co
     "3-RRP-1": 18, "3-RRP-2": 18, "3-RPP-2": 15, "3-PRP-1": 15, "3-PPR-1": 15, "3-PPR-2": 15,
     "3-RPS": 27, "6-UPS": 42, "6-PUS": 54, "linapod": 54, "6-RUS": 66, "delta-linear": 7,
     "delta-rotary-6rods": 36,
+    # three legs of 7; of the centre leg its joint, the direction of its axis, and the leg's line
+    # with the turn about it
+    "tricept": 3 * 7 + 3 + 2 + 5,
 }
 WELL_CONDITIONED = 0.05
 

@@ -101,12 +101,14 @@ def limbs(draw, kind, name, shares):
             value = draw(slots(positive))
             (out.setdefault(head, {}) if tail else out)[tail or head] = value
     for direction in kind.directions:
-        axis = [0.6, 0.0, 0.8] if direction.endswith("zero") else [0.8, 0.0, -0.6]
+        zero = direction in kind.zeros.values()
+        axis = [0.6, 0.0, 0.8] if zero else [0.8, 0.0, -0.6]
         if direction == "base.direction":
             axis = [draw(st.floats(-1, 1)), draw(st.floats(-1, 1)), 1.0]
-        if direction != "base.zero" and draw(st.booleans()):
+        if not zero and draw(st.booleans()):
             axis = {"value": axis, "tolerance": draw(spread), "sigma": [0.1, 0.2, 0.3]}
-        out["base"][direction.removeprefix("base.")] = axis
+        body, _, tail = direction.partition(".")
+        out[body][tail] = axis
     if kind.branch and draw(st.booleans()):
         out[kind.branch] = draw(st.sampled_from([1] if kind.strut else [1, -1]))
     if kind.joint_slots and draw(st.booleans()):
@@ -117,13 +119,20 @@ def limbs(draw, kind, name, shares):
 @st.composite
 def mechanism_trees(draw):
     kind = kinds()[draw(st.sampled_from(sorted(kinds())))]
-    motion = "planar" if kind.planar else draw(st.sampled_from(["spatial", "translational"]))
+    still = kind.surface.angles or not kind.driven    # one such limb, the others move it
+    motion = "planar" if kind.planar else "spatial" if still else draw(
+        st.sampled_from(["spatial", "translational"]))
     conditions = kind.surface.equations
     count, rest = divmod(6 if motion == "spatial" else 3, conditions)
     shares = []
-    made = [draw(limbs(kind, f"leg{i}", shares)) for i in range(count)]
-    if rest:
-        made.append(draw(limbs(kinds()["U(P)S"], "last", shares)))
+    strut = kinds()["U(P)S"]
+    if still:
+        made = [draw(limbs(strut, f"leg{i}", shares)) for i in range(6 - conditions)]
+        made.append(draw(limbs(kind, "last", shares)))
+    else:
+        made = [draw(limbs(kind, f"leg{i}", shares)) for i in range(count)]
+    if rest and not still:
+        made.append(draw(limbs(strut, "last", shares)))
     coordinates = {"planar": ("x", "y", "rz"), "translational": ("x", "y", "z"),
                    "spatial": ("x", "y", "z", "rx", "ry", "rz")}[motion]
     tree = {"format": "ppmcal/mechanism/1", "name": draw(st.text(st.characters(

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import machines
+from helpers import constrained, machines
 from helpers.machines import KINDS, Array
 
 from ppmcal.kinematics import compilation, compiled_limbs
@@ -34,6 +34,8 @@ MACHINES: dict[str, Callable[[], Mechanism]] = {
     "mixed spatial": lambda: machines.mixed("spatial"),
     "delta, linear": lambda: machines.delta("(P)US", 3),
     "delta, rotary": lambda: machines.delta("(R)US", 3),
+    **{f"{kind} frames": lambda kind=kind: constrained.with_joint_frames(kind)
+       for kind in constrained.MACHINES},
 }
 every_machine = pytest.mark.parametrize("name", MACHINES)
 

@@ -31,7 +31,7 @@ from ppmcal.model.mechanism import Mechanism
 
 ANY_POSE = ("R(P)R", "(R)PR", "(P)PR", "P(P)R", "(P)RP", "R(P)P", "U(P)S", "R(P)S")
 SHORT_REACH = tuple(k for k in KINDS if k not in ANY_POSE)
-TWO_ROOTS = tuple(k for k, kind in kinds().items() if kind.branch is not None and not kind.strut)
+TWO_ROOTS = tuple(k for k in KINDS if kinds()[k].branch is not None and not kinds()[k].strut)
 MACHINES = {
     **{f"{kind} plain": lambda kind=kind: machines.plain(kind) for kind in KINDS},
     **{f"{kind} full": lambda kind=kind: machines.full(kind) for kind in KINDS},

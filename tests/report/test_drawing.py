@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 import yaml
+from helpers import constrained
 from helpers.commands import ppmcal
 from helpers.machines import CASES, KINDS, mechanism_text, plain, read_text
 from helpers.paths import ROOT
@@ -16,6 +17,7 @@ import ppmcal as face
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.scene import MeasuredPose, Scene
+from ppmcal.model.limbs import kinds as limb_kinds
 from ppmcal.report.drawing import drawing_page
 from ppmcal.report.machine_scene import findings
 
@@ -58,7 +60,8 @@ def test_every_machine_is_drawn_with_all_its_limbs(name):
     assert set(held["order"]) == set(range(len(drawn["frames"])))
     for frame in drawn["frames"]:
         for limb, placed in zip(drawn["limbs"], frame["limbs"], strict=True):
-            count = 0 if limb["kind"].endswith("rope") else 3
+            count = len(limb_kinds()[limb["kind"]].joint_slots) // 6
+            assert count == 3 or limb["kind"] in ("rope", "planar rope", *constrained.MACHINES)
             assert len(placed.get("joints", ())) == len(limb.get("joints", ())) == count
             assert len(placed["links"]) == len(limb["links"]) > 0
             assert np.isfinite(np.concatenate([np.ravel(v) for v in placed["links"]])).all()

@@ -138,9 +138,10 @@ def corrected_commands(mechanism: Mechanism, nominal: Array, way: Array) -> Arra
     real = replace(mechanism, effects=joint_effects(mechanism))
     want = _coordinates(mechanism.nominal(), nominal, way)
     scale = np.max(np.abs(nominal), axis=0) + 1e-9
-    actuator = np.array([limb.actuator for limb in mechanism.limbs])
+    own = list(mechanism.driven)
+    actuator = np.array([mechanism.limbs[i].actuator for i in own])
     share = (actuator[:, None] == np.arange(nominal.shape[1])
-             ) / mechanism.limb_ratios[:, None]
+             ) / mechanism.limb_ratios[own, None]
     share /= np.bincount(actuator, minlength=nominal.shape[1])
     low, high = known_commands(mechanism).T
     out: Array = np.clip(nominal, low, high)
@@ -157,16 +158,16 @@ def corrected_commands(mechanism: Mechanism, nominal: Array, way: Array) -> Arra
 
 
 def _coordinates(mechanism: Mechanism, q: Array, way: Array) -> Array:
-    """Return the joint coordinate u of each limb (n, L) at joint values (n, k)."""
+    """Return the joint coordinate u of each driven limb (n, L) at joint values (n, k)."""
     rows = replace(at_rest(mechanism, len(q)), approach=way)
     model = shifted(Model(mechanism), rows, q, np.full((len(q), 8), np.nan))
-    return np.stack([model.joint_coordinate(i, q) for i in range(len(mechanism.limbs))], axis=-1)
+    return np.stack([model.joint_coordinate(i, q) for i in mechanism.driven], axis=-1)
 
 
 def drives_of_unequal_limbs(mechanism: Mechanism) -> list[str]:
     """Return the actuators whose limbs do not share the errors of their drive."""
     names = mechanism.actuators
-    owners = [limb.actuator for limb in mechanism.limbs]
+    owners = [mechanism.limbs[i].actuator for i in mechanism.driven]
     if len(set(owners)) == len(owners):
         return []
     q = np.array([[-1.0], [1.0]]) + home_state(mechanism).q
@@ -246,7 +247,7 @@ def known_limits(mechanism: Mechanism) -> Array:
     real = replace(mechanism, effects=joint_effects(mechanism))
     steps = np.array([[0.0], [1.0]]) * np.ones(len(out))
     meant = _coordinates(mechanism.nominal(), steps, np.ones_like(steps))
-    owner = [limb.actuator for limb in mechanism.limbs]
+    owner = [mechanism.limbs[i].actuator for i in mechanism.driven]
     for a in np.flatnonzero(np.isfinite(ends).all(axis=1)):
         q = np.where(np.arange(len(out)) == a, ends[a][:, None], np.nan)
         i = owner.index(int(a))

@@ -86,7 +86,8 @@ def joints_at(model: Model, pose: Array) -> Array:
     mechanism = model.mechanism
     home = home_attempt(mechanism)
     q = np.full((len(pose), len(mechanism.actuators)), np.nan)
-    for i, limb in enumerate(mechanism.limbs):
+    for i in mechanism.driven:
+        limb = mechanism.limbs[i]
         u = limb_roots(model, i, pose)[0][:, 1 if home.roots[i] > 0 else 0]
         own = to_joint(model, i, np.where(np.isfinite(u), u, nearest_joint(model, i, pose)))
         empty = np.isnan(q[:, limb.actuator])
@@ -99,7 +100,8 @@ def _other_branches(model: Model) -> tuple[tuple[Point, ...], ...]:
     mechanism, pose = model.mechanism, model.mechanism.home[None]
     home, f = home_attempt(mechanism), mechanism.units.factor("length")
     q = np.tile(home.q, (1 + len(mechanism.limbs), 1))
-    for i, limb in enumerate(mechanism.limbs):
+    for i in mechanism.driven:
+        limb = mechanism.limbs[i]
         u = limb_roots(model, i, pose)[0][0, 0 if home.roots[i] > 0 else 1]
         if limb.kind.branch is not None and i not in home.lost and np.isfinite(u):
             q[i + 1, limb.actuator] = to_joint(model, i, np.array([u]))[0]
@@ -124,8 +126,9 @@ def _limb(mechanism: Mechanism, index: int, placed: LimbSkeleton) -> SceneLimb:
         low, high = sorted(float(e[0]) / mechanism.units.factor("length") for e in ends)
         travel = low, high
     return SceneLimb(
-        name=limb.name, kind=limb.kind.name, actuator=mechanism.actuators[limb.actuator],
-        unit=mechanism.joint_units[limb.actuator][1],
+        name=limb.name, kind=limb.kind.name,
+        actuator=mechanism.actuators[limb.actuator] if limb.driven else "",
+        unit=mechanism.joint_units[limb.actuator][1] if limb.driven else "",
         joints=tuple(SceneJoint.filled(j) for j in placed.joints),
         links=tuple(SceneLink(name=k.name, role=role.get(k.name, "bar")) for k in placed.links),
         slides=drive is not None and drive.prismatic, travel=travel)

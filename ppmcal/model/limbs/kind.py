@@ -57,11 +57,14 @@ class EquationForm:
     """One closure equation in words that the compiled path knows.
 
     ``name``: ``sphere``, centred at the end of the base chain; ``base plane``, square to the local
-    ``axis`` (0, 1, 2: x, y, z) of the base chain's end; ``platform plane``, of the platform's.
+    ``axis`` (0, 1, 2: x, y, z) of the base chain's end; ``platform plane``, of the platform's;
+    ``angle``, the local ``axis`` of the base chain's end square to ``other`` of the platform's;
+    ``between axes``, both of these in one plane with the line between the ends of the chains.
     """
 
     name: str
     axis: int = 0
+    other: int = 0
 
 
 @dataclass(frozen=True)
@@ -70,18 +73,26 @@ class Surface:
 
     ``build(base, middle, platform)`` takes the chain motors (..., 8) and returns
     ``fixed, moving, scale, radius, middle_lines`` as lists over the k equations. ``forms`` says the
-    same equation by equation; a family without them is evaluated by ``build`` alone.
+    same equation by equation; a family without them is evaluated by ``build`` alone. Where a limb
+    hangs on more than two passive joints the surface may depend on the pose besides: then it
+    ``turns``, and ``build`` takes the platform's motors, or None, after the chains'.
     """
 
     name: str
     point_moves: tuple[bool, ...]
-    build: Callable[[Array, Array, Array], Iterator[tuple[Array, Array, Array, Array, Array]]]
+    build: Callable[..., Iterator[tuple[Array, Array, Array, Array, Array]]]
     forms: tuple[EquationForm, ...] = ()
+    turns: bool = False
 
     @property
     def equations(self) -> int:
         """Number of closure equations that a limb of this family puts on the platform."""
         return len(self.point_moves)
+
+    @property
+    def angles(self) -> bool:
+        """Whether one of them turns the platform and nothing else."""
+        return any(f.name in ("angle", "between axes") for f in self.forms)
 
 
 @dataclass(frozen=True)
@@ -89,11 +100,13 @@ class LimbKind:
     """One row of the table of limb kinds.
 
     Attributes:
-        name: ``R(P)R``: joints from base to platform, the actuated one in parentheses.
+        name: ``R(P)R``: joints from base to platform, the actuated one in parentheses; a passive
+            limb has none.
         planar: whether it lives in the x-y plane.
         surface: its closure family.
         base, middle, platform: its chains.
-        actuator: ``length`` or ``angle``, what the actuated joint measures.
+        actuator: ``length`` or ``angle``, what the actuated joint measures; empty for a passive
+            limb, which has no drive.
         branch: name of the setting that chooses between two inverse roots, or None.
         strut: whether the joint value is a distance: only the larger root is one.
         branch_sign: +1 if the setting's +1 is the larger root, -1 for the smaller.
@@ -125,14 +138,21 @@ class LimbKind:
         return find_kind, (self.name,)
 
     @property
+    def driven(self) -> bool:
+        """Whether the limb has a drive; a passive one only holds the platform."""
+        return bool(self.actuator)
+
+    @property
     def steps(self) -> tuple[ChainStep, ...]:
         """All steps, base to platform."""
         return self.base.steps + self.middle.steps + self.platform.steps
 
     @property
     def slots(self) -> tuple[SlotSpec, ...]:
-        """Geometry slots (no joint frames), in chain order, then ``offset`` and ``ratio``."""
+        """Geometry slots (no joint frames), in chain order, then the drive's offset and ratio."""
         geometry = tuple(s for step in self.steps if not step.joint for s in step.slots)
+        if not self.driven:
+            return geometry
         return (*geometry, SlotSpec("offset", self.actuator, "offset", 0.0),
                 SlotSpec("ratio", self.actuator, "ratio", 1.0))
 
@@ -147,6 +167,12 @@ class LimbKind:
         return tuple(c for step in self.steps for c in step.constants)
 
     @property
+    def zeros(self) -> dict[str, str]:
+        """Of these the second that turns with a first: ``base.zero`` with ``base.axis``."""
+        return {step.constants[0]: step.constants[1] for step in self.steps
+                if len(step.constants) > 1}
+
+    @property
     def axes(self) -> tuple[str, ...]:
         """Names of the unit vectors that the file may give: first axes of universal joints."""
         return tuple(dict.fromkeys(s.needs for s in self.slots if s.needs))
@@ -158,7 +184,11 @@ class LimbKind:
         return tuple(slot for slot in found if slot is not None)
 
     def turns(self, values: Values, wanted: Collection[str] = ()) -> bool:
-        """Whether the surface depends on the pose: a joint's axes do not meet, or might not."""
+        """Whether the surface depends on the pose: by itself, or as :meth:`is_offset`."""
+        return self.surface.turns or self.is_offset(values, wanted)
+
+    def is_offset(self, values: Values, wanted: Collection[str] = ()) -> bool:
+        """Whether the axes of a universal joint do not meet, or might not."""
         return self._turning(values, wanted) is not None
 
     def _turning(self, values: Values, wanted: Collection[str]) -> Chain | None:
@@ -173,7 +203,7 @@ class LimbKind:
     def turn(self, values: Values, pose: Array, wanted: Collection[str] = ()) -> dict[str, Array]:
         """Return how an offset universal joint turns about its first axis at motors (N, 8).
 
-        As :func:`axis_offset.turn_towards`; none where the kind does not :meth:`turns`.
+        As :func:`axis_offset.turn_towards`; none where its axes meet.
         """
         own = self._turning(values, wanted)
         if own is None:
@@ -198,7 +228,8 @@ class LimbKind:
         base, base_twists = self.base.evaluate(values, wanted)
         middle, middle_twists = self.middle.evaluate(values, wanted)
         platform, platform_twists = self.platform.evaluate(values, wanted)
-        columns = list(zip(*self.surface.build(base, middle, platform), strict=True))
+        further = (pose,) if self.surface.turns else ()
+        columns = list(zip(*self.surface.build(base, middle, platform, *further), strict=True))
         fixed, moving, scale, radius, lines = (_stack(list(c), 0 if i in (2, 3) else 1)
                                                for i, c in enumerate(columns))
         return ClosureSurface(fixed, moving, scale, radius, self.surface.point_moves, lines,
