@@ -189,8 +189,8 @@ def _actuators(one: EffectFile, kind: EffectKind, mechanism: Mechanism, machine:
         sort, named = ONLY[kind.joints]
         raise BadInput(f"{kind.name} is an effect of {sort}", f"{place}.on", f"Name {named} only")
     if kind.opposed and sum(on) != mechanism.surplus:
-        raise BadInput(f"{pluralize(sum(on), 'rope')} cannot pull at once: "
-                       f"{pluralize(len(on) - mechanism.surplus, 'rope')} must hold against them",
+        raise BadInput(f"{pluralize(sum(on), 'joint')} cannot pull at once: "
+                       f"{len(on) - mechanism.surplus} must hold against them",
                        f"{place}.on", f"Name {mechanism.surplus}: those that pull")
     if kind.per_actuator and len(quantities) > 1:
         raise BadInput("the effect is shared by actuators that slide and others that turn",

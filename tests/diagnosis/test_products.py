@@ -79,7 +79,8 @@ def test_a_kind_on_all_joints_is_the_sum_of_it_on_each(machine: str, name: str) 
     system, _ = system_of(machine)
     kind, setting = effect_kinds()[name], system.parts[0].setting
     motion = system.problem.mechanism.motion
-    if not kind.per_actuator or not kind.exists_in(motion) or kind.carried is not None:
+    if not kind.per_actuator or not kind.exists_in(motion) or kind.carried is not None or (
+            kind.opposed):      # who pulls is one thing
         return
     values = start_values(kind, motion)
     for n, spec in enumerate(kind.parameters(motion)):

@@ -32,6 +32,7 @@ OTHERS = {
         "term_candidates.PER_NODE", "learned_shapes.POINTS"},
     # what is smaller changes no digit that is told
     "round-off": {
+        "hypotheses.AS_ROUND_OFF",
         "block_sets.NEGLIGIBLE", "gross_rows.LOST", "moves.LEAST_GAIN", "pairs.ROUND_OFF",
         "ranges.FAR", "ranges.LEAST", "ranges.TINY", "learning.ROUND_OFF", "learning.UNSEEN",
         "linear_system.RANK", "session_effects.SEEN", "unknown_causes.ROUND_OFF",

@@ -21,6 +21,7 @@ from ppmcal.controllers.ropes.files import (
 from ppmcal.errors import BadInput
 from ppmcal.limits import CONFIG_BYTES
 from ppmcal.linalg import Array
+from ppmcal.model.motions import TRANSLATIONAL
 from ppmcal.notes import Note
 from ppmcal.store.inputs import read_bytes
 from ppmcal.wording import pluralize
@@ -131,7 +132,7 @@ def _machine(path: Path, joints: Array, anchors: Array, lengths: Array, origin: 
         "A Hangprinter: lines hold a head that stays level. Joint values are line positions, by\n"
         "how much a line is longer than where they were zeroed, and offsets the lengths there.\n"
         f"Anchors: {origin}." + ("\nWhat is fixed of these defines the frame." if blind else ""),
-        "translational",
+        str(TRANSLATIONAL),
         tuple(Rope(name, tuple(place), f"{length:.6g}", fixed)
               for name, place, length, fixed in zip(
                   NAMES, anchors.tolist(), lengths.tolist(), (*held, *[""] * (k - len(held))),

@@ -28,6 +28,7 @@ from ppmcal.controllers.ropes.files import (
 )
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
+from ppmcal.model.motions import PLANAR_POINT
 from ppmcal.notes import Note
 from ppmcal.wording import pluralize
 
@@ -137,7 +138,7 @@ def _machine(path: Path, rows: Array, anchors: Array, origin: str, tolerance: fl
         f"Maslow of {path.name}",
         "A Maslow: four belts hold a router. Anchors are about where they are:\n"
         f"{origin}.\nThe origin is the bottom left anchor, and the x axis goes through the bottom "
-        "right one:\nwhat is fixed of these defines the frame.", "planar-point",
+        "right one:\nwhat is fixed of these defines the frame.", str(PLANAR_POINT),
         tuple(Rope(belt, tuple(at), "{share: belt_end, value: 0, fixed: true}",
                    {"bl": "xy", "br": "y"}.get(belt, ""))
               for belt, at in zip(BELTS, anchors.tolist(), strict=True)),
