@@ -44,19 +44,38 @@ def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
         return mechanism
     if not mechanism.free:      # a machine that is looked at, not fitted
         return mechanism
-    held = _held(mechanism, datasets)
+    unseen, arcs = _unseen(mechanism, datasets)
+    held = _held(mechanism, unseen)
     if not held:
         return mechanism
     said = Note(f"{', '.join(mechanism.names[p] for p in held)} are held as they are: they define "
                 "the frames of base and platform, of which joint values alone say nothing (gauge).",
                 NOTE, "gauge")
+    spread = _spread(mechanism, unseen, arcs, held)
     return replace(mechanism, free=tuple(p for p in mechanism.free if p not in held),
+                   parameters=tuple(replace(p, frame_spread=spread.get(n, 0.0))
+                                    for n, p in enumerate(mechanism.parameters)),
                    findings=(*mechanism.findings, said))
 
 
-def _held(mechanism: Mechanism, datasets: Sequence[Dataset]) -> list[int]:
+def _spread(mechanism: Mechanism, unseen: Array, arcs: Array, held: Sequence[int]
+            ) -> dict[int, float]:
+    """Return by how much (1 sigma) each free parameter moves with the frame that held ones define.
+
+    What is held may be off as any other part. In the frame that it defines all others are off
+    instead: x - G_f G_h^-1 (x_h - nominal), G how parameters move with the frame.
+    """
+    free = list(mechanism.free)
+    rows = [free.index(p) for p in held]
+    tau = np.array([mechanism.parameters[p].tolerance or 0.0 for p in held]) * arcs[rows]
+    moves = unseen @ linalg.pinv(unseen[rows])
+    with np.errstate(invalid="ignore"):     # of what does not move with an endless tolerance
+        spread = np.sqrt(np.sum(np.where(np.abs(moves) > UNSEEN, moves * tau, 0.0)**2, axis=1))
+    return {p: float(s) for p, s in zip(free, spread / arcs, strict=True) if p not in held}
+
+
+def _held(mechanism: Mechanism, unseen: Array) -> list[int]:
     """Return the free parameters to hold, limb by limb, in each those that the gauge moves most."""
-    unseen = _unseen(mechanism, datasets)
     basis, out = np.zeros((unseen.shape[1], 0)), list[int]()
     for end, limb, leverage in ((e, limb, part) for part in (LEVERAGE, 0.1 * LEVERAGE)
                                 for e in ("base", "platform") for limb in mechanism.limbs):
@@ -74,8 +93,11 @@ def _held(mechanism: Mechanism, datasets: Sequence[Dataset]) -> list[int]:
     return out
 
 
-def _unseen(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Array:
-    """Return how free parameters (F, z) move with the frames' motions that no row shows."""
+def _unseen(mechanism: Mechanism, datasets: Sequence[Dataset]) -> tuple[Array, Array]:
+    """Return how free parameters move with the frames' motions that no row shows, as arcs (F, z).
+
+    And the arc of each parameter's unit (F,).
+    """
     free = list(mechanism.free)
     slots = list(_slots(mechanism))
     moves = np.stack([move for _, _, move in slots]) if slots else np.zeros((0, 12))
@@ -92,9 +114,10 @@ def _unseen(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Array:
     whole = np.concatenate([size, np.zeros(len(motions) - len(size))])
     still = motions[whole < UNSEEN * max(1.0, float(whole.max(initial=0.0)))]
     # motions that move no free parameter are nothing to hold; angles count as arcs
-    found = np.linalg.norm(by_free, axis=0)[:, None] * (steps @ still.T)
-    directions, weight, _ = linalg.svd(found)
-    return np.asarray(directions[:, weight > UNSEEN] * weight[weight > UNSEEN])
+    arcs = np.linalg.norm(by_free, axis=0)
+    directions, weight, _ = linalg.svd(arcs[:, None] * (steps @ still.T))
+    seen = weight > UNSEEN
+    return np.asarray(directions[:, seen] * weight[seen]), np.where(arcs > 0.0, arcs, 1.0)
 
 
 def _slots(mechanism: Mechanism) -> Iterator[tuple[int, str, Array]]:
