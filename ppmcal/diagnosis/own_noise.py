@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ppmcal.calibration.fit import Problem, typical_noise, with_own_noise
+from ppmcal.calibration.fit import Problem, secondary, typical_noise, with_own_noise
 from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
@@ -36,7 +36,18 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
     found = diagnose_with_registration(own, options)
     if not told or not found.effects:
         return found, told
-    # probabilities hold that such noise is hardly known: once more is as good as often
+    notes = list[str]()
+    found, told = secondary("the noise that what was named leaves", lambda: _once_more(
+        problem, own, found, told, options), (found, told), notes)
+    return found, [*told, *notes]
+
+
+def _once_more(problem: Problem, own: Problem, found: Diagnosis, told: list[str],
+               options: DiagnosisOptions) -> tuple[Diagnosis, list[str]]:
+    """Return the diagnosis by the noise that the named leaves where that is less; else ``found``.
+
+    Probabilities hold that such noise is hardly known: once more is as good as often.
+    """
     fit = found.identification.fit
     machine = fit.problem.mechanism.with_values(fit.state.g)
     gone = {d.name for d in fit.problem.datasets if not d.usable.any()}
