@@ -20,7 +20,7 @@ from ppmcal.diagnosis.question import NO_CAUSES, Asked, Source, WrongRows, quest
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.term_candidates import all_settings
 from ppmcal.diagnosis.thinning import thinned
-from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY, UnknownCause, UnknownCauses
+from ppmcal.diagnosis.unknown_causes import PULLS, UNKNOWN_FAMILY, UnknownCause, UnknownCauses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.inference.block_sets import BlockSet, Numbers, state
 from ppmcal.inference.columns import MatrixColumns
@@ -305,6 +305,13 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
     if rows and state(asked.question, rows).log_p > answer.best.log_p:
         size = ask()
         answer = posterior(asked.question, rows, size.too_large if large else None)
+    # steps from place to place can stand for what is another at each, and hide it from the search
+    pulls = [n for n, s in enumerate(asked.sources)
+             if isinstance(s, UnknownCause) and s.label == PULLS]
+    if pulls and not set(pulls) & set(answer.best.chosen):
+        size = ask()
+        other = posterior(asked.question, pulls, size.too_large if large else None)
+        answer = max(answer, other, key=lambda a: a.best.log_p)
     return Round(fit, added, tuple(own), kinds, found, asked, answer, _whitening(answer.best),
                  size.found, (ENDED,) if answer.ended else ())
 

@@ -30,6 +30,7 @@ from ppmcal.model.motions import Motion
 
 UNKNOWN_FAMILY = "unknown"
 """The family of what no kind of the library does."""
+PULLS = "what limbs pull against each other, another at each pose"
 SHORT = LENGTHS[:2]
 """Ways within which a reversal is taken up: over longer ones it is a slope and no reversal."""
 WAVES = 24
@@ -178,7 +179,7 @@ class UnknownCauses:
                    [np.eye(poses.size)], False, None, ())
         if self.system.problem.mechanism.surplus and "all zeros" in self.zeros:
             every = np.concatenate(list(each.values()), axis=1)
-            yield ("what limbs pull against each other, another at each pose", every,
+            yield (PULLS, every,
                    [np.eye(every.shape[1])], True, None, ())
 
     def _of_ways(self) -> Iterator[Made]:
