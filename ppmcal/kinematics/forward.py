@@ -112,7 +112,7 @@ def least_of_minima(model: Model, q: Array, pose: Array) -> Array:
         return pose
     pose = pose.copy()
     rows = np.flatnonzero(far)
-    for part, driven in (_part(model, some) for some in _exact_sets(model.mechanism)):
+    for part, driven in (with_limbs(model, some) for some in _exact_sets(model.mechanism)):
         led = forward(part.take(rows), q[rows][:, driven]).pose
         whole = model.take(rows)
         found, converged, _ = newton(whole.closure(q[rows]), led)
@@ -149,7 +149,7 @@ def _exact_sets(mechanism: Mechanism) -> tuple[tuple[int, ...], ...]:
     return tuple(some for value, some in sorted(chosen, reverse=True)[:MOST_PARTS] if value > SOUND)
 
 
-def _part(model: Model, some: Sequence[int]) -> tuple[Model, list[int]]:
+def with_limbs(model: Model, some: Sequence[int]) -> tuple[Model, list[int]]:
     """Return the machine with some of its limbs, and which actuators they have."""
     mechanism = model.mechanism
     chosen = [mechanism.limbs[i] for i in some]

@@ -32,6 +32,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.kinematics.partial_pose import named_only
+from ppmcal.kinematics.singular_structure import singular_structure
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value, inverse_table
 from ppmcal.linalg import Array, ways
 from ppmcal.model.dataset import Dataset
@@ -86,8 +87,11 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     findings = [*mechanism.findings, *(f for d in datasets for f in d.findings), *plausibility,
                 *_open_limbs(mechanism, gaps), *_dead_points(mechanism)]
     if value < SINGULAR_HOME:
+        cause = singular_structure(mechanism)
         findings.append(f"the machine is close to a singularity at home: smallest singular value "
-                        f"{value:.2g} (a sound machine has 0.1 to 1). Choose another home pose.")
+                        f"{value:.2g} (a sound machine has 0.1 to 1)"
+                        f"{': ' * bool(cause)}{cause}. Choose another home pose"
+                        f"{', or correct the points' * bool(cause)}.")
     judged = bool(mechanism.free) and value >= SINGULAR_HOME
     misreadings: tuple[Interpretation, ...] = ()
     if datasets and judged:

@@ -22,6 +22,7 @@ from ppmcal.calibration.interpretation.interpretation_error import (
     Interpretation,
     InterpretationError,
 )
+from ppmcal.calibration.interpretation.joints_alone import refuse_exchanged, refuse_joints_alone
 from ppmcal.calibration.interpretation.limits import (
     ALLOWED,
     AS_GOOD,
@@ -216,7 +217,9 @@ def refuse_misread(problem: Problem) -> None:
     Raises:
         InterpretationError: neither tolerances nor another geometry explain them, or the first rows
             do and others do not; it says how they are to be read, where that is found.
+        BadInput: as :func:`refuse_joints_alone`.
     """
+    refuse_joints_alone(problem)
     found = misfit(problem)
     log.info("other readings of the files: %s", f"{len(found.readings)} found" if found.readings
              else "none needed" if not found.misread else "none found")
@@ -258,6 +261,7 @@ def refuse_after_fit(fit: Fit) -> None:
     left = distances(fit.problem, fit.state).times(fit.keep)
     if left > TELLING or rms(tolerances_away(fit.problem, fit.state)) > FAR:
         _refuse(_misreadings(replace(fit.problem, earlier=None)), fit.problem)
+        refuse_exchanged(fit.problem)
     _refuse(wrong_rows(fit), fit.problem)
 
 
@@ -304,6 +308,12 @@ def refusal(problem: Problem) -> InterpretationError | None:
 
     A fit of all rows is made only where a short one leaves more than noise, or goes far.
     """
+    try:
+        refuse_joints_alone(problem)
+    except BadInput as error:
+        return InterpretationError(error.what, error.where, error.hint)
+    except InterpretationError as error:
+        return error
     try:
         refuse_misread(problem)
     except InterpretationError as error:

@@ -9,7 +9,8 @@ from functools import partial
 import numpy as np
 
 from ppmcal import linalg
-from ppmcal.calibration.fit import analyse, observability, secondary
+from ppmcal.calibration.fit import Problem, analyse, observability, secondary, with_gauge
+from ppmcal.calibration.knowledge import Scale, predict_identifiability
 from ppmcal.design.plan import information as accuracy
 from ppmcal.design.plan.candidate_poses import Candidates, Region, draw, evenly, listed, region_of
 from ppmcal.design.plan.d_optimal import Design, Rules, exchange, greedy, log_det, pruned
@@ -81,6 +82,9 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
     region = None if given else region_of(nominal)
     pool = listed(nominal, *given) if given else draw(nominal, region_of(nominal),
                                                       options.candidates, options.seed)
+    if instrument.kind.inside:
+        # held as `identify` holds it: the frame so defined is that of all figures
+        mechanism = with_gauge(mechanism, [instrument.dataset(pool.q, pool.pose, {}, nominal)])
     with_effects = with_kinds(mechanism, options.asked, pool.q)
     pose, columns = offered(with_effects, options.asked, pool.q, options.seed)
     start_stage("information of each candidate")
@@ -147,7 +151,15 @@ def _planned(space: _PoseSpace, options: PlanOptions, aims: _Aims, wanted: float
         _best(whole, order, chosen, rules, rng, tasks, least, notes), least, pays,
         accuracy.limit(whole, tasks), reached, about, seen, better, aims.count, aims.left_out,
         space.region is not None and count <= MOST_REFINED, _unused(space, options.asked),
-        tuple(notes))
+        tuple(notes), _scale(space, rows) if space.instrument.kind.inside else None)
+
+
+def _scale(space: _PoseSpace, rows: Ints) -> Scale | None:
+    """Return how well joint values of the plan show the machine's size."""
+    mechanism, pose = space.whole.problem.mechanism, space.whole.pose[rows]
+    data = space.instrument.dataset(space.pool.q[pose], space.pool.pose[pose],
+                                    {n: c[rows] for n, c in space.columns.items()}, mechanism)
+    return predict_identifiability(Problem(mechanism, (data,), mechanism.free), "prior").scale
 
 
 def _size(space: _PoseSpace, options: PlanOptions, rules: Rules, tasks: tuple[Array, Array]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from ppmcal.calibration.knowledge import Scale
 from ppmcal.design.plan.candidate_poses import Candidates
 from ppmcal.design.plan.information import CandidateInformation, Curve
 from ppmcal.design.plan.path import Route
@@ -39,6 +40,7 @@ class Plan:
         refined: whether the chosen poses were moved in small steps.
         unused: settings that were given and that nothing depends on.
         notes: comparisons that are left out.
+        scale: how well joint values alone will show the machine's size, None with an instrument.
     """
 
     mechanism: Mechanism
@@ -66,3 +68,4 @@ class Plan:
     refined: bool
     unused: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    scale: Scale | None = None

@@ -9,8 +9,9 @@ import numpy as np
 from ppmcal import linalg
 from ppmcal.design.plan.information import PAYS, reaching
 from ppmcal.design.plan.result import Plan
+from ppmcal.io.results.identifiability import ScaleUncertainty
 from ppmcal.model.dataset import Unknown
-from ppmcal.notes import Note
+from ppmcal.notes import Note, about
 from ppmcal.wording import pluralize
 
 FEWEST = 2
@@ -22,7 +23,8 @@ def sentences(plan: Plan, wanted: float | None, notes: Sequence[str]) -> list[st
     """Return the result in sentences, the most important first."""
     return [measurements(plan), accuracy(plan), *_reached(plan, wanted), diminishing_returns(plan),
             *observability(plan), *effects(plan), *settings(plan), route(plan), instrument(plan),
-            candidates(plan), *_undetermined(plan), *_open_ended(plan), *notes]
+            candidates(plan), *_undetermined(plan), *_open_ended(plan), *_frame(plan),
+            *_scale(plan), *notes]
 
 
 def findings(plan: Plan, wanted: float | None) -> list[str]:
@@ -47,6 +49,22 @@ def findings(plan: Plan, wanted: float | None) -> list[str]:
         out.append(Note(f"No path was found from the row before to row {_listed(lost)}, neither "
                         "straight nor through home: see `via` in poses.csv."))
     return out
+
+
+def _frame(plan: Plan) -> list[str]:
+    """Return what joint values alone cannot show of the frames, and what defines them."""
+    return [str(f) for f in about(plan.mechanism.findings, ("gauge",))]
+
+
+def _scale(plan: Plan) -> list[str]:
+    """Return which distance, measured once, would fix the size that joint values do not show."""
+    if plan.scale is None or not plan.scale.open:
+        return []
+    place = plan.pool.pose[plan.offer.pose[plan.rows], :3]
+    apart = np.linalg.norm(place[:, None] - place, axis=2)
+    first, last = sorted(np.unravel_index(int(np.argmax(apart)), apart.shape))
+    return [f"{ScaleUncertainty.of(plan.scale, plan.mechanism.units).sentence()} It is that of "
+            f"the platform between rows {first + 1} and {last + 1}."]
 
 
 def effects(plan: Plan) -> list[str]:
@@ -92,8 +110,9 @@ def accuracy(plan: Plan) -> str:
     """Return how exact the machine will then be, and how many random poses would do as much."""
     own = next((p, r) for n, p, r in plan.best if n == len(plan.rows))
     count = len(plan.rows)
+    frame = "base's" if plan.instrument.kind.inside else "instrument's"
     text = (f"The calibrated machine is then known to {_accuracy_words(plan, *own)} (one standard "
-            f"deviation, rms over {plan.tasks} task poses, in the instrument's frame)")
+            f"deviation, rms over {plan.tasks} task poses, in the {frame} frame)")
     other = (float(plan.random.position[count - 1]), float(plan.random.rotation[count - 1]))
     if not np.isfinite(other[0]):
         return f"{text}; {count} random measurements do not determine everything."
@@ -161,7 +180,7 @@ def instrument(plan: Plan) -> str:
     noise = []
     if i.kind.scalar:
         noise.append(f"{i.kind.number} {units.words(i.sigma_value, i.kind.quantity)}")
-    elif i.kind.of_poses:
+    elif i.kind.of_poses and not i.kind.blind:
         noise.append(f"position {units.words(i.sigma_position, 'length')}")
     if np.isfinite(i.sigma_rotation):
         noise.append(f"rotation {units.words(i.sigma_rotation, 'angle')}")
@@ -178,6 +197,8 @@ def instrument(plan: Plan) -> str:
     if not i.kind.of_poses:
         stands = f"offset {_open(i.offset)}" if i.kind.at else (
             f"tilt of the base {_open(i.frame)}, rotation of the sensor {_open(i.target_rotation)}")
+    if i.kind.blind:
+        return f"Without an instrument: joint values alone, standard deviation {', '.join(noise)}."
     text = f"{own}: {kind}, standard deviation {', '.join(noise)}; {stands}."
     if i.target.fitted and plan.mechanism.motion.turns:
         text += " The unknown target is taken to be near the platform's origin."

@@ -1,0 +1,116 @@
+"""Joint values alone that cannot be a machine's: one refusal each, with its cause and place."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.redundant import alone, belts, cables, rope_cage, written
+
+import ppmcal
+from ppmcal.calibration.interpretation import InterpretationError
+from ppmcal.errors import BadInput, PpmcalError
+
+HALF = {"belts": {"x": 900, "y": 600}, "cables": {"x": 700, "y": 500, "rz": 8},
+        "cage": {"x": 600, "y": 500, "z": 400, "rx": 10, "ry": 10, "rz": 10}}
+
+
+def measured(folder, tree, count=40):
+    """Return the machine's file and rows of joint values alone."""
+    path = written(folder, tree)
+    return path, ppmcal.simulate(path, alone(tree, HALF[tree["name"]], count, sigma=0.3)).data[0]
+
+
+def refused(path, data, error=BadInput):
+    with pytest.raises(error) as found:
+        ppmcal.identify(path, data)
+    assert found.value.where and found.value.hint
+    return str(found.value)
+
+
+def exchanged(data, *pairs):
+    order = list(range(data.q.shape[1]))
+    for i, j in pairs:
+        order[i], order[j] = order[j], order[i]
+    return replace(data, q=data.q[:, order])
+
+
+@pytest.mark.parametrize("scatter", [0.0, 2e-4])
+@pytest.mark.parametrize("tree", [belts, cables], ids=["belts", "cables"])
+def test_a_rope_that_stands_still(tree, scatter, tmp_path):
+    path, data = measured(tmp_path, tree())
+    q = data.q.copy()
+    q[:, 1] = 2.0 + scatter * np.random.default_rng(1).normal(size=len(q))
+    text = refused(path, replace(data, q=q))
+    assert f"q_{('br', 'c1')[tree is cables]} hardly changes while the other joints move" in text
+
+
+@pytest.mark.parametrize(("tree", "joint", "part"), [
+    (belts, "br", 0.6), (belts, "br", 1.0), (rope_cage, "r2", 0.6)],
+    ids=["belts", "belts in all rows", "cage"])
+def test_a_slack_rope_in_many_rows_is_named(tree, joint, part, tmp_path):
+    path, data = measured(tmp_path, tree())
+    rng = np.random.default_rng(2)
+    q = data.q.copy()
+    slack = rng.permutation(len(q))[:round(part * len(q))]
+    q[slack, 1] += rng.uniform(0.2, 0.6, len(slack))
+    text = refused(path, replace(data, q=q))
+    assert "limbs read longer than the others let them be" in text
+    assert f"q_{joint} in " in text
+
+
+def test_few_slack_ropes_are_left_out_row_by_row(tmp_path):
+    path, data = measured(tmp_path, belts())
+    q = data.q.copy()
+    q[[3, 17], 1] += 0.4
+    found = ppmcal.identify(path, replace(data, q=q)).identification
+    assert {r.row for r in found.gross_errors.rows} == {4, 18}
+
+
+def test_readings_at_one_place(tmp_path):
+    path, data = measured(tmp_path, belts())
+    q = np.tile(data.q[:1], (30, 1)) + 3e-4 * np.random.default_rng(3).normal(size=(30, 4))
+    text = refused(path, replace(data.take(np.arange(len(data)) < 30), q=q))
+    assert "all 30 rows are at one place, where joint values alone give 2 numbers for 5" in text
+    assert "at least 3 places" in text
+
+
+@pytest.mark.parametrize(("tree", "pairs"), [
+    (belts, [(0, 2)]), (belts, [(2, 3)]), (cables, [(0, 2)]), (rope_cage, [(0, 1)])])
+def test_two_exchanged_columns_are_named(tree, pairs, tmp_path):
+    path, data = measured(tmp_path, tree())
+    found = exchanged(data, *pairs)
+    text = refused(path, found, InterpretationError)
+    names = [f"q_{limb['name']}" for limb in tree()["limbs"]]
+    assert f"{names[pairs[0][0]]} and {names[pairs[0][1]]} are exchanged" in text
+    assert "limbs contradict each other by" in text and "Write into the sidecar" in text
+    if tree is not cables:      # of one surplus a row only the fit shows it
+        assert any("are exchanged" in f for f in ppmcal.check(path, found).findings)
+
+
+@pytest.mark.parametrize(("tree", "cause"), [
+    (cables, "all limbs hold the platform in one point"),
+    (rope_cage, "all limbs hold the platform in one point"),
+    (belts, "all anchors lie in one line with the platform at home")])
+def test_points_that_leave_the_platform_free(tree, cause, tmp_path):
+    _, data = measured(tmp_path, tree())
+    file = tree()
+    for i, limb in enumerate(file["limbs"]):
+        if tree is belts:
+            limb["base"]["point"] = [1000 * i, 2100]
+            file["home"]["pose"] = {"x": 1400, "y": 2100}
+        else:
+            limb["platform"]["point"] = [0, 0, 0][:len(limb["platform"]["point"])]
+    path = written(tmp_path, file, "bad.yaml")
+    assert cause in refused(path, data)
+    assert any(cause in f for f in ppmcal.check(path).findings)
+
+
+def test_what_is_right_is_not_refused(tmp_path):
+    for tree in (belts, cables, rope_cage):
+        folder = tmp_path / tree.__name__
+        folder.mkdir()
+        path, data = measured(folder, tree())
+        try:
+            ppmcal.identify(path, data)
+        except PpmcalError as error:     # pragma: no cover
+            pytest.fail(str(error))
