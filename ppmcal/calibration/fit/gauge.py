@@ -37,29 +37,69 @@ def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
     """Return the machine with the parameters held that define the frames of base and platform.
 
     Itself where an instrument says where they stand, where the file leaves that to the tolerances
-    (``gauge: tolerances``), and where enough is fixed already.
+    (``gauge: tolerances``), and where enough is fixed already. What is not free, as in a machine
+    that such a calibration wrote, defines them before what is.
     """
     if mechanism.gauge != "base" or not datasets or not all(d.kind.blind for d in datasets):
         return mechanism
     if not mechanism.free:      # a machine that is looked at, not fitted
         return mechanism
-    held = _held(mechanism, np.concatenate([d.q for d in datasets]))
+    idle = [i for i, p in enumerate(mechanism.parameters)
+            if p.tolerance and not p.fixed and i not in mechanism.free]
+    held = _held(replace(mechanism, free=(*idle, *mechanism.free)),
+                 np.concatenate([d.q for d in datasets]), (idle, mechanism.free))
     if not held:
         return mechanism
     said = Note(f"{', '.join(mechanism.names[p] for p in held)} are held as they are: they define "
-                "the frames of base and platform, of which joint values alone say nothing (gauge).",
+                "the frames of base and platform, of which joint values alone say nothing (gauge). "
+                "How well poses are known is told in these frames.",
                 NOTE, "gauge")
     return replace(mechanism, free=tuple(p for p in mechanism.free if p not in held),
-                   findings=(*mechanism.findings, said))
+                   defining=tuple(held), findings=(*mechanism.findings, said))
 
 
-def _held(mechanism: Mechanism, q: Array) -> list[int]:
-    """Return the free parameters to hold, limb by limb, in each those that the gauge moves most."""
-    unseen = _unseen(mechanism, q)
+def by_defining(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int]) -> Array:
+    """Return how parameters ``free`` (F,) move with the frames if those that define these err (F, G).
+
+    An error of a held parameter is a motion of its frame: seen from there the others are off.
+    """
+    every = (*free, *mechanism.defining)
+    moves = _motions(replace(mechanism, free=every), np.concatenate([d.q for d in datasets]))[0]
+    return np.asarray(moves[:len(free)] @ linalg.pinv(moves[len(free):]))
+
+
+def by_frames(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
+              away: Array) -> float:
+    """Return the part of the chi-squared of tolerances that an error of the frames explains.
+
+    Args:
+        mechanism: with the parameters that define its frames; 0 of one that has none.
+        datasets: joint values that were measured.
+        free: indices of what was fitted (F,).
+        away: how far each column is from nominal over its tolerance, these first.
+    """
+    known = [mechanism.parameters[p].prior_sigma for p in (*free, *mechanism.defining)]
+    if not mechanism.defining or None in known[len(free):]:
+        return 0.0
+    moves = np.concatenate([by_defining(mechanism, datasets, free), np.eye(len(mechanism.defining))])
+    weight = np.array([1.0 / s if s else 0.0 for s in known])
+    basis = linalg.column_basis(weight[:, None] * moves)
+    return float(np.sum((away[:len(free)] @ basis[:len(free)]) ** 2))
+
+
+def _held(mechanism: Mechanism, q: Array, pools: Sequence[Sequence[int]]) -> list[int]:
+    """Return the free parameters to hold, limb by limb, in each those that the gauge moves most.
+
+    ``pools``: of one after the other.
+    """
+    moves, size = _motions(mechanism, q)
+    unseen = size[:, None] * moves    # angles count as arcs
     basis, out = np.zeros((unseen.shape[1], 0)), list[int]()
-    for end, limb, leverage in ((e, limb, part) for part in (LEVERAGE, 0.1 * LEVERAGE)
-                                for e in ("base", "platform") for limb in mechanism.limbs):
-        own = [c for c, p in enumerate(mechanism.free) if p in limb.slots.feeds_points(end)]
+    for pool, end, limb, leverage in (
+            (pool, e, limb, part) for pool in pools for part in (LEVERAGE, 0.1 * LEVERAGE)
+            for e in ("base", "platform") for limb in mechanism.limbs):
+        own = [c for c, p in enumerate(mechanism.free)
+               if p in pool and p in limb.slots.feeds_points(end)]
         for _ in own:
             new = np.linalg.norm(unseen - unseen @ basis @ basis.T, axis=1)
             rest = [c for c in own if mechanism.free[c] not in out]
@@ -73,8 +113,11 @@ def _held(mechanism: Mechanism, q: Array) -> list[int]:
     return out
 
 
-def _unseen(mechanism: Mechanism, q: Array) -> Array:
-    """Return how free parameters (F, z) move with the frames' motions that no row (N, k) shows."""
+def _motions(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
+    """Return how free parameters (F, z) move with the frames' motions that no row (N, k) shows.
+
+    With it the size (F,) of what a unit of each moves; in these z are orthogonal.
+    """
     free = list(mechanism.free)
     slots = list(_slots(mechanism))
     moves = np.stack([move for _, _, move in slots]) if slots else np.zeros((0, 12))
@@ -87,10 +130,10 @@ def _unseen(mechanism: Mechanism, q: Array) -> Array:
     _, size, motions = linalg.svd(np.concatenate(shown), full=True)
     whole = np.concatenate([size, np.zeros(len(motions) - len(size))])
     still = motions[whole < UNSEEN * max(1.0, float(whole.max(initial=0.0)))]
-    # motions that move no free parameter are nothing to hold; angles count as arcs
-    found = np.linalg.norm(by_free, axis=0)[:, None] * (steps @ still.T)
-    directions, weight, _ = linalg.svd(found)
-    return np.asarray(directions[:, weight > UNSEEN] * weight[weight > UNSEEN])
+    # motions that move no free parameter are nothing to hold
+    size, found = np.linalg.norm(by_free, axis=0), steps @ still.T
+    _, weight, turned = linalg.svd(size[:, None] * found)
+    return np.asarray(found @ turned[weight > UNSEEN].T), np.asarray(size)
 
 
 def _slots(mechanism: Mechanism) -> Iterator[tuple[int, str, Array]]:
