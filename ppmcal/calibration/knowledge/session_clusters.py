@@ -105,6 +105,7 @@ def by_gaps(data: Clusters) -> Components:
     hardly sees a direction needs far more of them there, and has them nowhere else.
     """
     size, turn = eigh(data.matrix + np.diag(data.prior**2 + RIDGE))
+    size = np.maximum(size, RIDGE)    # round-off, beside rows that are all but exact
     return Components(turn / np.sqrt(size)[:, None, :], np.zeros(size.shape[1], dtype=int),
                       ("gaps",))
 
