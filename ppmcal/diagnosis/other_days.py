@@ -84,7 +84,7 @@ def worse_days(days: Sequence[Validated]) -> list[str]:
     """Return what the user must look at: effects without which a day is surely predicted better."""
     out = []
     for day in days:
-        whole = (day.errors[0].position or day.errors[0].rotation)["rms"]
+        whole = day.errors[0].size["rms"]
         out += [f"{day.name} is predicted better {e.label}, by {100.0 * e.closer / whole:.0f} %: "
                 "what the other sessions show of it is not the machine's"
                 for e in day.errors if e.sure > 0 and e.label.startswith("without")]

@@ -90,6 +90,7 @@ class Mechanism:
             weight / t^exponent; classes that the file leaves out are not there.
         gauge: how a calibration by joint values alone fixes the base: ``base``, by base points that
             stay where they are, or ``tolerances``, by the priors of all.
+        defining: parameters that are held for that: exact in the frames that they define.
         source: path of the file, for messages; ``inputs``: all files it was read from.
     """
 
@@ -113,6 +114,7 @@ class Mechanism:
     findings: tuple[Note, ...] = ()
     source: str = ""
     gauge: str = "base"
+    defining: tuple[int, ...] = ()
     inputs: tuple[str, ...] = ()
     stiffness: tuple[Mapping[str, float], ...] = ()
     tolerances: Mapping[str, float] = field(default_factory=dict)
@@ -124,6 +126,11 @@ class Mechanism:
         effects = "".join(f"; {k}" for k in dict.fromkeys(e.kind.name for e in self.effects))
         return (f"<mechanism {self.name}: {self.motion}, {pluralize(len(self.limbs), 'limb')} "
                 f"{kinds}, {pluralize(len(self.free), 'free parameter')}{effects}>")
+
+    @property
+    def self_calibrated(self) -> bool:
+        """Whether joint values alone calibrated it: it knows its base's frame, and no other."""
+        return self.measured is not None and not self.registrations
 
     @property
     def dof(self) -> tuple[int, ...]:

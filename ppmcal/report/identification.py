@@ -124,7 +124,10 @@ def accuracy(one: Identified) -> Section | None:
     if not rows:
         return None
     words = [one.record.holdout_note, before_words(residual.before_is).strip()]
-    if "closure" in kinds:
+    if kinds == ["closure"]:
+        words.append("Closure is how far each limb is from closing at the pose that suits all "
+                     "best, as a length.")
+    elif "closure" in kinds:
         words.append("Closure is the limb condition at the measured poses, as a length.")
     note = " ".join(w[0].upper() + w[1:].rstrip(".") + "." for w in words if w)
     return Section("Error before and after", '<div class="pair">'

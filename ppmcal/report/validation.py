@@ -55,16 +55,17 @@ def lead(record: ValidationRecord) -> str:
 def _heads(data: ValidatedDataset) -> list[str]:
     """Return the heads of the columns, units among them."""
     first = data.errors[0]
-    size = first.position or first.rotation
+    size = first.size
     unit = "" if size is None else f", {size.unit}"
     more = [f"rotation, {first.rotation.unit} rms"] if first.position and first.rotation else []
-    return ["machine", f"error{unit} rms", "its 95 %", f"95 % point{unit}", f"largest{unit}", *more,
+    of = "closure" if data.alone else "error"
+    return ["machine", f"{of}{unit} rms", "its 95 %", f"95 % point{unit}", f"largest{unit}", *more,
             f"better by{unit}", "its 95 %", ""]
 
 
 def _row(e: PredictedError) -> list[Cell]:
     """Return a machine's line."""
-    size = e.position or e.rotation or ErrorSize()
+    size = e.size or ErrorSize()
     between = _between(e.low, e.high, 2) if e.verdict else ""
     more = [number_cell(e.rotation.rms)] if e.position and e.rotation else []
     return [text_cell(e.model), number_cell(size.rms),
@@ -82,7 +83,7 @@ def _between(low: float | None, high: float | None, digits: int = 3) -> str:
 
 def picture(data: ValidatedDataset) -> Drawing | None:
     """Return the error of every machine on one data set, None where nothing is to compare."""
-    shown = [(e, size.rms, size.unit) for e in data.errors if (size := e.position or e.rotation)
+    shown = [(e, size.rms, size.unit) for e in data.errors if (size := e.size)
              and size.rms is not None]
     if len(shown) < 2:
         return None

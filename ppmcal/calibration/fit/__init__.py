@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.fitting import identify as identify
     from ppmcal.calibration.fit.flatness import Flat as Flat
     from ppmcal.calibration.fit.flatness import flats as flats
+    from ppmcal.calibration.fit.gauge import by_defining as by_defining
     from ppmcal.calibration.fit.gauge import with_gauge as with_gauge
     from ppmcal.calibration.fit.gauss_newton import CONVERGED as CONVERGED
     from ppmcal.calibration.fit.gauss_newton import least_squares as least_squares

@@ -38,48 +38,67 @@ def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
     """Return the machine with the parameters held that define the frames of base and platform.
 
     Itself where an instrument says where they stand, where the file leaves that to the tolerances
-    (``gauge: tolerances``), and where enough is fixed already.
+    (``gauge: tolerances``), and where enough is fixed already. What is not free, as in a machine
+    that such a calibration wrote, defines them before what is.
     """
     if mechanism.gauge != "base" or not datasets or not all(d.kind.inside for d in datasets):
         return mechanism
     if not mechanism.free:      # a machine that is looked at, not fitted
         return mechanism
-    unseen, arcs = _unseen(mechanism, datasets)
-    held = _held(mechanism, unseen)
+    idle = [i for i, p in enumerate(mechanism.parameters)
+            if p.tolerance and not p.fixed and i not in mechanism.free]
+    every = replace(mechanism, free=(*idle, *mechanism.free))
+    moves, size = _motions(every, datasets)
+    held = _held(every, size[:, None] * moves, (idle, mechanism.free))
     if not held:
         return mechanism
     said = Note(f"{', '.join(mechanism.names[p] for p in held)} are held as they are: they define "
-                "the frames of base and platform, of which joint values alone say nothing (gauge).",
+                "the frames of base and platform, of which joint values alone say nothing (gauge). "
+                "How well poses are known is told in these frames.",
                 NOTE, "gauge")
-    spread = _spread(mechanism, unseen, arcs, held)
+    spread = _spread(every, moves, held)
     return replace(mechanism, free=tuple(p for p in mechanism.free if p not in held),
                    parameters=tuple(replace(p, frame_spread=spread.get(n, 0.0))
                                     for n, p in enumerate(mechanism.parameters)),
-                   findings=(*mechanism.findings, said))
+                   defining=tuple(held), findings=(*mechanism.findings, said))
 
 
-def _spread(mechanism: Mechanism, unseen: Array, arcs: Array, held: Sequence[int]
-            ) -> dict[int, float]:
+def _spread(mechanism: Mechanism, moves: Array, held: Sequence[int]) -> dict[int, float]:
     """Return by how much (1 sigma) each free parameter moves with the frame that held ones define.
 
     What is held may be off as any other part. In the frame that it defines all others are off
     instead: x - G_f G_h^-1 (x_h - nominal), G how parameters move with the frame.
     """
     free = list(mechanism.free)
-    rows = [free.index(p) for p in held]
-    tau = np.array([mechanism.parameters[p].tolerance or 0.0 for p in held]) * arcs[rows]
-    moves = unseen @ linalg.pinv(unseen[rows])
+    tau = np.array([mechanism.parameters[p].tolerance or 0.0 for p in held])
+    by_held = moves @ linalg.pinv(moves[[free.index(p) for p in held]])
     with np.errstate(invalid="ignore"):     # of what does not move with an endless tolerance
-        spread = np.sqrt(np.sum(np.where(np.abs(moves) > UNSEEN, moves * tau, 0.0)**2, axis=1))
-    return {p: float(s) for p, s in zip(free, spread / arcs, strict=True) if p not in held}
+        spread = np.sqrt(np.sum(np.where(np.abs(by_held) > UNSEEN, by_held * tau, 0.0)**2, axis=1))
+    return {p: float(s) for p, s in zip(free, spread, strict=True) if p not in held}
 
 
-def _held(mechanism: Mechanism, unseen: Array) -> list[int]:
-    """Return the free parameters to hold, limb by limb, in each those that the gauge moves most."""
+def by_defining(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int]) -> Array:
+    """Return how parameters ``free`` (F,) move with the frames if what defines these errs (F, G).
+
+    An error of a held parameter is a motion of its frame: seen from there the others are off.
+    """
+    every = (*free, *mechanism.defining)
+    moves = _motions(replace(mechanism, free=every), datasets)[0]
+    return np.asarray(moves[:len(free)] @ linalg.pinv(moves[len(free):]))
+
+
+def _held(mechanism: Mechanism, unseen: Array, pools: Sequence[Sequence[int]]) -> list[int]:
+    """Return the free parameters to hold, limb by limb, in each those that the gauge moves most.
+
+    ``unseen``: how they move with the frames, angles as arcs (F, z); ``pools``: of one after the
+    other.
+    """
     basis, out = np.zeros((unseen.shape[1], 0)), list[int]()
-    for end, limb, leverage in ((e, limb, part) for part in (LEVERAGE, 0.1 * LEVERAGE)
-                                for e in ("base", "platform") for limb in mechanism.limbs):
-        own = [c for c, p in enumerate(mechanism.free) if p in limb.slots.feeds_points(end)]
+    for pool, end, limb, leverage in (
+            (pool, e, limb, part) for pool in pools for part in (LEVERAGE, 0.1 * LEVERAGE)
+            for e in ("base", "platform") for limb in mechanism.limbs):
+        own = [c for c, p in enumerate(mechanism.free)
+               if p in pool and p in limb.slots.feeds_points(end)]
         for _ in own:
             new = np.linalg.norm(unseen - unseen @ basis @ basis.T, axis=1)
             rest = [c for c in own if mechanism.free[c] not in out]
@@ -93,10 +112,10 @@ def _held(mechanism: Mechanism, unseen: Array) -> list[int]:
     return out
 
 
-def _unseen(mechanism: Mechanism, datasets: Sequence[Dataset]) -> tuple[Array, Array]:
-    """Return how free parameters move with the frames' motions that no row shows, as arcs (F, z).
+def _motions(mechanism: Mechanism, datasets: Sequence[Dataset]) -> tuple[Array, Array]:
+    """Return how free parameters (F, z) move with the frames' motions that no row shows.
 
-    And the arc of each parameter's unit (F,).
+    With it the size (F,) of what a unit of each moves; in these z are orthogonal.
     """
     free = list(mechanism.free)
     slots = list(_slots(mechanism))
@@ -113,11 +132,10 @@ def _unseen(mechanism: Mechanism, datasets: Sequence[Dataset]) -> tuple[Array, A
     _, size, motions = linalg.svd(np.concatenate(shown), full=True)
     whole = np.concatenate([size, np.zeros(len(motions) - len(size))])
     still = motions[whole < UNSEEN * max(1.0, float(whole.max(initial=0.0)))]
-    # motions that move no free parameter are nothing to hold; angles count as arcs
-    arcs = np.linalg.norm(by_free, axis=0)
-    directions, weight, _ = linalg.svd(arcs[:, None] * (steps @ still.T))
-    seen = weight > UNSEEN
-    return np.asarray(directions[:, seen] * weight[seen]), np.where(arcs > 0.0, arcs, 1.0)
+    # motions that move no free parameter are nothing to hold
+    size, found = np.linalg.norm(by_free, axis=0), steps @ still.T
+    _, weight, turned = linalg.svd(size[:, None] * found)
+    return np.asarray(found @ turned[weight > UNSEEN].T), np.asarray(size)
 
 
 def _slots(mechanism: Mechanism) -> Iterator[tuple[int, str, Array]]:

@@ -134,6 +134,11 @@ class Problem:
         return lay_out(self.mechanism, self.datasets, self.free, self.pivots)
 
     @property
+    def blind(self) -> bool:
+        """Whether all data are joint values alone."""
+        return all(d.kind.blind for d in self.datasets)
+
+    @property
     def opens(self) -> tuple[NuisanceColumns, ...]:
         """Column layout of each data set's open quantities."""
         return self._layout[0]

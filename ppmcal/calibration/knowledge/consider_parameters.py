@@ -5,6 +5,11 @@ it: of the rows that its error moved they took over what they could imitate. Wit
 data and prior and J those of the held parameters, an error d of these makes the estimates err by
 H^+ J d (Schmidt 1966; Bierman 1977, chapter VIII). Where rows were measured the two cancel as far
 as they are alike; away from there they need not.
+
+Where joint values alone were measured, some are held to define the frames of base and platform
+(:mod:`ppmcal.calibration.fit.gauge`). These are exact: an error d of theirs is a motion of the
+frame, seen from which the others are off by N d more, and H^+ J = -N wherever data tell. What is
+left, (H^+ J + N) d, is what the tolerances of the others say too much, for they are of no frame.
 """
 
 from __future__ import annotations
@@ -14,7 +19,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, Response, column_scale, directions, qr_factor
+from ppmcal.calibration.fit import (
+    Fit,
+    Response,
+    by_defining,
+    column_scale,
+    directions,
+    qr_factor,
+)
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
@@ -59,18 +71,26 @@ class Considered:
     """Held parameters, SI.
 
     ``names`` (H,); ``sigma`` (H,) how far each may be off, one standard deviation; ``gain`` (C, H)
-    by how much each fitted column errs with the error of each.
+    by how much each fitted column errs with the error of each. ``frame`` (C, G) and ``pull``
+    (C, G): by how much fitted columns err in the frames that some define, and are found off
+    nominal, as far as tolerances leave these open, one standard deviation.
     """
 
     names: tuple[str, ...]
     sigma: Array
     gain: Array
+    frame: Array | None = None
+    pull: Array | None = None
 
     def more(self, names: Collection[str] | None = None) -> Array:
         """Return what they, or those of ``names``, add to the fitted columns' covariance (C, C)."""
         there = [i for i, n in enumerate(self.names) if names is None or n in names]
         own = self.gain[:, there] * self.sigma[there]
         return np.asarray(own @ own.T)
+
+    def in_frames(self, covariance: Array) -> Array:
+        """Return a covariance of columns (C, C) with what tolerances leave open in the frames."""
+        return covariance if self.frame is None else covariance + self.frame @ self.frame.T
 
     def beside(self, covariance: Array) -> Array:
         """Return the covariance of the errors of fitted and held columns (C + H, C + H).
@@ -83,9 +103,13 @@ class Considered:
 
 
 def held(mechanism: Mechanism, free: Sequence[int]) -> tuple[int, ...]:
-    """Return the parameters that may be off, by a finite tolerance, and are not fitted."""
+    """Return the parameters that may be off, by a finite tolerance, and are not fitted.
+
+    What defines the frames of base and platform is exact in these.
+    """
     return tuple(i for i, tolerance in zip(*uncertain(mechanism), strict=True)
-                 if i not in free and np.isfinite(tolerance) and tolerance > 0.0)
+                 if i not in (*free, *mechanism.defining)
+                 and np.isfinite(tolerance) and tolerance > 0.0)
 
 
 def none_considered(fit: Fit) -> Considered:
@@ -99,10 +123,31 @@ def considered(fit: Fit) -> Considered:
     Args:
         fit: with its noise.
     """
-    problem, mechanism = fit.problem, fit.problem.mechanism
-    own = held(mechanism, problem.free)
-    if not own:
+    mechanism = fit.problem.mechanism
+    own, frame = held(mechanism, fit.problem.free), mechanism.defining
+    if not own and not frame:
         return none_considered(fit)
+    gain, count = _gain(fit, (*own, *frame)), len(own)
+    found = Considered(tuple(mechanism.names[p] for p in own), _sigma(mechanism, own),
+                       gain[:, :count])
+    if not frame:
+        return found
+    moved = np.zeros((len(gain), len(frame)))
+    moved[:len(fit.problem.free)] = by_defining(
+        mechanism.with_values(fit.state.g), fit.problem.datasets, fit.problem.free)
+    sigma = _sigma(mechanism, frame)
+    return replace(found, frame=(gain[:, count:] + moved) * sigma, pull=gain[:, count:] * sigma)
+
+
+def _sigma(mechanism: Mechanism, own: Sequence[int]) -> Array:
+    """Return how far parameters may be off (H,), 0 without a tolerance."""
+    known = [mechanism.parameters[p] for p in own]
+    return np.array([p.sigma or p.prior_sigma or 0.0 for p in known], dtype=float)
+
+
+def _gain(fit: Fit, own: Sequence[int]) -> Array:
+    """Return by how much fitted columns err with held parameters ``own``, SI (C, H)."""
+    problem = fit.problem
     wide = problem.changed(free=(*problem.free, *own))
     rows = qr_factor(wide, fit.state, fit.keep).root / fit.noise
     extra = np.arange(len(problem.free), len(wide.free))
@@ -112,7 +157,4 @@ def considered(fit: Fit) -> Considered:
     fitted = np.delete(rows, extra, axis=1) * fit.scale
     moved = rows[:, extra] * column_scale(wide)[extra]
     gain = half @ (half.T @ (fitted.T @ moved))
-    sigma = np.array([mechanism.parameters[p].sigma or mechanism.parameters[p].prior_sigma
-                      for p in own], dtype=float)
-    return Considered(tuple(mechanism.names[p] for p in own), sigma,
-                      gain * fit.scale[:, None] / column_scale(wide)[extra])
+    return np.asarray(gain * fit.scale[:, None] / column_scale(wide)[extra])

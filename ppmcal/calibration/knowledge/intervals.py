@@ -24,7 +24,7 @@ from ppmcal.calibration.fit import (
     prediction_covariance,
     variances,
 )
-from ppmcal.calibration.knowledge.session_clusters import clusters
+from ppmcal.calibration.knowledge.session_clusters import by_gaps, clusters
 from ppmcal.calibration.knowledge.session_variance import SessionVariance, differs, session_variance
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.sessions import session_masks
@@ -124,7 +124,12 @@ def by_blocks(fit: Fit, inflation: float) -> SessionVariance | None:
     for name, label in (("joint space", _near), ("order", _in_order)):
         masks = _blocks(fit, label)
         data = clusters(fit, [f"{name} {b + 1}" for b in range(len(masks))], masks)
-        if differs(fit, data, inflation):
+        if fit.problem.blind:
+            parts, most = by_gaps(data), float(np.sqrt(data.count.sum()))
+            if differs(fit, data, inflation, parts, most):
+                found.append(replace(session_variance(fit, data, inflation, most, parts=parts),
+                                     sessions=False))
+        elif differs(fit, data, inflation):
             found.append(replace(session_variance(fit, data, inflation, STRETCHES), sessions=False))
     count = len(fit.problem.free)
     return max(found, default=None, key=lambda f: float(np.median(
@@ -177,14 +182,19 @@ def _near(q: Array) -> Ints:
 SHOWN, VISIBLE = 3, 1.05
 
 
-def in_words(fit: Fit, found: SessionVariance | None, alone: Array) -> list[str]:
+def in_words(fit: Fit, found: SessionVariance | None, alone: Array,
+             blocks: SessionVariance | None = None) -> list[str]:
     """Return what the user must look at: parameters that sessions disagree about, file units.
 
     Args:
         fit: of all rows.
         found: what sessions or stretches of rows disagree about.
         alone: half of the 95 % interval of each parameter by noise alone (F,), nan without one.
+        blocks: what stretches of rows disagree about beside the sessions ``found``.
     """
+    if found is not None and found.sessions and blocks is not None and fit.problem.blind:
+        own = replace(found, half=np.append(alone, found.half[alone.size:]))
+        return [*in_words(fit, own, alone), *in_words(fit, blocks, alone)]
     if found is None or not (found.differ or found.disagree.any()):
         return []
     known = np.isfinite(alone) & (alone > 0.0)

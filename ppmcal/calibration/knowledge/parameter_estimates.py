@@ -129,8 +129,8 @@ class Estimate:
 
 
 def estimates(fit: Fit, rank: Rank, wider: SessionVariance | None = None,
-              by_noise: Array | None = None, held: Array | None = None
-              ) -> tuple[Estimate, ...]:
+              by_noise: Array | None = None, held: Array | None = None,
+              pull: Array | None = None) -> tuple[Estimate, ...]:
     """Return all parameters of the machine with their uncertainties.
 
     Args:
@@ -141,6 +141,8 @@ def estimates(fit: Fit, rank: Rank, wider: SessionVariance | None = None,
             sigma.
         held: what parameters that were held, though they may be off, add to the columns'
             variances (C,).
+        pull: how far columns are found from nominal by tolerances of what defines the frames
+            (C, G), one standard deviation.
     """
     variance = np.diagonal(posterior(fit)) + (0.0 if held is None else held)
     data_sigma = from_data_alone(fit, rank)
@@ -162,7 +164,10 @@ def estimates(fit: Fit, rank: Rank, wider: SessionVariance | None = None,
             out[-1] = replace(out[-1], by_noise=float(by_noise[c]))
         if c is not None and wider is not None and sigma is not None:
             out[-1] = replace(out[-1], **_by_session(out[-1], wider, c))
-    return _judged(out, dict(zip(fit.problem.free, expected_errors(fit).tolist(), strict=True)))
+    expected = expected_errors(fit)
+    if pull is not None:
+        expected = np.hypot(expected, np.linalg.norm(pull[:expected.size], axis=1))
+    return _judged(out, dict(zip(fit.problem.free, expected.tolist(), strict=True)))
 
 
 def _judged(found: Sequence[Estimate], expected: Mapping[int, float]) -> tuple[Estimate, ...]:
@@ -230,9 +235,11 @@ def measuring_frames(problem: Problem, state: State) -> dict[str, Registration]:
 
 
 def registered(problem: Problem, state: State) -> dict[str, Registration]:
-    """Return frame and target of every data set, SI."""
+    """Return frame and target of every data set that an instrument made, SI."""
     out = {}
     for data, s in zip(problem.datasets, state.registrations, strict=True):
+        if data.kind.blind:
+            continue
         out[data.name] = Registration(s.frame, s.target, s.target_rotation, scale=s.scale,
                                       offset=s.offset)
     return out

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, WhiteBlock, to_prior, white_blocks
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, eigh
 
 RIDGE = 1e-6
 """Information, in units of tolerance, where there is none: what nothing sees stays finite."""
@@ -61,7 +61,10 @@ class Clusters:
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """Directions (C, m) in which clusters may differ, and which variance (m,) each has."""
+    """Directions (C, m) in which clusters may differ, and which variance (m,) each has.
+
+    Where clusters have directions of their own these are (S, C, m).
+    """
 
     directions: Array
     member: Array
@@ -92,6 +95,19 @@ def clusters(fit: Fit, labels: Sequence[str], masks: Sequence[Sequence[Bools]]) 
             if mine.any():
                 out.add(s, block.rows[mine], float(block.values[mine].sum()))
     return out
+
+
+def by_gaps(data: Clusters) -> Components:
+    """Return directions that each cluster sees alike: one variance, in units of its own noise.
+
+    What a model of joint values alone leaves is gaps of limbs, smooth over the workspace: clusters
+    differ as so much noisier rows would make them. Tolerances are no measure of that: a block that
+    hardly sees a direction needs far more of them there, and has them nowhere else.
+    """
+    size, turn = eigh(data.matrix + np.diag(data.prior**2 + RIDGE))
+    size = np.maximum(size, RIDGE)    # round-off, beside rows that are all but exact
+    return Components(turn / np.sqrt(size)[:, None, :], np.zeros(size.shape[1], dtype=int),
+                      ("gaps",))
 
 
 def components(fit: Fit) -> Components:

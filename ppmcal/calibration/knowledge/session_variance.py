@@ -101,9 +101,10 @@ class _Posterior:
                  ) -> None:
         self.data, self.parts, self.most, self.widest = data, parts, most, widest
         g = parts.directions
-        self.cross = np.einsum("cm,scd->smd", g, data.matrix)
+        each = "scm" if g.ndim > 2 else "cm"
+        self.cross = np.einsum(f"{each},scd->smd", g, data.matrix)
         self.inner = self.cross @ g
-        self.seen = data.right @ g
+        self.seen = np.einsum("sc,scm->sm", data.right, g) if g.ndim > 2 else data.right @ g
         self.prior = np.diag(data.prior**2 + RIDGE)
         self.offset = data.prior**2 * data.away
         self.covariance = linalg.inv(data.matrix.sum(axis=0) + self.prior, DIFFERENCES)
@@ -116,6 +117,8 @@ class _Posterior:
     def shrinkage(self) -> Array:
         """Variances (K,) that one session's noise has, in units of the tolerances."""
         g = self.parts.directions
+        if g.ndim > 2:
+            return np.ones(len(self.parts.names))
         one = self.data.count.size * np.einsum("cm,cd,dm->m", g, self.covariance, g)
         one /= np.sum(g**2, axis=0) ** 2
         return np.array([np.median(one[self.parts.member == k])
@@ -186,9 +189,10 @@ class _Posterior:
         return np.exp(2.0 * np.array(out))
 
 
-def differs(fit: Fit, data: Clusters, inflation: float = 1.0) -> bool:
+def differs(fit: Fit, data: Clusters, inflation: float = 1.0, parts: Components | None = None,
+            widest: float = WIDEST) -> bool:
     """Whether clusters more likely differ than not, as :func:`session_variance`, but quick."""
-    return _chances(data, components(fit), inflation).odds > 0.0
+    return _chances(data, parts or components(fit), inflation, widest).odds > 0.0
 
 
 def _chances(data: Clusters, parts: Components, inflation: float, widest: float = WIDEST
@@ -198,7 +202,7 @@ def _chances(data: Clusters, parts: Components, inflation: float, widest: float 
 
 
 def session_variance(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float = WIDEST,
-                     seed: int = 0) -> SessionVariance:
+                     seed: int = 0, parts: Components | None = None) -> SessionVariance:
     """Return what clusters of rows make of the uncertainty of a fit.
 
     No interval is longer than what holds all that the tolerance allows.
@@ -209,13 +213,17 @@ def session_variance(fit: Fit, data: Clusters, inflation: float = 1.0, widest: f
         inflation: see there; the noise within clusters is between the stated one and that.
         widest: tolerances that clusters may differ by.
         seed: of the draws.
+        parts: in which directions clusters may differ; None: :func:`components`.
     """
-    parts = components(fit)
+    parts = parts or components(fit)
     chances = _chances(data, parts, inflation, widest)
     drawn = chances.draws(seed)
     unit = np.outer(fit.scale, fit.scale)
     known = prediction_covariance(fit) / unit
-    leaks = np.concatenate([known @ a @ parts.directions for a in data.matrix], axis=1)
+    directions = np.broadcast_to(parts.directions,
+                                 (len(data.labels), *parts.directions.shape[-2:]))
+    leaks = np.concatenate([known @ a @ g for a, g in zip(data.matrix, directions, strict=True)],
+                           axis=1)
     leaks -= _registered(data, parts, len(fit.problem.free))
     member = np.tile(parts.member, len(data.labels))
     added = [leaks[:, member == k] @ leaks[:, member == k].T for k in range(len(parts.names))]
@@ -252,11 +260,12 @@ def _registered(data: Clusters, parts: Components, count: int) -> Array:
     seen = np.abs(np.diagonal(data.matrix, axis1=1, axis2=2)) > 0.0
     own = seen & (seen.sum(axis=0) == 1) & (np.arange(size) >= count)
     out = []
-    for a, mine in zip(data.matrix, own, strict=True):
-        taken = np.zeros((size, parts.directions.shape[1]))
+    directions = np.broadcast_to(parts.directions, (len(own), *parts.directions.shape[-2:]))
+    for a, mine, g in zip(data.matrix, own, directions, strict=True):
+        taken = np.zeros(g.shape)
         where = np.flatnonzero(mine)
         block = a[np.ix_(where, where)] + RIDGE * np.eye(where.size)
-        taken[where] = linalg.solve(block, a[where] @ parts.directions)
+        taken[where] = linalg.solve(block, a[where] @ g)
         out.append(taken)
     return np.concatenate(out, axis=1)
 

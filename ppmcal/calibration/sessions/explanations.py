@@ -20,7 +20,9 @@ from ppmcal.inference.priors import ALL_ALIKE, MOVED, SELDOM, SURE, UNKNOWN, WID
 from ppmcal.inference.question import Question
 from ppmcal.inference.sets import posterior
 from ppmcal.linalg import Array
+from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import actuator_list
 
 PARALLEL = 1.0 - 1e-6
 UNLISTED = "something that is not listed"
@@ -86,8 +88,9 @@ def explanations(mechanism: Mechanism, parameters: Sequence[str], session: Seque
                        if kind[n] == "offset" else (one * float(SELDOM) / dimensions, kind[n])))
            for n in parameters]
     out += _homing(mechanism, session)
+    out += _pulls(mechanism, session)
     out += _together(mechanism, parameters, kind)
-    data = dict.fromkeys(n.partition(" of ")[2] for n in session)
+    data = dict.fromkeys(n.partition(" of ")[2] for n in session)    # the session itself is one
     for name in data:
         own = [n for n in session if n.partition(" of ")[2] == name]
         out += _instrument(own, f" of {name}" if len(data) > 2 else "")
@@ -126,6 +129,19 @@ def _homing(mechanism: Mechanism, session: Sequence[str]) -> list[Explanation]:
                                    ("all joints",), 0.5 * float(ALL_ALIKE)))
         out.append(Explanation("homing of every joint", tuple({n: 1.0} for n in own),
                                tuple(names), 0.5 * float(ALL_ALIKE)))
+    return out
+
+
+def _pulls(mechanism: Mechanism, session: Sequence[str]) -> list[Explanation]:
+    """Return ropes that pull with another force: by any kind of effect, any of its sets."""
+    out = []
+    for kind in effect_kinds().values():
+        own = [n for n in session if kind.opposed and n.startswith(f"{kind.name}.")]
+        for n in own:
+            ropes, _, part = n.partition(" of ")[0].removeprefix(f"{kind.name}.").rpartition(".")
+            on = actuator_list(ropes.split("+"), len(mechanism.actuators))
+            out.append(Explanation(f"{kind.label} on {on}", ({n: 1.0},), (part,), 1.0 / len(own),
+                                   kind.name))
     return out
 
 

@@ -7,6 +7,9 @@ again; what no column explains is the noise, or what the model misses, row by ro
 Rows that the fit left out as outliers take part, each by so little that it pulls no more than the
 farthest row that may belong. Which rows of a place that the model misses are left out is a matter
 of chance, and a session that happens to lose them knows no more of the machine.
+
+Ropes that pull with another force stretch otherwise, and change nothing else: joint values alone,
+which know nothing of frames and targets, get a column for each set of ropes that may pull.
 """
 
 from __future__ import annotations
@@ -41,6 +44,8 @@ from ppmcal.linalg import (
     without_range,
 )
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.effects import effect_kinds
+from ppmcal.model.mechanism import joint_groups, with_effect
 from ppmcal.model.same_rows import ROUND_OFF
 
 SHAPES = ("bowl", "saddle", "twist")
@@ -53,12 +58,16 @@ LEVERAGE = 0.05
 """A row counts as if the fit had left it this part of its own error at least."""
 MOST = 600
 """At most so many rows are kept, evenly spread."""
+PULLED, UNIT = 20_000, 100.0
+"""Of more rows it is not asked what ropes pull; of effects' sizes a natural unit is so many."""
 
 
 def session_knowledge(fit: Fit) -> SessionKnowledge:
     """Return what the data of a fit say beyond its parameters, white by the stated noise."""
     fit = _with_left_out(fit)
-    problem, free = _opened(fit.problem), len(fit.problem.free)
+    problem, free = _with_pulls(_opened(fit.problem)), len(fit.problem.free)
+    more = np.zeros(len(problem.free) - free)
+    fit = replace(fit, state=replace(fit.state, g=np.append(fit.state.g, more)))
     columns = _columns(fit.problem, problem)
     found = _reduced(fit, problem, columns)
     scale, known = np.concatenate([fit.scale[:free], columns.scale]), free + len(columns.names)
@@ -144,6 +153,20 @@ def _opened(problem: Problem) -> Problem:
                            given=problem.environments if problem.mechanism.effects else None)
 
 
+def _with_pulls(problem: Problem) -> Problem:
+    """Return a problem of joint values alone with what ropes that pull may do, at 0, free last."""
+    mechanism, free = problem.mechanism, problem.free
+    if not problem.blind or sum(map(len, problem.datasets)) > PULLED:
+        return problem
+    for kind in effect_kinds().values():
+        if kind.opposed and all(e.kind is not kind for e in problem.mechanism.effects):
+            for on in joint_groups(problem.mechanism, kind):
+                free = (*free, len(mechanism.parameters))
+                mechanism = with_effect(mechanism, kind, on, {})
+    return problem if free == problem.free else problem.changed(
+        mechanism=mechanism, free=free, given=None)
+
+
 @dataclass(frozen=True)
 class _Columns:
     """Names and natural units of candidates (K,); columns that the fit had open and are ``gone``.
@@ -158,10 +181,13 @@ class _Columns:
 
 
 def _columns(own: Problem, problem: Problem) -> _Columns:
-    free, mechanism = len(own.free), own.mechanism
+    free, mechanism, last = len(own.free), own.mechanism, len(problem.free)
     fitted = set(own.columns[free:])
-    natural = dict(zip(problem.columns[free:], problem.open_scale().tolist(), strict=True))
-    place = {n: c for c, n in enumerate(problem.columns) if c >= free
+    natural = dict(zip(problem.columns[last:], problem.open_scale().tolist(), strict=True))
+    pulls = {f"{problem.columns[c]} of {SESSION}": c for c in range(free, last)}
+    natural |= {n: UNIT * (problem.mechanism.parameters[problem.free[c]].size or 1.0)
+                for n, c in pulls.items()}
+    place = pulls | {n: c for c, n in enumerate(problem.columns) if c >= last
              and n not in fitted and not n.startswith("homing.")}
     homing = [f"homing.{a} of {SESSION}" for a in mechanism.actuators]
     unit = max(v for n, v in natural.items() if n.startswith("homing."))

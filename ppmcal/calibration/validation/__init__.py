@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ppmcal.calibration.validation.left_out_rows import thirds as thirds
     from ppmcal.calibration.validation.nominal_machine import DEFINITION as DEFINITION
     from ppmcal.calibration.validation.nominal_machine import before as before
+    from ppmcal.calibration.validation.nominal_machine import definition as definition
     from ppmcal.calibration.validation.residual_vectors import Residuals as Residuals
     from ppmcal.calibration.validation.residual_vectors import fresh_state as fresh_state
     from ppmcal.calibration.validation.residual_vectors import other_sessions as other_sessions

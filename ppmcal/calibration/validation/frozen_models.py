@@ -8,7 +8,7 @@ where it is asked for, or where the data demand it. Every machine is judged by t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import compress
 
@@ -23,6 +23,7 @@ from ppmcal.calibration.fit import (
     gross_errors,
     identify,
     is_open,
+    labels,
     odds_of_opening,
     opened,
     secondary,
@@ -67,6 +68,8 @@ class ModelError:
         position, rotation: rms, p95 and max of the measured errors, m and rad, with the 95 %
             intervals of the first two (``rms_low``, ...; nan: open); empty: not measured.
         noise: rms over the noise of the data set as it is given.
+        closure: of joint values alone, the same of how far limbs are from closing, m: rms over the
+            limbs of a row; ``limbs``: rms of each limb.
         squares: squared error of each row, m^2 (of rotation alone rad^2), (R,).
         closer: rms of the reference machine less this one's, m or rad, and its 95 % interval, of
             all machines together; 0 of the reference. Positive: this machine predicts better.
@@ -79,6 +82,13 @@ class ModelError:
     squares: Array
     closer: float = 0.0
     interval: tuple[float, float] = (0.0, 0.0)
+    closure: Mapping[str, float] = field(default_factory=dict)
+    limbs: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def size(self) -> Mapping[str, float]:
+        """The figures by which machines are compared."""
+        return self.position or self.rotation or self.closure
 
     @property
     def sure(self) -> int:
@@ -271,6 +281,8 @@ def _worth(before: Fit, after: Fit) -> bool:
 
 
 def _error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[str]) -> ModelError:
+    if fit.problem.datasets[0].kind.blind:
+        return _closure_error(label, found, rows, fit, notes)
     figures = found.figures([rows])
     position = np.nan_to_num(found.position[0][rows])
     squares = position**2
@@ -286,6 +298,25 @@ def _error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[str]
         OPEN_ENDS if kind in figures else {}, notes)
              for kind, errors in (("position", found.position), ("rotation", found.rotation))]
     return ModelError(label, sizes[0], sizes[1], noise, squares)
+
+
+def _closure_error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[str]
+                   ) -> ModelError:
+    """Return how far limbs are from closing: joint values alone tell nothing else."""
+    mechanism, gaps = fit.problem.mechanism, found.closure[0][rows]
+    squares = np.nanmean(gaps**2, axis=1)
+    errors = np.sqrt(squares)
+    sizes = {"rms": float(np.sqrt(squares.mean())), "p95": float(np.quantile(errors, 0.95)),
+             "max": float(errors.max())} | secondary(
+        f"the intervals of {label}'s errors of closure",
+        partial(_intervals, errors, fit.problem.datasets[0].groups[rows], 1.0), OPEN_ENDS, notes)
+    # the pose that suits the limbs best takes its part of their noise
+    left = mechanism.surplus / mechanism.equations
+    white = np.nanmean((gaps / found.sigma[0][rows]) ** 2)
+    each = dict(zip(labels(fit.problem.datasets[0], mechanism),
+                    np.sqrt(np.nanmean(gaps**2, axis=0)).tolist(), strict=True))
+    return ModelError(label, {}, {}, float(np.sqrt(white / left)), squares, closure=sizes,
+                      limbs={name.removeprefix("gap_"): size for name, size in each.items()})
 
 
 def _intervals(errors: Array, groups: Ints, kept: float) -> dict[str, float]:

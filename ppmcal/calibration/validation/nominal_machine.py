@@ -23,6 +23,13 @@ from ppmcal.model.registration import Registration
 DEFINITION = ("the uncalibrated machine (only unknown frame and target fitted); errors are RMS "
               "distances")
 """What ``before`` means wherever a command says it."""
+CLOSURE_ALONE = "the uncalibrated machine; errors are how far limbs are from closing"
+"""What it means of joint values alone."""
+
+
+def definition(problem: Problem) -> str:
+    """Return what ``before`` means of the data of a problem."""
+    return CLOSURE_ALONE if problem.blind else DEFINITION
 
 
 @dataclass(frozen=True, eq=False)

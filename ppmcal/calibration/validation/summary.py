@@ -209,8 +209,8 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     wider = sessions or blocks
     kept = secondary("what held parameters may be off by", lambda: considered(fit),
                      none_considered(fit), notes)
-    more = np.diagonal(kept.more(chosen))
-    found = estimates(fit, rank, wider, by_noise(fit, options, more), more)
+    more = np.diagonal(kept.in_frames(kept.more(chosen)))
+    found = estimates(fit, rank, wider, by_noise(fit, options, more), more, kept.pull)
     mechanism = replace(with_estimates(fit, found), measured=measured_by(fit, noise))
     was = secondary("the errors before calibration", lambda: before(fit.problem, fit.keep),
                     nothing_before(fit.problem), notes)
@@ -221,7 +221,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
                     LeftOut(0, 0, False, "", 0.0, 0.0), notes)
     index = secondary("the observability indices", lambda: observability(
         rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep)), {}, notes)
-    told = _findings(fit, noise, inflation, found, out, wider, notes)
+    told = _findings(fit, noise, inflation, found, out, (wider, blocks), notes)
     open_ = secondary("what the data leave open", lambda: identifiability(fit, coverage(fit)),
                       Identifiability(None, ()), notes)
     sets = secondary("what the data see only together",
@@ -230,7 +230,8 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
                          lambda: doubtful_stretches(fit, after, out), (), notes)
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
-        wider.covariance if wider and wider.differ else prediction_covariance(fit), inflation,
+        kept.in_frames(wider.covariance if wider and wider.differ else prediction_covariance(fit)),
+        inflation,
         was.residuals, stood, after, held, note, (*told, *unchecked(fit, total), *notes),
         open_, wrong[0], sets, wrong[1], _unexplained(after.figures(fit.keep), noise),
         doubtful=doubtful, sessions=sessions, blocks=blocks, considered=kept)
@@ -275,7 +276,8 @@ def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict
 
 
 def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate], gone: LeftOut,
-              wider: SessionVariance | None, notes: list[str]) -> tuple[str, ...]:
+              apart: tuple[SessionVariance | None, SessionVariance | None], notes: list[str]
+              ) -> tuple[str, ...]:
     out = [f for d in fit.problem.datasets for f in d.findings]
     if fit.taken_back:
         out.append(
@@ -304,7 +306,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    "or use --prior flat")
     alone = [np.nan if (h := found[p].half_by_noise) is None else h for p in fit.problem.free]
     out += secondary("which parameters sessions disagree about",
-                     lambda: in_words(fit, wider, np.array(alone)), [], notes)
+                     lambda: in_words(fit, apart[0], np.array(alone), apart[1]), [], notes)
     far = secondary("parameters far from nominal", lambda: far_from_nominal(
         found, fit.problem.mechanism.units), "", notes)
     if far:

@@ -126,8 +126,10 @@ class CompensationResult(Result):
                 yield f"Predicted {kind} error: {size.words()}."
         if any(size.after is not None for size in predicted.values()):
             unexplained = self.knowledge is not None and any(self.knowledge.unexplained)
+            held = ", which the points that were held define" * (
+                self.mechanism.self_calibrated and self.mechanism.gauge == "base")
             yield (f"The remaining error is the model's own uncertainty (1 sigma, in the frame of "
-                   f"{self.frame or 'its base'})"
+                   f"{self.frame or 'its base'}{held})"
                    f"{', with the unexplained residuals' * unexplained}.")
 
     def summary(self) -> Mapping[str, Any]:
@@ -328,7 +330,8 @@ def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:
     """Return the registration that the targets are in, and its name."""
     names = list(mechanism.registrations)
     # what was calibrated by joints and tilts alone has none
-    if frame == "base" or (frame is None and not names and mechanism.measured is not None):
+    if frame == "base" or (frame is None and (mechanism.self_calibrated or (
+            not names and mechanism.measured is not None))):
         return Registration(), ""
     if frame is None:
         if len(names) == 1:

@@ -46,11 +46,15 @@ def told(found: Identification, record: IdentificationRecord) -> Iterator[Told]:
 def _errors(record: IdentificationRecord) -> Iterator[Told]:
     """Yield errors before, after and on what was held out."""
     stages = record.residual
-    rows = [[label, name, *(number(getattr(f, k)) for k in ("mean", "rms", "p95", "max")), f.unit]
-            for label, found in (("before", stages.before), ("after", stages.after),
-                                 ("held out", stages.holdout))
-            for name, f in found.items()]
-    yield ShortTable(["", "error", "mean", "rms", "p95", "max", "unit"], rows, (2, 3, 4, 5))
+    told = [(label, name, f) for label, found in (
+        ("before", stages.before), ("after", stages.after), ("held out", stages.holdout))
+        for name, f in found.items()]
+    # gaps of limbs have signs, and no mean of their sizes
+    alone = bool(told) and all(name == "closure" for _, name, _ in told)
+    kinds = ("rms", "max") if alone else ("mean", "rms", "p95", "max")
+    yield ShortTable(["", "error", *kinds, "unit"], [
+        [label, name, *(number(getattr(f, k)) for k in kinds), f.unit] for label, name, f in told],
+        tuple(range(2, 2 + len(kinds))))
     yield f"Held out: {record.holdout_note}.{before_words(stages.before_is)}"
 
 

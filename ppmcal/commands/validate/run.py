@@ -172,11 +172,11 @@ def _others(mechanism: Mechanism, model: Machine | CalibratedMachine, against: S
 
 def errors_table(data: ValidatedDataset) -> ShortTable:
     """Return the errors of each machine."""
-    unit = data.errors[0].unit
+    unit, closure = data.errors[0].unit, "closure, " * data.alone
     rows = []
     for e in data.errors:
-        size = e.position or e.rotation
+        size = e.size
         apart = [f"{e.closer:+.2g}", f"{e.low:+.2g} to {e.high:+.2g}"] if e.verdict else ["", ""]
         rows.append([e.model, "" if size is None else number(size.rms), *apart, e.verdict])
-    return ShortTable(["machine", f"{unit} rms", f"better by, {unit}", f"95 %, {unit}", ""], rows,
-                      (1, 2, 3))
+    return ShortTable(["machine", f"{closure}{unit} rms", f"better by, {unit}", f"95 %, {unit}",
+                       ""], rows, (1, 2, 3))

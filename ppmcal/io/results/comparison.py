@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,7 +17,7 @@ from ppmcal.io.results.tables import WrittenTable, finite_number
 from ppmcal.io.results.units import COLUMN, MachineUnits
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import OfUnit, Units
+from ppmcal.units import OfUnit
 from ppmcal.wording import pluralize
 
 SHOWN = 4
@@ -147,8 +147,11 @@ class PlatformDifference(Part):
     poses: Whole = 0
 
     @classmethod
-    def of(cls, m: PoseDifference, units: Units) -> PlatformDifference:
+    def of(cls, m: PoseDifference, mechanism: Mechanism) -> PlatformDifference:
         """Return a difference of poses in file units."""
+        units = mechanism.units
+        if mechanism.self_calibrated and not mechanism.motion.turns:    # frames turn to be laid
+            m = replace(m, rotation_rms=0.0, rotation_max=0.0, rotation_chance=0.0)
         return cls(position=Extent.filled(None, units, rms=m.position_rms, max=m.position_max,
                                           by_chance=m.position_chance, unit="length"),
                    rotation=Extent.filled(None, units, rms=m.rotation_rms, max=m.rotation_max,
@@ -204,8 +207,7 @@ class ComparisonRecord(Record):
                    changes=tuple(NamedChange.of(c, mechanism, found.coverage)
                                  for c in found.changes),
                    unlisted=found.unlisted,
-                   platform=None if moved is None else PlatformDifference.of(moved,
-                                                                             mechanism.units),
+                   platform=None if moved is None else PlatformDifference.of(moved, mechanism),
                    noise=NoiseOfDifference.of(found.noise),
                    parameters=tuple(_parameters(found, mechanism)), findings=tuple(notes),
                    fitted_anew=tuple(anew), again=again,

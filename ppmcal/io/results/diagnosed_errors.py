@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import field
 
-from ppmcal.calibration.validation import DEFINITION, residuals
+from ppmcal.calibration.validation import definition, residuals
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.io.results.identification_parts import Summaries, before_words, summaries
 from ppmcal.io.results.record import Part, Text
@@ -26,7 +26,8 @@ class DiagnosedErrors(Part):
         alone = residuals(result.before.problem, result.before.state)
         before, geometry, after = (summaries(errors.figures(found.fit.keep), units)
                                    for errors in (found.before, alone, found.after))
-        return cls(before_is=DEFINITION, before=before, geometry=geometry, after=after)
+        return cls(before_is=definition(found.fit.problem), before=before, geometry=geometry,
+                   after=after)
 
     def sentence(self, more: bool) -> str:
         """Return the sizes and what before is, empty where the file does not say."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmcal.calibration.fit import Noise
 from ppmcal.calibration.knowledge import FreedomChoice, registered
-from ppmcal.calibration.validation import DEFINITION, Dependence, Identification
+from ppmcal.calibration.validation import Dependence, Identification, definition
 from ppmcal.codec import unsaid
 from ppmcal.io import write_mechanism
 from ppmcal.io.results.campaign import CampaignSummary
@@ -39,6 +39,7 @@ from ppmcal.io.results.identification_tables import (
 from ppmcal.io.results.known_rows import RowsOfTable, rows_behind
 from ppmcal.io.results.record import Finite, Flag, Record, Text, Whole
 from ppmcal.io.results.units import Numbers
+from ppmcal.model.registration import Registration
 from ppmcal.store.output import Content
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import ByCoordinate, Units
@@ -105,7 +106,7 @@ class IdentificationRecord(Record):
         """Return the record of an identification."""
         fit, mechanism, units = result.fit, result.mechanism, result.mechanism.units
         carried = {} if result.earlier is None else {"earlier": dict(result.earlier.inputs)}
-        stages = ResidualStages(before_is=DEFINITION,
+        stages = ResidualStages(before_is=definition(fit.problem),
                                 before=summaries(result.before.figures(fit.keep), units),
                                 after=summaries(result.after.figures(fit.keep), units),
                                 holdout=summaries(result.holdout, units))
@@ -179,7 +180,7 @@ def _datasets(result: Identification) -> tuple[FittedDataset, ...]:
     stands = registered(fit.problem, fit.state)
     return tuple(FittedDataset(
         name=d.name, source=d.source, kind=d.kind.name, rows=len(d), used=int(k.sum()),
-        registration=RegistrationEntry.of(stands[d.name], units, d.kind),
-        registration_before=RegistrationEntry.of(result.before_registrations[d.name], units,
-                                                 d.kind))
+        registration=RegistrationEntry.of(stands.get(d.name, Registration()), units, d.kind),
+        registration_before=RegistrationEntry.of(
+            result.before_registrations.get(d.name, Registration()), units, d.kind))
         for d, k in zip(fit.problem.datasets, fit.keep, strict=True))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ppmcal.io.results.record import Finite
 from ppmcal.linalg import Array
+from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units, coordinate_quantity
 
@@ -53,7 +54,16 @@ def column_factor(mechanism: Mechanism, name: str) -> float:
         return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][0]
     if head == "scale":
         return 1e-6
+    if quantity := _of_effect(mechanism, head):
+        return mechanism.units.factor(quantity)
     return mechanism.units.factor(coordinate_quantity(head.split(".")[-1]))
+
+
+def _of_effect(mechanism: Mechanism, head: str) -> str:
+    """Return the quantity of ``rope_stretch.c1+c2.strain``, empty of what is no effect's."""
+    kind = effect_kinds().get(head.split(".")[0])
+    return "" if kind is None else next(s.quantity for s in kind.parameters(mechanism.motion)
+                                        if s.name == head.split(".")[-1])
 
 
 def column_unit(mechanism: Mechanism, name: str) -> str:
@@ -65,6 +75,8 @@ def column_unit(mechanism: Mechanism, name: str) -> str:
         return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][1]
     if head == "scale":
         return "ppm"
+    if quantity := _of_effect(mechanism, head):
+        return mechanism.units.name(quantity)
     return mechanism.units.name(coordinate_quantity(head.split(".")[-1]))
 
 

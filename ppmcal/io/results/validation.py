@@ -13,7 +13,7 @@ from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Part, Record, Text, Whole
 from ppmcal.model.measured import MISSED
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import OfUnit, Units
+from ppmcal.units import Length, OfUnit, Units
 from ppmcal.wording import number
 
 OPENED = {"frame": "the frame", "target": "the target", "rotation": "the body's rotation",
@@ -58,7 +58,9 @@ class ErrorSize(Part):
 class PredictedError(Part):
     """What one machine misses; ``closer``: by how much less than the model, with 95 % interval.
 
-    ``noise``: rms over the data set's noise, bare. ``verdict``: better, worse or same.
+    ``closure``: of joint values alone, how far limbs are from closing, rms over the limbs of a row;
+    ``limbs``: rms of each. ``noise``: rms over the data set's noise, bare. ``verdict``: better,
+    worse or same.
     """
 
     model: Text = ""
@@ -70,17 +72,27 @@ class PredictedError(Part):
     high: OfUnit[Finite | None] = None
     unit: Text = ""
     verdict: Text = ""
+    closure: ErrorSize | None = None
+    limbs: Length[Mapping[Text, Finite]] = field(default_factory=dict)
+
+    @property
+    def size(self) -> ErrorSize | None:
+        """The figures by which machines are compared."""
+        return self.position or self.rotation or self.closure
 
     @classmethod
     def of(cls, found: ModelError, units: Units, first: bool) -> PredictedError:
         """Return an error in file units; ``first``: others are held against this one."""
         low, high = found.interval
         verdict = "" if first else {1: "better", 0: "same", -1: "worse"}[found.sure]
+        alone: dict[str, Any] = {} if not found.closure else {"closure": ErrorSize.of(found.closure, units, "length"),
+                                   "limbs": found.limbs}
+        known = {f: getattr(found, f) for f in ("noise", "closer")}
         return cls.filled(
-            found, units, model=found.label, verdict=verdict, low=low, high=high,
+            None, units, **known, model=found.label, verdict=verdict, low=low, high=high,
             position=ErrorSize.of(found.position, units, "length"),
             rotation=ErrorSize.of(found.rotation, units, "angle"),
-            unit="length" if found.position else "angle")
+            unit="length" if found.position or found.closure else "angle", **alone)
 
 
 class NoiseUsed(Part):
@@ -122,6 +134,11 @@ class ValidatedDataset(Part):
     elsewhere: Whole = 0
     unlike: tuple[UnlikeRow, ...] = ()
     left_out: tuple[Whole, ...] = ()
+
+    @property
+    def alone(self) -> bool:
+        """Whether these are joint values alone."""
+        return any(e.closure for e in self.errors)
 
     @classmethod
     def of(cls, found: Validated, units: Units, noise: DayNoise | None = None
@@ -169,19 +186,28 @@ class ValidationRecord(Record):
         return {"validation.csv": _table(self), self.FILE: self.text()}
 
 
-HEADER = ("dataset", "model", "rows", *(f"position_{k}" for k in SIZES),
-          *(f"rotation_{k}" for k in SIZES), "noise", "closer", "low", "high", "verdict")
+KINDS = ("position", "rotation", "closure")
+
+
+def _kinds(datasets: Sequence[ValidatedDataset]) -> tuple[str, ...]:
+    """Return the kinds of error of a table; of closure where joint values alone were measured."""
+    return KINDS if any(d.alone for d in datasets) else KINDS[:2]
+
+
+def _header(datasets: Sequence[ValidatedDataset]) -> list[str]:
+    sizes = (f"{kind}_{k}" for kind in _kinds(datasets) for k in SIZES)
+    return ["dataset", "model", "rows", *sizes, "noise", "closer", "low", "high", "verdict"]
 
 
 def _table(record: ValidationRecord) -> str:
-    rows = []
+    rows, header = [], _header(record.datasets)
     for data in record.datasets:
         for e in data.errors:
-            sizes = [getattr(size, k) if size else None for size in (e.position, e.rotation)
-                     for k in SIZES]
+            sizes = [getattr(size, k) if size else None for size in
+                     (getattr(e, kind) for kind in _kinds(record.datasets)) for k in SIZES]
             rows.append([data.name, e.model, data.rows, *sizes, e.noise, e.closer, e.low, e.high,
                          e.verdict])
-    return csv_text(list(HEADER), [[r[i] for r in rows] for i in range(len(HEADER))])
+    return csv_text(header, [[r[i] for r in rows] for i in range(len(header))])
 
 
 def _column_units(units: Units, datasets: Sequence[ValidatedDataset]) -> dict[str, str]:
@@ -189,12 +215,15 @@ def _column_units(units: Units, datasets: Sequence[ValidatedDataset]) -> dict[st
     compared = {e.unit for d in datasets for e in d.errors}
     own = compared.pop() if len(compared) == 1 else f"{units.length}, of rotations {units.angle}"
     return {name: own if name in ("closer", "low", "high") else
-            units.length if name.startswith("position") else
-            units.angle if name.startswith("rotation") else "" for name in HEADER}
+            units.length if name.startswith(("position", "closure")) else
+            units.angle if name.startswith("rotation") else "" for name in _header(datasets)}
 
 
 def registered_sentence(data: ValidatedDataset) -> str:
     """Return what the registration fitted, and what it makes least: no error in mm alone."""
+    if data.alone:
+        return (f"{data.name}: {data.rows} of {data.of_rows} rows of joint values alone: errors "
+                "are how far limbs are from closing.")
     names = [OPENED.get(w, w) for w in data.fitted]
     fitted = "nothing" if not names else _listed(names)
     more = [OPENED.get(w, w) for w in data.demanded]
@@ -233,6 +262,11 @@ def model_sentence(data: ValidatedDataset) -> str:
                 f"values: {' and '.join(sizes)} is how far apart these are, no error of the model.")
     times = "" if first.noise is None or data.noise is None else (
         f", {number(first.noise, 2)} times the noise")
+    if first.closure:
+        limbs = ", ".join(f"{name} {number(size)}" for name, size in first.limbs.items()
+                          if size is not None)
+        return (f"{data.name}: limbs are {_with_interval(first.closure)} from closing{times}; "
+                f"{limbs} {first.closure.unit} by limb.")
     return f"{data.name}: the model misses by {' and '.join(sizes)}{times}."
 
 
@@ -263,7 +297,7 @@ def effects_sentence(data: ValidatedDataset) -> str:
 
 def _of_one_row(data: ValidatedDataset) -> str:
     """Return that one row makes nearly all of the mean square, empty where none does."""
-    size = data.errors[0].position or data.errors[0].rotation
+    size = data.errors[0].size
     if size is None or not size.rms or size.max is None or data.rows < FEW:
         return ""
     share = size.max**2 / (data.rows * size.rms**2)
