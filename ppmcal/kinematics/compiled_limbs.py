@@ -17,10 +17,12 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.entry_tables import entry_tables
+from ppmcal.kinematics.least_squares_closure import EXACT
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.limbs.chain import U, cross_matrix
 from ppmcal.model.limbs.driven import DrivenChain, cut_at_drive
+from ppmcal.model.mechanism import Mechanism
 
 MANY = 1000
 """From so many rows on the compiled path pays for its import, half a second with what is kept."""
@@ -46,8 +48,8 @@ class CompiledLimbs:
     u: Array
     chains: tuple[tuple[DrivenChain, ...], ...]
 
-    def newton(self, pose: Array, iterations: int, smallest: float, closed: float
-               ) -> tuple[Array, Bools, Array, Array]:
+    def newton(self, pose: Array, iterations: int, smallest: float, closed: float,
+               most: float = np.inf) -> tuple[Array, Bools, Array, Array]:
         """Solve the closure for the motors, row by row; see :func:`forward.newton`.
 
         Args:
@@ -55,18 +57,31 @@ class CompiledLimbs:
             iterations: at most so many.
             smallest: a step below this part of the length scale, or rad, ends the search.
             closed: so does a misclosure below this part of the reach, both together.
+            most: where limbs are surplus, rows are given up whose second step is above this part
+                of the first.
 
         Returns:
             motors (N, 8), converged (N,), lengths of the first two steps (N, 2), signs of det A
-            (N, 2) at the start and at the end.
+            (N, 2) at the start and at the end; a tall A has none.
         """
-        from ppmcal.kinematics.compiled_closure import newton_rows
-
         mechanism = self.closure.model.mechanism
         pose = np.array(pose, dtype=float)
-        found = newton_rows(self.limbs, self._each(self.u, len(pose)), pose,
-                            mechanism.length_scale, mechanism.reach, iterations, smallest, closed)
-        return pose, *found
+        given = (self.limbs, self._each(self.u, len(pose)), pose, mechanism.length_scale,
+                 mechanism.reach, iterations, smallest)
+        if mechanism.surplus:
+            from ppmcal.kinematics.compiled_surplus import newton_rows as least
+
+            return pose, *least(*given, most, EXACT), np.ones((len(pose), 2))
+        from ppmcal.kinematics.compiled_closure import newton_rows
+
+        return pose, *newton_rows(*given, closed)
+
+    def gap_squares(self, pose: Array) -> Array:
+        """Return the sum of the squared gaps of surplus limbs, as true lengths (N,), m^2."""
+        from ppmcal.kinematics.compiled_surplus import gap_squares
+
+        return gap_squares(self.limbs, self._each(self.u, len(pose)),
+                           np.ascontiguousarray(pose))
 
     def error_columns(self, pose: Array, by_pose: Array, place: Mapping[int, int], out: Array,
                       homing: int | None = None) -> bool:
@@ -83,7 +98,7 @@ class CompiledLimbs:
             Whether there is such a form; if not, nothing is set.
         """
         entries = self.entries(place, homing)
-        if entries is None:
+        if entries is None or self.closure.model.mechanism.surplus:
             return False
         from ppmcal.kinematics.compiled_closure import fill_columns
 
@@ -105,7 +120,9 @@ class CompiledLimbs:
 def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
     """Return a closure's compiled form for so many rows; None where NumPy is the way."""
     mechanism = closure.model.mechanism
-    if rows < MANY or closure.model.parameters.ndim > 1 or mechanism.surplus:
+    if rows < MANY or closure.model.parameters.ndim > 1:
+        return None
+    if mechanism.surplus and not _each_driven(mechanism):
         return None
     first = np.cumsum([0, *(limb.kind.surface.equations for limb in mechanism.limbs)])
     count = len(mechanism.limbs)
@@ -136,6 +153,13 @@ def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
     tables = LimbTables(ends, drive, first, np.repeat(np.arange(count), np.diff(first)), form, axis,
                         other, np.array(mechanism.dof))
     return CompiledLimbs(closure, tables, u, tuple(every))
+
+
+def _each_driven(mechanism: Mechanism) -> bool:
+    """Whether each limb is one sphere with a drive of its own."""
+    drives = [limb.actuator for limb in mechanism.limbs]
+    return len(set(drives)) == len(drives) and all(
+        [f.name for f in limb.kind.surface.forms] == ["sphere"] for limb in mechanism.limbs)
 
 
 def _ends(chain: DrivenChain) -> tuple[int, Array] | None:

@@ -133,11 +133,12 @@ def _newton(model: Model, q: Array, closed: Array) -> Array:
     out = np.full_like(closed, np.nan)
     rows = np.flatnonzero(finite_rows(closed) & finite_rows(q) & row_known(model.shift, q.shape[0]))
     if rows.size:
+        of = rows.size if model.mechanism.surplus else 0
         found, converged, _ = newton(model.take(rows).closure(q[rows]), closed[rows])
         out[rows[converged]] = found[converged]
         lost = rows[~converged]
         if lost.size:
-            out[lost] = forward(model.take(lost), q[lost]).pose
+            out[lost] = forward(model.take(lost), q[lost], of=of).pose
         if model.mechanism.surplus:
             out[rows] = least_of_minima(model.take(rows), q[rows], out[rows])
     return out

@@ -9,7 +9,6 @@ A row that meets a singularity on the way is reported, never returned.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
@@ -19,7 +18,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal import linalg
 from ppmcal.kinematics.closure import Closure, Model
-from ppmcal.kinematics.compiled_limbs import compiled_limbs
+from ppmcal.kinematics.compiled_limbs import CompiledLimbs, compiled_limbs
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.least_squares_closure import newton_step
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -59,8 +58,8 @@ class Forward:
     reason: tuple[str, ...] = ()
 
 
-def forward(model: Model, q: Array, start: Array | None = None, start_q: Array | None = None
-            ) -> Forward:
+def forward(model: Model, q: Array, start: Array | None = None, start_q: Array | None = None,
+            of: int = 0) -> Forward:
     """Return the poses at joint values ``q`` (N, k).
 
     Args:
@@ -68,8 +67,11 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
         q: joint values, SI.
         start: motors (N, 8) or (8,) to start from, default home.
         start_q: joint values at ``start``, default home's; needed for leading the joints.
+        of: of a machine with surplus limbs, or a part of it: how many rows the question has in
+            all, by which it is compiled or not.
     """
     q = np.atleast_2d(np.asarray(q, dtype=float))
+    of = max(of, len(q)) if of or model.mechanism.surplus else 0
     home = home_state(model.mechanism)
     pose = np.array(np.broadcast_to(model.mechanism.home if start is None else start,
                                     (q.shape[0], 8)))
@@ -78,19 +80,22 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
     if model.mechanism.surplus and usable.any():
         # surplus limbs contradict each other at the start: the way begins where they do least
         some = np.flatnonzero(usable)
-        closest, found, _ = newton(model.take(some).closure(origin[some]), pose[some])
-        pose[some[found]] = closest[found]
+        # from home, without a shift, it is one for all
+        alike = start is None and start_q is None and model.take(some[:1]) is model
+        one = some[:1] if alike else some
+        closest, found, _ = newton(model.take(one).closure(origin[one]), pose[one], of=of)
+        pose[some] = np.where(found[:, None], closest, pose[some])
     progress = np.zeros(q.shape[0])
     result = np.full_like(pose, np.nan)
     rows = np.flatnonzero(usable)
     if rows.size:
-        solved, good = _attempt(model.take(rows), q[rows], pose[rows])
+        solved, good = _attempt(model.take(rows), q[rows], pose[rows], of)
         result[rows[good]] = solved[good]
         progress[rows[good]] = 1.0
         rest = rows[~good]
         if rest.size:
             result[rest], progress[rest] = _lead(model.take(rest), origin[rest], q[rest],
-                                                 pose[rest])
+                                                 pose[rest], of)
     if model.mechanism.surplus and start is None:
         result = least_of_minima(model, q, result)
         progress[finite_rows(result)] = 1.0
@@ -104,7 +109,8 @@ def least_of_minima(model: Model, q: Array, pose: Array) -> Array:
     limbs as close the machine exactly lead from home to the right one, unless they meet a
     singularity on the way: several sets of them are tried, for rows that stand out.
     """
-    least = _gap_square(model, q, pose)
+    of = len(q)
+    least = _gap_square(model, q, pose, of)
     known = least[np.isfinite(least)]
     usual = np.median(known) if known.size else 0.0
     far = finite_rows(q) & ~(least <= STANDS_OUT * usual + (ROUND_OFF * model.mechanism.reach) ** 2)
@@ -113,10 +119,10 @@ def least_of_minima(model: Model, q: Array, pose: Array) -> Array:
     pose = pose.copy()
     rows = np.flatnonzero(far)
     for part, driven in (with_limbs(model, some) for some in _exact_sets(model.mechanism)):
-        led = forward(part.take(rows), q[rows][:, driven]).pose
+        led = forward(part.take(rows), q[rows][:, driven], of=of).pose
         whole = model.take(rows)
-        found, converged, _ = newton(whole.closure(q[rows]), led)
-        value = np.where(converged, _gap_square(whole, q[rows], found), np.inf)
+        found, converged, _ = newton(whole.closure(q[rows]), led, of=of)
+        value = np.where(converged, _gap_square(whole, q[rows], found, of), np.inf)
         better = value < np.where(np.isfinite(least[rows]), 0.99 * least[rows], np.inf)
         # a way round by a whole turn comes home with the other sign of the same motor
         found *= np.where(found[:, :4] @ model.mechanism.home[:4] < 0.0, -1.0, 1.0)[:, None]
@@ -124,10 +130,14 @@ def least_of_minima(model: Model, q: Array, pose: Array) -> Array:
     return pose
 
 
-def _gap_square(model: Model, q: Array, pose: Array) -> Array:
+def _gap_square(model: Model, q: Array, pose: Array, of: int) -> Array:
     """Return the sum of squared gaps (N,), nan without a pose."""
+    closure = model.closure(q)
+    tables = compiled_limbs(closure, of)
+    if tables is not None:
+        return tables.gap_squares(pose)
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.sum(model.closure(q).lengths(pose) ** 2, axis=1))
+        return np.asarray(np.sum(closure.lengths(pose) ** 2, axis=1))
 
 
 @lru_cache(maxsize=64)
@@ -151,26 +161,30 @@ def _exact_sets(mechanism: Mechanism) -> tuple[tuple[int, ...], ...]:
 
 def with_limbs(model: Model, some: Sequence[int]) -> tuple[Model, list[int]]:
     """Return the machine with some of its limbs, and which actuators they have."""
-    mechanism = model.mechanism
+    shift = model.shift and replace(model.shift, slots={
+        (some.index(i), slot): v for (i, slot), v in model.shift.slots.items() if i in some})
+    part, driven = _part_of(model.mechanism, tuple(some))
+    return replace(model, shift=shift, mechanism=part), driven
+
+
+@lru_cache(maxsize=64)
+def _part_of(mechanism: Mechanism, some: tuple[int, ...]) -> tuple[Mechanism, list[int]]:
+    """Return the machine with some of its limbs; kept, as what is known of its home is."""
     chosen = [mechanism.limbs[i] for i in some]
     driven = sorted({limb.actuator for limb in chosen if limb.driven})
     limbs = tuple(replace(limb, actuator=driven.index(limb.actuator)) if limb.driven else limb
                   for limb in chosen)
-    shift = model.shift and replace(model.shift, slots={
-        (some.index(i), slot): v for (i, slot), v in model.shift.slots.items() if i in some})
     part = replace(mechanism, limbs=limbs, actuators=tuple(mechanism.actuators[a] for a in driven),
                    limits=mechanism.limits[driven], home_q=mechanism.home_q[driven], effects=())
-    return replace(model, shift=shift, mechanism=part), driven
+    return part, driven
 
 
-def _attempt(model: Model, q: Array, pose: Array) -> tuple[Array, Bools]:
+def _attempt(model: Model, q: Array, pose: Array, of: int) -> tuple[Array, Bools]:
     """Newton at ``q`` from ``pose``; good rows converged, contracting, on the same side."""
     closure = model.closure(q)
-    tables = compiled_limbs(closure, pose.shape[0])
+    tables = compiled_limbs(closure, max(of, len(pose)))
     if tables is not None:
-        solved, converged, sizes, signs = tables.newton(pose, NEWTON_STEPS, STEP, CLOSED)
-        same = signs[:, 0] == signs[:, 1]
-        return solved, converged & same & (_contraction(sizes) <= CONTRACTION)
+        return _compiled_attempt(tables, pose)
     with np.errstate(invalid="ignore"):  # nan where an offset universal joint cannot stand
         c, lines = closure.misclosure_and_lines(pose)
         matrix = closure.pose_matrix(pose, lines)
@@ -184,17 +198,29 @@ def _attempt(model: Model, q: Array, pose: Array) -> tuple[Array, Bools]:
     return solved, converged & same & (contraction <= CONTRACTION)
 
 
-def _lead(model: Model, origin: Array, q: Array, pose: Array) -> tuple[Array, Array]:
+def _compiled_attempt(tables: CompiledLimbs, pose: Array) -> tuple[Array, Bools]:
+    solved, converged, sizes, signs = tables.newton(pose, NEWTON_STEPS, STEP, CLOSED, CONTRACTION)
+    same = signs[:, 0] == signs[:, 1]
+    return solved, converged & same & (_contraction(sizes) <= CONTRACTION)
+
+
+def _lead(model: Model, origin: Array, q: Array, pose: Array, of: int) -> tuple[Array, Array]:
     """Lead the joints from ``origin`` to ``q`` in steps that Newton follows safely."""
     n = q.shape[0]
     at, step = np.zeros(n), np.full(n, 0.5)
     pose = pose.copy()
     active = np.ones(n, dtype=bool)
+    # tables of both ends: between them joint coordinates move as the joints do
+    ends = [compiled_limbs(model.closure(own), max(of, n)) for own in (origin, q)] if of else []
+    whole = [t for t in ends if t is not None]
+    first, way = (_each(whole[0].u, n), _each(whole[1].u, n) - _each(whole[0].u, n)) if whole else (
+        origin, q - origin)
     while active.any():
         rows = np.flatnonzero(active)
         to = np.minimum(at[rows] + step[rows], 1.0)
-        goal = origin[rows] + to[:, None] * (q[rows] - origin[rows])
-        solved, good = _attempt(model.take(rows), goal, pose[rows])
+        goal = first[rows] + to[:, None] * way[rows]
+        solved, good = (_compiled_attempt(replace(whole[0], u=goal), pose[rows]) if whole else
+                        _attempt(model.take(rows), goal, pose[rows], of))
         pose[rows[good]], at[rows[good]] = solved[good], to[good]
         step[rows] = np.where(good, step[rows] * 1.5, step[rows] / 2.0)
         active[rows] = (at[rows] < 1.0) & (step[rows] >= SMALLEST_STEP)
@@ -202,12 +228,18 @@ def _lead(model: Model, origin: Array, q: Array, pose: Array) -> tuple[Array, Ar
     return pose, at
 
 
+def _each(values: Array, count: int) -> Array:
+    return np.broadcast_to(values, (count, values.shape[1]))
+
+
 def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: float = np.inf,
-           begin: tuple[Array, Array, Array] | None = None) -> tuple[Array, Bools, Array]:
+           begin: tuple[Array, Array, Array] | None = None, of: int = 0
+           ) -> tuple[Array, Bools, Array]:
     """Solve the closure for the motors, batched.
 
     Rows that contract by less than ``most`` in their second step are given up then. ``begin``:
-    misclosure, lines and pose matrix at ``pose``, where they are known.
+    misclosure, lines and pose matrix at ``pose``, where they are known. ``of``: as in
+    :func:`forward`.
 
     Returns:
         motors (N, 8), converged (N,), and the ratio of the second step's length to the
@@ -215,9 +247,9 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS, most: 
     """
     mechanism = closure.model.mechanism
     scale, reach = mechanism.length_scale, mechanism.reach
-    tables = compiled_limbs(closure, pose.shape[0])
+    tables = compiled_limbs(closure, max(of, len(pose)))
     if tables is not None:
-        pose, converged, two, _ = tables.newton(pose, iterations, STEP, CLOSED)
+        pose, converged, two, _ = tables.newton(pose, iterations, STEP, CLOSED, most)
         return pose, converged, _contraction(two)
     pose, slow = np.array(pose), np.zeros(pose.shape[0], dtype=bool)
     sizes: list[Array] = []

@@ -25,6 +25,8 @@ from ppmcal.linalg import Array, solve_rows
 STEPS = 10
 STILL = 1e-10
 """Steps end where they are below this part of the length scale."""
+ROUND_OFF = 1e-9
+"""A value that is larger by less than this part of it is not: the bottom is flat."""
 
 
 def most_likely(closure: Closure, look: Callable[[Array], ResidualJacobian], pose: Array,
@@ -42,8 +44,9 @@ def most_likely(closure: Closure, look: Callable[[Array], ResidualJacobian], pos
     best, least = pose, np.full(len(pose), np.inf)
     for _ in range(STEPS):
         value, step = _step(closure, look(pose), pose, sigma, sigma_joint)
-        down = value <= least
-        best, least = np.where(down[:, None], pose, best), np.where(down, value, least)
+        down = value <= (1.0 + ROUND_OFF) * least
+        best = np.where(down[:, None], pose, best)
+        least = np.where(down, np.minimum(value, least), least)
         twist = np.zeros((len(pose), 6))
         twist[:, mechanism.dof] = np.where(down[:, None] & np.isfinite(step), step, 0.0)
         if not np.any(np.abs(twist) > STILL * mechanism.length_scale):

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.fit.nuisance_columns import SCALE, TARGET, TURN, InstrumentTables
+from ppmcal.calibration.fit.nuisance_columns import InstrumentTables
 from ppmcal.calibration.fit.observation import coordinates
 from ppmcal.calibration.fit.problem import PIECE, Problem, State
 from ppmcal.kinematics import compiled_limbs
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
-from ppmcal.model.limbs.chain import left_jacobian
 
 AT_ONCE = 256
 """Rows that are made together where they are reduced at once: as many as a cache holds."""
@@ -60,13 +59,16 @@ def row_squares(problem: Problem, state: State, index: int, rows: Bools) -> Arra
     """Return the white squares (n,) of some rows (N,) of a data set, which all have poses."""
     at = np.flatnonzero(rows)
     own = None
-    if _has_sight(problem, state, index):
+    sighting = problem.sighting(index, state)
+    if problem.mechanism.surplus:
+        own = _likely_squares(problem, state, index, at)
+    elif sighting.plain:
         if at.size < compiled_limbs.MANY:
             own = _few_squares(problem, state, index, at)
         else:
             from ppmcal.calibration.fit.compiled_rows import row_squares as squares
 
-            sight = _sight(problem, state, index)
+            sight = sighting.tables
             own = np.concatenate([squares(sight, _taken(some, state.poses[index]),
                                           *problem.measured(index, some)[:2])
                                   for some in _pieces(at)])
@@ -94,9 +96,29 @@ def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Arra
     return np.asarray(np.sum((white * left[:, parts]) ** 2, axis=1))
 
 
+def _likely_squares(problem: Problem, state: State, index: int, rows: Ints) -> Array | None:
+    """Return the white squares (n,) of rows whose limbs are surplus, None without a form."""
+    out, sighting = [], problem.sighting(index, state)
+    if rows.size < compiled_limbs.MANY or not sighting.plain:
+        return None
+    weight, model = problem.datasets[index].weight, Model(problem.mechanism, state.g)
+    for some in _pieces(rows):
+        q = _taken(some, problem.datasets[index].q) + state.registrations[index].homing
+        tables = compiled_limbs.compiled_limbs(model.closure(q), rows.size)
+        if tables is None:
+            return None
+        squares = sighting.likely(some, state.poses[index][some], tables).squares
+        out.append(squares if weight is None else weight[some] * squares)
+    return np.concatenate(out)
+
+
 @dataclass(frozen=True)
 class _CompiledRows:
-    """Rows ``index`` (N,) of a data set, compiled; ``values`` (N,): how many each holds."""
+    """Rows ``index`` (N,) of a data set, compiled; ``values`` (N,): how many each holds.
+
+    ``size``: how many white values a row has, measured or not; ``noise`` (L,) and ``weight`` (N,)
+    are there where limbs are surplus.
+    """
 
     index: Ints
     limbs: LimbTables
@@ -105,33 +127,59 @@ class _CompiledRows:
     columns: Ints
     arrays: tuple[Array, Array, Array, Array, Array]
     values: Ints
+    size: int
+    noise: Array | None = None
+    weight: Array | None = None
+
+    def made(self, some: slice, out: Array) -> Array:
+        """Fill rows (n, size, C + 1), or return the sums where there are none to fill."""
+        u, q, pose, seen, white = (a[some] for a in self.arrays)
+        if self.noise is not None and self.weight is not None:
+            from ppmcal.calibration.fit.compiled_surplus_rows import white_rows as eliminated
+
+            return eliminated(self.limbs, self.entries, self.sight, self.columns, self.noise, u, q,
+                              pose, seen, white, self.weight[some], out)
+        from ppmcal.calibration.fit.compiled_rows import white_rows
+
+        return white_rows(self.limbs, self.entries, self.sight, self.columns, u, q, pose, seen,
+                          white, out)
 
 
 def _compiled_rows(problem: Problem, state: State, index: int, keep: Bools,
                    weights: Array | None) -> Iterator[_CompiledRows]:
     """Yield some rows (N,) of a data set by pieces, nothing where they have no compiled form."""
     at = np.flatnonzero(keep & finite_rows(state.poses[index]))
-    if at.size < compiled_limbs.MANY or not _has_sight(problem, state, index):
+    sighting = problem.sighting(index, state)
+    if at.size < compiled_limbs.MANY or not sighting.plain:
         return
     data, model = problem.datasets[index], Model(problem.mechanism, state.g)
     opened = problem.opens[index]
     homing = opened.homing.start if opened.homing.stop > opened.homing.start else None
     place = {p: c for c, p in enumerate(problem.free)}
-    columns = np.array([*_open_columns(problem, index)[1], len(problem.columns)], dtype=np.int64)
-    sight = _sight(problem, state, index)
+    columns = np.array([*sighting.open_columns[1], len(problem.columns)], dtype=np.int64)
+    sight = sighting.tables
     for rows in _pieces(at):
         q = _taken(rows, data.q) + state.registrations[index].homing
         tables = compiled_limbs.compiled_limbs(model.closure(q, problem.free), at.size)
         entries = None if tables is None else tables.entries(place, homing)
         if tables is None or entries is None:
             return
+        same, q = (tables.limbs, entries, sight, columns), np.ascontiguousarray(q)
+        if problem.mechanism.surplus:
+            own = sighting.likely(rows, state.poses[index][rows], tables)
+            weight = np.ones(rows.size) if data.weight is None else np.sqrt(data.weight[rows])
+            if weights is not None:
+                weight = weight * weights[rows]
+            yield _CompiledRows(
+                rows, *same, (own.u, q, own.pose, own.seen, own.white), own.number,
+                own.white.shape[1] + problem.mechanism.surplus, own.noise, weight)
+            continue
         seen, white, number = problem.measured(index, rows)
         if weights is not None:
             white = white * weights[rows][:, None]
         u = np.ascontiguousarray(np.broadcast_to(tables.u, (rows.size, tables.u.shape[1])))
-        yield _CompiledRows(rows, tables.limbs, entries, sight, columns,
-                            (u, np.ascontiguousarray(q), _taken(rows, state.poses[index]), seen,
-                             white), number)
+        yield _CompiledRows(rows, *same, (u, q, _taken(rows, state.poses[index]), seen, white),
+                            number, white.shape[1])
 
 
 def _pieces(rows: Ints) -> Iterator[Ints]:
@@ -145,10 +193,7 @@ def _compiled_sums(problem: Problem, state: State, index: int, keep: Bools,
     """Return the sums (C + 1, C + 1) of a data set, None where it has no compiled form."""
     upper, count, rows = None, 0.0, None
     for rows in _compiled_rows(problem, state, index, keep, weights):
-        from ppmcal.calibration.fit.compiled_rows import white_rows
-
-        own = white_rows(rows.limbs, rows.entries, rows.sight, rows.columns, *rows.arrays,
-                         np.zeros((0, 0, 0)))
+        own = rows.made(slice(None), np.zeros((0, 0, 0)))
         upper = own if upper is None else upper + own
         count += problem.values(index, rows.index, rows.values)
     if upper is None or rows is None:
@@ -181,14 +226,10 @@ def white_blocks(problem: Problem, state: State, index: int, keep: Bools,
     """Yield the rows of one data set that have a pose; arguments as :func:`normal_sums`."""
     size, rows = len(problem.columns) + 1, None
     for rows in _compiled_rows(problem, state, index, keep, weights):
-        from ppmcal.calibration.fit.compiled_rows import white_rows
-
         for begin in range(0, len(rows.values), AT_ONCE):
             some = slice(begin, begin + AT_ONCE)
-            u, q, pose, seen, white = (a[some] for a in rows.arrays)
-            out = np.zeros((*white.shape, size))
-            white_rows(rows.limbs, rows.entries, rows.sight, rows.columns, u, q, pose, seen, white,
-                       out)
+            out = np.zeros((len(rows.values[some]), rows.size, size))
+            rows.made(some, out)
             yield WhiteBlock(rows.index[some], out, rows.values[some])
     if rows is not None:
         return
@@ -202,44 +243,3 @@ def white_blocks(problem: Problem, state: State, index: int, keep: Bools,
 def _taken(rows: Ints, array: Array) -> Array:
     """Return some rows of an array, itself where that is all of them."""
     return np.ascontiguousarray(array) if rows.size == len(array) else array[rows]
-
-
-def _has_sight(problem: Problem, state: State, index: int) -> bool:
-    """Whether what a data set shows is its poses' own: no effects, no distances, sound joints."""
-    data = problem.datasets[index]
-    own_scale = data.scale.fitted or state.registrations[index].scale != 1.0
-    return (not problem.mechanism.effects and not problem.mechanism.surplus
-            and data.kind.of_poses and not data.kind.along_line
-            and not (data.kind.touches and own_scale)
-            and not np.any(data.sigma_actuator > 0.0))
-
-
-def _open_columns(problem: Problem, index: int) -> tuple[list[int], list[int]]:
-    """Return the open parts of a registration, numbered, and their columns."""
-    columns = problem.opens[index]
-    parts: list[int] = []
-    where: list[int] = []
-    for own, names, first in ((columns.frame, columns.frame_parts, 0),
-                              (columns.target, columns.target_parts, TARGET),
-                              (columns.target_rotation, columns.turn_parts, TURN),
-                              (columns.scale, (0,), SCALE)):
-        if own.stop > own.start:
-            parts += [first + part for part in names]
-            where += range(own.start, own.stop)
-    return parts, where
-
-
-def _sight(problem: Problem, state: State, index: int) -> InstrumentTables:
-    """Return what a data set's instrument sees from where it stands."""
-    data, registration = problem.datasets[index], state.registrations[index]
-    motion = problem.mechanism.motion
-    about = problem.opens[index].about
-    body = cga.motor_from_rotation_vector(registration.target_rotation, np.zeros(3))
-    frame = registration.frame
-    return InstrumentTables(
-        np.concatenate([cga.rotation_matrix(frame).ravel(), cga.translation(frame)]),
-        np.array(frame[:4]), np.array(body[:4]), np.asarray(registration.target, dtype=float),
-        left_jacobian(registration.target_rotation).ravel(), np.asarray(about, dtype=float),
-        1.0 if data.kind.touches else float(registration.scale), motion.planar,
-        np.array(coordinates(data, motion)), np.array(_open_columns(problem, index)[0],
-                                                      dtype=np.int64))

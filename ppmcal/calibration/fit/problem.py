@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.calibration.fit.instrument_tables import Sighting
 from ppmcal.calibration.fit.latent_poses import most_likely
 from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns, lay_out
 from ppmcal.calibration.fit.observation import (
@@ -258,6 +259,11 @@ class Problem:
             ends.append((data.to_q[rows] + homing, pose[rows, 8:]))
         return ends
 
+    def sighting(self, index: int, state: State) -> Sighting:
+        """Return a data set as its instrument sees the machine."""
+        return Sighting(self.mechanism, self.datasets[index], state.registrations[index],
+                        self.opens[index], self.sigma_joints[index])
+
     def joints(self, index: int, state: State) -> Array:
         """Return the joint values of a data set with its homing shifts applied (N, k)."""
         return self.datasets[index].q + state.registrations[index].homing
@@ -353,8 +359,10 @@ class Problem:
         sigma_seen = noise(part, motion)
         if self.mechanism.surplus and len(ends) == 1:
             (q, pose), = ends
-            ends = [(q, most_likely(models[0].closure(q), look, pose, sigma_seen,
-                                    self.sigma_joints[i]))]
+            closure = models[0].closure(q)
+            found = self.sighting(i, state).likely_poses(index, pose, closure)
+            ends = [(q, most_likely(closure, look, pose, sigma_seen, self.sigma_joints[i])
+                     if found is None else found)]
         seen = look(*(pose for _, pose in ends))
         bases: list[tuple[Array, slice] | None] = [None] * len(ends)
         if self.mechanism.surplus:

@@ -1,0 +1,112 @@
+"""Closure by least squares, compiled, against NumPy's: where it ends, and what has no such form."""
+
+import numpy as np
+import pytest
+import yaml
+from helpers.diagnoses import CONFIGS
+from helpers.redundant import belts, cables, machine, rope_cage, stewart
+
+from ppmcal.kinematics import compiled_limbs
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward, least_of_minima, moved, newton
+from ppmcal.kinematics.inverse import inverse
+
+COUNT = 37
+"""Rows: fewer than go the compiled way, unless they are told to."""
+
+
+def cranks():
+    """Return the file of a platform on seven cranks with rods."""
+    tree = yaml.safe_load((CONFIGS / "6-RUS.yaml").read_text(encoding="utf-8"))
+    last = tree["limbs"][-1] | {"name": "leg7", "base": {
+        "point": [60, 40, 10], "axis": [0, 1, 0], "zero": [1, 0, 0]},
+        "platform": {"point": [-30, 60, 0]}}
+    tree["limbs"].append(last)
+    tree.pop("limits", None)
+    return tree
+
+
+@pytest.fixture(scope="module", params=[cables, stewart, rope_cage, belts, cranks])
+def rows(request, tmp_path_factory):
+    """A model off its nominal values, joint values that contradict each other, and poses."""
+    mechanism = machine(tmp_path_factory.mktemp("m"), request.param())
+    rng = np.random.default_rng(4)
+    step = np.zeros((COUNT, 6))
+    step[:, mechanism.dof] = rng.uniform(-1.0, 1.0, (COUNT, len(mechanism.dof)))
+    there = moved(np.tile(mechanism.home, (COUNT, 1)),
+                  step * np.repeat([0.06 * mechanism.reach, 0.1], 3))
+    q = inverse(Model(mechanism), there).q
+    q += 1e-4 * mechanism.reach * rng.normal(size=q.shape) / mechanism.joint_ratios
+    assert np.isfinite(q).all()
+    return Model(mechanism), q, there
+
+
+def both(monkeypatch, work):
+    """Return what some work gives by NumPy, and compiled."""
+    plain = work()
+    monkeypatch.setattr(compiled_limbs, "MANY", 1)
+    return plain, work()
+
+
+def test_newton_ends_at_the_same_least_squares(rows, monkeypatch):
+    model, q, there = rows
+    (slow, sure, _), (fast, found, _) = both(monkeypatch, lambda: newton(model.closure(q), there))
+    assert sure.all()
+    assert found.all()
+    np.testing.assert_allclose(fast, slow, atol=1e-10)
+    assert compiled_limbs.compiled_limbs(model.closure(q), COUNT) is not None
+
+
+def test_rows_from_home_come_to_the_same_poses(rows, monkeypatch):
+    model, q, _ = rows
+    plain, fast = both(monkeypatch, lambda: forward(model, q))
+    np.testing.assert_array_equal(fast.converged, plain.converged)
+    np.testing.assert_allclose(fast.pose, plain.pose, atol=1e-10)
+
+
+def test_rows_in_another_minimum_are_found_alike(rows, monkeypatch):
+    model, q, there = rows
+    off = there.copy()
+    off[::5] = np.nan
+    plain, fast = both(monkeypatch, lambda: least_of_minima(model, q, off))
+    np.testing.assert_allclose(fast, plain, atol=1e-10)
+
+
+def test_gaps_are_those_of_the_closure(rows, monkeypatch):
+    model, q, there = rows
+    monkeypatch.setattr(compiled_limbs, "MANY", 1)
+    closure = model.closure(q)
+    np.testing.assert_allclose(
+        compiled_limbs.compiled_limbs(closure, COUNT).gap_squares(there),
+        np.sum(closure.lengths(there) ** 2, axis=1), rtol=1e-9, atol=1e-20)
+
+
+def test_joints_that_are_nowhere_near_are_given_up_by_both(rows, monkeypatch):
+    model, q, there = rows
+    wild = q + 30.0 * model.mechanism.reach * (np.arange(COUNT) % 2)[:, None]
+    plain, fast = both(monkeypatch, lambda: newton(model.closure(wild), there, most=0.25))
+    np.testing.assert_array_equal(fast[1], plain[1])
+    assert not fast[1][1::2].all()      # a crank goes round
+    assert fast[1].any()
+
+
+def test_columns_of_surplus_limbs_go_another_way(rows, monkeypatch):
+    """Their A has no inverse: what columns are made of is there, -A^-1 is not."""
+    model, q, there = rows
+    monkeypatch.setattr(compiled_limbs, "MANY", 1)
+    free = model.mechanism.free
+    tables = compiled_limbs.compiled_limbs(model.closure(q, free), COUNT)
+    place = {p: c for c, p in enumerate(free)}
+    out = np.zeros((COUNT, 6, len(free)))
+    assert not tables.error_columns(there, np.eye(6)[None], place, out)
+    assert not out.any()
+
+
+def test_limbs_that_share_a_drive_have_no_compiled_form(tmp_path, monkeypatch):
+    """Their errors are one: S is not diagonal."""
+    tree = stewart(8)
+    tree["limbs"][7]["actuator"] = "leg7"
+    mechanism = machine(tmp_path, tree)
+    monkeypatch.setattr(compiled_limbs, "MANY", 1)
+    q = np.tile(mechanism.home_q, (COUNT, 1))
+    assert compiled_limbs.compiled_limbs(Model(mechanism).closure(q), COUNT) is None
