@@ -9,6 +9,7 @@ A row that meets a singularity on the way is reported, never returned.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
