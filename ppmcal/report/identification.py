@@ -125,8 +125,8 @@ def accuracy(one: Identified) -> Section | None:
         return None
     words = [one.record.holdout_note, before_words(residual.before_is).strip()]
     if kinds == ["closure"]:
-        words.append("Closure is how far each limb is from closing at the pose that suits all best, "
-                     "as a length.")
+        words.append("Closure is how far each limb is from closing at the pose that suits all "
+                     "best, as a length.")
     elif "closure" in kinds:
         words.append("Closure is the limb condition at the measured poses, as a length.")
     note = " ".join(w[0].upper() + w[1:].rstrip(".") + "." for w in words if w)

@@ -59,7 +59,7 @@ def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
 
 
 def by_defining(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int]) -> Array:
-    """Return how parameters ``free`` (F,) move with the frames if those that define these err (F, G).
+    """Return how parameters ``free`` move with errors of those that define the frames (F, G).
 
     An error of a held parameter is a motion of its frame: seen from there the others are off.
     """
@@ -81,7 +81,8 @@ def by_frames(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[
     known = [mechanism.parameters[p].prior_sigma for p in (*free, *mechanism.defining)]
     if not mechanism.defining or None in known[len(free):]:
         return 0.0
-    moves = np.concatenate([by_defining(mechanism, datasets, free), np.eye(len(mechanism.defining))])
+    moves = np.concatenate([by_defining(mechanism, datasets, free),
+                            np.eye(len(mechanism.defining))])
     weight = np.array([1.0 / s if s else 0.0 for s in known])
     basis = linalg.column_basis(weight[:, None] * moves)
     return float(np.sum((away[:len(free)] @ basis[:len(free)]) ** 2))

@@ -185,7 +185,7 @@ def _columns(own: Problem, problem: Problem) -> _Columns:
     fitted = set(own.columns[free:])
     natural = dict(zip(problem.columns[last:], problem.open_scale().tolist(), strict=True))
     pulls = {f"{problem.columns[c]} of {SESSION}": c for c in range(free, last)}
-    natural |= {n: UNIT * problem.mechanism.parameters[problem.free[c]].size
+    natural |= {n: UNIT * (problem.mechanism.parameters[problem.free[c]].size or 0.0)
                 for n, c in pulls.items()}
     place = pulls | {n: c for c, n in enumerate(problem.columns) if c >= last
              and n not in fitted and not n.startswith("homing.")}

@@ -17,7 +17,7 @@ from ppmcal.io.results.tables import WrittenTable, finite_number
 from ppmcal.io.results.units import COLUMN, MachineUnits
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import OfUnit, Units
+from ppmcal.units import OfUnit
 from ppmcal.wording import pluralize
 
 SHOWN = 4

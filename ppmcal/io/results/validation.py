@@ -85,8 +85,9 @@ class PredictedError(Part):
         """Return an error in file units; ``first``: others are held against this one."""
         low, high = found.interval
         verdict = "" if first else {1: "better", 0: "same", -1: "worse"}[found.sure]
-        alone = found.closure and {"closure": ErrorSize.of(found.closure, units, "length"),
-                                   "limbs": found.limbs}
+        closure = ErrorSize.of(found.closure, units, "length")
+        alone: dict[str, Any] = {} if closure is None else {"closure": closure,
+                                                            "limbs": found.limbs}
         known = {f: getattr(found, f) for f in ("noise", "closer")}
         return cls.filled(
             None, units, **known, model=found.label, verdict=verdict, low=low, high=high,
@@ -195,8 +196,8 @@ def _kinds(datasets: Sequence[ValidatedDataset]) -> tuple[str, ...]:
 
 
 def _header(datasets: Sequence[ValidatedDataset]) -> list[str]:
-    return ["dataset", "model", "rows", *(f"{kind}_{k}" for kind in _kinds(datasets) for k in SIZES),
-            "noise", "closer", "low", "high", "verdict"]
+    sizes = (f"{kind}_{k}" for kind in _kinds(datasets) for k in SIZES)
+    return ["dataset", "model", "rows", *sizes, "noise", "closer", "low", "high", "verdict"]
 
 
 def _table(record: ValidationRecord) -> str:
@@ -222,8 +223,8 @@ def _column_units(units: Units, datasets: Sequence[ValidatedDataset]) -> dict[st
 def registered_sentence(data: ValidatedDataset) -> str:
     """Return what the registration fitted, and what it makes least: no error in mm alone."""
     if data.alone:
-        return (f"{data.name}: {data.rows} of {data.of_rows} rows of joint values alone: errors are "
-                "how far limbs are from closing.")
+        return (f"{data.name}: {data.rows} of {data.of_rows} rows of joint values alone: errors "
+                "are how far limbs are from closing.")
     names = [OPENED.get(w, w) for w in data.fitted]
     fitted = "nothing" if not names else _listed(names)
     more = [OPENED.get(w, w) for w in data.demanded]
