@@ -129,7 +129,7 @@ class Mechanism:
 
     @property
     def self_calibrated(self) -> bool:
-        """Whether joint values alone calibrated it: it knows its base's frame, and no other."""
+        """Whether joint values alone calibrated it: its base's is the only frame known."""
         return self.measured is not None and not self.registrations
 
     @property

@@ -58,9 +58,9 @@ def _heads(data: ValidatedDataset) -> list[str]:
     size = first.size
     unit = "" if size is None else f", {size.unit}"
     more = [f"rotation, {first.rotation.unit} rms"] if first.position and first.rotation else []
-    of = "closure" if data.alone else "error"
-    return ["machine", f"{of}{unit} rms", "its 95 %", f"95 % point{unit}", f"largest{unit}", *more,
-            f"better by{unit}", "its 95 %", ""]
+    error = "closure" if data.alone else "error"
+    return ["machine", f"{error}{unit} rms", "its 95 %", f"95 % point{unit}", f"largest{unit}",
+            *more, f"better by{unit}", "its 95 %", ""]
 
 
 def _row(e: PredictedError) -> list[Cell]:

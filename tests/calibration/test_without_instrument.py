@@ -5,10 +5,17 @@ import pytest
 from helpers.redundant import alone, apart, belts, rope_cage, stewart, written
 
 import ppmcal
+from ppmcal import algebra as cga
+from ppmcal.calibration.compensation import ParameterCovariance
+from ppmcal.calibration.compensation.kinematics_sigma import PoseRows, forward_sigma
+from ppmcal.calibration.fit import by_defining
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward, moved
 from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.model.dataset import unknown_environment
+from ppmcal.model.registration import Registration
 
 HALF = {"belts": {"x": 900, "y": 700},
         "stewart": {"x": 80, "y": 80, "z": 60, "rx": 10, "ry": 10, "rz": 10},
@@ -93,3 +100,130 @@ def test_what_defines_the_frame_may_be_off_too(tmp_path):
     found = {mechanism.names[p]: mechanism.parameters[p].prior_sigma for p in problem.free}
     assert found == {n: pytest.approx(0.02 * np.sqrt(v), rel=1e-9) for n, v in wanted.items()}
     assert all(p.tolerance in (None, 0.02) for p in mechanism.parameters if "base" in p.name)
+
+
+def in_their_frames(found, g):
+    """Return the true values seen from the frames that held parameters define, (P,)."""
+    problem, out = found.identification.fit.problem, g.copy()
+    held = list(problem.mechanism.defining)
+    off = g[held] - found.mechanism.values[held]
+    out[held] -= off
+    out[list(problem.free)] -= by_defining(problem.mechanism.with_values(
+        found.identification.fit.state.g), problem.datasets, problem.free) @ off
+    return out
+
+
+def belts_of(gauge, tolerance=4):
+    """Return the file of four belts with small tolerances: frames turn by little."""
+    return {**belts(), "tolerances": {"point": tolerance}, "gauge": gauge}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gauge", ["base", "tolerances"])
+def test_promised_errors_are_the_true_ones_in_the_frame_that_is_defined(gauge, tmp_path):
+    """Held points have no error in the frame that they define; tolerances promise the drawing's."""
+    file = belts_of(gauge)
+    path = written(tmp_path, file)
+    promised, true = [], []
+    for seed in range(24):
+        made = ppmcal.simulate(path, alone(file, HALF["belts"], sigma=0.3, seed=seed))
+        found = ppmcal.identify(path, made.data[0], holdout=0.0)
+        machine, g = found.identification.mechanism, made.campaign.g
+        seen = in_their_frames(found, g) if gauge == "base" else g
+        _, q = fresh(Model(made.campaign.with_effects, g), size=6.0)
+        ours = forward(Model(machine), q).pose
+        away = cga.translation(ours) - cga.translation(
+            forward(Model(made.campaign.with_effects, seen), q).pose)
+        rows = PoseRows(pose_vector(ours), q, unknown_environment(*q.shape))
+        sigma, _ = forward_sigma(Model(machine), Registration(), rows,
+                                 ParameterCovariance.of(found.identification))
+        promised.append(np.mean(sigma**2))
+        true.append(np.mean(np.sum(away**2, axis=1)))
+    assert 0.8 < np.sqrt(np.mean(promised) / np.mean(true)) < 1.25
+
+
+def test_what_defines_the_frame_is_no_uncertainty_and_stays_so(tmp_path):
+    """Not of the machine that was calibrated, nor where its file is calibrated again."""
+    file = belts_of("base", 20)
+    path = written(tmp_path, file)
+    made = ppmcal.simulate(path, alone(file, HALF["belts"], sigma=0.3))
+    first = ppmcal.identify(path, made.data[0])
+    first.save(tmp_path / "first")
+    again = ppmcal.identify(tmp_path / "first" / "identified.yaml", made.data[0])
+    for found in (first, again):
+        considered = found.identification.considered
+        machine = found.identification.fit.problem.mechanism
+        names = [machine.names[p] for p in machine.defining]
+        assert len(names) == 3 and not set(names) & set(considered.names)
+    assert not first.mechanism.registrations and first.mechanism.self_calibrated
+
+
+def test_blocks_of_rows_differ_in_units_of_their_own_noise(tmp_path):
+    """A gap that is smooth over the workspace: intervals are those of a cluster-robust sandwich."""
+    file = belts()
+    path = written(tmp_path, file)
+    made = ppmcal.simulate(path, alone(file, HALF["belts"], count=200, sigma=0.2))
+    data = made.data[0]
+    q = data.q.copy()
+    q[:, 0] += 2e-3 * np.sin(4.0 * q[:, 0]) * np.cos(3.0 * q[:, 1])
+    object.__setattr__(data, "q", q)
+    found = ppmcal.identify(path, data).identification
+    sigma = np.sqrt(np.diagonal(found.covariance))
+    noise = np.array([e.half_by_noise for e in found.estimates if e.status == "identified"])
+    half = np.array([e.half for e in found.estimates if e.status == "identified"])
+    assert found.blocks is not None and not found.blocks.sessions
+    # all by one factor, which is that of the gaps and no ratio of tolerances
+    assert np.ptp(half / noise) < 0.1 * np.median(half / noise)
+    assert 1.2 < np.median(half / noise) < 12.0 and np.all(sigma * 1.9 < half * 1.6)
+
+
+def pulled(file, strain, seed):
+    """Return a scenario of belts of which the lower ones pull."""
+    return {**alone(file, HALF["belts"], sigma=0.3, seed=seed), "errors": {}, "effects": [
+        {"kind": "rope_stretch", "on": ["bl", "br"], "parameters": {"strain": strain}}]}
+
+
+@pytest.mark.parametrize("strain", [0.001, 0.003])
+def test_a_changed_pull_of_ropes_is_what_compare_names(strain, tmp_path):
+    file = belts()
+    path = written(tmp_path, file)
+    for name, own, seed in (("old", 0.001, 11), ("new", strain, 12)):
+        made = ppmcal.simulate(path, pulled(file, own, seed))
+        ppmcal.identify(path, made.data[0]).save(tmp_path / name)
+    found = ppmcal.compare(tmp_path / "old", tmp_path / "new").comparison
+    if strain == 0.001:
+        assert not found.changed
+        return
+    (change,) = found.changes
+    assert change.name == "stretch of ropes on bl, br"
+    assert abs(change.parts[0].value - 0.002) < 4.0 * change.parts[0].sigma
+
+
+def test_other_runs_are_validated_by_how_far_limbs_are_from_closing(tmp_path):
+    file = belts()
+    path = written(tmp_path, file)
+    one, other = (ppmcal.simulate(path, alone(file, HALF["belts"], sigma=0.3, seed=seed,
+                                              errors={"tr.base.point.x": 12})).data[0]
+                  for seed in (3, 4))
+    model = ppmcal.identify(path, one)
+    told = ppmcal.validate(model, other)
+    (data,) = told.record.datasets
+    first, nominal = data.errors
+    assert first.position is None and first.closure.unit == "mm"
+    # two of four equations are left to the noise: gaps are that much smaller
+    assert 0.15 < first.closure.rms < 0.28 and 0.85 < first.noise < 1.2
+    assert set(first.limbs) == {"bl", "br", "tr", "tl"}
+    assert nominal.model == "nominal" and nominal.verdict == "worse"
+    text = " ".join(str(t) for t in told.told())
+    assert "joint values alone" in text and "fitted: nothing" not in text
+    header = told.files()["validation.csv"].splitlines()[0]
+    assert "closure_rms" in header and told.record.column_units["closure_rms"] == "mm"
+
+
+def test_before_is_told_without_an_instrument_that_is_not_there(tmp_path):
+    file = belts()
+    path = written(tmp_path, file)
+    made = ppmcal.simulate(path, alone(file, HALF["belts"], sigma=0.3))
+    found = ppmcal.identify(path, made.data[0])
+    text = " ".join(str(t) for t in found.told())
+    assert "errors are how far limbs are from closing" in text and "frame and target" not in text

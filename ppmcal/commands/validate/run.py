@@ -178,5 +178,5 @@ def errors_table(data: ValidatedDataset) -> ShortTable:
         size = e.size
         apart = [f"{e.closer:+.2g}", f"{e.low:+.2g} to {e.high:+.2g}"] if e.verdict else ["", ""]
         rows.append([e.model, "" if size is None else number(size.rms), *apart, e.verdict])
-    return ShortTable(["machine", f"{closure}{unit} rms", f"better by, {unit}", f"95 %, {unit}",
-                       ""], rows, (1, 2, 3))
+    heads = ["machine", f"{closure}{unit} rms", f"better by, {unit}", f"95 %, {unit}", ""]
+    return ShortTable(heads, rows, (1, 2, 3))

@@ -85,8 +85,9 @@ class PredictedError(Part):
         """Return an error in file units; ``first``: others are held against this one."""
         low, high = found.interval
         verdict = "" if first else {1: "better", 0: "same", -1: "worse"}[found.sure]
-        alone: dict[str, Any] = {} if not found.closure else {
-            "closure": ErrorSize.of(found.closure, units, "length"), "limbs": found.limbs}
+        closure = ErrorSize.of(found.closure, units, "length")
+        alone: dict[str, Any] = {} if closure is None else {"closure": closure,
+                                                            "limbs": found.limbs}
         known = {f: getattr(found, f) for f in ("noise", "closer")}
         return cls.filled(
             None, units, **known, model=found.label, verdict=verdict, low=low, high=high,
