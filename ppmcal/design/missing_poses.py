@@ -156,7 +156,8 @@ def _instrument(fit: Fit, i: int) -> Instrument:
 def _pool(fit: Fit, i: int, seed: int) -> Candidates:
     """Return poses to choose from: of the machine's region; of touches those at the flat."""
     nominal = fit.problem.mechanism.nominal()
-    pool = draw(nominal, region_of(nominal), CANDIDATES, seed)
+    inside = fit.problem.datasets[i].kind.inside
+    pool = draw(nominal, region_of(nominal, inside), CANDIDATES, seed)
     if not fit.problem.datasets[i].kind.touches:
         return pool
     seen = poses_in_use(fit)

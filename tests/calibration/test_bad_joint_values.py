@@ -114,3 +114,14 @@ def test_what_is_right_is_not_refused(tmp_path):
             ppmcal.identify(path, data)
         except PpmcalError as error:     # pragma: no cover
             pytest.fail(str(error))
+
+
+def test_rows_too_few_are_counted_against_parameters(tmp_path):
+    path, data = measured(tmp_path, cables())
+    text = refused(path, data.take(np.arange(len(data)) < 2))
+    assert "2 usable rows cannot calibrate a machine: 2 numbers of joint values alone for 14 " in (
+        text)
+    assert "at least 12 more" in text
+    found = ppmcal.identify(path, data.take(np.arange(len(data)) < 5)).identification
+    assert any("5 poses give 5 numbers for 14 unknowns" in f and "at least 9 poses more" in f
+               for f in found.findings)

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from helpers.redundant import alone, apart, belts, rope_cage, stewart, written
+from helpers.redundant import alone, apart, belts, cables, rope_cage, stewart, written
 
 import ppmcal
 from ppmcal import algebra as cga
 from ppmcal.calibration.compensation import ParameterCovariance
 from ppmcal.calibration.compensation.kinematics_sigma import PoseRows, forward_sigma
 from ppmcal.calibration.fit import by_defining
+from ppmcal.commands.inputs import prepared
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward, moved
@@ -43,7 +44,7 @@ def test_what_is_found_is_the_truth_in_another_frame(tree, tmp_path):
     found = ppmcal.identify(path, made.data[0])
     count = HELD[file["name"]]
     problem = found.identification.fit.problem
-    (gauge,) = (f for f in problem.mechanism.findings if f.topic == "gauge")
+    gauge, = (f for f in problem.mechanism.findings if f.topic == "gauge" and " are held" in f)
     assert gauge.split(" are held")[0].count(",") == count - 1
     assert found.identification.rank == len(problem.columns) == len(problem.free)
     true = Model(made.campaign.with_effects, made.campaign.g)
@@ -227,3 +228,19 @@ def test_before_is_told_without_an_instrument_that_is_not_there(tmp_path):
     found = ppmcal.identify(path, made.data[0])
     text = " ".join(str(t) for t in found.told())
     assert "errors are how far limbs are from closing" in text and "frame and target" not in text
+
+
+@pytest.mark.parametrize(("tree", "exchanged"), [
+    (belts, "bl with br, tr with tl"), (cables, "c0 with c3, c1 with c2"),
+    (rope_cage, "r1 with r2, r3 with r4, r5 with r6, r7 with r8"), (stewart, None)],
+    ids=["belts", "cables", "cage", "stewart"])
+def test_the_mirror_image_is_told_where_it_fits_as_well(tree, exchanged, tmp_path):
+    file = tree()
+    path = written(tmp_path, file)
+    half = {**HALF, "cables": {"x": 700, "y": 500, "rz": 8}}[file["name"]]
+    made = ppmcal.simulate(path, alone(file, half, count=30, sigma=1e-3))
+    findings = [f for f in prepared(path, made.data[0], ())[0].findings if "mirror image" in f]
+    assert len(findings) == (exchanged is not None)
+    for said in findings:
+        assert said.topic == "gauge" and said.level == "note"
+        assert f"with {exchanged} exchanged they fit as well" in said

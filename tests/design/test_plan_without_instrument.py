@@ -82,3 +82,12 @@ def test_one_distance_fixes_the_scale_where_ratios_are_free(none, tmp_path):
     (said,) = (s for s in sentences(found, None, ()) if s.startswith("Scale"))
     assert "the data alone leave it open" in said and "One distance of at least" in said
     assert "between rows" in said
+
+
+def test_places_are_those_where_all_ropes_can_pull(chosen):
+    """Between the anchors: beyond them two ropes cannot pull against the others."""
+    x, y = chosen.pool.pose[:, :2].T
+    assert ((x > 0.0) & (x < 3.0) & (y > 0.0) & (y < 2.1)).all()
+    assert chosen.pool.left_out["with slack ropes"] > 0
+    (said,) = (s for s in sentences(chosen, None, ()) if s.startswith("Chosen from"))
+    assert "with slack ropes" in said

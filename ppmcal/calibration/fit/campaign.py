@@ -142,7 +142,15 @@ def too_few(fit: Fit) -> Iterable[str]:
     if count < columns:
         yield (f"{pluralize(poses, 'pose')} give {pluralize(count, 'number')} for "
                f"{pluralize(columns, 'unknown')}: the tolerances decide what these data cannot, "
-               "and a fit to the noise shows nothing; measure more poses")
+               f"and a fit to the noise shows nothing; measure {_more(fit, columns - count)}")
+
+
+def _more(fit: Fit, missing: int) -> str:
+    """Return how many poses more give so many numbers, of joint values alone; else only more."""
+    surplus = fit.problem.mechanism.surplus
+    if not surplus or not all(d.kind.blind for d in fit.problem.datasets):
+        return "more poses"
+    return f"at least {pluralize(-(-missing // surplus), 'pose')} more"
 
 
 def _numbers(fit: Fit) -> tuple[int, int, int]:

@@ -232,8 +232,13 @@ def _enough(problem: Problem, keep: Sequence[Bools]) -> None:
         raise NoResult("no row has a pose: the joint values do not fit this machine", where,
                        "Check the q columns, their units and the home pose.")
     if rows < 3:
-        raise BadInput(f"{rows} usable row{'s' if rows > 1 else ''} cannot calibrate a machine",
-                       where, "Measure more poses, some dozens if possible.")
+        surplus, free = problem.mechanism.surplus, len(problem.free)
+        alone = surplus and all(d.kind.blind for d in problem.datasets)
+        few = (f": {rows * surplus} numbers of joint values alone for {free} "
+               "parameters") * bool(alone)
+        more = f", at least {max(3, -(-free // surplus)) - rows} more" if alone else ""
+        raise BadInput(f"{rows} usable row{'s' if rows > 1 else ''} cannot calibrate a machine"
+                       f"{few}", where, f"Measure more poses{more}, some dozens if possible.")
 
 
 def start_off_zero(problem: Problem, state: State, keep: Sequence[Bools]) -> State:

@@ -45,6 +45,9 @@ def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
         return mechanism
     if not mechanism.free:      # a machine that is looked at, not fitted
         return mechanism
+    image = _mirror(mechanism) if any(d.kind.blind for d in datasets) else None
+    if image is not None:
+        mechanism = replace(mechanism, findings=(*mechanism.findings, image))
     idle = [i for i, p in enumerate(mechanism.parameters)
             if p.tolerance and not p.fixed and i not in mechanism.free]
     every = replace(mechanism, free=(*idle, *mechanism.free))
@@ -61,6 +64,38 @@ def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
                    parameters=tuple(replace(p, frame_spread=spread.get(n, 0.0))
                                     for n, p in enumerate(mechanism.parameters)),
                    defining=tuple(held), findings=(*mechanism.findings, said))
+
+
+def _mirror(mechanism: Mechanism) -> Note | None:
+    """Return that the mirror image would do as well: in the plane, and where limbs are symmetric.
+
+    Limbs exchanged across a plane of symmetry of the drawing make the mirror image.
+    """
+    pairs = [f"{one} with {two}" for one, two in _pairs(mechanism)]
+    if not pairs and not mechanism.motion.planar:
+        return None
+    also = f"; with {', '.join(pairs)} exchanged they fit as well" * bool(pairs)
+    return Note("Joint values alone cannot tell a machine from its mirror image: the order of the "
+                f"limbs in the mechanism file decides{also} (gauge).", NOTE, "gauge")
+
+
+def _pairs(mechanism: Mechanism) -> list[tuple[str, str]]:
+    """Return the limbs that a plane of symmetry of the drawing exchanges, across x, y or z."""
+    values = [limb.slots.values(mechanism.values) for limb in mechanism.limbs]
+    ends = np.array([[[v.get(f"{end}.point.{a}", np.nan if a == "x" else 0.0) for a in "xyz"]
+                      for end in ("base", "platform")] for v in values])
+    away = ends - ends.mean(axis=0)
+    for axis in range(mechanism.motion.axes):
+        image = away * np.where(np.arange(3) == axis, -1.0, 1.0)
+        apart = np.abs(image[:, None] - away[None]).max(axis=(2, 3), initial=0.0)
+        if np.isnan(apart).any():
+            return []
+        other = np.argmin(apart, axis=1)
+        same = apart[np.arange(len(other)), other] < UNSEEN * mechanism.reach
+        if same.all() and (other != np.arange(len(other))).any():
+            names = [limb.name for limb in mechanism.limbs]
+            return [(names[i], names[j]) for i, j in enumerate(other.tolist()) if i < j]
+    return []
 
 
 def _spread(mechanism: Mechanism, moves: Array, held: Sequence[int]) -> dict[int, float]:

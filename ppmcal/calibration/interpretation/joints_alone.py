@@ -107,7 +107,7 @@ def _refuse_still(mechanism: Mechanism, data: Dataset) -> None:
 # --- limbs that contradict each other -------------------------------------------------------------
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _AgainstNominal:
     """Rows of one data set against the nominal machine: q (n, k), and by how much it may be off.
 
     ``allowed``: (n,) what noise and tolerances leave of the limbs' contradiction, m.
@@ -132,14 +132,14 @@ class _Rows:
         return np.where(good[:, None], pose, np.nan)
 
 
-def _rows(problem: Problem, data: Dataset) -> _Rows | None:
+def _rows(problem: Problem, data: Dataset) -> _AgainstNominal | None:
     mechanism = replace(problem.mechanism.nominal(), effects=())
     q = data.q[finite_rows(data.q)]
     q = q[np.linspace(0, len(q) - 1, min(len(q), ROWS)).astype(int)] if len(q) else q
     if len(q) < 3 or any(mechanism.parameters[p].prior_sigma is None for p in mechanism.free):
         return None
     model = Model(mechanism)
-    rows = _Rows(model, q, np.ones(len(q)))
+    rows = _AgainstNominal(model, q, np.ones(len(q)))
     pose = rows.pose(model, q)
     good = finite_rows(pose)
     if not good.any():
@@ -178,7 +178,7 @@ def refuse_exchanged(problem: Problem) -> None:
             _refuse_exchanged(rows, data, float(np.median(gap)), float(np.median(times)))
 
 
-def _refuse_exchanged(rows: _Rows, data: Dataset, gap: float, times: float) -> None:
+def _refuse_exchanged(rows: _AgainstNominal, data: Dataset, gap: float, times: float) -> None:
     found = list(_exchanged(rows, data, gap, times))
     if found:
         best, *others = found
@@ -186,7 +186,8 @@ def _refuse_exchanged(rows: _Rows, data: Dataset, gap: float, times: float) -> N
             other.mistakes for other in others))], rows.model.mechanism.units)
 
 
-def _exchanged(rows: _Rows, data: Dataset, gap: float, times: float) -> Iterator[Interpretation]:
+def _exchanged(rows: _AgainstNominal, data: Dataset, gap: float, times: float
+               ) -> Iterator[Interpretation]:
     """Yield the exchanges of two columns with which limbs agree, best first."""
     mechanism = rows.model.mechanism
     plain, k = ColumnInterpretation.as_declared(mechanism, data), len(mechanism.actuators)
@@ -210,7 +211,7 @@ def _exchanged(rows: _Rows, data: Dataset, gap: float, times: float) -> Iterator
                                  way.block(data))
 
 
-def _refuse_slack(rows: _Rows, data: Dataset, wrong: Bools) -> None:
+def _refuse_slack(rows: _AgainstNominal, data: Dataset, wrong: Bools) -> None:
     """Refuse limbs that read more than the others let them be, where that explains most rows."""
     mechanism = rows.model.mechanism
     limbs = mechanism.limbs

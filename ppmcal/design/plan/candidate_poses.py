@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.design.plan.clearance import too_close
+from ppmcal.design.plan.clearance import tight_ropes, too_close
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -41,7 +41,8 @@ SHORT_OF_EDGE = 0.99
 BATCH, MOST_DRAWN, HALVINGS = 512, 8192, 7
 WORDS = {"unreachable": "out of reach", "limits": "outside limits", "singular": "singular",
          "crossed": "beyond a singularity", "near": "near a singularity",
-         "legs": "legs too close to each other", "mode": "in another assembly mode than home's"}
+         "legs": "legs too close to each other", "slack": "with slack ropes",
+         "mode": "in another assembly mode than home's"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,16 +93,22 @@ class _Judged:
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A box about home: coordinates, and its ends (c,) each, SI."""
+    """A box about home: coordinates, and its ends (c,) each, SI.
+
+    ``tight``: whether poses count only where ropes can pull against each other, all of them.
+    """
 
     coordinates: tuple[int, ...]
     low: Array
     high: Array
     home: Array
+    tight: bool = False
 
 
-def region_of(nominal: Mechanism) -> Region:
+def region_of(nominal: Mechanism, tight: bool = False) -> Region:
     """Return the full box of extents about home, over the coordinates that a pose names.
+
+    ``tight``: leave poses out where ropes are slack, unless they are at home, held by weight.
 
     Raises:
         BadInput: home is outside limits.
@@ -113,7 +120,9 @@ def region_of(nominal: Mechanism) -> Region:
     chosen = named(nominal)
     low, high = extent(Model(nominal), chosen)
     home = nominal.home_pose[list(chosen)]
-    return Region(chosen, home - low, home + high, home)
+    tight = tight and all(limb.kind.pulls_only for limb in nominal.limbs) and bool(
+        tight_ropes(Model(nominal), home_state(nominal).q[None], nominal.home_pose[None])[0])
+    return Region(chosen, home - low, home + high, home, tight)
 
 
 def draw(nominal: Mechanism, region: Region, count: int, seed: int) -> Candidates:
@@ -179,7 +188,8 @@ def nearby(nominal: Mechanism, region: Region, pose: Array, scale: float, count:
     step[:, ::3] += rng.uniform(0.0, 4.0 * scale, (len(pose), step[:, ::3].shape[1], 1)) * (
         outward[:, None])
     unit = np.clip(((own - region.low) / wide)[:, None] + step, 0.0, 1.0)
-    found = _judge(nominal, _poses(nominal, region, unit.reshape(-1, own.shape[1])), False)
+    found = _judge(nominal, _poses(nominal, region, unit.reshape(-1, own.shape[1])), False,
+                   region.tight)
     good = np.flatnonzero(found.good)
     return (Candidates(found.q[good], found.pose[good], found.singular_value[good],
                        np.zeros(good.size, dtype=np.bool_), {}, np.zeros(0, dtype=np.int64)),
@@ -195,7 +205,7 @@ def _evenly(nominal: Mechanism, region: Region, count: int, seed: int
     parts: list[_Judged] = []
     why: Counter[str] = Counter()
     while sum(len(p.q) for p in parts) < count and len(parts) * size < MOST_DRAWN:
-        found = _judge(nominal, _poses(nominal, region, next(sobol)))
+        found = _judge(nominal, _poses(nominal, region, next(sobol)), tight=region.tight)
         # only what came before the last pose that is needed counts as drawn
         wanted = count - sum(len(p.q) for p in parts)
         last = np.flatnonzero(found.good)[:wanted]
@@ -223,11 +233,11 @@ def _on_edge(nominal: Mechanism, region: Region, count: int, seed: int) -> _Judg
     for _ in range(HALVINGS + 1):
         middle = 0.5 * (inside + outside)
         good = _judge(nominal, _poses(nominal, region, home + middle[:, None] * (box - home)),
-                      False).good
+                      False, region.tight).good
         inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
         outside = np.where(inside >= 1.0, 1.0, outside)
     part = SHORT_OF_EDGE * inside[:, None]
-    found = _judge(nominal, _poses(nominal, region, home + part * (box - home)))
+    found = _judge(nominal, _poses(nominal, region, home + part * (box - home)), tight=region.tight)
     return _part(found, np.flatnonzero(found.good & (inside > 0.0)))
 
 
@@ -249,10 +259,11 @@ def _poses(nominal: Mechanism, region: Region, unit: Array) -> Array:
     return placed(nominal, region.coordinates, region.low + unit * (region.high - region.low))
 
 
-def _judge(nominal: Mechanism, poses: Array, mode: bool = True) -> _Judged:
+def _judge(nominal: Mechanism, poses: Array, mode: bool = True, tight: bool = False) -> _Judged:
     """Return joint values of poses, and why some should not be measured.
 
-    Without ``mode`` it is not looked at whether home's assembly mode is theirs.
+    Without ``mode`` it is not looked at whether home's assembly mode is theirs; with ``tight``
+    slack ropes count.
 
     Raises:
         NoResult: home is singular.
@@ -269,6 +280,10 @@ def _judge(nominal: Mechanism, poses: Array, mode: bool = True) -> _Judged:
     if good.size:
         for n in good[too_close(model, table.q[good], table.pose[good])]:
             why[n] = "legs"
+        good = np.flatnonzero([not w for w in why])
+    if good.size and tight:
+        for n in good[~tight_ropes(model, table.q[good], table.pose[good])]:
+            why[n] = "slack"
         good = np.flatnonzero([not w for w in why])
     if good.size and mode:
         for n in good[~same_mode(nominal, table.q[good], table.pose[good])]:

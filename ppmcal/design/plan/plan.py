@@ -79,10 +79,12 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
                        "Give --candidates: poses at which the machine touches the flat")
     refuse(mechanism, options.asked)
     start_stage("drawing candidates")
-    region = None if given else region_of(nominal)
-    pool = listed(nominal, *given) if given else draw(nominal, region_of(nominal),
+    # who has no instrument goes where ropes are tight
+    inside = instrument.kind.inside
+    region = None if given else region_of(nominal, inside)
+    pool = listed(nominal, *given) if given else draw(nominal, region_of(nominal, inside),
                                                       options.candidates, options.seed)
-    if instrument.kind.inside:
+    if inside:
         # held as `identify` holds it: the frame so defined is that of all figures
         mechanism = with_gauge(mechanism, [instrument.dataset(pool.q, pool.pose, {}, nominal)])
     with_effects = with_kinds(mechanism, options.asked, pool.q)
@@ -118,7 +120,8 @@ class _Aims:
 
 def _aims(space: _PoseSpace, options: PlanOptions, tasks: tuple[Array, str] | None) -> _Aims:
     at = listed(space.nominal, *tasks) if tasks else evenly(
-        space.nominal, region_of(space.nominal), TASKS, options.seed + 1)
+        space.nominal, region_of(space.nominal, space.instrument.kind.inside), TASKS,
+        options.seed + 1)
     pose, columns = offered(space.whole.problem.mechanism, options.asked, at.q, options.seed + 1)
     return _Aims(task_rows(space.whole, space.instrument, at.take(pose), columns), len(at),
                  at.left_out if tasks else {})
