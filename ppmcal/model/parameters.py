@@ -6,7 +6,6 @@ shared one feeds several slots, and a point given by radius and angle feeds two.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -44,8 +43,6 @@ class Parameter:
         size: a change that counts, SI, where no tolerance says so; None for geometry.
         reciprocal: predictions are linear in 1/value; steps are taken there.
         nonlinear: of an effect that is not this value times its derivative.
-        frame_spread: standard deviation of what the parameters that define the frame would have
-            moved it by, had they been free: the prior counts it beside the tolerance.
     """
 
     name: str
@@ -61,7 +58,6 @@ class Parameter:
     size: float | None = None
     reciprocal: bool = False
     nonlinear: bool = False
-    frame_spread: float = 0.0
 
     @property
     def per_unit(self) -> bool:
@@ -72,9 +68,7 @@ class Parameter:
     def prior_sigma(self) -> float | None:
         """The tolerance where it is finite and above 0, else None: no prior, or fixed by it."""
         tau = self.tolerance
-        if tau is None or not tau > 0.0 or not np.isfinite(tau + self.frame_spread):
-            return None
-        return math.hypot(tau, self.frame_spread) if self.frame_spread else tau
+        return tau if tau is not None and np.isfinite(tau) and tau > 0.0 else None
 
     def stepped(self, value: float, step: float) -> float:
         """Return the value after a Gauss-Newton step; a reciprocal one keeps its sign.

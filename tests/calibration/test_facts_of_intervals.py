@@ -39,7 +39,7 @@ def fit_of(*files: Array, keep: list[NDArray[np.bool_]] | None = None, free: tup
                 for i, q in enumerate(files)]
     return SimpleNamespace(
         keep=keep or [np.ones(len(q), dtype=bool) for q in files], scale=np.array([1.0, 100.0]),
-        problem=SimpleNamespace(datasets=datasets, free=free, earlier=earlier))
+        problem=SimpleNamespace(datasets=datasets, free=free, earlier=earlier, blind=False))
 
 
 def answer(half: tuple[float, float], labels: tuple[str, ...] = ("a 1", "a 2"),

@@ -82,27 +82,6 @@ def test_a_wrong_reading_is_found_by_its_limb(tmp_path):
     assert row.row == 12 and row.number == "gap_tr"
 
 
-def test_what_defines_the_frame_may_be_off_too(tmp_path):
-    """In the frame of held anchors the others are off by their errors and by those of the held.
-
-    By t = -(x_bl, y_bl) and turn = -(y_br - y_bl)/width, each anchor's tolerance 20 mm.
-    """
-    path = written(tmp_path, belts())
-    made = ppmcal.simulate(path, alone(belts(), HALF["belts"], count=12, sigma=0.5))
-    problem = ppmcal.identify(path, made.data[0]).identification.fit.problem
-    mechanism = problem.mechanism
-    assert [mechanism.names[p] for p in range(len(mechanism.names)) if p not in problem.free
-            and "base" in mechanism.names[p]] == ["bl.base.point.x", "bl.base.point.y",
-                                                  "br.base.point.y"]
-    lever = 2100.0 / 3000.0
-    wanted = {"br.base.point.x": 2.0, "tl.base.point.x": 2.0 + 2.0 * lever**2,
-              "tr.base.point.x": 2.0 + 2.0 * lever**2, "tl.base.point.y": 2.0,
-              "tr.base.point.y": 2.0}
-    found = {mechanism.names[p]: mechanism.parameters[p].prior_sigma for p in problem.free}
-    assert found == {n: pytest.approx(0.02 * np.sqrt(v), rel=1e-9) for n, v in wanted.items()}
-    assert all(p.tolerance in (None, 0.02) for p in mechanism.parameters if "base" in p.name)
-
-
 def in_their_frames(found, g):
     """Return the true values seen from the frames that held parameters define, (P,)."""
     problem, out = found.identification.fit.problem, g.copy()

@@ -59,10 +59,7 @@ def with_gauge(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Mechanism:
                 "the frames of base and platform, of which joint values alone say nothing (gauge). "
                 "How well poses are known is told in these frames.",
                 NOTE, "gauge")
-    spread = _spread(every, moves, held)
     return replace(mechanism, free=tuple(p for p in mechanism.free if p not in held),
-                   parameters=tuple(replace(p, frame_spread=spread.get(n, 0.0))
-                                    for n, p in enumerate(mechanism.parameters)),
                    defining=tuple(held), findings=(*mechanism.findings, said))
 
 
@@ -98,20 +95,6 @@ def _pairs(mechanism: Mechanism) -> list[tuple[str, str]]:
     return []
 
 
-def _spread(mechanism: Mechanism, moves: Array, held: Sequence[int]) -> dict[int, float]:
-    """Return by how much (1 sigma) each free parameter moves with the frame that held ones define.
-
-    What is held may be off as any other part. In the frame that it defines all others are off
-    instead: x - G_f G_h^-1 (x_h - nominal), G how parameters move with the frame.
-    """
-    free = list(mechanism.free)
-    tau = np.array([mechanism.parameters[p].tolerance or 0.0 for p in held])
-    by_held = moves @ linalg.pinv(moves[[free.index(p) for p in held]])
-    with np.errstate(invalid="ignore"):     # of what does not move with an endless tolerance
-        spread = np.sqrt(np.sum(np.where(np.abs(by_held) > UNSEEN, by_held * tau, 0.0)**2, axis=1))
-    return {p: float(s) for p, s in zip(free, spread, strict=True) if p not in held}
-
-
 def by_defining(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int]) -> Array:
     """Return how parameters ``free`` (F,) move with the frames if what defines these errs (F, G).
 
@@ -120,6 +103,26 @@ def by_defining(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequenc
     every = (*free, *mechanism.defining)
     moves = _motions(replace(mechanism, free=every), datasets)[0]
     return np.asarray(moves[:len(free)] @ linalg.pinv(moves[len(free):]))
+
+
+def by_frames(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
+              away: Array) -> float:
+    """Return the part of the chi-squared of tolerances that an error of the frames explains.
+
+    Args:
+        mechanism: with the parameters that define its frames; 0 of one that has none.
+        datasets: joint values that were measured.
+        free: indices of what was fitted (F,).
+        away: how far each column is from nominal over its tolerance, these first.
+    """
+    known = [mechanism.parameters[p].prior_sigma for p in (*free, *mechanism.defining)]
+    if not mechanism.defining or None in known[len(free):]:
+        return 0.0
+    moves = np.concatenate([by_defining(mechanism, datasets, free),
+                            np.eye(len(mechanism.defining))])
+    weight = np.array([1.0 / s if s else 0.0 for s in known])
+    basis = linalg.column_basis(weight[:, None] * moves)
+    return float(np.sum((away[:len(free)] @ basis[:len(free)]) ** 2))
 
 
 def _held(mechanism: Mechanism, unseen: Array, pools: Sequence[Sequence[int]]) -> list[int]:
