@@ -39,7 +39,7 @@ def flat(text):
 def test_what_identify_tells(desk):
     folder, told = desk
     assert re.search(r"e2: the encoder at leg2.joint1 reads (19.99|20.0)\S* deg more than is true "
-                     r"\(\+- 0.00\d+ deg, 95 %\)", told)
+                     r"\(\+- 0.0\d+ deg, 95 %\)", told)
     assert re.search(r"after rotation [0-9. ]+ deg", told)
     assert " mm rms" not in told
     table = rows(folder / "i" / "residuals.csv")
