@@ -309,9 +309,10 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
     pulls = [n for n, s in enumerate(asked.sources)
              if isinstance(s, UnknownCause) and s.label == PULLS]
     if pulls and not set(pulls) & set(answer.best.chosen):
-        size = ask()
-        other = posterior(asked.question, pulls, size.too_large if large else None)
-        answer = max(answer, other, key=lambda a: a.best.log_p)
+        own_size = ask()
+        other = posterior(asked.question, pulls, own_size.too_large if large else None)
+        if other.best.log_p > answer.best.log_p:
+            answer, size = other, own_size
     return Round(fit, added, tuple(own), kinds, found, asked, answer, _whitening(answer.best),
                  size.found, (ENDED,) if answer.ended else ())
 

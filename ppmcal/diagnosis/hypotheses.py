@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -193,12 +193,12 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
     problem = to.system.problem
     effects = {p for e in problem.mechanism.effects for p in e.parameters.values()}
     taken = (set(problem.free) - set(tried)) | effects
-    alone = all(d.kind.inside for d in problem.datasets)
+    unseen = _as_free_ones(to.system) if all(d.kind.inside for d in problem.datasets) else None
     for p, parameter in enumerate(problem.mechanism.parameters):
         if p in taken or parameter.per_unit or is_joint_component(parameter.name):
             continue
         shifts = [slot_shift(to.system, p) for _ in to.system.parts]
-        if alone and _as_free_ones(to.system, shifts):
+        if unseen is not None and unseen(shifts):
             continue    # it moves the frame, which no joint value shows
         limbs = [limb for limb in problem.mechanism.limbs
                  if any(i == p for _, i in limb.slots.direct)
@@ -223,13 +223,17 @@ AS_ROUND_OFF = 1e-7
 """Part of a column that others do not explain, and it is one of them."""
 
 
-def _as_free_ones(system: System, shifts: Sequence[Shift]) -> bool:
-    """Whether a slot does nothing that free parameters could not do as well."""
-    column = (system.column(shifts) * system.observed).reshape(-1)
-    free = linalg.column_basis(system.jacobian.reshape(column.size, -1)
+def _as_free_ones(system: System) -> Callable[[Sequence[Shift]], bool]:
+    """Return who tells whether shifts do nothing that free parameters could not do as well."""
+    free = linalg.column_basis(system.jacobian.reshape(system.observed.size, -1)
                                * system.observed.reshape(-1, 1))
-    rest = column - free @ (free.T @ column)
-    return bool(np.linalg.norm(rest) <= AS_ROUND_OFF * np.linalg.norm(column))
+
+    def told(shifts: Sequence[Shift]) -> bool:
+        column = (system.column(shifts) * system.observed).reshape(-1)
+        rest = column - free @ (free.T @ column)
+        return bool(np.linalg.norm(rest) <= AS_ROUND_OFF * np.linalg.norm(column))
+
+    return told
 
 
 def slot_shift(system: System, parameter: int) -> Shift:
