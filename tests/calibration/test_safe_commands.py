@@ -315,16 +315,19 @@ QUICK = {"drift"}
 
 
 def acting(kind: str) -> Mechanism:
-    """Return a planar machine with an effect of one kind."""
-    mechanism = machine("3-RPR")
+    """Return a planar machine with an effect of one kind: of ropes where only these have it."""
+    found = effect_kinds()[kind]
+    mechanism = machine("cable-4-planar" if found.joints == "ropes" else "3-RPR")
     special = SPECIAL.get(kind)
     if special is None:
-        specs = effect_kinds()[kind].parameters(PLANAR)
+        specs = found.parameters(PLANAR)
         special = {"parameters": {s.name: 10.0 * s.size for s in specs
                                   if not s.constant and not s.needs}}
-    if effect_kinds()[kind].carried is not None:
+    if found.carried is not None:
         mechanism = with_effects(mechanism, [{"kind": "compliance", **SPECIAL["compliance"]}], SI,
                                  "test")
+    if found.opposed:
+        special["on"] = list(mechanism.actuators[:mechanism.surplus])
     return with_effects(mechanism, [{"kind": kind, **special}], SI, "test")
 
 
