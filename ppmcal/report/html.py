@@ -138,7 +138,7 @@ def _environment() -> Environment:
 
 def _sentence(text: object) -> Markup:
     """Return plain text as HTML, with what stands in backticks as code."""
-    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", Markup.escape(str(text))))
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(Markup.escape(str(text)))))
 
 
 def part(name: str, *values: Any) -> str:
