@@ -22,7 +22,7 @@ from ppmcal.io import read_mechanism
 from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of, setting, shifted, with_strokes
-from ppmcal.kinematics.equilibrium import reached_poses, uses_load
+from ppmcal.kinematics.equilibrium import consistent_joints, reached_poses, uses_load
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.loads import loads
@@ -409,7 +409,7 @@ def measured(plain: Mechanism, mechanism: Mechanism) -> tuple[Problem, State]:
     Positions move by much less than the reach, and by more than nothing.
     """
     q, rows = sample(plain)
-    found = reached_poses(Model(mechanism), q, rows)
+    q, found = consistent_joints(Model(mechanism), q, rows)
     shift = found.model.shift
     assert shift is not None
     pose = displaced(found.pose, shift)
@@ -474,13 +474,15 @@ def directions(problem: Problem, jacobian: Array) -> dict[str, Array]:
 
 def slopes_apart(problem: Problem, state: State) -> dict[str, float]:
     """Return by direction how far derivatives are from differences, as a part of the largest."""
-    def raw(step: Array) -> Array:
-        return np.concatenate([r.raw for r in problem.rows(problem.moved(state, step), False)])
+    def white(step: Array) -> Array:
+        # at no residual, how the noise itself changes with the machine adds nothing
+        return np.concatenate([r.residual for r in problem.rows(
+            problem.moved(state, step), False)])
 
     jacobian = np.concatenate([r.jacobian for r in problem.rows(state)])
     out = {}
     for name, step in directions(problem, jacobian).items():
-        found = -(raw(step) - raw(-step)) / 2.0
+        found = -(white(step) - white(-step)) / 2.0
         scale = float(np.sum(np.abs(jacobian).max(axis=(0, 1)) * np.abs(step)))
         out[name] = float(np.abs(found - jacobian @ step).max()) / scale
     return out
