@@ -15,6 +15,7 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
+from scipy.special import chdtri
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
@@ -33,8 +34,9 @@ STEP = 1e-11
 """Converged: the last step, translations in parts of the length scale, is below this."""
 CLOSED = 1e-12
 """Closed: every misclosure below this part of the reach."""
-STANDS_OUT = 10.0
-"""Rows of surplus limbs whose squared gaps are so many times the median are looked at again."""
+STANDS_OUT = 1e-4
+"""Rows of surplus limbs whose squared gaps noise makes so large as rarely as this are looked at
+again."""
 ROUND_OFF = 1e-10
 MOST_COMBINATIONS, MOST_PARTS = 1000, 8
 """Sets of limbs that close a machine: so many are listed, and so many tried."""
@@ -113,8 +115,11 @@ def least_of_minima(model: Model, q: Array, pose: Array) -> Array:
     of = len(q)
     least = _gap_square(model, q, pose, of)
     known = least[np.isfinite(least)]
+    surplus = model.mechanism.surplus
+    # chi-squared over its median
+    most = chdtri(surplus, STANDS_OUT) / chdtri(surplus, 0.5)
     usual = np.median(known) if known.size else 0.0
-    far = finite_rows(q) & ~(least <= STANDS_OUT * usual + (ROUND_OFF * model.mechanism.reach) ** 2)
+    far = finite_rows(q) & ~(least <= most * usual + (ROUND_OFF * model.mechanism.reach) ** 2)
     if not far.any():
         return pose
     pose = pose.copy()

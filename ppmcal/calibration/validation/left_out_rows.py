@@ -127,8 +127,8 @@ def _one_of_each(used: Bools, gone: Bools, label: Ints) -> Bools:
 
 def _mixed(groups: Ints, mask: Bools) -> int:
     """Return at how many poses some of the rows have a pattern and others have not."""
-    both = np.unique(np.stack([groups, mask]), axis=1)
-    return int(both.shape[1]) - np.unique(groups).size
+    inside, outside = (np.unique(groups[rows]) for rows in (mask, ~mask))
+    return int(np.intersect1d(inside, outside, assume_unique=True).size)
 
 
 @stage("where the machine is another")
