@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import yaml
+from helpers.diagnoses import CONFIGS
 from helpers.redundant import alone, apart, belts, cables, rope_cage, stewart, written
 
 import ppmcal
@@ -18,10 +20,10 @@ from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.model.dataset import unknown_environment
 from ppmcal.model.registration import Registration
 
-HALF = {"belts": {"x": 900, "y": 700},
+HALF = {"belts": {"x": 900, "y": 700}, "cable-4-planar": {"x": 700, "y": 500, "rz": 8},
         "stewart": {"x": 80, "y": 80, "z": 60, "rx": 10, "ry": 10, "rz": 10},
         "cage": {"x": 800, "y": 600, "z": 500, "rx": 15, "ry": 15, "rz": 15}}
-HELD = {"belts": 3, "stewart": 12, "cage": 12}
+HELD = {"belts": 3, "cable-4-planar": 6, "stewart": 12, "cage": 12}
 
 
 def fresh(model, count=20, size=1.0):
@@ -35,7 +37,13 @@ def fresh(model, count=20, size=1.0):
     return pose, inverse(model, pose).q
 
 
-@pytest.mark.parametrize("tree", [belts, stewart, rope_cage], ids=lambda t: t.__name__)
+def crossed():
+    """Return the file of a platform on four cables in the plane that cross, as it is shipped."""
+    tree = yaml.safe_load((CONFIGS / "cable-4-planar.yaml").read_text(encoding="utf-8"))
+    return {n: v for n, v in tree.items() if n != "limits"}
+
+
+@pytest.mark.parametrize("tree", [belts, crossed, stewart, rope_cage], ids=lambda t: t.__name__)
 def test_what_is_found_is_the_truth_in_another_frame(tree, tmp_path):
     """Joints without noise: poses that no row had come out to less than 1e-9 m."""
     file = tree()
