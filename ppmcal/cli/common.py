@@ -16,6 +16,7 @@ import click
 
 from ppmcal.cli.display import aside, remarks, shortened, shown, wrapped
 from ppmcal.errors import printable
+from ppmcal.notes import FINDING, NOTE, level_of
 from ppmcal.wording import MOST, collapse_similar
 from ppmcal.wording.told import WIDTH, CommandLine, Findings, ShortTable, Told
 
@@ -205,9 +206,11 @@ class Console:
             self.say(part)
 
     def warn(self, findings: Sequence[str]) -> None:
-        """Print what the user must look at, each fact once."""
-        for finding in collapse_similar(findings, "all with --json"):
-            self.say(f"! {finding}")
+        """Print what the user must look at, then what is good to know, each fact once."""
+        for level, mark in ((FINDING, "! "), (NOTE, "")):
+            own = [f for f in findings if level_of(f) == level]
+            for finding in collapse_similar(own, "all with --json"):
+                self.say(f"{mark}{finding}")
 
     def warn_rows(self, findings: Sequence[str], rows: Sequence[str]) -> None:
         """Print findings, then what is wrong with rows: each reason once, of many three."""

@@ -107,7 +107,7 @@ class Ways:
                 return
             left, right, way, part = left.take(rest), right.take(rest), way[rest], part[:, rest]
             half = part.mean(axis=0)
-            pose, q = self._joints(_between(self.pose[before[way]], self.pose[after[way]], half))
+            pose, q = self._joints(between(self.pose[before[way]], self.pose[after[way]], half))
             middle = self._places(pose, q)
             sent = q + self._added(before[way], after[way], half)
             for n, reason in self._wrong(middle, sent, before[way]):
@@ -194,7 +194,7 @@ class Ways:
                 yield int(n), f"{way} leaves the limits: {limit_reason(self.mechanism, sent[n])}"
 
 
-def _between(start: Array, end: Array, part: Array) -> Array:
+def between(start: Array, end: Array, part: Array) -> Array:
     """Return motors (M, 8) that part of the way: straight, and turned evenly."""
     t = part[:, None]
     turn = cga.rotation_vector(cga.compose(cga.reverse(start), end))

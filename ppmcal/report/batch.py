@@ -10,7 +10,7 @@ from urllib.parse import quote
 import numpy as np
 
 from ppmcal.calibration.fit import secondary
-from ppmcal.calibration.validation import DEFINITION
+from ppmcal.calibration.validation import definition
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord, with_findings
 from ppmcal.io.results.batch_common import (
     error_of,
@@ -83,9 +83,11 @@ def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord]
     if not ranked:
         return None
     rows = []
+    blind = set[bool]()
     for i, r in enumerate(ranked, 1):
         q = left(r)
         assert q is not None
+        blind.add(q.name == "closure")
         before = error_of(r, q.name, "before")
         after = error_of(r, q.name, "after")
         noise = next((n.value for n in reversed(r.of_kind("noise")) if n.parameter == "after"),
@@ -98,8 +100,9 @@ def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord]
                      text_cell("to look at" if r.exit_code else "", "warn" if r.exit_code else "")])
     heads = ["machine", "rank", "date", "by", "rms error before", "after", "on unseen poses", "of",
              "after / noise", "farthest parameter", "tolerances off", "effects", "status"]
+    meanings = "; of joint values alone: ".join(map(definition, sorted(blind)))
     note = ("Ranked by what is left: the rms error on poses that the fit has not seen, else on its "
-            f"own; of each machine the latest fit. Before: {DEFINITION}.")
+            f"own; of each machine the latest fit. Before: {meanings}.")
     used = [i for i in range(len(heads)) if any(row[i].html not in ("", "–") for row in rows)]
     return Section("Machines, worst first", paragraph(note, "note") + table(
         "", [heads[i] for i in used], [[row[i] for i in used] for row in rows], sort=True)

@@ -168,6 +168,8 @@ def test_a_run_that_is_too_short_is_left_out_of_several(tmp_path):
     path = log(tmp_path, *GOOD, "run two", *GOOD[:2])
     found = import_config("maslow", path)
     assert "measurements.csv" in found.files()
+    # of several logs in one fit each has its own name
+    assert f"\nname: {path.stem}\n" in found.files()["measurements.yaml"]
     (said,) = found.findings
     assert "lines 11 to 12" in said and "left out" in said
 

@@ -9,10 +9,15 @@ from helpers.paths import ROOT
 
 import ppmcal
 from ppmcal.calibration.fit import with_gauge
+from ppmcal.design.plan.path import moves
 from ppmcal.design.plan.plan import PlanOptions, plan
+from ppmcal.design.virtual_instrument import default_instrument
 from ppmcal.io.mechanism_reader import read_mechanism
 from ppmcal.io.results.plan_wording import sentences
 from ppmcal.io.sidecar import read_instrument
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward, moved
+from ppmcal.kinematics.inverse import inverse
 
 COUNT = 15
 CONFIGS = ROOT / "configs"
@@ -91,3 +96,27 @@ def test_places_are_those_where_all_ropes_can_pull(chosen):
     assert chosen.pool.left_out["with slack ropes"] > 0
     (said,) = (s for s in sentences(chosen, None, ()) if s.startswith("Chosen from"))
     assert "with slack ropes" in said
+
+
+@pytest.mark.parametrize("name", ["cable-4-planar", "cable-8"])
+def test_ways_of_surplus_limbs_are_those_of_the_platform(name):
+    """Ropes whose lengths went straight from place to place would contradict each other."""
+    mechanism = read_mechanism(CONFIGS / f"{name}.yaml")
+    model = Model(mechanism)
+    step = np.zeros((2, 6))
+    step[:, mechanism.dof] = np.array([[-0.15], [0.15]])
+    step[:, 3:] = 0.0
+    pose = moved(np.tile(mechanism.home, (2, 1)), step)
+    q = inverse(model, pose).q
+    assert moves(mechanism, q[:1], q[1:]) == ("",)
+    middle = forward(model, q.mean(axis=0, keepdims=True)).pose
+    assert np.abs(model.closure(q.mean(axis=0, keepdims=True)).lengths(middle)).max() > 1e-3
+    far = q[1:] + 10.0 * mechanism.reach
+    assert moves(mechanism, q[:1], far) != ("",)
+
+
+def test_a_guessed_instrument_says_that_none_is_needed():
+    for name, said in (("maslow", True), ("3-RPR", False)):
+        mechanism = read_mechanism(CONFIGS / f"{name}.yaml")
+        found = plan(mechanism, default_instrument(mechanism), PlanOptions(8, 3))
+        assert ("`instrument: {kind: none}`" in " ".join(sentences(found, None, ()))) is said

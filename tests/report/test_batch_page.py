@@ -53,6 +53,10 @@ def test_machines_are_ranked_by_what_is_left_where_no_fit_has_seen():
     heads = re.findall(r'<th scope="row"[^>]*><a href="([^"]+)">(\w)</a>', page)
     assert [name for _, name in heads] == ["b", "c", "a"]
     assert heads[0][0] == "b/2026-01-10/identify/"
+    assert "RMS distances." in page and "from closing" not in page
+    alone = CampaignQuantity(what="error", name="closure", parameter="after", value=1.0, unit="mm")
+    both = batch_page([*records, record("d", alone)])
+    assert "RMS distances; of joint values alone: the uncalibrated machine; errors are how" in both
 
 
 def test_an_effect_that_most_have_is_the_designs():

@@ -27,9 +27,9 @@ CLOSURE_ALONE = "the uncalibrated machine; errors are how far limbs are from clo
 """What it means of joint values alone."""
 
 
-def definition(problem: Problem) -> str:
-    """Return what ``before`` means of the data of a problem."""
-    return CLOSURE_ALONE if problem.blind else DEFINITION
+def definition(blind: bool) -> str:
+    """Return what ``before`` means; ``blind``: of joint values alone."""
+    return CLOSURE_ALONE if blind else DEFINITION
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import PurePath
 
 import numpy as np
 import yaml
@@ -132,7 +134,9 @@ def measurement_files(machine: RopeMachine, runs: Sequence[RopeRun], source: str
             header += ["x", "y", "z"][:len(machine.home)]
             columns += list(run.places.T[:len(machine.home)])
         out[f"{name}.csv"] = csv_text(header, columns)
-        out[f"{name}.yaml"] = _sidecar(name, run, source, sigma, position)
+        # a run by itself has its log's name: several logs may go to one fit
+        own = re.sub(r"\W+", "_", PurePath(source).stem).strip("_") if len(runs) == 1 else ""
+        out[f"{name}.yaml"] = _sidecar(own or name, run, source, sigma, position)
     return out
 
 

@@ -10,10 +10,11 @@ from ppmcal.design.plan.candidate_poses import same_pose
 from ppmcal.design.plan.clearance import too_close
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward, smallest_singular_value
-from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.inverse import home_state, inverse
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import SINGULAR, home_singular_value
-from ppmcal.linalg import Array, Ints
+from ppmcal.kinematics.ways import between
+from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
 STOPS = 8
@@ -105,26 +106,33 @@ def two_opt(apart: Array, start: Array) -> Ints:
 
 
 def moves(nominal: Mechanism, start: Array, end: Array) -> tuple[str, ...]:
-    """Return what straight joint moves from ``start`` to ``end`` (n, k) would meet, (n,) words.
+    """Return what straight moves from ``start`` to ``end`` (n, k) would meet, (n,) words.
 
-    The pose at the end must follow from that at the start as it does from home, and on the way
-    the platform must stay clear of singularities and its legs of each other.
+    Joints move straight, and the pose at the end must follow from that at the start as it does
+    from home. Surplus limbs have to agree at any time: there the platform moves straight. On the
+    way it must stay clear of singularities and its legs of each other.
     """
     model = Model(nominal)
     here, there = forward(model, start), forward(model, end)
-    onward = forward(model, end, start=here.pose, start_q=start)
     out = np.full(len(end), "", dtype=object)
-    out[~same_pose(onward.pose, there.pose, nominal)] = "the path leads to another assembly mode"
-    out[~onward.converged | ~there.converged] = SINGULAR_PATH
     part = np.linspace(0.0, 1.0, STOPS + 2)[1:-1]
-    between = (start[:, None] + part[:, None] * (end - start)[:, None]).reshape(-1, end.shape[1])
-    found = forward(model, between)
-    good = np.flatnonzero(found.converged)
-    bad = np.full(len(between), SINGULAR_PATH, dtype=object)
+    if nominal.surplus:
+        pose = between(np.repeat(here.pose, STOPS, axis=0), np.repeat(there.pose, STOPS, axis=0),
+                       np.tile(part, len(end)))
+        q = inverse(model, pose).q
+    else:
+        onward = forward(model, end, start=here.pose, start_q=start)
+        out[~same_pose(onward.pose, there.pose, nominal)] = (
+            "the path leads to another assembly mode")
+        out[~onward.converged | ~there.converged] = SINGULAR_PATH
+        q = (start[:, None] + part[:, None] * (end - start)[:, None]).reshape(-1, end.shape[1])
+        pose = forward(model, q).pose
+    good = np.flatnonzero(finite_rows(pose) & finite_rows(q))
+    bad = np.full(len(q), SINGULAR_PATH, dtype=object)
     if good.size:
-        value, sign = smallest_singular_value(model.closure(between[good]), found.pose[good])
+        value, sign = smallest_singular_value(model.closure(q[good]), pose[good])
         home, side = home_singular_value(nominal)
-        close = too_close(model, between[good], pose_vector(found.pose[good]))
+        close = too_close(model, q[good], pose_vector(pose[good]))
         bad[good] = np.where((value < SINGULAR * home) | (sign != side), SINGULAR_PATH,
                              np.where(close, "the legs come too close on the path", ""))
     first = [next((str(w) for w in row if w), "") for row in bad.reshape(-1, STOPS)]

@@ -26,7 +26,7 @@ class DiagnosedErrors(Part):
         alone = residuals(result.before.problem, result.before.state)
         before, geometry, after = (summaries(errors.figures(found.fit.keep), units)
                                    for errors in (found.before, alone, found.after))
-        return cls(before_is=definition(found.fit.problem), before=before, geometry=geometry,
+        return cls(before_is=definition(found.fit.problem.blind), before=before, geometry=geometry,
                    after=after)
 
     def sentence(self, more: bool) -> str:

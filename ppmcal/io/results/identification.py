@@ -106,7 +106,7 @@ class IdentificationRecord(Record):
         """Return the record of an identification."""
         fit, mechanism, units = result.fit, result.mechanism, result.mechanism.units
         carried = {} if result.earlier is None else {"earlier": dict(result.earlier.inputs)}
-        stages = ResidualStages(before_is=definition(fit.problem),
+        stages = ResidualStages(before_is=definition(fit.problem.blind),
                                 before=summaries(result.before.figures(fit.keep), units),
                                 after=summaries(result.after.figures(fit.keep), units),
                                 holdout=summaries(result.holdout, units))

@@ -169,8 +169,9 @@ def route(plan: Plan) -> str:
             f"joint's travel of each move), {plan.route.before:.3g} in the order of choice.")
     home = [n + 1 for n, v in enumerate(plan.route.via) if v == "home"]
     if home:
-        text += (f" Go through home to row {_listed(home)}: straight joint moves would meet a "
-                 "singularity or another assembly mode.")
+        straight = "straight moves" if plan.mechanism.surplus else "straight joint moves"
+        text += (f" Go through home to row {_listed(home)}: {straight} would meet a singularity "
+                 "or another assembly mode.")
     return text
 
 
@@ -191,7 +192,9 @@ def instrument(plan: Plan) -> str:
         noise.append("drives up to " + " and ".join(
             f"{v:.4g} {name or '(bare joint value)'}" for name, v in largest.items() if v > 0.0))
     own = "Instrument" if i.chosen else (
-        "Instrument (none given; noise a tenth of the median length tolerance)")
+        "Instrument (none given; noise a tenth of the median length tolerance"
+        + "; with `instrument: {kind: none}` in its sidecar, joint values alone calibrate this "
+          "machine" * bool(plan.mechanism.surplus) + ")")
     kind = f"{i.kind} at {i.kind.at}" if i.kind.at else str(i.kind)
     stands = f"frame {_open(i.frame)}, target {_open(i.target)}"
     if not i.kind.of_poses:

@@ -73,7 +73,10 @@ def machine_frames(mechanism: Mechanism, name: str, stand: MachineStand, marked:
              for side in ("base_point", "platform_point")]
     marks: Sequence[tuple[SceneMark, ...]] = [()] * len(q)
     if marked:
-        marks = pose_marks(model, stand.pose, q, limbs, GAP * mechanism.reach)
+        gap = np.full(len(q), GAP * mechanism.reach)
+        if mechanism.surplus:
+            gap[1:] = np.inf    # what surplus limbs read contradicts itself, but for home
+        marks = pose_marks(model, stand.pose, q, limbs, gap)
     return SceneMachine(
         name=name, limbs=tuple(_limb(mechanism, i, limb) for i, limb in enumerate(limbs)),
         base_outline=around(sides[0]), platform_outline=around(sides[1]),

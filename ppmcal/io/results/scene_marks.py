@@ -22,7 +22,7 @@ SINGULAR = 0.02
 """A machine is marked where its smallest singular value is below this, as at home by `check`."""
 
 
-def pose_marks(model: Model, pose: Array, q: Array, limbs: Sequence[LimbSkeleton], gap: float
+def pose_marks(model: Model, pose: Array, q: Array, limbs: Sequence[LimbSkeleton], gap: Array
                ) -> list[tuple[SceneMark, ...]]:
     """Return what needs a look at each of N poses.
 
@@ -31,7 +31,7 @@ def pose_marks(model: Model, pose: Array, q: Array, limbs: Sequence[LimbSkeleton
         pose: platform-to-base motors (N, 8).
         q: joint values (N, k), SI.
         limbs: where they stand.
-        gap: a limb with more than this between its ends does not close, m.
+        gap: a limb with more than this between its ends does not close (N,), m.
     """
     out: list[list[SceneMark]] = [[] for _ in range(len(q))]
     units = model.mechanism.units
