@@ -68,11 +68,21 @@ class Transmission:
 
 def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:
     """Return each limb's gap at home with the q that the file gives."""
-    if not np.isfinite(mechanism.home_q).all():
+    return _gaps(mechanism, mechanism.home_q) if np.isfinite(mechanism.home_q).all() else ()
+
+
+def condition_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:
+    """Return the limbs that are open at home whatever the drives do, where the file gives no q."""
+    if np.isfinite(mechanism.home_q).all():
         return ()
+    return tuple(g for g in _gaps(mechanism, home_attempt(mechanism).q) if g.open)
+
+
+def _gaps(mechanism: Mechanism, q: Array) -> tuple[LimbGap, ...]:
+    """Return each limb's worst gap at home with joint values ``q`` (k,)."""
     model = Model(mechanism)
     everything = tuple(range(len(mechanism.parameters)))
-    closure = model.closure(mechanism.home_q, everything)
+    closure = model.closure(q, everything)
     gap = closure.lengths(mechanism.home[None])[0]
     allowed = _allowed(closure)
     out, row = [], 0

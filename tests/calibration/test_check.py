@@ -76,6 +76,20 @@ def test_no_shipped_machine_is_at_a_dead_point(path):
     assert not dead(read_mechanism(path))
 
 
+def test_home_off_the_surface_that_passive_limbs_leave_is_said():
+    """A centre leg without a drive slides through its joint: no joint value closes it beside."""
+    tree = yaml.safe_load(next(p for p in CONFIGS if p.name == "tricept.yaml").read_text())
+
+    def said():
+        found = check(read_text(yaml.safe_dump(tree))).findings
+        return [f for f in found if "does not close at home" in f]
+
+    assert not said()
+    tree["home"]["pose"]["x"] = 30
+    (found,) = said()
+    assert found.startswith("limb 'centre'") and "30 mm" in found and "the home pose" in found
+
+
 @pytest.mark.parametrize("kind", CASES)
 def test_transmission_is_what_the_joint_moves(kind):
     """1 for a strut that pushes along itself, and never outside 0 to 1."""

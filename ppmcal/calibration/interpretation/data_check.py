@@ -27,7 +27,13 @@ from ppmcal.calibration.interpretation.interpretation_error import (
 from ppmcal.calibration.interpretation.obvious_mistakes import plain_mistakes
 from ppmcal.calibration.interpretation.read_rightly import refusal
 from ppmcal.calibration.knowledge import Identifiability, identifiability
-from ppmcal.kinematics.closed_at_home import DEAD_POINT, LimbGap, home_gaps, transmissions
+from ppmcal.kinematics.closed_at_home import (
+    DEAD_POINT,
+    LimbGap,
+    condition_gaps,
+    home_gaps,
+    transmissions,
+)
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.needed_columns import remembers
@@ -85,7 +91,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     q_home, gaps = home_state(mechanism).q, home_gaps(mechanism)
     value, _ = home_singular_value(mechanism)
     findings = [*mechanism.findings, *(f for d in datasets for f in d.findings), *plausibility,
-                *_open_limbs(mechanism, gaps), *_dead_points(mechanism)]
+                *_open_limbs(mechanism, gaps or condition_gaps(mechanism)), *_dead_points(mechanism)]
     if value < SINGULAR_HOME:
         cause = singular_structure(mechanism)
         findings.append(f"the machine is close to a singularity at home: smallest singular value "
@@ -121,11 +127,12 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
 def _open_limbs(mechanism: Mechanism, gaps: Sequence[LimbGap]) -> Iterator[str]:
     """Yield which limbs do not close at home."""
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
+    home = "home.q" if np.isfinite(mechanism.home_q).all() else "the home pose"
     for g in gaps:
         if g.open:
             yield (f"limb '{g.limb}' does not close at home: the gap is {g.gap / factor:.4g} "
                    f"{unit}, the file's digits and tolerances allow {g.allowed / factor:.2g} "
-                   f"{unit}. Check its points, lengths and home.q.")
+                   f"{unit}. Check its points, lengths and {home}.")
 
 
 def _told(misreadings: Sequence[Interpretation], mechanism: Mechanism) -> Iterator[str]:
