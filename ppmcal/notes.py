@@ -7,8 +7,9 @@ never for words.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from typing import Any, Literal, cast
+from typing import Any, Literal, TypeVar, cast
 
+S = TypeVar("S", bound=str)
 Level = Literal["note", "finding"]
 NOTE: Level = "note"
 """Good to know."""
@@ -54,7 +55,7 @@ def topic_of(sentence: str) -> str:
     return str(getattr(sentence, "topic", ""))
 
 
-def about(sentences: Iterable[str], topics: Collection[str]) -> list[str]:
+def about(sentences: Iterable[S], topics: Collection[str]) -> list[S]:
     """Return the sentences on any of some topics."""
     return [s for s in sentences if topic_of(s) in topics]
 

@@ -63,7 +63,8 @@ def _is_sentence(tree: ast.AST) -> bool:
 def unparsed(tree: ast.AST) -> str:
     """Return what `ast.dump` says, the same from Python 3.11 on (3.13 leaves empty lists out).
 
-    Sentences are left out: text of three words or more is for people, and nothing compares it.
+    Sentences are left out: text of three words or more is for people, and nothing compares it. A
+    note is its text: level and topic say how it is told.
     """
     if not isinstance(tree, ast.AST):
         if isinstance(tree, list):
@@ -71,6 +72,12 @@ def unparsed(tree: ast.AST) -> str:
         return repr(tree)
     if _is_sentence(tree):
         return "Sentence"
+    if isinstance(tree, ast.Call):
+        called = tree.func
+        if isinstance(called, ast.Name) and called.id == "Note":
+            return unparsed(tree.args[0])
+        if isinstance(called, ast.Subscript):    # list[str](): what it will hold is an annotation
+            return unparsed(ast.Call(called.value, tree.args, tree.keywords))
     fields = (f"{name}={unparsed(value)}" for name, value in ast.iter_fields(tree)
               if value not in (None, []) and name not in UNTOLD)
     return f"{type(tree).__name__}({','.join(fields)})"

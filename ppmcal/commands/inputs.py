@@ -234,7 +234,7 @@ def files_of(*sources: Any) -> list[Path_]:
     return [s for s in sources if s is not None and is_path(s)]
 
 
-def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[str]]:
+def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[Note]]:
     """Return the machine with the free values of an earlier calibration, and what was odd.
 
     What that one had measured goes with them.
@@ -248,7 +248,7 @@ def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[str]]:
     return replace(mechanism.with_values(g), measured=other.measured), notes
 
 
-def same_machine(mechanism: Mechanism, other: Mechanism, source: Path) -> list[str]:
+def same_machine(mechanism: Mechanism, other: Mechanism, source: Path) -> list[Note]:
     """Return which fixed values differ between a machine and an earlier file of it.
 
     Raises:

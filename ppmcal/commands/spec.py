@@ -136,6 +136,24 @@ def scheduler() -> Any:
                   "--scheduler", "--dask", metavar="ADDRESS", common=True, recorded=False)
 
 
+def tool(otherwise: str = "the platform's origin") -> Any:
+    """Return the field ``tool``."""
+    return option(None, "Tool point in platform axes", metavar="X,Y,Z", otherwise=otherwise)
+
+
+def grid() -> Any:
+    """Return the field ``grid``."""
+    return option(None, "Coordinates of the map with range and levels, such as x=-300:300:41,y",
+                  metavar="NAME[=LOW:HIGH[:COUNT]],...",
+                  otherwise="the first two, as far as home can go")
+
+
+def metric() -> Any:
+    """Return the field ``metric``."""
+    return option(None, "An angle of sigma/LENGTH counts like a length of sigma", metavar="LENGTH",
+                  otherwise="the platform joints' rms distance")
+
+
 def regardless(lifted: str, key: str = "") -> Any:
     """Return the field ``regardless``, which lifts the refusals ``lifted`` and no other."""
     return option(False, f"Lift the refusal of {lifted}, and no other; ends with exit code 1 where "

@@ -33,17 +33,17 @@ from ppmcal.diagnosis.result import LEARNED_AFTER, SILENT, Diagnosis, LearnedTer
 from ppmcal.diagnosis.session_effects import with_sessions
 from ppmcal.diagnosis.told_places import candidates, effects, left, suspected, unknown
 from ppmcal.diagnosis.wrong_files import without, wrong_files
-from ppmcal.notes import about
+from ppmcal.notes import Note, about
 from ppmcal.wording import pluralize
 from ppmcal.wording.progress import start_stage
 
 MOST_STEPS = 4000
 """Steps that the fits of one search may try together: some times what any needs that ends by
 itself. Three freedoms and forty poses may need 500, a hexapod that wanders 900."""
-ENDED = (f"the search was stopped after {MOST_STEPS} steps, because its fits wander: what was "
-         "named so far is reported as its fit stood then; rivals, learned terms and what to "
-         "measure next may be missing; state what is known (stiffness, load) in the mechanism "
-         "file, or try fewer kinds")
+ENDED = Note(f"the search was stopped after {MOST_STEPS} steps, because its fits wander: what was "
+             "named so far is reported as its fit stood then; rivals, learned terms and what to "
+             "measure next may be missing; state what is known (stiffness, load) in the mechanism "
+             "file, or try fewer kinds", topic="search")
 
 CUT = ("{} with further effects wandered and went no farther than " + str(REFIT_STEPS)
        + " steps: effects that only a longer one would show may be missing")
@@ -61,13 +61,14 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None) -> Diagn
     """
     with bounded(MOST_STEPS) as work:
         found = _diagnosed(problem, options or DiagnosisOptions())
-    said = [ENDED] if work.ended else [CUT.format(pluralize(work.cut, "fit"))] if work.cut else []
+    said = [ENDED] if work.ended else [Note(
+        CUT.format(pluralize(work.cut, "fit")), topic="search")] if work.cut else []
     return replace(found, findings=(*found.findings, *said))
 
 
 def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     """Fit, ask, judge on held-out poses, tell: with as many steps of fits as there are."""
-    notes = list[str]()
+    notes = list[Note]()
     whole, what = _asked(with_whole_rows(problem), options)
     if gone := wrong_files(what.last):
         problem = without(problem, gone)
@@ -97,7 +98,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
                       chosen=options.held)
     if reported.fit.converged:  # where a fit that was given up has got to says nothing of a machine
         refuse_other_machine(reported.fit)
-    far = "" if named else far_from_nominal(reported.estimates, problem.mechanism.units)
+    far = [] if named else far_from_nominal(reported.estimates, problem.mechanism.units)
     others = secondary("the machine under each other reading", partial(
         readings, what, terms, options, notes), (), notes) if (
             named or held.verdict == "weak") else ()
@@ -115,7 +116,7 @@ def _diagnosed(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
         found.last.library.untestable, absorbed_by_geometry(whole, final),
         before=reported.fit if final is whole and not terms else whole, identification=reported,
         found=found, proposal=proposed,
-        findings=(*said, *apart, *worse_days(days), *([far] if far else []), *notes),
+        findings=(*said, *apart, *worse_days(days), *far, *notes),
         others=others, learned=terms, days=days,
         nothing=what.last.answer.nothing(NO_CAUSES),
         unknown=tuple(unknown(what, p) for p in what.last.unnamed), predictive=held.predictive)
@@ -131,13 +132,13 @@ def _asked(problem: Problem, options: DiagnosisOptions) -> tuple[Fit, Told]:
     return whole, told(whole, options.fit, options.kinds)
 
 
-def _with_events(fit: Fit, options: DiagnosisOptions, notes: list[str]
+def _with_events(fit: Fit, options: DiagnosisOptions, notes: list[Note]
                  ) -> tuple[Fit, dict[str, Onset]]:
     """Return the fit with every event in its likeliest row, and the rows."""
     return secondary("the rows of events", partial(refined, fit, options.fit), (fit, {}), notes)
 
 
-def _learned(what: Told, held: HeldOut, final: Fit, options: DiagnosisOptions, notes: list[str]
+def _learned(what: Told, held: HeldOut, final: Fit, options: DiagnosisOptions, notes: list[Note]
              ) -> LearnedTerms | None:
     """Return what is learned of what has no name, None where nothing is left to learn."""
     if held.verdict not in LEARNED_AFTER or not final.converged:

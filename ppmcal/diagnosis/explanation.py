@@ -29,14 +29,15 @@ from ppmcal.inference.priors import SURE
 from ppmcal.inference.sets import Member, SetPosterior, posterior
 from ppmcal.linalg import Bools
 from ppmcal.model.effects import Setting
+from ppmcal.notes import Note
 
 ROUNDS = 4
 TRY = ("state what is known (stiffness, load, directions) in the mechanism file, or try fewer "
        "kinds (--kind)")
-ENDED = ("the search among sets of causes was stopped early: the likeliest set so far is reported, "
-         f"others may be likelier; {TRY}")
-UNSETTLED = (f"the causes did not settle in {ROUNDS} rounds of fitting and asking again: those of "
-             f"the last round are reported; {TRY}")
+ENDED = Note("the search among sets of causes was stopped early: the likeliest set so far is "
+             f"reported, others may be likelier; {TRY}", topic="search")
+UNSETTLED = Note(f"the causes did not settle in {ROUNDS} rounds of fitting and asking again: those "
+                 f"of the last round are reported; {TRY}", topic="search")
 UNFITTED = ("the fit with {} failed ({}): results are from the fit without, where their "
             f"derivatives may be far off; {TRY}")
 
@@ -93,7 +94,7 @@ class Round:
     answer: SetPosterior
     whitening: Whitening
     cut: bool = False
-    given_up: tuple[str, ...] = ()
+    given_up: tuple[Note, ...] = ()
 
     def without_columns(self) -> Round:
         """Return what it says alone: nothing can be asked of it any more, and it takes no room."""
@@ -256,7 +257,7 @@ def explained(fit: Fit, options: FitOptions, kinds: Sequence[str] | None = None)
                 last = ask(last.fit, last.added, before=last)
             what = ", ".join(s.hypothesis.label for s in sized)
             rounds[-1] = replace(last, given_up=(
-                *last.given_up, UNFITTED.format(what, error.what)))
+                *last.given_up, Note(UNFITTED.format(what, error.what), topic="search")))
             break
         last = rounds[-1] = last.without_columns()
         rounds.append(ask(now, added, before=last, large=len(rounds) < ROUNDS // 2))

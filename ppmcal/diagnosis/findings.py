@@ -18,6 +18,7 @@ from ppmcal.diagnosis.result import NAMED, Found, NamedEffect, Swallowed
 from ppmcal.diagnosis.unknown_causes import UnknownCause
 from ppmcal.errors import NoResult
 from ppmcal.inference.priors import SURE_SIGMAS
+from ppmcal.notes import Note
 from ppmcal.wording import pluralize
 
 
@@ -52,40 +53,43 @@ def refuse_unredundant(found: Found) -> None:
 
 
 def findings(before: Fit, after: Fit, left: LackOfFit, effects: Sequence[NamedEffect],
-             gap: Gap | None, out: LeftOut) -> list[str]:
+             gap: Gap | None, out: LeftOut) -> list[Note]:
     """Return what the user must look at."""
     said = [f for d in after.problem.datasets for f in d.findings]
     for data, reasons, old in zip(after.problem.datasets, after.reasons, before.reasons,
                                   strict=True):
         if reasons:
-            said.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see "
-                        "residuals.csv for each reason")
+            said.append(Note(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see "
+                             "residuals.csv for each reason", topic="row weights"))
         back = sorted(set(old) - set(reasons))
         if back:
-            said.append(f"{data.name}: {pluralize(len(back), 'row')} at first taken for outliers, "
-                        "explained by the effects and back in use")
+            said.append(Note(f"{data.name}: {pluralize(len(back), 'row')} at first taken for "
+                             "outliers, explained by the effects and back in use",
+                             topic="row weights"))
     if out.sentence:
-        said.append(out.sentence)
+        said.append(Note(out.sentence, topic="row weights"))
     if left.excess >= SURE_SIGMAS:
-        said.append(f"what is left is {left.ratio:.2f} times the {left.source} noise: something "
-                    "unrecorded, or a sigma that is too small")
+        said.append(Note(f"what is left is {left.ratio:.2f} times the {left.source} noise: "
+                         "something unrecorded, or a sigma that is too small", topic="noise"))
     if left.ratio < OVERSTATED:
-        said.append(f"residuals are only {left.ratio:.3g} times the {left.source} noise: sigma is "
-                    "too large, in a wrong unit perhaps; correct it, it decides what geometry is "
-                    "held to")
+        said.append(Note(f"residuals are only {left.ratio:.3g} times the {left.source} noise: "
+                         "sigma is too large, in a wrong unit perhaps; correct it, it decides what "
+                         "geometry is held to", topic="noise"))
     weak = [e.hypothesis.called for e in effects if e.visibility < WEAK_VISIBILITY]
     if weak:
-        said.append(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
-                    "testable), so its size is uncertain")
+        said.append(Note(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
+                         "testable), so its size is uncertain", topic="visibility"))
     said += _sides(after, effects)
     if effects and gap is not None and not gap.confirmed:
-        said.append("the held-out poses do not confirm the improvement: too few, or too small")
+        said.append(Note("the held-out poses do not confirm the improvement: too few, or too small",
+                         topic="held out"))
     if not after.converged:
-        said.append(f"the fit had not converged after {after.iterations} iterations")
+        said.append(Note(f"the fit had not converged after {after.iterations} iterations",
+                         topic="convergence"))
     return said
 
 
-def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[str]:
+def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[Note]:
     """Return the effects whose joints partly lag their readings and partly lead them.
 
     Which side is a convention as much as a place of the encoder, so no file is refused for it.
@@ -98,9 +102,9 @@ def _sides(fit: Fit, effects: Sequence[NamedEffect]) -> list[str]:
         if side := effect.side(mechanism):
             joints.setdefault(effect.hypothesis.called, {}).setdefault(side, []).extend(
                 effect.on or mechanism.actuators)
-    return [f"{kind} has one sign on {', '.join(ways['lags'])} and the other on "
-            f"{', '.join(ways['leads'])}: their encoders sit on different sides of it, or the "
-            "directions of some are written the other way round"
+    return [Note(f"{kind} has one sign on {', '.join(ways['lags'])} and the other on "
+                 f"{', '.join(ways['leads'])}: their encoders sit on different sides of it, or the "
+                 "directions of some are written the other way round", topic="approach")
             for kind, ways in joints.items() if len(ways) > 1]
 
 

@@ -32,6 +32,7 @@ from ppmcal.diagnosis.unknown_causes import UNKNOWN_FAMILY
 from ppmcal.errors import PpmcalError
 from ppmcal.inference.sets import Member
 from ppmcal.model.dataset import Dataset
+from ppmcal.notes import Note
 
 NOT_PREDICTED = ("{} would explain these rows, but poses left out are surely predicted worse with "
                  "it than by geometry alone: it has no name here; measure more poses, or record "
@@ -51,7 +52,7 @@ class Told:
     fit: Fit
     effects: tuple[tuple[CausePlace, tuple[Added, ...]], ...]
     verdict: str
-    given_up: tuple[str, ...] = ()
+    given_up: tuple[Note, ...] = ()
 
     @property
     def last(self) -> Round:
@@ -111,7 +112,7 @@ def told(whole: Fit, options: FitOptions, kinds: Sequence[str] | None) -> Told:
         except PpmcalError as error:
             what = ", ".join(s.hypothesis.label for s in sized)
             return Told(whole, rounds, whole, (), "unnamed",
-                        (*ended, UNFITTED.format(what, error.what)))
+                        (*ended, Note(UNFITTED.format(what, error.what), topic="search")))
     fit = without_first_rows(fit, options)
     effects = tuple((p, tuple(a for a in added if a.hypothesis is p.hypothesis)) for p in named)
     return Told(whole, rounds, fit, effects, last.verdict, ended)
@@ -131,7 +132,7 @@ class HeldOut:
     gap: Gap | None
     predictive: tuple[LeftOutBlocks, ...]
     verdict: str
-    said: tuple[str, ...] = ()
+    said: tuple[Note, ...] = ()
 
     @property
     def named(self) -> bool:
@@ -139,7 +140,7 @@ class HeldOut:
         return self.verdict in NAMED
 
 
-def held_out(what: Told, options: DiagnosisOptions, notes: list[str]) -> HeldOut:
+def held_out(what: Told, options: DiagnosisOptions, notes: list[Note]) -> HeldOut:
     """Return what held-out poses say; ``notes``: to which is added what could not be had."""
     found, poses = _with_held_out(what, options, notes)
     gap = secondary("the gap on held-out poses", partial(
@@ -150,11 +151,12 @@ def held_out(what: Told, options: DiagnosisOptions, notes: list[str]) -> HeldOut
     if what.verdict in NAMED and predictive and predictive[0].surely_worse:
         names = ", ".join(dict.fromkeys(p.label for p, _ in what.effects))
         bare = replace(found, after=found.before, last=found.first, added=())
-        return HeldOut(bare, poses, gap, predictive, "unnamed", (NOT_PREDICTED.format(names),))
+        return HeldOut(bare, poses, gap, predictive, "unnamed", (
+            Note(NOT_PREDICTED.format(names), topic="held out"),))
     return HeldOut(found, poses, gap, predictive, what.verdict)
 
 
-def _with_held_out(what: Told, options: DiagnosisOptions, beside: list[str]
+def _with_held_out(what: Told, options: DiagnosisOptions, beside: list[Note]
                    ) -> tuple[Found, tuple[Dataset, ...]]:
     """Return fits and questions, and the poses that they do not know.
 

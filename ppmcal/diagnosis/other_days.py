@@ -24,6 +24,7 @@ from ppmcal.errors import PpmcalError
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.sessions import session_masks
+from ppmcal.notes import Note
 from ppmcal.wording.progress import start_stage
 
 
@@ -80,12 +81,12 @@ def without_any(day: Validated) -> str:
     return next((e.label for e in reversed(day.errors) if e.label.startswith("without")), "")
 
 
-def worse_days(days: Sequence[Validated]) -> list[str]:
+def worse_days(days: Sequence[Validated]) -> list[Note]:
     """Return what the user must look at: effects without which a day is surely predicted better."""
     out = []
     for day in days:
         whole = day.errors[0].size["rms"]
-        out += [f"{day.name} is predicted better {e.label}, by {100.0 * e.closer / whole:.0f} %: "
-                "what the other sessions show of it is not the machine's"
+        out += [Note(f"{day.name} is predicted better {e.label}, by {100.0 * e.closer / whole:.0f} "
+                     "%: what the other sessions show of it is not the machine's", topic="sessions")
                 for e in day.errors if e.sure > 0 and e.label.startswith("without")]
     return out

@@ -30,12 +30,13 @@ from ppmcal.inference.block_sets import Numbers
 from ppmcal.inference.priors import COUNTS
 from ppmcal.inference.sets import Member
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 
 MOST_READINGS = 8
 
 
 def readings(what: Told, terms: LearnedTerms | None, options: DiagnosisOptions,
-              notes: list[str]) -> tuple[CandidateModel, ...]:
+              notes: list[Note]) -> tuple[CandidateModel, ...]:
     """Return the machine under each other set of causes at odds that count, and without any.
 
     ``notes``: to which those are added that have no machine; commands do not count with them.

@@ -13,6 +13,7 @@ from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.wrong_files import without
+from ppmcal.notes import Note
 from ppmcal.wording.progress import start_stage
 
 LESS = 0.95
@@ -20,7 +21,7 @@ LESS = 0.95
 
 
 def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
-                            ) -> tuple[Diagnosis, list[str]]:
+                            ) -> tuple[Diagnosis, list[Note]]:
     """Return the diagnosis with the noise that its own model leaves, and what that noise is.
 
     Args:
@@ -36,14 +37,14 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
     found = diagnose_with_registration(own, options)
     if not told or not found.effects:
         return found, told
-    notes = list[str]()
+    notes = list[Note]()
     found, told = secondary("the noise that what was named leaves", lambda: _once_more(
         problem, own, found, told, options), (found, told), notes)
     return found, [*told, *notes]
 
 
-def _once_more(problem: Problem, own: Problem, found: Diagnosis, told: list[str],
-               options: DiagnosisOptions) -> tuple[Diagnosis, list[str]]:
+def _once_more(problem: Problem, own: Problem, found: Diagnosis, told: list[Note],
+               options: DiagnosisOptions) -> tuple[Diagnosis, list[Note]]:
     """Return the diagnosis by the noise that the named leaves where that is less; else ``found``.
 
     Probabilities hold that such noise is hardly known: once more is as good as often.

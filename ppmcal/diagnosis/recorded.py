@@ -20,6 +20,7 @@ from ppmcal.kinematics.effect_response import environment_of
 from ppmcal.linalg import Bools, finite_rows
 from ppmcal.model.dataset import WRENCH, Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 
 
 def with_whole_rows(problem: Problem) -> Problem:
@@ -53,8 +54,8 @@ def _whole(mechanism: Mechanism, data: Dataset, rows: Environment) -> Dataset:
         if have >= (1.0 - MOST_GROSS.value) * len(data) or needed & set(names):
             data = data.without(~recorded, f"{names[0]} is not known here")
             continue
-        findings.append(f"{data.name}: {names[0]} is known in {have} of {len(data)} rows only: "
-                        "not used")
+        findings.append(Note(f"{data.name}: {names[0]} is known in {have} of {len(data)} rows "
+                             "only: not used", topic="columns"))
         for name in names:
             if name in columns:
                 columns[name] = np.full(len(data), np.nan)

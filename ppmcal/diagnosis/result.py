@@ -23,6 +23,7 @@ from ppmcal.diagnosis.term_candidates import Visible
 from ppmcal.inference.priors import SURE_SIGMAS
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.units import Quantity
 
 OfUnit = Annotated[float, Quantity(of="unit")]
@@ -259,7 +260,7 @@ class Diagnosis:
     identification: Identification
     found: Found
     proposal: Proposal
-    findings: tuple[str, ...]
+    findings: tuple[Note, ...]
     others: tuple[CandidateModel, ...] = ()
     learned: LearnedTerms | None = None
     days: tuple[Validated, ...] = ()

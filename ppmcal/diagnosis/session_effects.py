@@ -20,6 +20,7 @@ from ppmcal.inference.differences import differing
 from ppmcal.inference.priors import SURE, UNKNOWN
 from ppmcal.linalg import Array, Bools, subsample
 from ppmcal.model.sessions import session_masks
+from ppmcal.notes import Note
 from ppmcal.wording import actuator_list
 
 SEEN = 1e-10
@@ -27,7 +28,7 @@ SEEN = 1e-10
 
 
 def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
-                  ) -> tuple[tuple[NamedEffect, ...], list[str]]:
+                  ) -> tuple[tuple[NamedEffect, ...], list[Note]]:
     """Return the effects with their size in each session, and what differs between these.
 
     Args:
@@ -51,8 +52,9 @@ def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
             # one hypothesis may have a value for each of several actuators
             kind = effect.hypothesis.label.partition(" on ")[0].removesuffix(UNLIKE)
             name = f"{kind} on {place}" if place else kind
-            told.append(f"{name} is not the same in all sessions (the same with probability "
-                        f"{sizes.same:.1g}): {first.rpartition('.')[2]} {each} (95 %)")
+            told.append(Note(f"{name} is not the same in all sessions (the same with probability "
+                             f"{sizes.same:.1g}): {first.rpartition('.')[2]} {each} (95 %)",
+                             topic="sessions"))
     return tuple(replace(e, sessions=s) for e, s in zip(effects, found, strict=True)), told
 
 

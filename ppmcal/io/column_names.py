@@ -131,7 +131,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def ambiguous_directions(header: Sequence[str], mechanism: Mechanism, source: str) -> list[str]:
+def ambiguous_directions(header: Sequence[str], mechanism: Mechanism, source: str) -> list[Note]:
     """Return what to say of directions that are a joint's and the platform's by their name.
 
     Raises:
@@ -155,14 +155,14 @@ def ambiguous_directions(header: Sequence[str], mechanism: Mechanism, source: st
 
 
 def recorders_names(header: Sequence[str], mechanism: Mechanism, source: str
-                    ) -> tuple[Mapping[str, str], list[str]]:
+                    ) -> tuple[Mapping[str, str], list[Note]]:
     """Return the header of a known recorder -> our own names, and what was concluded.
 
     ``x1,y1,z1,phix1,phiy1,phiz1`` with joint names ([LIN]'s hexapods), and
     ``leg_length_1.., position_x.., orientation_x..w`` (motion capture of a Stewart platform);
     ``leg_length_i`` belongs to the i-th actuator.
     """
-    names, findings, actuators = dict[str, str](), list[str](), mechanism.actuators
+    names, findings, actuators = dict[str, str](), list[Note](), mechanism.actuators
     if set(_HEXAPOD) <= set(header):
         names = dict(_HEXAPOD)
         own = set(known_columns(mechanism))

@@ -14,6 +14,7 @@ from ppmcal.io.schema import Flag, Label, Number, Sigma, Strict, check, refuse, 
 from ppmcal.io.yaml import to_file
 from ppmcal.model.effects import (
     GEOMETRY,
+    SORTS,
     EffectKind,
     EffectParameter,
     effect_kinds,
@@ -165,10 +166,6 @@ def _not_free_already(mechanism: Mechanism, kind: EffectKind, on: Sequence[bool]
                                f"Fix the {slot}, or remove the {kind.name}: they are the same")
 
 
-ONLY = {"turning": ("joints that turn", "rotary actuators"), "ropes": ("ropes", "ropes")}
-"""Of kinds that act on some sorts of joints only: what they are, and what to name."""
-
-
 def _actuators(one: EffectFile, kind: EffectKind, mechanism: Mechanism, machine: Machine,
                place: str) -> tuple[bool, ...]:
     if not kind.per_actuator and one.on is not None and set(one.on) != set(machine.actuators):
@@ -185,8 +182,8 @@ def _actuators(one: EffectFile, kind: EffectKind, mechanism: Mechanism, machine:
     if kind.opposed and not mechanism.surplus:
         raise BadInput(f"{kind.name} is an effect of limbs that pull against each other, and this "
                        "machine has no more limbs than it needs", f"{place}.kind", "Remove it")
-    if kind.joints in ONLY and not all(usable[np.array(on)]):
-        sort, named = ONLY[kind.joints]
+    if kind.joints in SORTS and not all(usable[np.array(on)]):
+        sort, named = SORTS[kind.joints]
         raise BadInput(f"{kind.name} is an effect of {sort}", f"{place}.on", f"Name {named} only")
     if kind.opposed and sum(on) != mechanism.surplus:
         raise BadInput(f"{pluralize(sum(on), 'joint')} cannot pull at once: "

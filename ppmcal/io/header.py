@@ -21,6 +21,7 @@ from ppmcal.io.read_block import HOMOGENEOUS, MATRIX, UNITS, ReadFile
 from ppmcal.io.schema import did_you_mean
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 
 T = TypeVar("T")
 NAMED = "its name"
@@ -96,7 +97,7 @@ def zone_of(header: str) -> str | None:
 
 
 def header_columns(table: Table, read: ReadFile, mechanism: Mechanism, side: str,
-                   kind: InstrumentKind | None = None) -> tuple[Columns, list[str]]:
+                   kind: InstrumentKind | None = None) -> tuple[Columns, list[Note]]:
     """Return the columns of a table without those to be left alone, and what was concluded.
 
     Args:

@@ -31,7 +31,7 @@ class Measured:
     sigma_position: Array
     sigma_rotation: Array
     sigma_value: Array
-    findings: tuple[str, ...]
+    findings: tuple[Note, ...]
 
 
 def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -> Measured:

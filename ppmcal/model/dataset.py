@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ppmcal.linalg import Array, Bools, Ints, row_by_row, taken, ways
 from ppmcal.model.history import History, history_of, straight
 from ppmcal.model.instruments import POSE, InstrumentKind
+from ppmcal.notes import Note
 from ppmcal.units import SI, Units
 from ppmcal.wording import pluralize
 
@@ -119,7 +120,7 @@ class Dataset:
     approach: str = "unknown"
     visited: Array | None = None
     unusable: tuple[str, ...] | None = None
-    findings: tuple[str, ...] = ()
+    findings: tuple[Note, ...] = ()
     dropped: tuple[tuple[int, str], ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
     units: Units = SI

@@ -20,6 +20,7 @@ from ppmcal.io.results.batch_common import (
     left,
     ranking,
 )
+from ppmcal.notes import Note
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes
 from ppmcal.plotting.plot import row_y, rows_plot, span
@@ -57,7 +58,7 @@ def batch_page(records: Sequence[CampaignRecord]) -> str:
     lead = [f"{count(len(own), 'campaign')} of {count(machines, 'machine')}: "
             f"{sum(r.exit_code == 0 for r in own)} done without findings, "
             f"{sum(r.exit_code == 1 for r in own)} to look at, {len(failed)} failed."]
-    left_out = list[str]()
+    left_out = list[Note]()
     common = [s for some in designs.values() for s in secondary(
         "what machines have in common", partial(common_sentences, some), [], left_out)]
     lead += dict.fromkeys(left_out)

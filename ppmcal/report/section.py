@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from ppmcal import __version__
 from ppmcal.calibration.fit import secondary
+from ppmcal.notes import Note
 from ppmcal.report.html import bullets, part, plot_scripts, template_text, whole_page
 from ppmcal.report.machine_scene import machine_css, page_scripts
 
@@ -46,7 +47,7 @@ def chapter(title: str, make: Callable[[], C]) -> C | Section:
 
     ``title``: what it is called then. The other chapters stand whatever one of them meets.
     """
-    notes = list[str]()
+    notes = list[Note]()
     failed = Section(title)
     found = secondary(f"the chapter {title}", make, failed, notes)
     return replace(failed, body=bullets(notes)) if found is failed else found

@@ -38,7 +38,7 @@ PAGES = ("html", "svg")
 
 
 def compared(name: str, then: bytes, now: bytes, exact: bool, root: bytes = b"",
-             reword: bool = False) -> FileCheck:
+             reword: bool = False, later: bool = False) -> FileCheck:
     """Return how a file differs from an earlier one.
 
     Args:
@@ -48,17 +48,18 @@ def compared(name: str, then: bytes, now: bytes, exact: bool, root: bytes = b"",
         exact: whether they must be the same; else within bounds.
         root: where paths in it began today, and not then.
         reword: whether it is of another version, which may have other words for the same.
+        later: whether that is a later one, which may have keys and columns that are not known yet.
     """
     if root and not _is_binary(now):
         now = now.replace(root, b"")
     if then == now:
         return FileCheck(file=name)
-    found, readable = Tally(exact, root.decode(errors="surrogateescape"), reword), True
+    found, readable = Tally(exact, root.decode(errors="surrogateescape"), reword, later), True
     try:
         _READERS.get(name.rpartition(".")[2], _text)(then, now, found)
     except (ValueError, OSError, yaml.YAMLError, csv.Error, ImportError, RecursionError):
         readable = False
-    if (found.count or found.texts) and readable:
+    if (found.count or found.texts or found.unknown) and readable:
         return found.of(name)
     if exact or not readable:    # no value differs that can be named: spaces, or a picture
         return FileCheck(file=name, status=DIFFERS, count=1, worst=ValueDifference(
@@ -76,14 +77,22 @@ def _csv(then: bytes, now: bytes, found: Tally) -> None:
         return csv.reader(io.StringIO(content.decode(), newline=""))
 
     header, other = next(rows(then), []), next(rows(now), [])
+    strange = {c for c, name in enumerate(header) if found.later and name not in other}
+    for c in sorted(strange):
+        found.strange(header[c])
+
+    def earlier() -> Iterator[list[str]]:
+        return iter([x for c, x in enumerate(row) if c not in strange] for row in rows(then))
+
+    header = next(earlier(), [])
     if header != other:
         found.differ("header", ",".join(header), ",".join(other))
         return
-    pairs = [(n, a, b) for n, (a, b) in enumerate(zip_longest(rows(then), rows(now)))
+    pairs = [(n, a, b) for n, (a, b) in enumerate(zip_longest(earlier(), rows(now)))
              if a != b]
     columns = {c for _, a, b in pairs if a and b for c, (x, y) in enumerate(
         zip(a, b, strict=False)) if x != y}
-    scales = _scales(rows(then), columns)
+    scales = _scales(earlier(), columns)
     sigmas = {c: s for c in columns if (s := _sigma_column(header, c)) is not None}
     unit = header.index("unit") if "unit" in header else None
     for n, a, b in pairs:
@@ -166,6 +175,8 @@ def _walk(then: Any, now: Any, place: _Place, found: Tally) -> None:
                 continue
             if key in then and key in now:
                 _walk(then[key], now[key], at, found)
+            elif found.later and key in then:
+                found.strange(at.path)
             else:
                 found.differ(at.path, then.get(key, NOTHING), now.get(key, NOTHING))
     elif isinstance(then, list) and isinstance(now, list):

@@ -7,19 +7,20 @@ else (names, verdicts, statuses, counts, which rows were used) must be the same.
 
 Another version may say it in other words: a sentence for a sentence, a comment, a page or a drawing
 that is made of what stands in other files. That is told apart, and only where versions differ.
+So are keys and columns of a later version, which this one does not know.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ppmcal.wording import number
+from ppmcal.wording import abbreviate_list, number, pluralize
 
 SAME, WITHIN, DIFFERS, OPEN = "same", "within bounds", "differs", "not compared"
-REWORDED = "wording differs"
+REWORDED, LATER = "wording differs", "of a later version"
 OF_SCALE, OF_SIGMA, LEAST = 1e-6, 1e-3, 1e-9
 BOUNDS = {"of_scale": OF_SCALE, "of_sigma": OF_SIGMA, "least": LEAST}
 ESTIMATES = ("value", "error", "data", "mean", "estimate")
@@ -58,7 +59,8 @@ class FileCheck:
     """A file against the one that comes out today.
 
     ``count``: values that differ, or texts where only the wording does; ``worst``: the one that
-    is farthest from what is allowed, or the first of those texts.
+    is farthest from what is allowed, or the first of those texts; ``unknown``: keys and columns
+    that only the later version knows that wrote it.
     """
 
     file: str = ""
@@ -66,14 +68,17 @@ class FileCheck:
     edited: bool = False
     count: int = 0
     worst: ValueDifference | None = None
+    unknown: tuple[str, ...] = ()
 
     def words(self) -> str:
         """Return what is to say of it besides its status."""
         edited = "edited since ppmcal wrote it" * self.edited
+        later = self.unknown and (f"made by a later version: {pluralize(len(self.unknown), 'key')} "
+                                  f"({abbreviate_list(self.unknown)}) not understood")
         worst = self.worst.words() if self.worst else ""
         if worst and self.count > 1:
             worst = f"{'first' if self.status == REWORDED else 'farthest apart'} at {worst}"
-        return "; ".join(t for t in (edited, worst) if t)
+        return "; ".join(t for t in (edited, later, worst) if t)
 
 
 @dataclass
@@ -81,12 +86,14 @@ class Tally:
     """Differences of a file so far: how many, the worst, and whether all are within bounds.
 
     ``exact``: whether bytes must be the same; ``reword``: whether sentences may be other ones, and
-    ``texts`` are those that are.
+    ``texts`` are those that are; ``later``: whether a later version may have ``unknown`` keys.
     """
 
     exact: bool
     root: str = ""
     reword: bool = False
+    later: bool = False
+    unknown: list[str] = field(default_factory=list)
     texts: list[ValueDifference] = field(default_factory=list)
     count: int = 0
     over: float = -1.0
@@ -107,12 +114,26 @@ class Tally:
         """Count one that only the wording of another version makes."""
         self.texts.append(ValueDifference(place=place, then=str(then), now=str(now)))
 
+    def strange(self, place: str) -> None:
+        """Note a key that only the later version knows: once for all entries of a list."""
+        key = re.sub(r"\[[^]]*\]", "", place)
+        if key not in self.unknown:
+            self.unknown.append(key)
+
     def of(self, name: str) -> FileCheck:
         """Return what was found of a file."""
-        if self.texts and self.within:
-            return FileCheck(file=name, status=REWORDED, count=len(self.texts), worst=self.texts[0])
         status = SAME if not self.count else WITHIN if self.within and not self.exact else DIFFERS
-        return FileCheck(file=name, status=status, count=self.count, worst=self.worst)
+        check = FileCheck(file=name, status=status, count=self.count, worst=self.worst,
+                          unknown=tuple(self.unknown))
+        if self.texts and self.within:
+            check = replace(check, status=REWORDED, count=len(self.texts), worst=self.texts[0])
+        return replace(check, status=LATER) if self.unknown and status != DIFFERS else check
+
+
+def is_later(version: str, than: str) -> bool:
+    """Whether a version comes after another one."""
+    one, other = ([int(n) for n in re.findall(r"\d+", v)] for v in (version, than))
+    return one > other
 
 
 def short_text(value: object) -> str:

@@ -525,3 +525,68 @@ def test_another_version_s_number_differs(
     told = {f["file"]: (f["status"], f["edited"]) for f in found["files"]}
     assert told["parameters.csv"] == ("differs", False)
     assert told["identification.json"] == ("wording differs", False)
+
+
+# ---- a later version, which knows more
+
+
+@pytest.mark.parametrize(("name", "then", "now", "status", "unknown"), [
+    ("a.json", '{"x": 1.5, "y": 2}', '{"x": 1.5}', "of a later version", ["y"]),
+    ("a.json", '{"p": [{"name": "a", "x": 1, "y": 2}, {"name": "b", "x": 1, "y": 3}]}',
+     '{"p": [{"name": "a", "x": 1}, {"name": "b", "x": 1}]}', "of a later version", ["p.y"]),
+    ("a.yaml", "x: 1\ny: {z: 3}\n", "x: 1\n", "of a later version", ["y"]),
+    ("a.csv", "row,y,x\n1,3,1.5\n2,4,1.5\n", "row,x\n1,1.5\n2,1.5\n", "of a later version", ["y"]),
+    ("a.json", '{"y": 2, "text": "it is so"}', '{"text": "so it is"}', "of a later version", ["y"]),
+    # what both know still counts
+    ("a.json", '{"x": 1.5, "y": 2}', '{"x": 1.6}', "differs", ["y"]),
+    ("a.csv", "row,y,x\n1,3,1.5\n", "row,x\n1,1.6\n", "differs", ["y"]),
+    ("a.csv", "x,row,y\n1.5,1,3\n", "row,x\n1,1.5\n", "differs", ["y"]),
+    ("a.json", '{"x": 1.5}', '{"x": 1.5, "y": 2}', "differs", [])])
+def test_keys_that_only_a_later_version_knows_are_named(
+        name: str, then: str, now: str, status: str, unknown: list[str]) -> None:
+    """Of the same version, and of an earlier one, each of these differs."""
+    told = compared(name, then.encode(), now.encode(), False, reword=True, later=True)
+    assert (told.status, list(told.unknown)) == (status, unknown)
+    assert bool(unknown) == ("not understood" in told.words())
+    old = compared(name, then.encode(), now.encode(), False, reword=True)
+    assert (old.status, old.unknown) == ("differs", ())
+
+
+def later(folder: Path, **entries: object) -> None:
+    """Let a later version have written a folder: with entries of its JSON, and another file."""
+    path, record = folder / "identification.json", folder / RECORD
+    path.write_text(json.dumps({**json.loads(path.read_text()), **entries}))
+    (folder / "shape.csv").write_text("a\n1\n")
+    known = json.loads(record.read_text().replace("0.3.0", "0.10.0"))
+    for name in ("identification.json", "shape.csv"):
+        known["files"][name] = {"command": "identify", "sha256": hashlib.sha256(
+            (folder / name).read_bytes()).hexdigest()}
+    record.write_text(json.dumps(known))
+
+
+def test_a_folder_of_a_later_version_says_what_is_not_understood(desk: Path, tmp_path: Path
+                                                                 ) -> None:
+    own = copied(desk, tmp_path, "identified")
+    later(own / "identified", shape={"waves": 3})
+    found, = checked(own, "identified", code=2)
+    assert found["status"] == "of a later version"
+    assert found["environment"] == ["version 0.10.0 then, 0.3.0 now"]
+    told = {f["file"]: (f["status"], f["unknown"]) for f in found["files"]}
+    assert told == {"identification.json": ("of a later version", ["shape"]),
+                    "shape.csv": ("of a later version", []),
+                    **dict.fromkeys(("identified.yaml", "parameters.csv", "residuals.csv"),
+                                    ("same", []))}
+    console = " ".join(ppmcal("verify", "identified", cwd=own, expect=2).out.split())
+    assert "all is the same that this version knows; verify the rest with the version" in console
+    assert ("identification.json: made by a later version: 1 key (shape) not understood."
+            in console)
+    assert "shape.csv: made by a later version: the file is not understood." in console
+
+
+def test_a_value_that_differs_is_a_fault_of_a_later_version_too(desk: Path, tmp_path: Path) -> None:
+    own = copied(desk, tmp_path, "identified")
+    later(own / "identified", shape={"waves": 3}, iterations=99)
+    found, = checked(own, "identified", code=1)
+    told = {f["file"]: (f["status"], f["unknown"], f["count"]) for f in found["files"]}
+    assert found["status"] == "differs"
+    assert told["identification.json"] == ("differs", ["shape"], 1)

@@ -110,6 +110,10 @@ def test_the_digest_sees_code_and_no_words():
     assert pieces_of(says) == pieces_of(says.replace("there is no", "found neither it nor"))
     assert pieces_of(says) != pieces_of(says.replace('"n"', '"m"'))
     assert pieces_of("class A:\n    n: int\n") != pieces_of("class A:\n    m: int\n")
+    out = 'out = list[str]()\nout.append(f"there is no {x}")\n'
+    assert pieces_of(out) == pieces_of(
+        'out = list[Note]()\nout.append(Note(f"there is never any {x}", NOTE, topic="few"))\n')
+    assert pieces_of(out) != pieces_of(out.replace("append", "remove"))
 
 
 @pytest.mark.parametrize("package", sorted({p for s in STUDIES for p in s.engine}))

@@ -24,6 +24,7 @@ from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
 
 UNREACHED = ("where it leads is not known: a machine that the measurements cannot tell from this "
              "one does not take these joint values")
@@ -80,7 +81,7 @@ class Targets:
 
 def averaged(model: Mechanism, result: Compensation, readings: Readings,
              knowledge: ParameterCovariance | None, targets: Targets) -> tuple[Compensation,
-                                                                               tuple[str, ...]]:
+                                                                               tuple[Note, ...]]:
     """Return the commands with what the readings disagree about in their uncertainty, and notes.
 
     Args:
@@ -114,11 +115,12 @@ def averaged(model: Mechanism, result: Compensation, readings: Readings,
     before = _expected(machines, weight, result.q_nominal, result, targets)
     return replace(result, position_before=before[0], rotation_before=before[1],
                    sigma_position=np.hypot(result.sigma_position, own[0]),
-                   sigma_rotation=np.hypot(result.sigma_rotation, own[1])), (note, *notes)
+                   sigma_rotation=np.hypot(result.sigma_rotation, own[1])), (
+                       Note(note, NOTE, "other models"), *notes)
 
 
 def _at_rest(others: Sequence[CandidateModel], result: Compensation, targets: Targets
-             ) -> tuple[Targets, list[str]]:
+             ) -> tuple[Targets, list[Note]]:
     """Return the targets with joints at rest where only readings need velocities, and notes.
 
     The model needs none, or the targets would have them.
@@ -130,8 +132,9 @@ def _at_rest(others: Sequence[CandidateModel], result: Compensation, targets: Ta
     names = ", ".join(dict.fromkeys(r.effect for r in needed.values()))
     still = dict.fromkeys(needed, np.zeros(len(targets.wanted)))
     return replace(targets, columns={**targets.columns, **still}), [
-        f"{names}: depends on joint velocities, which the targets do not have, and counts as at "
-        f"rest; add the columns {', '.join(needed)} if the machine is to be right on the way"]
+        Note(f"{names}: depends on joint velocities, which the targets do not have, and counts as "
+             f"at rest; add the columns {', '.join(needed)} if the machine is to be right on the "
+             "way", NOTE, "other models")]
 
 
 def _environment(mechanism: Mechanism, result: Compensation, targets: Targets) -> Environment:

@@ -20,6 +20,7 @@ from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.region import extent, named
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.wording import pluralize
 
 FLAT = 0.04
@@ -136,13 +137,14 @@ def few_poses(fit: Fit) -> Iterable[str]:
                f"{pluralize(columns, 'unknown')}")
 
 
-def too_few(fit: Fit) -> Iterable[str]:
+def too_few(fit: Fit) -> Iterable[Note]:
     """Yield that the measured numbers are fewer than the unknowns, so that no fit can tell them."""
     columns, count, poses = _numbers(fit)
     if count < columns:
-        yield (f"{pluralize(poses, 'pose')} give {pluralize(count, 'number')} for "
-               f"{pluralize(columns, 'unknown')}: the tolerances decide what these data cannot, "
-               f"and a fit to the noise shows nothing; measure {_more(fit, columns - count)}")
+        yield Note(f"{pluralize(poses, 'pose')} give {pluralize(count, 'number')} for "
+                   f"{pluralize(columns, 'unknown')}: the tolerances decide what these data "
+                   "cannot, and a fit to the noise shows nothing; measure "
+                   f"{_more(fit, columns - count)}", topic="few rows")
 
 
 def _more(fit: Fit, missing: int) -> str:

@@ -32,6 +32,7 @@ from ppmcal.calibration.fit.problem import Problem
 from ppmcal.linalg import Array, Bools, svd
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.repeats import repeats
+from ppmcal.notes import NOTE, Note
 from ppmcal.units import Finite, OrNull
 
 log = logging.getLogger(__package__)
@@ -103,23 +104,23 @@ def with_estimated_noise(problem: Problem, options: FitOptions,
     return fit, factor
 
 
-def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> list[str]:
+def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> list[Note]:
     """Return what the estimated noise of data sets (D,) is, in their own units."""
     out = []
     for data, f, wanted in zip(problem.datasets, factor.tolist(), which, strict=True):
         if wanted and not data.estimated:
-            out.append(f"{data.name}: noise {f:.3g} times the stated one.")
+            out.append(Note(f"{data.name}: noise {f:.3g} times the stated one.", NOTE, "noise"))
         elif wanted:
             of = noise_quantity(data)
             began, unit = typical_noise(data) / data.units.factor(of), data.units.name(of)
-            out.append(f"{data.name}: noise {began * f:.3g} {unit}, estimated from "
-                       f"its residuals; the {began:g} {unit} of its sidecar count as "
-                       f"{LEAST:.0f} of them.")
+            out.append(Note(f"{data.name}: noise {began * f:.3g} {unit}, estimated from its "
+                            f"residuals; the {began:g} {unit} of its sidecar count as {LEAST:.0f} "
+                            "of them.", NOTE, "noise"))
     return out
 
 
 def with_own_noise(problem: Problem, options: FitOptions
-                   ) -> tuple[Problem, list[str]]:
+                   ) -> tuple[Problem, list[Note]]:
     """Return the problem with the noise of the data sets that want it estimated, and what it is.
 
     Raises:

@@ -16,6 +16,7 @@ from ppmcal.kinematics.inverse import home_state, to_joint, wrapped
 from ppmcal.kinematics.limb_roots import limb_roots
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 
 AT = 0.1
 """A row is at the other root where it is off that by less than this part of what they are apart."""
@@ -33,7 +34,7 @@ def both_ways(model: Model, index: int, pose: Array, near: float) -> Array:
                    roots[:, [own, 1 - own]], near)
 
 
-def branch_findings(problem: Problem, state: State) -> list[str]:
+def branch_findings(problem: Problem, state: State) -> list[Note]:
     """Return which limbs most rows show the other way round, a sentence each."""
     model = Model(problem.mechanism.with_values(state.g))
     ends = [e for i in range(len(problem.datasets)) for e in problem.ends(i, state)]
@@ -51,11 +52,11 @@ def branch_findings(problem: Problem, state: State) -> list[str]:
         if 2 * int(other.sum()) > other.size:
             seen, said = (_range(problem.mechanism, limb.actuator, v[other])
                           for v in (here, both[:, 0]))
-            out.append(f"limb '{limb.name}' was measured the other way round than the file says: "
-                       f"{problem.mechanism.actuators[limb.actuator]} at {seen}, where its "
-                       f"'{limb.kind.branch}' gives {said} for the same poses, and so would "
-                       f"commands. Set '{limb.kind.branch}', or the home joint values, the other "
-                       "way")
+            out.append(Note(f"limb '{limb.name}' was measured the other way round than the file "
+                            f"says: {problem.mechanism.actuators[limb.actuator]} at {seen}, where "
+                            f"its '{limb.kind.branch}' gives {said} for the same poses, and so "
+                            f"would commands. Set '{limb.kind.branch}', or the home joint values, "
+                            "the other way", topic="branch"))
     return out
 
 

@@ -29,6 +29,7 @@ from ppmcal.inference.priors import MOVED, SURE, SURE_ODDS
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import REGISTERED
+from ppmcal.notes import Note
 from ppmcal.wording.progress import stage
 
 FIELDS = {"frame": "frame", "target": "target", "rotation": "target_rotation"}
@@ -295,14 +296,14 @@ def _words(fit: Fit, dataset: int, what: str) -> str:
     return f"{REMEDIES[what]} in " + (f"each session's own {place}" if what == SESSIONS else place)
 
 
-def hint_sentences(fit: Fit, hints: Sequence[RegistrationHint]) -> list[str]:
+def hint_sentences(fit: Fit, hints: Sequence[RegistrationHint]) -> list[Note]:
     """Return what to say of each hint, with figures and remedy."""
     units, out = fit.problem.mechanism.units, []
     for h in hints:
         data = fit.problem.datasets[h.dataset]
         was, now = (v / units.factor("length") for v in h.position)
         also = "".join(f", or `{_words(fit, *other)}`" for other in h.instead)
-        out.append(f"{data.name}: `{hint_words(fit, h)}` takes its error from {was:.3g} to "
-                   f"{now:.3g} {units.length} rms ({h.before:.3g} to {h.after:.3g} times the "
-                   f"noise): {CAUSES[h.what]}, perhaps{also}")
+        out.append(Note(f"{data.name}: `{hint_words(fit, h)}` takes its error from {was:.3g} to "
+                        f"{now:.3g} {units.length} rms ({h.before:.3g} to {h.after:.3g} times the "
+                        f"noise): {CAUSES[h.what]}, perhaps{also}", topic="registration"))
     return out

@@ -27,7 +27,7 @@ def left_out_note(what: str) -> Note:
     return Note(f"{LEFT_OUT}: {what}", topic=LEFT_OUT)
 
 
-def secondary(what: str, make: Callable[[], T], instead: S, notes: list[str]) -> T | S:
+def secondary(what: str, make: Callable[[], T], instead: S, notes: list[Note]) -> T | S:
     """Return what an analysis beside a result gives; where it fails, ``instead``, and note it.
 
     Args:
@@ -52,7 +52,7 @@ def pictures_beside(makers: Mapping[str, Callable[[], T]]) -> dict[str, T]:
 
     The result is made by then and takes no note any more: a warning says it.
     """
-    notes = list[str]()
+    notes = list[Note]()
     found = {name: secondary(f"the picture {name}", make, None, notes)
              for name, make in makers.items()}
     for line in notes:

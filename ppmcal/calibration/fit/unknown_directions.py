@@ -14,6 +14,7 @@ import numpy as np
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.wording import abbreviate_list
 
 ON_AVERAGE = 0.0
@@ -62,7 +63,7 @@ def direction_sigma(mechanism: Mechanism, rows: Environment) -> Array:
 
 
 def _words(mechanism: Mechanism, datasets: Sequence[Dataset], without: Sequence[int],
-           lacks: Bools) -> str:
+           lacks: Bools) -> Note:
     """Return on how many rows what goes with the direction is tested, and which files lack it."""
     own = [f"dir_{a}" for i, a in enumerate(mechanism.actuators) if lacks[:, i].any()]
     with_ = [d for i, d in enumerate(datasets) if i not in without]
@@ -72,5 +73,5 @@ def _words(mechanism: Mechanism, datasets: Sequence[Dataset], without: Sequence[
     known = total - sum(len(datasets[i]) for i in without)
     are = "is" if len(columns) == 1 else "are"
     files = " and ".join(datasets[i].name for i in without)
-    return (f"what goes with the direction of approach is tested on {known} of {total} rows: "
-            f"{abbreviate_list(columns)} {are} not recorded in {files}")
+    return Note(f"what goes with the direction of approach is tested on {known} of {total} rows: "
+                f"{abbreviate_list(columns)} {are} not recorded in {files}", topic="approach")

@@ -21,6 +21,7 @@ from ppmcal.model.instruments import number_names
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.model.repeats import NO_INFLUENCE, identical_rows
 from ppmcal.model.same_rows import KEPT, KnownRows, partners, step_of, tolerances
+from ppmcal.notes import Note
 from ppmcal.wording import pluralize, row_list
 
 BY_CHANCE = 1e-4
@@ -153,8 +154,8 @@ def without_copies(data: Dataset) -> Dataset:
         raise BadInput(f"the {len(data)} rows are {pluralize(len(data) - int(out.sum()), 'row')} "
                        "copied: identical in every digit, they add nothing", data.source,
                        "Measure more poses, and a pose again where it is to be a repeat")
-    return _left_out(data, out, f"{data.source}: {row_list(data.rows[out] - 1)}: {REASON}; "
-                                "each counts once.")
+    return _left_out(data, out, Note(f"{data.source}: {row_list(data.rows[out] - 1)}: {REASON}; "
+                                     "each counts once.", topic="copies"))
 
 
 def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
@@ -184,9 +185,11 @@ def without_shared(several: Sequence[Dataset]) -> tuple[Dataset, ...]:
                     raise BadInput(f"holds no row that {other.source} does not hold too, equal "
                                    "within its digits", data.source,
                                    "Give each measurement only once")
-                data = _left_out(data, again, (
-                    f"{data.source}: {pluralize(int(again.sum()), 'row')} stand in {other.source} "
-                    "too, equal within their digits: copies are not repeats; each counts once."))
+                data = _left_out(data, again, Note(f"{data.source}: "
+                                                   f"{pluralize(int(again.sum()), 'row')} stand in "
+                                                   f"{other.source} too, equal within their "
+                                                   "digits: copies are not repeats; each counts "
+                                                   "once.", topic="copies"))
         done.append(data)
     return tuple(done)
 
@@ -253,9 +256,11 @@ def without_known(several: Sequence[Dataset], actuators: Sequence[str],
                 raise BadInput(f"is in that calibration already: {rows} stand in {seen.source} "
                                "too, equal within their digits", data.source,
                                "Give new measurements only, or leave out --keep")
-            data = _left_out(data, again, (
-                f"{data.source}: {pluralize(int(again.sum()), 'row')} stand in {seen.source} too, "
-                f"which {where} has used already, equal within their digits: each counts once."))
+            data = _left_out(data, again, Note(f"{data.source}: "
+                                               f"{pluralize(int(again.sum()), 'row')} stand in "
+                                               f"{seen.source} too, which {where} has used "
+                                               "already, equal within their digits: each counts "
+                                               "once.", topic="copies"))
         out.append(data)
     return tuple(out)
 
@@ -267,7 +272,7 @@ def _copied_count(again: Bools, chance: float) -> bool:
     return bool(pdtrc(again.sum() - 1.0, again.size * chance) < BY_CHANCE)
 
 
-def _left_out(data: Dataset, out: Bools, finding: str) -> Dataset:
+def _left_out(data: Dataset, out: Bools, finding: Note) -> Dataset:
     dropped = [*data.dropped, *((int(n), REASON) for n in data.rows[out])]
     return replace(data.take(~out), findings=(*data.findings, finding),
                    dropped=tuple(sorted(dropped)))

@@ -43,7 +43,7 @@ from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value, inverse
 from ppmcal.linalg import Array, ways
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.notes import about, of_column
+from ppmcal.notes import Note, about, of_column
 from ppmcal.wording import pluralize
 from ppmcal.wording.progress import stage
 
@@ -62,7 +62,7 @@ class Check:
     ones as whole sets.
     """
 
-    findings: tuple[str, ...]
+    findings: tuple[Note, ...]
     gaps: tuple[LimbGap, ...]
     singular_value: float
     q_home: Array
@@ -77,7 +77,7 @@ class Check:
 
 @stage("checking")
 def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
-          plausibility: Sequence[str] = ()) -> Check:
+          plausibility: Sequence[Note] = ()) -> Check:
     """Return the findings on a machine and, if given, its measurements.
 
     Args:
@@ -94,10 +94,10 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
                 *_open_limbs(mechanism, gaps or condition_gaps(mechanism)), *_dead_points(mechanism)]
     if value < SINGULAR_HOME:
         cause = singular_structure(mechanism)
-        findings.append(f"the machine is close to a singularity at home: smallest singular value "
-                        f"{value:.2g} (a sound machine has 0.1 to 1)"
-                        f"{': ' * bool(cause)}{cause}. Choose another home pose"
-                        f"{', or correct the points' * bool(cause)}.")
+        findings.append(Note("the machine is close to a singularity at home: smallest singular "
+                             f"value {value:.2g} (a sound machine has 0.1 to "
+                             f"1){': ' * bool(cause)}{cause}. Choose another home "
+                             f"pose{', or correct the points' * bool(cause)}.", topic="home"))
     judged = bool(mechanism.free) and value >= SINGULAR_HOME
     misreadings: tuple[Interpretation, ...] = ()
     if datasets and judged:
@@ -105,7 +105,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         misreadings = refused.found if refused else ()
         findings = [*_not_told(findings, misreadings), *_told(misreadings, mechanism)]
         if refused and not misreadings:
-            findings.append(f"{refused.what}. {refused.hint}.")
+            findings.append(Note(f"{refused.what}. {refused.hint}.", topic="interpretation"))
     out = Check((), gaps, value, q_home, misreadings=(*misreadings, *(
         m for d in datasets for m in plain_mistakes(d, mechanism, misreadings))))
     used = tuple(datasets) or ((trial_dataset(mechanism),) if judged else ())
@@ -116,40 +116,41 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         # of poses about home some are beyond where a learned term is known
         if lost and (datasets or not any(e.kind.known for e in mechanism.effects)):
             findings.append(
-                f"{pluralize(lost, 'row')} without a pose at the joint values: check q, "
-                            "its unit and the home pose.")
+                Note(f"{pluralize(lost, 'row')} without a pose at the joint values: check q, its "
+                     "unit and the home pose.", topic="poses"))
         if datasets and out.columns:
             findings += branch_findings(start.problem, start.state)
             out = replace(out, identifiability=identifiability(start))
     return replace(out, findings=tuple(findings))
 
 
-def _open_limbs(mechanism: Mechanism, gaps: Sequence[LimbGap]) -> Iterator[str]:
+def _open_limbs(mechanism: Mechanism, gaps: Sequence[LimbGap]) -> Iterator[Note]:
     """Yield which limbs do not close at home."""
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
     home = "home.q" if np.isfinite(mechanism.home_q).all() else "the home pose"
     for g in gaps:
         if g.open:
-            yield (f"limb '{g.limb}' does not close at home: the gap is {g.gap / factor:.4g} "
-                   f"{unit}, the file's digits and tolerances allow {g.allowed / factor:.2g} "
-                   f"{unit}. Check its points, lengths and {home}.")
+            yield Note(f"limb '{g.limb}' does not close at home: the gap is {g.gap / factor:.4g} "
+                       f"{unit}, the file's digits and tolerances allow {g.allowed / factor:.2g} "
+                       f"{unit}. Check its points, lengths and {home}.", topic="home")
 
 
-def _told(misreadings: Sequence[Interpretation], mechanism: Mechanism) -> Iterator[str]:
+def _told(misreadings: Sequence[Interpretation], mechanism: Mechanism) -> Iterator[Note]:
     """Yield what is read wrongly, and how to read it."""
     for m in misreadings:
         what = interpretation_sentence(m, mechanism.units)
-        yield f"{m.source}: {what}{'' if what.endswith('?') else '.'} {hint_of([m])}."
+        yield Note(f"{m.source}: {what}{'' if what.endswith('?') else '.'} {hint_of([m])}.",
+                   topic="interpretation")
 
 
-def _not_told(findings: Sequence[str], misreadings: Sequence[Interpretation]) -> list[str]:
+def _not_told(findings: Sequence[Note], misreadings: Sequence[Interpretation]) -> list[Note]:
     """Return findings without those on a column that is told to be outside its limits."""
     told = about(findings, [of_column(m.source, c) for m in misreadings for x in m.mistakes
                             if x.kind == "outside-limits" for c in x.columns])
     return [f for f in findings if f not in told]
 
 
-def _dead_points(mechanism: Mechanism) -> Iterator[str]:
+def _dead_points(mechanism: Mechanism) -> Iterator[Note]:
     """Yield which limbs are at a dead point at home, or so near that tolerances bring them."""
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
     for t in transmissions(mechanism):
@@ -157,11 +158,11 @@ def _dead_points(mechanism: Mechanism) -> Iterator[str]:
             near = "" if t.value < DEAD_POINT else (
                 f" within its tolerances: it is {t.margin / factor:.2g} {unit} short of one, "
                 f"digits and tolerances allow {t.allowed / factor:.2g} {unit}")
-            yield (f"limb '{t.limb}' ({t.kind}) is at a dead point at home{near} (serial "
-                   "singularity: stretched, folded or square to its rail, where its two inverse "
-                   f"solutions meet): transmission {t.value:.2g} (0 at the dead point, 1 at best). "
-                   "Choose a home pose away from the limb's end of reach, or check its points and "
-                   "lengths.")
+            yield Note(f"limb '{t.limb}' ({t.kind}) is at a dead point at home{near} (serial "
+                       "singularity: stretched, folded or square to its rail, where its two "
+                       f"inverse solutions meet): transmission {t.value:.2g} (0 at the dead point, "
+                       "1 at best). Choose a home pose away from the limb's end of reach, or check "
+                       "its points and lengths.", topic="home")
 
 
 def trial_dataset(mechanism: Mechanism) -> Dataset:

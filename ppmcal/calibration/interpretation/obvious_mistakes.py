@@ -21,6 +21,7 @@ from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import ZERO_CELSIUS, Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.notes import Note
 from ppmcal.wording import abbreviate_list, pluralize
 
 WORKSHOP = (-10.0, 45.0)
@@ -242,8 +243,9 @@ def without_stale(datasets: Sequence[Dataset], mechanism: Mechanism) -> tuple[Da
     out = []
     for data in datasets:
         rows, found = stale(data, mechanism)
-        told = [f"{data.source}: {m.text}: row{'s' * (len(m.rows) > 1)} "
-                f"{abbreviate_list([str(n) for n in m.rows], data.source, 8)}; left out."
+        told = [Note(f"{data.source}: {m.text}: row{'s' * (len(m.rows) > 1)} "
+                     f"{abbreviate_list([str(n) for n in m.rows], data.source, 8)}; left out.",
+                     topic="stale rows")
                 for m in found]
         # data that came here before say so already
         out.append(replace(data.without(rows, "stale: repeats the row before"), findings=tuple(

@@ -28,7 +28,7 @@ MOST_FAR = 1.0 / 3.0
 
 
 def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
-                  sidecar: Callable[[Path], Path] = Path) -> list[str]:
+                  sidecar: Callable[[Path], Path] = Path) -> list[Note]:
     """Return what looks like a wrong unit or a swapped column, as sentences.
 
     Args:
@@ -44,22 +44,21 @@ def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     outside = _home_outside(mechanism)
     out = [*_machine(mechanism), *outside.values()]
     for data in datasets:
-        out += [f"{data.source}: {mistake.text}. Write into the sidecar: `read: {{units: "
-                f"{{{mistake.columns[0]}: {unit}}}}}`."
+        out += [Note(f"{data.source}: {mistake.text}. Write into the sidecar: `read: {{units: "
+                     f"{{{mistake.columns[0]}: {unit}}}}}`.", topic="units")
                 for mistake, unit in recorded_units(data, mechanism)]
         side = str(sidecar(Path(data.source)))
         out += _positions(mechanism, data, side)
         out += _rotations(data, side)
         for i, name in enumerate(mechanism.actuators):
             place = of_column(data.source, f"q_{name}")
-            out += [Note(text, topic=place)
-                    for text in _joint(mechanism, data, i, place, side, i not in outside)]
+            out += _joint(mechanism, data, i, place, side, i not in outside)
         out += _swapped(mechanism, data)
         out += _directions(mechanism, data)
     return out
 
 
-def _directions(mechanism: Mechanism, data: Dataset) -> list[str]:
+def _directions(mechanism: Mechanism, data: Dataset) -> list[Note]:
     """Return recorded directions that are not those of the order that the sidecar vouches for."""
     if data.approach != "sequence":
         return []
@@ -69,28 +68,29 @@ def _directions(mechanism: Mechanism, data: Dataset) -> list[str]:
         recorded = whole.columns.get(f"dir_{name}", np.full(len(whole), np.nan))
         other = np.flatnonzero(np.isfinite(told[:, a]) & (np.sign(recorded) == -told[:, a]))
         if other.size:
-            out.append(f"{data.source}: dir_{name}: {row_list(whole.rows[other] - 1)}: the joint "
-                       "came from the other side if the rows were visited in their order. "
-                       "Directions are taken from the order; if the joint moved in between, write "
-                       "`approach: columns`.")
+            out.append(Note(f"{data.source}: dir_{name}: {row_list(whole.rows[other] - 1)}: the "
+                            "joint came from the other side if the rows were visited in their "
+                            "order. Directions are taken from the order; if the joint moved in "
+                            "between, write `approach: columns`.", topic="approach"))
     return out
 
 
-def _machine(mechanism: Mechanism) -> list[str]:
+def _machine(mechanism: Mechanism) -> list[Note]:
     out = []
     unit = mechanism.units.length
     if mechanism.reach > 100.0 or mechanism.reach < 1e-3:
-        out.append(f"{mechanism.source}: units.length: the machine is {mechanism.reach:.3g} m "
-                   f"across; is the file really in {unit}? Check `units: {{length: {unit}}}`.")
+        out.append(Note(f"{mechanism.source}: units.length: the machine is {mechanism.reach:.3g} m "
+                        f"across; is the file really in {unit}? Check `units: {{length: {unit}}}`.",
+                        topic="units"))
     turn = float(np.max(np.abs(mechanism.home_pose[3:])))
     if turn > TURN and mechanism.units.angle == "rad":
-        out.append(f"{mechanism.source}: home.pose: the platform is turned by {turn:.4g} rad, "
-                   "more than a whole turn; are the angles in degrees? Write `units: {angle: "
-                   "deg}`.")
+        out.append(Note(f"{mechanism.source}: home.pose: the platform is turned by {turn:.4g} rad, "
+                        "more than a whole turn; are the angles in degrees? Write `units: {angle: "
+                        "deg}`.", topic="units"))
     return out
 
 
-def _home_outside(mechanism: Mechanism) -> dict[int, str]:
+def _home_outside(mechanism: Mechanism) -> dict[int, Note]:
     """Return, by joint, that home itself is outside its limits."""
     out = {}
     for i, (name, q, bounds, (factor, unit)) in enumerate(zip(
@@ -98,12 +98,13 @@ def _home_outside(mechanism: Mechanism) -> dict[int, str]:
             mechanism.joint_units, strict=True)):
         if _beyond(np.array([q]), bounds)[0]:
             limbs = [f"'{limb.name}'" for limb in mechanism.limbs if limb.actuator == i]
+            low, high = bounds
             given = "home.q" if np.isfinite(mechanism.home_q[i]) else "home.pose"
-            out[i] = (f"{mechanism.source}: {given}: home is outside the limits of {name} (limb"
-                      f"{'s' * (len(limbs) > 1)} {', '.join(limbs)}): "
-                      f"{name} = {f'{q / factor:.6g} {unit}'.strip()} at home, limits "
-                      f"{f'[{bounds[0] / factor:.6g}, {bounds[1] / factor:.6g}] {unit}'.strip()}; "
-                      "check home, limits and their units.")
+            out[i] = Note(f"{mechanism.source}: {given}: home is outside the limits of {name} "
+                          f"(limb{'s' * (len(limbs) > 1)} {', '.join(limbs)}): {name} = "
+                          f"{f'{q / factor:.6g} {unit}'.strip()} at home, limits "
+                          f"{f'[{low / factor:.6g}, {high / factor:.6g}] {unit}'.strip()}; check "
+                          "home, limits and their units.", topic="home")
     return out
 
 
@@ -143,7 +144,7 @@ def _far(values: Array, limit: float) -> NDArray[np.bool_]:
     return far if far.sum() <= MOST_FAR * len(far) else np.zeros_like(far)
 
 
-def _positions(mechanism: Mechanism, data: Dataset, side: str) -> list[str]:
+def _positions(mechanism: Mechanism, data: Dataset, side: str) -> list[Note]:
     """Compare the measured motion with the machine's reach."""
     reach, out = mechanism.reach, []
     values = data.value if data.kind.scalar else data.position
@@ -151,38 +152,39 @@ def _positions(mechanism: Mechanism, data: Dataset, side: str) -> list[str]:
         values = np.full(len(data), np.nan)
     far = _far(values, TOO_FAR * reach)
     if far.any():
-        out.append(f"{data.source}: {row_list(data.rows[far] - 1)}: measured "
-                   f"{TOO_FAR:g} times the machine's reach of {reach:.4g} m and more away from "
-                   "the other rows; correct or delete them.")
+        out.append(Note(f"{data.source}: {row_list(data.rows[far] - 1)}: measured {TOO_FAR:g} "
+                        f"times the machine's reach of {reach:.4g} m and more away from the other "
+                        "rows; correct or delete them.", topic="units"))
     span = _span(values[~far])
     commanded = 0.0 if data.commanded is None else _span(data.commanded[:, :3])
     if span > TOO_FAR * reach:
-        out.append(f"{data.source}: the measured motion spans {span:.4g} m, but the machine "
-                   f"reaches {reach:.4g} m{_factor(span / reach)}; check units.length in "
-                   f"{side} and in {mechanism.source}.")
+        out.append(Note(f"{data.source}: the measured motion spans {span:.4g} m, but the machine "
+                        f"reaches {reach:.4g} m{_factor(span / reach)}; check units.length in "
+                        f"{side} and in {mechanism.source}.", topic="units"))
     elif 0.0 < span < TOO_LITTLE * reach and len(data) > 2 and not data.kind.scalar:
-        out.append(f"{data.source}: the measured motion spans only {span:.4g} m, but the machine "
-                   f"reaches {reach:.4g} m{_factor(span / reach)}; check units.length in "
-                   f"{side} and in {mechanism.source}.")
+        out.append(Note(f"{data.source}: the measured motion spans only {span:.4g} m, but the "
+                        f"machine reaches {reach:.4g} m{_factor(span / reach)}; check units.length "
+                        f"in {side} and in {mechanism.source}.", topic="units"))
     if commanded > TOO_FAR * reach:
-        out.append(f"{data.source}: columns cmd_x ...: the commanded motion spans "
-                   f"{commanded:.4g} m, but the machine reaches {reach:.4g} m"
-                   f"{_factor(commanded / reach)}; check units.length in {side}.")
+        out.append(Note(f"{data.source}: columns cmd_x ...: the commanded motion spans "
+                        f"{commanded:.4g} m, but the machine reaches {reach:.4g} "
+                        f"m{_factor(commanded / reach)}; check units.length in {side}.",
+                        topic="units"))
     return out
 
 
-def _rotations(data: Dataset, side: str) -> list[str]:
+def _rotations(data: Dataset, side: str) -> list[Note]:
     """A rotation vector of more than a turn is in degrees, not radians."""
     size = np.abs(data.rotation[np.isfinite(data.rotation)])
     if size.size and float(np.median(size)) > TURN:
-        return [f"{data.source}: columns rx, ry, rz: rotations of {float(np.median(size)):.4g} "
-                "rad are more than a whole turn (perhaps a factor 57.3: deg against rad); check "
-                f"units.angle in {side}."]
+        return [Note(f"{data.source}: columns rx, ry, rz: rotations of "
+                     f"{float(np.median(size)):.4g} rad are more than a whole turn (perhaps a "
+                     f"factor 57.3: deg against rad); check units.angle in {side}.", topic="units")]
     return []
 
 
 def _joint(mechanism: Mechanism, data: Dataset, index: int, place: str, side: str,
-           limited: bool) -> list[str]:
+           limited: bool) -> list[Note]:
     """Compare one joint's values with its limits (if they hold at home), home and the reach."""
     q = data.q[:, index]
     finite = q[np.isfinite(q)]
@@ -191,24 +193,25 @@ def _joint(mechanism: Mechanism, data: Dataset, index: int, place: str, side: st
     outside = np.flatnonzero(_beyond(q, mechanism.limits[index]))
     if outside.size and limited:
         rows = row_list(data.rows[outside] - 1)
-        return [f"{place}: {rows}: outside the limits of {mechanism.actuators[index]}; check "
-                f"the limits in {mechanism.source}, and the column's unit and order."]
+        return [Note(f"{place}: {rows}: outside the limits of {mechanism.actuators[index]}; check "
+                     f"the limits in {mechanism.source}, and the column's unit and order.",
+                     topic=place)]
     if mechanism.actuator_has_ratio[index]:
         return []
     span = float(finite.max() - finite.min())
     if mechanism.actuator_quantity[index] == "angle":
         if float(np.median(np.abs(finite))) > 2.0 * TURN and span > 2.0 * TURN:
-            return [f"{place}: the joint turns through {span:.4g} rad (perhaps a factor 57.3: "
-                    f"deg against rad); check units.angle in {side}."]
+            return [Note(f"{place}: the joint turns through {span:.4g} rad (perhaps a factor 57.3: "
+                         f"deg against rad); check units.angle in {side}.", topic=place)]
         return []
     if span > 10.0 * mechanism.reach:
-        return [f"{place}: the joint moves through {span:.4g} m, but the machine reaches "
-                f"{mechanism.reach:.4g} m{_factor(span / mechanism.reach)}; check units.length "
-                f"in {side}."]
+        return [Note(f"{place}: the joint moves through {span:.4g} m, but the machine reaches "
+                     f"{mechanism.reach:.4g} m{_factor(span / mechanism.reach)}; check "
+                     f"units.length in {side}.", topic=place)]
     return _near_home(mechanism, finite, index, place)
 
 
-def _near_home(mechanism: Mechanism, q: Array, index: int, place: str) -> list[str]:
+def _near_home(mechanism: Mechanism, q: Array, index: int, place: str) -> list[Note]:
     """A joint whose values are all much further from its home value than the reach."""
     home = mechanism.home_q[index]
     if not np.isfinite(home):
@@ -219,12 +222,13 @@ def _near_home(mechanism: Mechanism, q: Array, index: int, place: str) -> list[s
             and not 0.02 < abs(middle / home) < 50.0
             and float(np.min(np.abs(q - home))) > 0.5 * abs(home)):
         ratio = abs(middle / home) if home != 0.0 and middle != 0.0 else 1.0
-        return [f"{place}: values about {middle:.4g} m, but home.q is {home:.4g} m"
-                f"{_factor(ratio, 1.0)}; check the units, and the order of the columns."]
+        return [Note(f"{place}: values about {middle:.4g} m, but home.q is {home:.4g} "
+                     f"m{_factor(ratio, 1.0)}; check the units, and the order of the columns.",
+                     topic=place)]
     return []
 
 
-def _swapped(mechanism: Mechanism, data: Dataset) -> list[str]:
+def _swapped(mechanism: Mechanism, data: Dataset) -> list[Note]:
     """Two joints that are far from their own home values and near each other's."""
     out = []
     middle = np.array([float(np.median(c[np.isfinite(c)])) if np.isfinite(c).any() else np.nan
@@ -238,6 +242,7 @@ def _swapped(mechanism: Mechanism, data: Dataset) -> list[str]:
             apart = abs(home[i] - home[j])
             if (np.isfinite([*own, *other]).all() and min(own) > 0.75 * apart > 0.0
                     and max(other) < 0.25 * apart and apart > max(width[i], width[j])):
-                out.append(f"{data.source}: columns q_{names[i]} and q_{names[j]}: each is near "
-                           "the other's home value; they look swapped. Check the header.")
+                out.append(Note(f"{data.source}: columns q_{names[i]} and q_{names[j]}: each is "
+                                "near the other's home value; they look swapped. Check the header.",
+                                topic="columns"))
     return out

@@ -18,6 +18,7 @@ from ppmcal.model.dataset import WRENCH, ZERO_CELSIUS
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.notes import NOTE, Note
 from ppmcal.wording import pluralize
 
 FAR_OUTSIDE = 0.5
@@ -66,7 +67,7 @@ def far_outside(mechanism: Mechanism, full: Array, ranges: Ranges) -> Iterator[t
 
 
 def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
-                 columns: Mapping[str, Array]) -> Iterator[str]:
+                 columns: Mapping[str, Array]) -> Iterator[Note]:
     """Yield by how much commands go beyond what was measured, column by column.
 
     Args:
@@ -88,10 +89,11 @@ def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
         if far.any():
             factor, unit = _shown(mechanism, name)
             zero = CONDITIONS[name][2] if name in CONDITIONS else 0.0
-            yield (f"{pluralize(int(far.sum()), 'row')} outside of what was measured: {name} up to "
-                   f"{float(np.nanmax(beyond)) / factor:.4g} {unit} beyond "
-                   f"{(low - zero) / factor:.6g} to {(high - zero) / factor:.6g}; there only the "
-                   "tolerances and the model's form hold it, as its uncertainty says")
+            yield Note(f"{pluralize(int(far.sum()), 'row')} outside of what was measured: {name} "
+                       f"up to {float(np.nanmax(beyond)) / factor:.4g} {unit} beyond "
+                       f"{(low - zero) / factor:.6g} to {(high - zero) / factor:.6g}; there only "
+                       "the tolerances and the model's form hold it, as its uncertainty says",
+                        NOTE, "extrapolation")
 
 
 def measured_ranges(mechanism: Mechanism, volume: Ranges | None) -> Ranges:

@@ -35,6 +35,7 @@ from ppmcal.inference.predictive import predicted
 from ppmcal.inference.priors import WIDE
 from ppmcal.linalg import Array, Ints, reciprocals
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
 from ppmcal.wording import pluralize
 
 log = logging.getLogger(__package__)
@@ -116,7 +117,7 @@ def _levels(machine: Mechanism) -> tuple[list[tuple[int, ...]], int]:
     return [tuple(p for p in machine.free if p not in taken), *levels], usual
 
 
-def choice_sentence(choice: FreedomChoice) -> str:
+def choice_sentence(choice: FreedomChoice) -> Note:
     """Return which freedoms were kept, and how left-out rows are predicted with each set."""
     out = []
     for n, one in enumerate(choice.sets):
@@ -126,8 +127,8 @@ def choice_sentence(choice: FreedomChoice) -> str:
         f"+ {_shortened(choice.sets[choice.kept].adds)}")
     why = "as the file has it" if choice.kept == choice.usual else (
         "better by more than a standard error")
-    return (f"Cross-validation error (x noise, {choice.blocks} blocks of space): "
-            f"{', '.join(out)}. Using: {kept}, {why}.")
+    return Note(f"Cross-validation error (x noise, {choice.blocks} blocks of space): "
+                f"{', '.join(out)}. Using: {kept}, {why}.", NOTE, "freedoms")
 
 
 def _shortened(names: Sequence[str]) -> str:

@@ -28,6 +28,7 @@ from ppmcal.calibration.knowledge.session_clusters import by_gaps, clusters
 from ppmcal.calibration.knowledge.session_variance import SessionVariance, differs, session_variance
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.sessions import session_masks
+from ppmcal.notes import Note
 from ppmcal.wording.progress import stage
 
 BLOCKS, LEAST_ROWS = 8, 3
@@ -183,7 +184,7 @@ SHOWN, VISIBLE = 3, 1.05
 
 
 def in_words(fit: Fit, found: SessionVariance | None, alone: Array,
-             blocks: SessionVariance | None = None) -> list[str]:
+             blocks: SessionVariance | None = None) -> list[Note]:
     """Return what the user must look at: parameters that sessions disagree about, file units.
 
     Args:
@@ -200,17 +201,17 @@ def in_words(fit: Fit, found: SessionVariance | None, alone: Array,
     known = np.isfinite(alone) & (alone > 0.0)
     wide = float(np.median(found.half[:alone.size][known] / alone[known])) if known.any() else 1.0
     if not found.sessions:
-        return [f"what the model leaves is smooth over {found.labels[0].rsplit(' ', 1)[0]}: "
-                f"rows there are not independent, and intervals count it{_longer(wide)}; `ppmcal "
-                "diagnose` looks for a cause"]
+        return [Note(f"what the model leaves is smooth over {found.labels[0].rsplit(' ', 1)[0]}: "
+                     f"rows there are not independent, and intervals count it{_longer(wide)}; "
+                     "`ppmcal diagnose` looks for a cause", topic="sessions")]
     if not found.disagree.any():
-        return [f"{len(found.labels)} sessions differ by more than their noise: intervals count it"
-                f"{_longer(wide)}; {APART}"]
+        return [Note(f"{len(found.labels)} sessions differ by more than their noise: intervals "
+                     f"count it{_longer(wide)}; {APART}", topic="sessions")]
     worst = np.argsort(found.p_value, kind="stable")[:int(found.disagree.sum())]
     each = "; ".join(_values(fit, found, c) for c in worst[:SHOWN].tolist())
     more = f"; and {len(worst) - SHOWN} more" if len(worst) > SHOWN else ""
-    return [f"sessions disagree about {len(worst)} of {found.p_value.size} parameters, each fitted "
-            f"alone: {each}{more}; intervals count it; {APART}"]
+    return [Note(f"sessions disagree about {len(worst)} of {found.p_value.size} parameters, each "
+                 f"fitted alone: {each}{more}; intervals count it; {APART}", topic="sessions")]
 
 
 def _longer(times: float) -> str:

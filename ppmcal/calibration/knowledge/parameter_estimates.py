@@ -31,6 +31,7 @@ from ppmcal.calibration.knowledge.session_variance import SessionVariance
 from ppmcal.linalg import Array, svd
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.notes import Note
 from ppmcal.units import Units
 
 
@@ -245,15 +246,15 @@ def registered(problem: Problem, state: State) -> dict[str, Registration]:
     return out
 
 
-def far_from_nominal(found: Sequence[Estimate], units: Units) -> str:
+def far_from_nominal(found: Sequence[Estimate], units: Units) -> list[Note]:
     """Return in words the parameters that end farther from nominal than tolerances allow."""
     far = sorted((e for e in found if e.far), key=lambda e: -abs(e.error) / (e.tolerance or 1.0))
     if not far:
-        return ""
+        return []
     words = ", ".join(_times(e, units) for e in far[:SHOWN])
     more = f" and {len(far) - SHOWN} more (parameters.csv)" * (len(far) > SHOWN)
-    return (f"{FAR}: {words}{more}; the nominal values, the "
-            "tolerances, the units or the data are wrong there")
+    return [Note(f"{FAR}: {words}{more}; the nominal values, the tolerances, the units or the data "
+                 "are wrong there", topic="tolerances")]
 
 
 def _times(e: Estimate, units: Units) -> str:

@@ -28,6 +28,7 @@ from ppmcal.inference.priors import UNKNOWN
 from ppmcal.inference.row_weights import log_ratio
 from ppmcal.linalg import Array, eigh, reciprocals
 from ppmcal.model.dataset import Dataset
+from ppmcal.notes import Note
 
 MOST_ROWS = 200
 """Each row in turn is left out of no more than so many."""
@@ -51,7 +52,7 @@ class PulledApart:
         return self.probability > 0.5
 
 
-def pulled_apart(fit: Fit, stated: Sequence[Dataset]) -> list[str]:
+def pulled_apart(fit: Fit, stated: Sequence[Dataset]) -> list[Note]:
     """Return a sentence where instruments tell of different machines by more than their noise.
 
     Args:
@@ -74,7 +75,8 @@ def pulled_apart(fit: Fit, stated: Sequence[Dataset]) -> list[str]:
     for s, _, _, own, values in rows:
         apart.add(s, own, values)
     found = split(apart)
-    return [_sentence(fit, apart, found) + _worst_row(fit, apart, rows)] if found.likely else []
+    return [Note(_sentence(fit, apart, found) + _worst_row(fit, apart, rows),
+                 topic="instruments")] if found.likely else []
 
 
 def split(data: Clusters) -> PulledApart:
@@ -153,7 +155,7 @@ def _sentence(fit: Fit, data: Clusters, found: PulledApart) -> str:
 # An estimate takes whatever is left for noise, measurements of another machine too. Where it
 # exceeds what the tolerances do to the readings, the rows have told nothing of the machine.
 
-def noise_beyond_tolerances(fit: Fit, which: Sequence[bool]) -> list[str]:
+def noise_beyond_tolerances(fit: Fit, which: Sequence[bool]) -> list[Note]:
     """Return a sentence for each data set whose estimated noise hides all that tolerances do.
 
     Args:
@@ -171,10 +173,11 @@ def noise_beyond_tolerances(fit: Fit, which: Sequence[bool]) -> list[str]:
         of = noise_quantity(data)
         unit, factor = data.units.name(of), data.units.factor(of)
         out.append(
-            f"{data.name}: what is left, {noise / factor:.3g} {unit}, is taken for noise, and is "
-            f"more than this machine's tolerances move the readings ({moved * noise / factor:.3g} "
-            f"{unit}): these rows tell nothing of the machine; check that they are of it, how "
-            "their columns are read, and the tolerances")
+            Note(f"{data.name}: what is left, {noise / factor:.3g} {unit}, is taken for noise, and "
+                 "is more than this machine's tolerances move the readings "
+                 f"({moved * noise / factor:.3g} {unit}): these rows tell nothing of the machine; "
+                 "check that they are of it, how their columns are read, and the tolerances",
+                 topic="noise"))
     return out
 
 

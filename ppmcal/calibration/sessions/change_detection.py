@@ -44,6 +44,7 @@ from ppmcal.inference.priors import NOISE_FREEDOM, SURE
 from ppmcal.linalg import Array, eigh, reciprocals
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
+from ppmcal.notes import Note
 
 VISIBLE = 1e-3
 """A change counts as seen where one natural unit of it makes so many standard deviations."""
@@ -130,7 +131,7 @@ class Comparison:
 
 def between(mechanism: Mechanism, old: Posterior, new: Posterior,
             volume: Mapping[str, tuple[float, float]], rng: np.random.Generator
-            ) -> tuple[Comparison, list[str]]:
+            ) -> tuple[Comparison, list[Note]]:
     """Return what changed between two identifications, and what makes that doubtful.
 
     ``mechanism``: the newer; ``volume``: coordinate -> (low, high) of the poses at which the
@@ -142,11 +143,12 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
     if set(old.places) != set(new.places):
         raise BadInput("had other parameters free than the newer one", old.source,
                        "Identify both with the same --free")
-    common, notes = list(old.places), list[str]()
+    common, notes = list(old.places), list[Note]()
     both = sorted(set(old.inputs) & set(new.inputs))
     if both:
-        notes.append(f"{new.inputs[both[0]]} is in both calibrations: they are not independent, "
-                     "and changes look smaller than they are; identify each from its own files")
+        notes.append(Note(f"{new.inputs[both[0]]} is in both calibrations: they are not "
+                          "independent, and changes look smaller than they are; identify each from "
+                          "its own files", topic="inputs"))
     found = _compared(mechanism, old, new, common, notes)
     if not found.freedom:
         return Comparison.impossible("the two sessions have no direction in common that both "
@@ -166,7 +168,7 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
 
 
 def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list[int],
-              notes: list[str]) -> Comparison:
+              notes: list[Note]) -> Comparison:
     noise = noise_between(old, new)
     rows = joint_rows(mechanism, old, new, noise)
     names, scale = [mechanism.names[p] for p in common], rows.scale
@@ -247,14 +249,14 @@ def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior
                      session_knowledge(fit))
 
 
-def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:
+def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[Note]:
     """Return what is odd about a fit that earlier data took part in: the machine has changed."""
     free = set(fit.problem.free)
     fixed = [fit.problem.mechanism.names[p] for p in before.places if p not in free]
     if fixed:
-        return [f"parameters that the earlier calibration had found are fixed now: "
-                f"{', '.join(fixed[:4])}{' ...' if len(fixed) > 4 else ''}; free them with --free, "
-                "or leave out --keep"]
+        return [Note("parameters that the earlier calibration had found are fixed now: "
+                     f"{', '.join(fixed[:4])}{' ...' if len(fixed) > 4 else ''}; free them with "
+                     "--free, or leave out --keep", topic="sessions")]
     # what only the new rows have free is where the earlier calibration held it
     problem, g = replace(fit.problem, free=before.places, earlier=None), fit.state.g.copy()
     held = sorted(free - set(before.places))
@@ -266,9 +268,9 @@ def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:
     if not found.changed:
         return []
     names = ", ".join(c.name for c in found.changes) or "nothing by itself explains it"
-    return [f"the machine has changed since the calibration in {before.source} (probability of "
-            f"no change {found.nothing:.2g}; {names}): the two do not belong in one fit, see "
-            "ppmcal compare"]
+    return [Note(f"the machine has changed since the calibration in {before.source} (probability "
+                 f"of no change {found.nothing:.2g}; {names}): the two do not belong in one fit, "
+                 "see ppmcal compare", topic="sessions")]
 
 
 def _chance(square: float, freedom: int, degrees: float) -> float:

@@ -31,6 +31,7 @@ from ppmcal.calibration.fit import (
 from ppmcal.errors import PpmcalError
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 
 STATED, RESIDUALS, REPEATS = "stated", "residuals", "repeats"
 
@@ -116,7 +117,7 @@ def _noise(fit: Fit, factor: float, data: Dataset) -> tuple[float, str]:
     return (repeats, REPEATS) if repeats and larger else (1.0, STATED)
 
 
-def with_day_noise(machines: Sequence[Mechanism], datasets: Sequence[Dataset], notes: list[str]
+def with_day_noise(machines: Sequence[Mechanism], datasets: Sequence[Dataset], notes: list[Note]
                    ) -> tuple[list[Dataset], list[DayNoise]]:
     """Return data sets with the noise that they are judged by, and where it is from.
 

@@ -44,6 +44,7 @@ from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.instruments import REGISTERED
 from ppmcal.model.mechanism import Effect, Mechanism
+from ppmcal.notes import Note
 from ppmcal.wording import actuator_list
 
 FEWEST = 3
@@ -152,7 +153,7 @@ def _labels(effects: Sequence[Effect], actuators: Sequence[str]) -> list[str]:
 
 
 def validated(models: Sequence[FrozenModel], datasets: Sequence[Dataset],
-              register: Sequence[str] | None = None, seed: int = 0, notes: list[str] | None = None
+              register: Sequence[str] | None = None, seed: int = 0, notes: list[Note] | None = None
               ) -> tuple[Validated, ...]:
     """Return how well machines predict data sets.
 
@@ -172,9 +173,9 @@ def validated(models: Sequence[FrozenModel], datasets: Sequence[Dataset],
 
 
 def _with_the_others(models: Sequence[FrozenModel], data: Dataset, register: Sequence[str] | None,
-                     seed: int, notes: list[str] | None) -> Validated:
+                     seed: int, notes: list[Note] | None) -> Validated:
     """Return a data set as predicted by the first machine, and by those others that can."""
-    said = list[str]()
+    said = list[Note]()
     try:
         found = _validated(models, data, register, seed, said)
     except FAILURES:
@@ -191,7 +192,7 @@ def _with_the_others(models: Sequence[FrozenModel], data: Dataset, register: Seq
 
 
 def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[str] | None,
-               seed: int, notes: list[str]) -> Validated:
+               seed: int, notes: list[Note]) -> Validated:
     asked = tuple(w for w in REGISTERED if is_open(data, w)) if register is None else tuple(
         w for w in REGISTERED if w in register)
     whole, data = data, opened(data, asked, register is not None)
@@ -280,7 +281,7 @@ def _worth(before: Fit, after: Fit) -> bool:
     return significant_improvement(narrow, white_squares(*wide, rows)[0]) > 0.0
 
 
-def _error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[str]) -> ModelError:
+def _error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[Note]) -> ModelError:
     if fit.problem.datasets[0].kind.blind:
         return _closure_error(label, found, rows, fit, notes)
     figures = found.figures([rows])
@@ -300,7 +301,7 @@ def _error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[str]
     return ModelError(label, sizes[0], sizes[1], noise, squares)
 
 
-def _closure_error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[str]
+def _closure_error(label: str, found: Residuals, rows: Bools, fit: Fit, notes: list[Note]
                    ) -> ModelError:
     """Return how far limbs are from closing: joint values alone tell nothing else."""
     mechanism, gaps = fit.problem.mechanism, found.closure[0][rows]

@@ -76,6 +76,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.notes import Note
 from ppmcal.units import Finite, OrNull
 from ppmcal.wording import chance, pluralize
 
@@ -126,7 +127,7 @@ class Identification:
     after: Residuals
     holdout: Mapping[str, Mapping[str, float]]
     holdout_note: str
-    findings: tuple[str, ...]
+    findings: tuple[Note, ...]
     identifiability: Identifiability
     gross_errors: GrossErrors
     unidentifiable: tuple[Unidentifiable, ...] = ()
@@ -196,7 +197,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
         BadInput, NoResult: as
             :func:`ppmcal.calibration.validation.residual_vectors.sessions_left_out`.
     """
-    noise, notes = noise_check(fit), list[str]()
+    noise, notes = noise_check(fit), list[Note]()
     inflation = noise.inflation
     rank, total, redundant = rank_of(fit)
     raw, fit = fit, with_noise(fit, inflation, options)
@@ -237,7 +238,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
         doubtful=doubtful, sessions=sessions, blocks=blocks, considered=kept)
 
 
-def _differences(fit: Fit, noise: Noise, notes: list[str]
+def _differences(fit: Fit, noise: Noise, notes: list[Note]
                  ) -> tuple[SessionVariance | None, SessionVariance | None]:
     """Return how far sessions, and stretches of rows, differ; see :func:`cluster_robust`.
 
@@ -249,7 +250,7 @@ def _differences(fit: Fit, noise: Noise, notes: list[str]
 
 
 def _held(fit: Fit, options: FitOptions, holdout: float, seed: int, other: Sequence[Dataset],
-          leave_out: str, inflation: float, notes: list[str]
+          leave_out: str, inflation: float, notes: list[Note]
           ) -> tuple[Mapping[str, Mapping[str, float]], str]:
     """Return the figures on rows that a fit had not seen, and how they were had.
 
@@ -276,57 +277,59 @@ def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict
 
 
 def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate], gone: LeftOut,
-              apart: tuple[SessionVariance | None, SessionVariance | None], notes: list[str]
-              ) -> tuple[str, ...]:
+              apart: tuple[SessionVariance | None, SessionVariance | None], notes: list[Note]
+              ) -> tuple[Note, ...]:
     out = [f for d in fit.problem.datasets for f in d.findings]
     if fit.taken_back:
-        out.append(
-            f"{pluralize(fit.taken_back, 'row')} had no pose at the nominal machine, have one "
-                   "at the fitted machine, and are in use")
+        out.append(Note(f"{pluralize(fit.taken_back, 'row')} had no pose at the nominal machine, "
+                        "have one at the fitted machine, and are in use", topic="row weights"))
     if gone.sentence:
-        out.append(f"{gone.sentence}; {DIAGNOSE}")
+        out.append(Note(f"{gone.sentence}; {DIAGNOSE}", topic="row weights"))
     if noise.failed:
-        out.append(f"the residuals are {noise.sigma_ratio:.2f} times the {noise.source} noise "
-                   f"({chance(noise.chi2_p)}): something is missing in the model, or sigma is too "
-                   f"small; every measurement counts as {inflation:.2f} times as noisy as "
-                   f"{noise.source}; {DIAGNOSE}"
-                   + ", --sigma estimated takes the residuals for noise" * (noise.source == STATED))
+        out.append(Note(
+            f"the residuals are {noise.sigma_ratio:.2f} times the {noise.source} noise "
+            f"({chance(noise.chi2_p)}): something is missing in the model, or sigma is too "
+            f"small; every measurement counts as {inflation:.2f} times as noisy as "
+            f"{noise.source}; {DIAGNOSE}"
+            + ", --sigma estimated takes the residuals for noise" * (noise.source == STATED),
+            topic="noise"))
     if noise.overstated:
-        out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the {noise.source} "
-                   "noise: sigma is too large, in a wrong unit perhaps, so intervals are too wide"
-                   + (" and the data count too little against the tolerances" if fit.by_tolerances
-                      else "") + "; correct it, or use --sigma estimated")
+        out.append(Note(
+            f"the residuals are only {noise.sigma_ratio:.3g} times the {noise.source} noise: "
+            "sigma is too large, in a wrong unit perhaps, so intervals are too wide"
+            + (" and the data count too little against the tolerances" if fit.by_tolerances
+               else "") + "; correct it, or use --sigma estimated", topic="noise"))
     out += secondary("limbs that rows show the other way round",
                      lambda: branch_findings(fit.problem, fit.state), [], notes)
     if noise.tight:
         times = (noise.prior_chi2 / noise.prior_degrees) ** 0.5
-        out.append(f"the machine's errors are {times:.2g} times what tolerances and noise allow "
-                   f"({chance(noise.prior_p)}): the tolerances are too tight, or something is "
-                   "missing in the model, so 95 % intervals hold less often; widen the tolerances "
-                   "or use --prior flat")
+        out.append(Note(f"the machine's errors are {times:.2g} times what tolerances and noise "
+                        f"allow ({chance(noise.prior_p)}): the tolerances are too tight, or "
+                        "something is missing in the model, so 95 % intervals hold less often; "
+                        "widen the tolerances or use --prior flat", topic="tolerances"))
     alone = [np.nan if (h := found[p].half_by_noise) is None else h for p in fit.problem.free]
     out += secondary("which parameters sessions disagree about",
                      lambda: in_words(fit, apart[0], np.array(alone), apart[1]), [], notes)
-    far = secondary("parameters far from nominal", lambda: far_from_nominal(
-        found, fit.problem.mechanism.units), "", notes)
-    if far:
-        out.append(far)
+    out += secondary("parameters far from nominal", lambda: far_from_nominal(
+        found, fit.problem.mechanism.units), [], notes)
     if fit.stopped:
-        out.append(f"the fit was stopped {fit.stopped}: what these data see weakly is still near "
-                   "its nominal value, which the intervals do not count; --method prior counts it")
+        out.append(Note(f"the fit was stopped {fit.stopped}: what these data see weakly is still "
+                        "near its nominal value, which the intervals do not count; --method prior "
+                        "counts it", topic="convergence"))
     elif not fit.converged:
-        out.append(f"the fit had not converged after {pluralize(fit.iterations, 'iteration')}: use "
-                   "more --iterations, free fewer parameters, or measure poses that tell them "
-                   "apart")
+        out.append(Note("the fit had not converged after "
+                        f"{pluralize(fit.iterations, 'iteration')}: use more --iterations, free "
+                        "fewer parameters, or measure poses that tell them apart",
+                        topic="convergence"))
     # the last: what is wrong with the rows is printed below it
     for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
         if reasons:
-            out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, "
-                       "see residuals.csv for each reason")
+            out.append(Note(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see "
+                            "residuals.csv for each reason", topic="row weights"))
     return tuple(out)
 
 
-def unchecked(fit: Fit, rank: int) -> list[str]:
+def unchecked(fit: Fit, rank: int) -> list[Note]:
     """Return a sentence where the data have no redundancy by which their noise can be checked.
 
     Args:
@@ -337,5 +340,5 @@ def unchecked(fit: Fit, rank: int) -> list[str]:
     if fit.problem.earlier is not None or more >= LEAST or not rank:
         return []
     values = pluralize(round(fit.information.count), "measured value")
-    return [f"{values} for {rank} that they determine: too few to check the noise by, so "
-            "intervals rest on the stated sigma alone; measure more poses"]
+    return [Note(f"{values} for {rank} that they determine: too few to check the noise by, so "
+                 "intervals rest on the stated sigma alone; measure more poses", topic="few rows")]

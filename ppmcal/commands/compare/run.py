@@ -136,7 +136,7 @@ def run(asked: CompareArguments) -> ComparisonResult:
 
 def _found(mechanism: Mechanism, known: tuple[Posterior, Posterior], only: Sequence[str],
            folders: Sequence[Path], volume: Mapping[str, tuple[float, float]]
-           ) -> tuple[Comparison, list[str], bool, list[str]]:
+           ) -> tuple[Comparison, list[Note], bool, list[str]]:
     """Return the comparison, what makes it doubtful, and of what files it is.
 
     A change that one fit to the rows of both does not confirm is none: in directions that a
@@ -152,7 +152,7 @@ def _found(mechanism: Mechanism, known: tuple[Posterior, Posterior], only: Seque
     Returns:
         The comparison, notes, whether its values are of fits anew, and the files behind these.
     """
-    more, beside, again = list[str](), list[str](), bool(only)
+    more, beside, again = list[str](), list[Note](), bool(only)
     if only:
         try:
             known, more = with_equal_freedoms(mechanism, folders, known)
@@ -169,7 +169,7 @@ def _found(mechanism: Mechanism, known: tuple[Posterior, Posterior], only: Seque
 
 def _between(mechanism: Mechanism, known: tuple[Posterior, Posterior],
              volume: Mapping[str, tuple[float, float]] | None = None
-             ) -> tuple[Comparison, list[str]]:
+             ) -> tuple[Comparison, list[Note]]:
     values = mechanism.values.copy()
     values[list(known[1].places)] = known[1].estimate(mechanism)
     return between(mechanism.with_values(values), *known, volume or {}, np.random.default_rng(0))

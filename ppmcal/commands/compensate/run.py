@@ -77,7 +77,7 @@ class CompensationResult(Result):
     compensation: Compensation
     frame: str
     knowledge: ParameterCovariance | None
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     targets: tuple[tuple[str, ...], tuple[Any, ...]]
 
     @property
@@ -191,41 +191,39 @@ def run(asked: CompensateArguments) -> CompensationResult:
         _refuse_worse(result, worse, machine.source)
         found = refused(found, worse)
     found = refused(found, unsafe_ways(machine, found)) if asked.path else found
-    beside = list[str]()
-    for sentences in (told, secondary("where the model is doubtful", lambda: _doubts(
-            found, machine, known), [], beside), secondary(
-            "where commands go beyond what was measured", lambda: [*_beyond(
-                found, machine, known, poses, asked.path)], [], beside)):
-        notes += [Note(text, NOTE) for text in sentences]
-    notes += beside
+    beside = list[Note]()
+    notes += [*told, *secondary("where the model is doubtful", lambda: _doubts(
+        found, machine, known), [], beside), *secondary(
+        "where commands go beyond what was measured", lambda: [*_beyond(
+            found, machine, known, poses, asked.path)], [], beside), *beside]
     return replace(result, findings=tuple(lifted), compensation=found, notes=tuple(notes))
 
 
 def _beyond(found: Compensation, machine: Mechanism, knowledge: ParameterCovariance | None,
-            poses: PoseTable, path: bool) -> Iterator[str]:
+            poses: PoseTable, path: bool) -> Iterator[Note]:
     """Yield where commands go beyond what was measured, or step beyond what the targets do."""
     good = sent(found)
     ranges = measured_ranges(machine, None if knowledge is None else knowledge.volume)
     yield from extrapolated(machine, found.pose, good, ranges, poses.environment)
     lost = int(np.sum(good & ~finite_rows(found.command)))
     if lost:
-        yield (f"{pluralize(lost, 'row')} without a corrected pose command (cmd_): the nominal "
-               "geometry has none; send the joint values there")
+        yield Note(f"{pluralize(lost, 'row')} without a corrected pose command (cmd_): the nominal "
+                   "geometry has none; send the joint values there", NOTE)
     steps = own_steps(machine, found) if path else None
     if steps is not None and steps.beyond.any():
         worst = int(steps.beyond.argmax())
         joint = int(steps.joint[worst])
         quantity = machine.actuator_quantity[joint]
         factor, unit = machine.units.factor(quantity), machine.units.name(quantity)
-        yield (
+        yield Note(
             f"{pluralize(int(np.sum(steps.beyond > 0.0)), 'row')} step beyond their targets' own "
-               f"steps, by {steps.beyond[worst] / factor:.3g} {unit} at most "
-               f"({machine.actuators[joint]}, row {steps.rows[worst] + 1}): what the model's "
-               "effects do there is another than in the row before")
+            f"steps, by {steps.beyond[worst] / factor:.3g} {unit} at most "
+            f"({machine.actuators[joint]}, row {steps.rows[worst] + 1}): what the model's effects "
+            "do there is another than in the row before", NOTE)
 
 
 def _doubts(found: Compensation, machine: Mechanism,
-            knowledge: ParameterCovariance | None) -> list[str]:
+            knowledge: ParameterCovariance | None) -> list[Note]:
     """Return where targets lead through stretches that the model is known to miss."""
     out = []
     units = machine.units
@@ -235,11 +233,11 @@ def _doubts(found: Compensation, machine: Mechanism,
         factor, unit = machine.joint_units[joint]
         rows = int(d.holds(q[:, joint]).sum())
         if rows:
-            out.append(
+            out.append(Note(
                 f"{pluralize(rows, 'row')} with {d.actuator} between {d.low / factor:.6g} and "
                 f"{d.high / factor:.6g} {unit}: measurements there missed the model by "
                 f"{d.position / units.factor('length'):.2g} {units.length} rms and were left out "
-                "of the fit; it is in the uncertainty")
+                "of the fit; it is in the uncertainty", NOTE))
     return out
 
 
@@ -251,12 +249,12 @@ def _readings(model: Machine | CalibratedMachine, machine: Mechanism) -> tuple[R
 
 
 def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
-           ) -> tuple[Mechanism, ParameterCovariance | None, list[str], list[str]]:
+           ) -> tuple[Mechanism, ParameterCovariance | None, list[str], list[Note]]:
     """Return the machine, what its calibration knew, the file of that, and notes."""
     if isinstance(model, CalibratedMachine):
         return model.mechanism, ParameterCovariance.of(model.identification), [], []
     machine = load(model)
-    notes: list[str] = [*machine.findings]
+    notes = [*machine.findings]
     path = Path(knowledge) if knowledge is not None else Path(machine.source).with_name(
         "identification.json")
     # nothing lies beside a machine that is in memory

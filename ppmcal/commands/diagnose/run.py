@@ -148,7 +148,7 @@ def run(asked: DiagnoseArguments) -> DiagnosisResult:
     with with_unit_findings(machine, datasets) as units:
         start_stage("comparing the measurements with the nominal machine")
         refuse_before_fit(problem, every_column=True)
-        extra = list[str]()
+        extra = list[Note]()
         problem, choice = secondary(
             FREEDOMS, partial(with_chosen_freedoms, problem, FitOptions(),
                               [d.estimated for d in datasets]), (problem, None), extra)

@@ -22,6 +22,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.io.csv_writer import csv_text
 from ppmcal.io.results.export import NO_GAIN, ExportRecord
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.store.output import Content
 from ppmcal.store.provenance import source_of
 from ppmcal.wording.told import Told
@@ -82,7 +83,7 @@ def run(asked: ExportArguments) -> ExportResult:
                          None if poses is None else Path(poses))
     if asked.write:
         made = _copied(writer, asked.form, made, old)
-    notes = list[str]()
+    notes = list[Note]()
     sure = secondary("how well the model is known", lambda: pose_uncertainty(
         machine, made.poses, source_file), UNKNOWN, notes)
     made = replace(made, uncertainty=replace(sure, reason=notes[0]) if notes else sure)

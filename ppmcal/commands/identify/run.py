@@ -101,7 +101,7 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
         start_stage("comparing the measurements with the nominal machine")
         refuse_before_fit(problem)
         start_stage("choosing what to fit")
-        extra = list[str]()
+        extra = list[Note]()
         as_filed = problem
         problem, choice = secondary(
             FREEDOMS, partial(with_chosen_freedoms, problem, options, _estimated(problem, sigma)),
@@ -171,7 +171,7 @@ def scale_sentences(found: Identification) -> Iterator[Note]:
                        f"(+- {100.0 * half:.2g} %, 95 %){stated}.", NOTE)
 
 
-def offset_sentences(found: Identification) -> Iterator[str]:
+def offset_sentences(found: Identification) -> Iterator[Note]:
     """Yield what each encoder at a joint reads more than is true, where fitted, with 95 %."""
     fit, names = found.fit, list(found.columns)
     for data, at in zip(fit.problem.datasets, fit.state.registrations, strict=True):
@@ -179,9 +179,9 @@ def offset_sentences(found: Identification) -> Iterator[str]:
         if data.offset.fitted and own:
             place, units = names.index(own[0]), data.units
             half = coverage(fit) * float(np.sqrt(found.covariance[place, place]))
-            yield (f"{data.name}: the encoder at {data.kind.at} reads "
-                   f"{units.words(at.offset, data.kind.quantity, 6)} more than is true "
-                   f"(+- {units.words(half, data.kind.quantity, 2)}, 95 %).")
+            yield Note(f"{data.name}: the encoder at {data.kind.at} reads "
+                       f"{units.words(at.offset, data.kind.quantity, 6)} more than is true (+- "
+                       f"{units.words(half, data.kind.quantity, 2)}, 95 %).", NOTE)
 
 
 def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
@@ -207,7 +207,7 @@ def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
 
 
 @contextmanager
-def with_unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Iterator[list[str]]:
+def with_unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Iterator[list[Note]]:
     """Yield what `check` says of units and limits; a fit that fails inside says it too."""
     found = unit_findings(mechanism, datasets, sidecar_path)
     try:
@@ -224,13 +224,13 @@ def with_unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Ite
 
 
 def fitted_rows(problem: Problem, options: FitOptions, sigma: str
-                ) -> tuple[Fit, list[str], list[str]]:
+                ) -> tuple[Fit, list[Note], list[Note]]:
     """Fit, with the noise as stated or as the residuals show it.
 
     Returns:
         The fit, what was odd about the noise, and what the estimated noise is.
     """
-    odd, told = list[str](), list[str]()
+    odd, told = list[Note](), list[Note]()
     which = _estimated(problem, sigma)
     if any(which) and options.method != "damped":
         fit, factor = with_estimated_noise(problem, options, which)
@@ -286,7 +286,7 @@ def _held_out(holdout: Any, machine: Mechanism) -> tuple[tuple[Dataset, ...], fl
 
 
 def _of_their_own(datasets: Sequence[Dataset], other: Sequence[Dataset]
-                  ) -> tuple[tuple[Dataset, ...], list[str]]:
+                  ) -> tuple[tuple[Dataset, ...], list[Note]]:
     """Return held-out measurements without rows that the fit has too, and what is left out.
 
     Raises:

@@ -43,6 +43,7 @@ from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.notes import Note
 from ppmcal.store.provenance import source_of
 
 WHICH = ("inverse", "forward", "velocity")
@@ -79,7 +80,7 @@ def run(asked: KinematicsArguments) -> KinematicsResult:
     elif convention[0] is not None:
         pose = tool_poses(Model(machine), found.pose, convention[0])
     form = PoseFormat(convention[0], pose, convention[1], method if which == "forward" else "")
-    notes = list[str]()
+    notes = list[Note]()
     seen = machine.registrations[dataset] if dataset is not None else Registration() if (
         convention[0] is None) else PoseConvention(convention[0]).registration
     solved = SolvedRows(which, PoseRows(found.pose, found.q, rows), seen, dataset or "", solve)

@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ppmcal.commands.spec import PARAMETERS, Arguments, Command, Machine, Table, mechanism, option
+from ppmcal.commands.spec import (
+    PARAMETERS,
+    Arguments,
+    Command,
+    Machine,
+    Table,
+    grid,
+    mechanism,
+    metric,
+    option,
+    tool,
+)
 
 
 @dataclass(frozen=True)
@@ -14,20 +25,15 @@ class SensitivityArguments(Arguments):
 
     mechanism: Machine = mechanism()
     poses: Table | None = option(None, "Poses to look at, a CSV.")
-    grid: str | None = option(
-        None, "Poses of a grid about home, such as x=-100:100:41,y",
-        metavar="NAME[=LOW:HIGH[:COUNT]],...", otherwise="a map of the first two coordinates")
+    grid: str | None = grid()
     home_only: bool = option(False, "Look at home alone, draw no maps.")
     all_components: bool = option(
         False, "All error components of every joint frame and the platform points (21 for a leg), "
         "also those that the closure cancels.")
     free: Sequence[str] = option((), "Errors to look at, by name", metavar="PATTERN",
                                  otherwise="the file's free parameters", complete=PARAMETERS)
-    tool: str | Sequence[float] | None = option(
-        None, "Tool point in platform axes", metavar="X,Y,Z", otherwise="the platform origin")
-    metric: float | None = option(
-        None, "An angular error of sigma/LENGTH counts like a length error of sigma in the "
-        "amplification index", metavar="LENGTH", otherwise="the platform joints' rms distance")
+    tool: str | Sequence[float] | None = tool()
+    metric: float | None = metric()
     sigmas: float = option(1.0, "Worst case: every error at this many standard deviations.",
                            shown=True)
     together: Sequence[str] = option(

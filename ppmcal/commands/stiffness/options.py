@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ppmcal.commands.spec import Arguments, Command, Machine, Table, mechanism, option
+from ppmcal.commands.spec import Arguments, Command, Machine, Table, grid, mechanism, option, tool
 
 
 @dataclass(frozen=True)
@@ -13,16 +13,13 @@ class StiffnessArguments(Arguments):
     """Which load, and at which poses."""
 
     mechanism: Machine = mechanism()
-    grid: str | None = option(
-        None, "Coordinates of the map, such as x=-300:300:41,y.", metavar="TEXT")
+    grid: str | None = grid()
     poses: Table | None = option(None, "Poses instead of a grid.")
     load_at_tool: str | None = option(
         None, "Load at the tool point, base axes, N and N m: fx=0,fy=0,fz=-100.", "--load",
         metavar="TEXT")
     payload: float | None = option(None, "Mass at the tool point, kg.")
-    tool: str | Sequence[float] | None = option(
-        None, "Tool point in platform axes: x,y,z. Default: the platform's origin.",
-        metavar="TEXT")
+    tool: str | Sequence[float] | None = tool()
 
 
 COMMAND = Command(

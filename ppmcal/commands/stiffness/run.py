@@ -55,18 +55,13 @@ class StiffnessResult(Result):
         return dict(self.record.files(self.study))
 
     @property
-    def failed(self) -> list[Note]:
+    def row_failures(self) -> Sequence[str]:
         """Sentences on given poses (rows from 1) that have no answer."""
         if not self.chosen_poses:
             return []
         table = self.study.found.table
         return [Note(f"row {n + 1}: {s}: {r}") for n, (s, r) in
                 enumerate(zip(table.status, table.reason, strict=True)) if s != "ok"]
-
-    @property
-    def row_failures(self) -> Sequence[str]:
-        """Sentences on given poses that have no answer."""
-        return self.failed
 
     def told(self) -> Iterator[str | ShortTable]:
         """Yield what was found in sentences, and what gives way most."""

@@ -13,9 +13,11 @@ from ppmcal.commands.spec import (
     Table,
     cores,
     mechanism,
+    metric,
     option,
     scheduler,
     seed,
+    tool,
 )
 
 
@@ -39,11 +41,8 @@ class TolerancesArguments(Arguments):
         otherwise="one whose noise is a tenth of the accuracy")
     measure: int = option(30, "Poses that a calibration measures.", least=4, most=1000, shown=True)
     machines: int = option(1000, "Machines to simulate.", least=20, most=10_000_000, shown=True)
-    metric: float | None = option(
-        None, "An angle of sigma/LENGTH counts like a length of sigma", metavar="LENGTH",
-        otherwise="the platform joints' rms distance")
-    tool: str | Sequence[float] | None = option(
-        None, "Tool point in platform axes.", metavar="X,Y,Z")
+    metric: float | None = metric()
+    tool: str | Sequence[float] | None = tool("what --instrument measures, or the origin")
     cores: int | None = cores()
     scheduler: str | None = scheduler()
     seed: int = seed()

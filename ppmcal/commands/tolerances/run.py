@@ -174,7 +174,7 @@ def _tool(machine: Mechanism, asked: TolerancesArguments, instrument: Instrument
     return tool
 
 
-def _tasks(machine: Mechanism, asked: TolerancesArguments, tool: Array) -> tuple[Poses, list[str]]:
+def _tasks(machine: Mechanism, asked: TolerancesArguments, tool: Array) -> tuple[Poses, list[Note]]:
     """Return the task poses, and which of the user's cannot be used and why."""
     if asked.poses is None:
         chosen = evenly(machine, region_of(machine), TASKS, asked.seed + 1)
@@ -182,7 +182,7 @@ def _tasks(machine: Mechanism, asked: TolerancesArguments, tool: Array) -> tuple
     table = inverse_table(Model(machine), read_poses(asked.poses, machine).poses)
     good = np.array([s == "ok" for s in table.status], dtype=np.bool_)
     place = place_of(asked.poses, "poses")
-    notes: list[str] = [Note(f"{place}, row {n + 1}: {table.reason[n]}; not used as a task pose")
+    notes = [Note(f"{place}, row {n + 1}: {table.reason[n]}; not used as a task pose")
                         for n in np.flatnonzero(~good)]
     if not good.any():
         raise BadInput(f"none of the {len(good)} task poses can be reached "

@@ -84,7 +84,7 @@ def run(asked: ValidateArguments) -> ValidationResult:
     mechanism, datasets = prepared(mechanism, asked.data, "none")
     words = _words(asked.register)
     models = with_and_without(mechanism)
-    notes = list[str]()
+    notes = list[Note]()
     start_stage("looking at the noise")
     days, noise = with_day_noise([replace(models[n].mechanism, free=whole.free)
                                   for n in sorted({0, len(models) - 1})], datasets, notes)
@@ -107,7 +107,7 @@ def run(asked: ValidateArguments) -> ValidationResult:
 
 def _fitted_to(model: Machine | CalibratedMachine, others: Mapping[str, Mechanism],
                inputs: Mapping[str, str], datasets: Sequence[Dataset], mechanism: Mechanism
-               ) -> list[str]:
+               ) -> list[Note]:
     """Return which of the measurements do not test a machine, for it was fitted to them.
 
     ``others``: further machines by path.
@@ -152,9 +152,9 @@ def _words(register: Sequence[str] | str | None) -> tuple[str, ...] | None:
 
 
 def _others(mechanism: Mechanism, model: Machine | CalibratedMachine, against: Sequence[Path_],
-            notes: list[str]) -> tuple[list[FrozenModel], list[str]]:
+            notes: list[Note]) -> tuple[list[FrozenModel], list[Note]]:
     """Return the other machines to judge: without effects and fitted again, nominal, as given."""
-    out, odd = list[FrozenModel](), []
+    out, odd = list[FrozenModel](), list[Note]()
     beside = None if isinstance(model, CalibratedMachine | Mechanism | Mapping) else Path(
         model) / "without_effects.yaml" if Path(model).is_dir() else Path(model).with_name(
             "without_effects.yaml")

@@ -25,8 +25,8 @@ COMMAND = Command(
            "Inputs are checked by their SHA-256. With the same version, libraries and processor "
            "every byte must be the same; elsewhere numbers may be off by a little, and everything "
            "else not at all, but for the wording of another version. Writes nothing. Exit code 0 "
-           "same, or in other words, 1 something differs, 2 an input is missing or has changed, 3 "
-           "the run itself fails."),
+           "same, or in other words, 1 something differs, 2 an input is missing or has changed, or "
+           "a later version wrote keys that this one does not know, 3 the run itself fails."),
     examples=("ppmcal verify identified", "ppmcal verify identified --inputs archive"),
     result="VerificationResult", recorded=False,
     raises="BadInput: a folder is not there, or holds no results.")

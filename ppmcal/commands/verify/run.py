@@ -6,6 +6,7 @@ import contextlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -39,7 +40,7 @@ from ppmcal.store.runs import (
     runs_of,
     sandbox,
 )
-from ppmcal.store.tally import BOUNDS, DIFFERS, FileCheck, ValueDifference
+from ppmcal.store.tally import BOUNDS, DIFFERS, LATER, FileCheck, ValueDifference, is_later
 from ppmcal.wording.progress import stage
 from ppmcal.wording.told import ShortTable
 
@@ -161,22 +162,24 @@ def _compared(run: RecordedRun, source: Mapping[str, Any], box: Sandbox) -> Iter
     """Yield what came out, folder by folder."""
     apart = environment_words({"version": run.source.version, **run.source.environment},
                               {"version": source["version"], **source["environment"]})
-    reword = run.source.version != source["version"]
+    compare = partial(compared, exact=not apart, root=os.fsencode(box.root),
+                      reword=run.source.version != source["version"],
+                      later=is_later(run.source.version, source["version"]))
     out = box.place(run.source.options["out"]) if run.whole else _results(run, box)
-    yield _files(run, out, apart, box, reword)
+    yield _files(run, out, apart, compare)
     for within in folders_within(run.folder) if run.whole else ():
         other = out / within.relative_to(run.folder)
         for one in runs_of(within):
-            yield _files(one, other, apart, box, reword) if (other / RECORD).is_file() else _ended(
+            yield _files(one, other, apart, compare) if (other / RECORD).is_file() else _ended(
                 one, DIFFERS, "is not written any more.")
 
 
-def _files(run: RecordedRun, other: Path, apart: tuple[str, ...], box: Sandbox, reword: bool
+def _files(run: RecordedRun, other: Path, apart: tuple[str, ...], compare: partial[FileCheck]
            ) -> RunCheck:
     """Compare the files of a run with those of ``other``."""
     names = dict.fromkeys([*run.digests, *read_record(other).files])
-    files = [_file(name, run.folder / name, other / name, run.digests.get(name, ""), not apart, box,
-                   reword) for name in names]
+    files = [_file(name, run.folder / name, other / name, run.digests.get(name, ""), compare)
+             for name in names]
     return RunCheck(folder=str(run.folder), command=run.command, status=status_of(files),
                     environment=apart, files=tuple(files))
 
@@ -187,8 +190,8 @@ def _ended(run: RecordedRun, status: str, message: str = "", inputs: Sequence[In
                     inputs=tuple(inputs))
 
 
-def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sandbox,
-          reword: bool) -> FileCheck:
+def _file(name: str, there: Path, again: Path, digest: str, compare: partial[FileCheck]
+          ) -> FileCheck:
     """Compare one file with what came out.
 
     Args:
@@ -196,18 +199,18 @@ def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sa
         there: where it is.
         again: where it was written again.
         digest: its SHA-256 when it was written, empty where that is not recorded.
-        exact: whether bytes must be the same.
-        box: whose own paths are taken out.
-        reword: whether another version may say it in other words.
+        compare: how both are compared.
     """
     now, then = digest_of(again), digest_of(there)
+    if then and not now and compare.keywords["later"]:
+        return FileCheck(file=name, status=LATER, worst=ValueDifference(
+            place="made by a later version: the file is not understood"))
     if not (now and then):
         gone = "is not there" if now else "is not written any more"
         return FileCheck(file=name, status=DIFFERS, count=1, worst=ValueDifference(place=gone))
     if now == then:
         return FileCheck(file=name)
-    found = compared(name, there.read_bytes(), again.read_bytes(), exact, os.fsencode(box.root),
-                     reword)
+    found = compare(name, there.read_bytes(), again.read_bytes())
     if digest and then != digest:
         return replace(found, edited=True, status=DIFFERS)
     return found

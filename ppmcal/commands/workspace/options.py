@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ppmcal.commands.spec import Arguments, Command, Machine, Table, mechanism, option, seed
+from ppmcal.commands.spec import Arguments, Command, Machine, Table, grid, mechanism, option, seed
 
 
 @dataclass(frozen=True)
@@ -12,9 +12,7 @@ class WorkspaceArguments(Arguments):
     """Where to look."""
 
     mechanism: Machine = mechanism()
-    grid: str | None = option(
-        None, "Coordinates with range and levels, such as x=-300:300:41,rz. Default: the first "
-        "two, as far as home can go.", metavar="TEXT")
+    grid: str | None = grid()
     joints: Table | None = option(
         None, "CSV of joint values to find assembly modes for. Default: home's.")
     seed: int = seed()

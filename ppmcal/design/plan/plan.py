@@ -24,6 +24,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.wording.progress import start_stage
 
 CANDIDATES = 400
@@ -143,7 +144,7 @@ def _planned(space: _PoseSpace, options: PlanOptions, aims: _Aims, wanted: float
                 _blocks(space.columns, chosen))
     rows = np.array(chosen, dtype=np.int64)[way.order]
     reached, about = _reached(whole, chosen, nested, tasks, wanted)
-    notes = list[str]()
+    notes = list[Note]()
     seen, better = secondary("the comparison with random poses", lambda: _against(
         whole, chosen, [r[:count] for r in strangers]), ({}, np.nan), notes)
     return Plan(
@@ -241,7 +242,7 @@ def _drawn(
 
 
 def _best(whole: CandidateInformation, order: Sequence[int], chosen: Sequence[int], rules: Rules,
-          rng: np.random.Generator, tasks: tuple[Array, Array], least: int, notes: list[str]
+          rng: np.random.Generator, tasks: tuple[Array, Array], least: int, notes: list[Note]
           ) -> tuple[tuple[int, float, float], ...]:
     """Return accuracy of exchanged designs: the plan's size, half and twice of it.
 

@@ -12,6 +12,7 @@ from ppmcal.design.plan.path import Route
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,5 +68,5 @@ class Plan:
     tasks_left_out: Mapping[str, int]
     refined: bool
     unused: tuple[str, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     scale: Scale | None = None

@@ -12,7 +12,7 @@ from ppmcal.kinematics.effect_response import with_strokes
 from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import STANDARD_GRAVITY
-from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds
+from ppmcal.model.effects import SORTS, EffectKind, EffectParameter, effect_kinds
 from ppmcal.model.mechanism import (
     Given,
     Mechanism,
@@ -102,8 +102,7 @@ def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
     if not kind.exists_in(mechanism.motion):
         raise BadInput(kind.refused, PLACE, "Remove it")
     if not usable_joints(mechanism, kind).any():
-        sort = {"turning": "actuated joints that turn", "ropes": "ropes"}[kind.joints]
-        raise BadInput(f"{name} is an effect of {sort}: this machine has none"
+        raise BadInput(f"{name} is an effect of {SORTS[kind.joints][0]}: this machine has none"
                        + kind.opposed * " that pull against each other", PLACE, "Remove it")
     own = tuple(e for e in mechanism.effects if e.kind.name == name)
     if {"order", "past"} & set(kind.needs) or remembers(replace(mechanism, effects=own)):

@@ -27,7 +27,7 @@ def sentences(plan: Plan, wanted: float | None, notes: Sequence[str]) -> list[st
             *_scale(plan), *notes]
 
 
-def findings(plan: Plan, wanted: float | None) -> list[str]:
+def findings(plan: Plan, wanted: float | None) -> list[Note]:
     """Return what the user must look at."""
     out = list(plan.notes)
     if wanted is not None and plan.reached is None:

@@ -193,9 +193,9 @@ def _points(table: Table, rows: Ints, plain: Mechanism, owner: tuple[str, int], 
     numbers = table.number("row")[rows].astype(int).tolist()
     return tuple(MeasuredPose(
         label=f"row {row} of {name}", key=row_key(index, name, row), point=_three(point[n] / f),
-        value=_known(values[1][n]), value_before=_known(values[0][n]),
+        value=values[1][n], value_before=values[0][n],
         error=_vector(errors[1][n]), error_before=_vector(errors[0][n]),
-        turn=_known(turns[1][n]), turn_before=_known(turns[0][n]),
+        turn=turns[1][n], turn_before=turns[0][n],
         used=bool(keep[n]), reason=reasons[rows[n]]) for n, row in enumerate(numbers))
 
 
@@ -247,10 +247,6 @@ def _residual(table: Table, rows: Ints, stage: str,
               columns: Sequence[str] = ("x", "y", "z", "height", "distance")) -> Array:
     """Return residuals (R, c), file units, nan where not measured."""
     return np.stack([table.number(f"{stage}_{c}")[rows] for c in columns], axis=1)
-
-
-def _known(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _vector(vector: Array) -> Point | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -198,22 +197,14 @@ def ranking_table(found: Sensitivity) -> ShownTable:
     table = in_units(ranking(found), found.mechanism.units)
     keep = [c for c in ("name", "tolerance", "unit", "rss_position", "share_position",
                         "rss_rotation", "share_rotation") if c in table]
-    rows = [[_plain(table[c][i]) for c in keep] for i in range(min(LISTED, len(table["name"])))]
-    return ShownTable(title="Errors that count most", columns=tuple(keep), rows=_tuples(rows),
+    rows = zip(*(table[c][:LISTED] for c in keep), strict=True)
+    return ShownTable(title="Errors that count most", columns=tuple(keep), rows=tuple(rows),
                       note="rss: from one standard deviation; all errors are in sensitivity.csv")
 
 
 def share_table(found: Sensitivity, by: str) -> ShownTable:
     """Return shares of the tool's variance by limb or by slot."""
     both = rotates(found)
-    rows = [[g, p, r] if both else [g, p] for g, p, r in shares(found, by)]
-    return ShownTable(title=f"Share of the tool's variance by {by}", rows=_tuples(rows), note="",
+    return ShownTable(title=f"Share of the tool's variance by {by}", note="",
+                      rows=tuple(row[:2 + both] for row in shares(found, by)),
                       columns=(by, "position", *(["rotation"] if both else [])))
-
-
-def _tuples(rows: list[list[Any]]) -> tuple[tuple[Any, ...], ...]:
-    return tuple(tuple(row) for row in rows)
-
-
-def _plain(value: Any) -> Any:
-    return value if isinstance(value, str) else float(value) if np.isfinite(value) else None

@@ -8,11 +8,21 @@ from typing import ClassVar
 
 from ppmcal.io.results.record import Part, Record, Shown, Text, Whole
 from ppmcal.store.runs import InputCheck
-from ppmcal.store.tally import DIFFERS, OPEN, REWORDED, SAME, WITHIN, FileCheck, short_text
+from ppmcal.store.tally import (
+    DIFFERS,
+    LATER,
+    OPEN,
+    REWORDED,
+    SAME,
+    WITHIN,
+    FileCheck,
+    short_text,
+)
 from ppmcal.wording import pluralize
 
 INPUT, FAILED, UNKNOWN = "input", "failed", "no record"
-CODES = {SAME: 0, WITHIN: 0, REWORDED: 0, OPEN: 0, DIFFERS: 1, INPUT: 2, UNKNOWN: 2, FAILED: 3}
+CODES = {SAME: 0, WITHIN: 0, REWORDED: 0, OPEN: 0, DIFFERS: 1, INPUT: 2, UNKNOWN: 2, LATER: 2,
+         FAILED: 3}
 
 
 class RunCheck(Part):
@@ -31,7 +41,7 @@ class RunCheck(Part):
 
     @property
     def exit_code(self) -> int:
-        """0 same, within bounds or in other words; 1 differs; 2 an input or no record; 3 failed."""
+        """0 same, within bounds or in other words; 1 differs; 2 not to be told; 3 failed."""
         return CODES.get(self.status, 3)
 
     def sentence(self) -> str:
@@ -42,6 +52,9 @@ class RunCheck(Part):
             return f"{head}, run again: {self.status}{bytes_ if self.status == SAME else ''}."
         if self.status == REWORDED:
             return f"{head}, run again: the numbers are the same, the wording differs."
+        if self.status == LATER:
+            return (f"{head}, run again: all is the same that this version knows; verify the rest "
+                    "with the version that wrote it.")
         if self.status == DIFFERS:
             wrong = sum(f.status == DIFFERS for f in self.files)
             return f"{head}, run again: {pluralize(wrong, 'file')} of {len(self.files)} differ" + (
@@ -72,4 +85,4 @@ def environment_words(then: Mapping[str, object], now: Mapping[str, object]) -> 
 def status_of(files: Sequence[FileCheck]) -> str:
     """Return the status of a run: the worst of its files'."""
     found = {f.status for f in files}
-    return next((s for s in (DIFFERS, REWORDED, WITHIN) if s in found), SAME)
+    return next((s for s in (DIFFERS, LATER, REWORDED, WITHIN) if s in found), SAME)

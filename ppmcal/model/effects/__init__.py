@@ -12,6 +12,7 @@ import pkgutil
 from ppmcal.model.effects.inputs import EffectInput, Inputs
 from ppmcal.model.effects.kind import (
     GEOMETRY,
+    SORTS,
     Derived,
     EffectKind,
     EffectParameter,
@@ -29,6 +30,6 @@ from ppmcal.model.effects.setting import LimbSetting, Setting, Shift, total
 for _module in sorted(m.name for m in pkgutil.iter_modules(__path__)):
     importlib.import_module(f"{__name__}.{_module}")
 
-__all__ = ["GEOMETRY", "Derived", "EffectInput", "EffectKind", "EffectParameter", "FromFile",
-           "Inputs", "KnownRange", "LimbSetting", "Reversal", "ScanRange", "Setting", "Shift",
-           "Terms", "effect_kinds", "find_effect", "register", "total"]
+__all__ = ["GEOMETRY", "SORTS", "Derived", "EffectInput", "EffectKind", "EffectParameter",
+           "FromFile", "Inputs", "KnownRange", "LimbSetting", "Reversal", "ScanRange", "Setting",
+           "Shift", "Terms", "effect_kinds", "find_effect", "register", "total"]

@@ -22,6 +22,8 @@ from ppmcal.units import Units
 
 GEOMETRY = "geometry"
 """In the place of a kind: an error of slots, which is not an effect but the machine itself."""
+SORTS = {"turning": ("joints that turn", "rotary actuators"), "ropes": ("ropes", "ropes")}
+"""Of kinds that act on some sorts of joints only: what they are, and what to name."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +212,7 @@ class EffectKind:
             the next; ``past``: the rows' times, in all of the file.
         evaluate: (setting, on (k,), parameter -> value) -> :class:`Terms`.
         per_actuator: whether it belongs to single actuators; else to the whole machine.
-        joints: ``any``, ``turning``, ``ropes``: which actuators it can act on.
+        joints: ``any``, or one of :data:`SORTS`: which actuators it can act on.
         opposed: whether it acts on joints that pull while the others hold: as many as there are
             equations beyond the platform's freedoms.
         exists_in: motion -> whether machines of that motion can have it.
