@@ -50,7 +50,8 @@ class Balance:
     slack: Bools
 
 
-def balance(a: Array, give: Array, wrench: Array, gaps: Array, ropes: Bools, size: Array) -> Balance:
+def balance(a: Array, give: Array, wrench: Array, gaps: Array, ropes: Bools, size: Array
+            ) -> Balance:
     """Return the equilibrium of the head of this module.
 
     The slack ropes are those of a linear complementarity problem: all that are wrong change at
