@@ -199,6 +199,7 @@ def stiffness(
     poses: Table | None = ...,
     load_at_tool: str | None = ...,
     payload: float | None = ...,
+    tension: float | None = ...,
     tool: str | Sequence[float] | None = ...,
     progress: Progress = ...,
 ) -> StiffnessResult: ...

@@ -8,7 +8,8 @@ column ([LIN] section 3.2, eq. 18 to 21), so that
 
 are compliance and stiffness at the tool point, base axes, at poses where the platform is held
 by rigid parts and these springs alone. Preload (geometric stiffness), weight of the parts and
-the effects of the file are left out.
+the effects of the file are left out. What surplus limbs hold, and which ropes do not, is
+:mod:`statics`.
 
 Translational stiffness is (C_tt)^-1, the force per displacement of a tool that is free to turn,
 not the translational block of K, which is that of a tool kept from turning; rotational
@@ -27,6 +28,7 @@ from numpy.typing import NDArray
 from ppmcal import linalg
 from ppmcal.design.error_jacobian import to_tool
 from ppmcal.design.spring_model import Spring, spring_columns, springs_of
+from ppmcal.design.statics import LimbForces, limb_forces, only_pull
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.least_squares_closure import closed_by
@@ -203,6 +205,7 @@ class Stiffnesses:
             rigid; N/m, N m/rad. Rotational is nan where nothing can turn.
         deflection: of the tool under the load (N, 6), m and rad; None without one.
         determinant: of A (N,), nan where there is no inverse kinematics.
+        held: what surplus limbs hold, None of machines without.
     """
 
     table: KinematicsTable
@@ -210,6 +213,7 @@ class Stiffnesses:
     rotational: Array
     deflection: Array | None
     determinant: Array
+    held: LimbForces | None = None
 
     @property
     def ok(self) -> NDArray[np.bool_]:
@@ -219,7 +223,7 @@ class Stiffnesses:
 
 @stage("mapping the stiffness")
 def stiffness_table(mechanism: Mechanism, coordinates: Array, tool: Array | None = None,
-                    wrench: Array | None = None) -> Stiffnesses:
+                    wrench: Array | None = None, tension: float = 0.0) -> Stiffnesses:
     """Return the stiffness at wanted poses (N, 6), nan = open coordinate.
 
     Args:
@@ -227,6 +231,7 @@ def stiffness_table(mechanism: Mechanism, coordinates: Array, tool: Array | None
         coordinates: wanted poses, see :func:`ppmcal.kinematics.tables.inverse_table`.
         tool: tool point in platform axes (3,), m; default the platform's origin.
         wrench: load at the tool point, base axes (6,), N and N m.
+        tension: of ropes without a load, their mean, N.
 
     Raises:
         BadInput: no part of the machine has a stiffness.
@@ -250,21 +255,44 @@ def stiffness_table(mechanism: Mechanism, coordinates: Array, tool: Array | None
                 out[key][here] = principal.values[:, [0, -1]]
         if wrench is not None:
             out["w"][here] = some.deflection(wrench)
-    return Stiffnesses(table, out["t"], out["r"], None if wrench is None else out["w"], out["det"])
+    here = found[ok[found]]
+    held = limb_forces(bare, springs, table.q[here], pose_motor(table.pose[here]),
+                       np.zeros(3) if tool is None else tool, wrench, tension)
+    if held is not None:
+        held = held.at(here, n)
+    if held is not None and held.deflection is not None and only_pull(bare).any():
+        out["w"] = held.deflection
+    return Stiffnesses(table, out["t"], out["r"], None if wrench is None else out["w"],
+                       out["det"], held)
 
 
 @dataclass(frozen=True, eq=False)
 class Home:
-    """Home (N = 1): its full pose (6,), status and reason of inverse kinematics, compliance."""
+    """Home (N = 1): its full pose (6,), status and reason of inverse kinematics, compliance.
+
+    ``held``: what surplus limbs hold there, None of machines without.
+    """
 
     pose: Array
     status: str
     reason: str
     compliance: Compliance
+    held: LimbForces | None = None
+
+    def deflection(self, wrench: Array) -> Array:
+        """Return how far a load (6,) moves the tool (6,), nan where ropes do not hold it."""
+        held = self.held
+        if held is not None and held.deflection is not None and only_pull(
+                self.compliance.mechanism).any():
+            return np.asarray(held.deflection[0])
+        return np.asarray(self.compliance.deflection(wrench)[0])
 
 
-def stiffness_at_home(mechanism: Mechanism, tool: Array | None = None) -> Home:
+def stiffness_at_home(mechanism: Mechanism, tool: Array | None = None,
+                      wrench: Array | None = None, tension: float = 0.0) -> Home:
     """Return the compliance at home, also where home is outside limits.
+
+    Arguments as of :func:`stiffness_table`.
 
     Raises:
         BadInput: no part of the machine has a stiffness, or a limb cannot reach home.
@@ -281,4 +309,6 @@ def stiffness_at_home(mechanism: Mechanism, tool: Array | None = None) -> Home:
         raise NoResult(f"the home pose cannot be reached: {table.reason[0]}", place,
                        "Check `home`")
     found = compliance(bare, table.q, pose_motor(table.pose), tool)
-    return Home(table.pose[0], table.status[0], table.reason[0], found)
+    held = limb_forces(bare, found.springs, table.q, pose_motor(table.pose),
+                       np.zeros(3) if tool is None else tool, wrench, tension)
+    return Home(table.pose[0], table.status[0], table.reason[0], found, held)

@@ -102,6 +102,7 @@ def _mechanism() -> Schema:
     properties["stiffness"] |= _springs(tuple(dict.fromkeys(
         joint for kind in kinds().values() for joint in joint_names(kind))))
     properties["extends"] |= {"type": "string"}
+    out["$defs"]["ClosureFile"]["properties"]["sigma"] |= _one_or_each()
     out["$defs"]["HomeFile"]["properties"]["pose"] |= POSE
     out["$defs"]["RegistrationFile"]["properties"]["frame"] |= POSE
     # what a file that extends another leaves out is there

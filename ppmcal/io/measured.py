@@ -62,13 +62,14 @@ def _nothing(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
     kind, n, factors = file.instrument.kind, len(table), mechanism.joint_factors(file.units.units())
     kind.refuse(mechanism.motion, mechanism.surplus, side)
     joints = actuator_noise(file.instrument.sigma.actuator, mechanism, factors, side)
-    if not np.all(joints > 0.0):
+    gaps = mechanism.gap_sigma
+    if not np.all(joints > 0.0) and not np.all(gaps > 0.0):
         raise BadInput("the noise of the joint values is missing: without an instrument it is all "
                        "that a row may be off by", f"{side}: instrument.sigma",
                        "Add how well readings at one place repeat, such as `actuator: 0.2`; with "
                        "`estimated: true` it is only where its estimate begins")
     blank = np.full((n, 3), np.nan)
-    size = float(np.median(joints * mechanism.joint_ratios))
+    size = float(np.hypot(np.median(joints * mechanism.joint_ratios), np.median(gaps)))
     findings = _unused(table, kind, lambda c: _scalar_column(c, kind) or c in (
         *COORDINATES, *QUATERNION))
     return Measured(blank, blank, unknown(n), np.full((n, 3), size), blank, unknown(n),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io import parameter_reader as assemble
 from ppmcal.io.directions import rotation, square
 from ppmcal.io.effects import with_effects
+from ppmcal.io.gaps import read_gaps
 from ppmcal.io.limb_reader import LimbReader, limb_kind
 from ppmcal.io.measurement_block import read_measured, read_registrations
 from ppmcal.io.mechanism_schema import MechanismFile, TolerancesFile, word
@@ -79,6 +81,7 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
         inputs=inputs, stiffness=read_stiffness(file.stiffness, file.limbs, limbs, units, source),
         tolerances=tolerances, cost=_cost(file, source))
     _hold_once(mechanism)
+    mechanism = replace(mechanism, gaps=read_gaps(file.closure, mechanism))
     machine = with_effects(mechanism, file.effects, units, source)
     refuse_tolerances(machine)
     remark_machine(machine)

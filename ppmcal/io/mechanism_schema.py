@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
 
+from ppmcal.io.gaps import ClosureFile
 from ppmcal.io.schema import (
     LIMIT,
     Flag,
@@ -168,6 +169,8 @@ class MechanismFile(Strict):
     gauge: Annotated[str, choice("gauge", "base", "tolerances")] = "base"
     """What holds the base where joint values alone are measured: base: some of its points stay
     where they are; tolerances: the priors of all."""
+    closure: ClosureFile | None = None
+    """What limbs may gap, of a machine with more of them than its platform has freedoms."""
     optional: list[list[Annotated[str, BeforeValidator(_pattern)]]] | None = None
     """Lists of patterns, nested: freedoms that identify takes, or leaves, by what predicts
     left-out rows. Fixed ones need a tolerance. --free overrides them."""

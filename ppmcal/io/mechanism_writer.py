@@ -10,6 +10,7 @@ import numpy as np
 
 from ppmcal.io.directions import rotation
 from ppmcal.io.effects import effects_tree
+from ppmcal.io.gaps import gaps_tree
 from ppmcal.io.limb_reader import NO_DRIVE
 from ppmcal.io.measurement_block import measurement_tree
 from ppmcal.io.mechanism_schema import FORMAT
@@ -205,6 +206,8 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
         tree["free"] = free
     if mechanism.gauge != "base":
         tree["gauge"] = mechanism.gauge
+    if mechanism.gaps:
+        tree["closure"] = gaps_tree(mechanism)
     if mechanism.optional:
         tree["optional"] = [list(level) for level in mechanism.optional]
     measurement = measurement_tree(mechanism)

@@ -17,7 +17,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.entry_tables import entry_tables
-from ppmcal.kinematics.least_squares_closure import EXACT
+from ppmcal.kinematics.least_squares_closure import EXACT, SMALL
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.limbs.chain import U, cross_matrix
@@ -71,7 +71,10 @@ class CompiledLimbs:
         if mechanism.surplus:
             from ppmcal.kinematics.compiled_surplus import newton_rows as least
 
-            return pose, *least(*given, most, EXACT), np.ones((len(pose), 2))
+            gaps = mechanism.gap_sigma
+            noise = (mechanism.usual_joint_noise[[limb.actuator for limb in mechanism.limbs]]
+                     if gaps.any() else np.ones(len(mechanism.limbs)))
+            return pose, *least(*given, most, EXACT, SMALL, noise, gaps), np.ones((len(pose), 2))
         from ppmcal.kinematics.compiled_closure import newton_rows
 
         return pose, *newton_rows(*given, closed)

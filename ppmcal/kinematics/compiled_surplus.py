@@ -58,6 +58,23 @@ def rates_at(limbs: LimbTables, u: Array, chain: Array, size: Array, R: Array, l
 
 
 @part
+def spreads_at(limbs: LimbTables, noise: Array, gaps: Array, rate: Array) -> float:
+    """Replace dc/du (m,) by the standard deviations of the equations (m,).
+
+    Of ``noise`` of the limbs' joint coordinates (L,) and what the equations may gap (m,). Returns
+    the least of their variances over the largest, where some gap; else 1.
+    """
+    gaping, least, most = False, math.inf, 0.0
+    for e in range(rate.shape[0]):
+        rate[e] = abs(rate[e] * noise[limbs.limb[e]])
+        if gaps[e] > 0.0:
+            gaping = True
+            rate[e] = math.sqrt(rate[e] * rate[e] + gaps[e] * gaps[e])
+        least, most = min(least, rate[e]), max(most, rate[e])
+    return least * least / (most * most) if gaping else 1.0
+
+
+@part
 def add_curvature(limbs: LimbTables, chain: Array, size: Array, R: Array, line: Array,
                   force: Array, out: Array) -> None:
     """Add what forces (m,) make of the second derivative of spheres by the pose to out (d, d).
@@ -140,12 +157,13 @@ def solved_step(N: Array, order: Ints, g: Array, x: Array) -> None:
 
 @compiled
 def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: float,
-                iterations: int, smallest: float, most: float, exact: float
-                ) -> tuple[Bools, Array]:
+                iterations: int, smallest: float, most: float, exact: float, small: float,
+                noise: Array, gaps: Array) -> tuple[Bools, Array]:
     """Newton to where the closure is least, as :func:`forward.newton`; ``pose`` (N, 8) in place.
 
-    ``most``: rows whose second step is above this part of the first are given up; ``exact``: as of
-    :mod:`least_squares_closure`.
+    ``most``: rows whose second step is above this part of the first are given up; ``exact`` and
+    ``small``: as of :mod:`least_squares_closure`; ``noise`` of joint coordinates (L,) and ``gaps``
+    (m,) weigh the equations.
 
     Returns:
         converged (N,) and lengths of the first two steps (N, 2).
@@ -169,12 +187,14 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
             equations_at(limbs, chain, size_of, R, t, c, line)
             pose_rows(line, t, limbs.dof, A)
             rates_at(limbs, u[n], chain, size_of, R, line, rate)
+            alike = spreads_at(limbs, noise, gaps, rate)
             mean = length_of(rate) ** 2 / m
             for e in range(m):
                 weight[e] = 1.0 / (rate[e] * rate[e] / mean + exact)
                 force[e] = weight[e] * c[e]
-            # after a small step both matrices are what they were, as in compiled_closure
-            again = size < SAME
+            # after a small step both matrices are what they were, as in compiled_closure; of some
+            # equations that weigh far more than others a small turn is no small one
+            again = size < SAME * alike
             if again:
                 gradient_at(A, force, g)
             else:
@@ -192,11 +212,13 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
                 solved_step(bent, other, g, curved)
                 if not again:
                     # far off the curvature may lead uphill: then the step without it
-                    down = apart = 0.0
+                    down = apart = whole = 0.0
                     for j in range(d):
                         down += curved[j] * g[j]
                         apart += (curved[j] - plain[j]) ** 2
-                    bends = down <= 0.0 and math.sqrt(apart) <= length_of(plain)
+                        whole += (curved[j] if limbs.dof[j] < 3 else curved[j] * scale) ** 2
+                    bends = down <= 0.0 and (math.sqrt(apart) <= length_of(plain)
+                                             or math.sqrt(whole) < small * scale)
             step[:] = 0.0
             for j in range(d):
                 step[limbs.dof[j]] = curved[j] if bends else plain[j]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import (
     ROUNDS,
@@ -28,6 +29,9 @@ from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Environment, unknown_environment
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
+
+GAPING_STEPS, STAYS = 4, 1e-3
+"""Newton steps to joints at which limbs gap; in them platforms move by so much less than joints."""
 
 
 def uses_load(mechanism: Mechanism) -> bool:
@@ -92,6 +96,35 @@ def consistent_joints(model: Model, q: Array, environment: Environment) -> tuple
         if not np.any(change > SETTLED * model.mechanism.reach):
             break
     return q, real
+
+
+def gaping(q: Array, real: Reached, gaps: Array) -> tuple[Array, Reached]:
+    """Return joint values (N, k) at which limbs gap as told (N, m), and the poses.
+
+    Joints move by the gaps of their own limbs; where equations have no drive, or share one, so does
+    the platform, by as little as may be.
+
+    Args:
+        q: joint values at which all limbs close.
+        real: the poses there.
+        gaps: true lengths, of equations between directions as they are.
+    """
+    mechanism, closed = real.model.mechanism, real.closed.copy()
+    rows = np.flatnonzero(finite_rows(closed) & finite_rows(q))
+    q, model = q.copy(), real.model.take(rows)
+    d = len(mechanism.dof)
+    size = np.array([1.0 if c < 3 else mechanism.length_scale for c in mechanism.dof])
+    for _ in range(GAPING_STEPS):
+        closure, pose = model.closure(q[rows]), closed[rows]
+        lines = closure.lines(pose)
+        both = np.concatenate([closure.pose_matrix(pose, lines) / size * STAYS,
+                               closure.joint_matrix(pose, lines) / mechanism.joint_ratios], axis=-1)
+        step = (linalg.pinv(both) @ (gaps[rows] - closure.lengths(pose))[..., None])[..., 0]
+        twist = np.zeros((len(rows), 6))
+        twist[:, mechanism.dof] = step[:, :d] * STAYS / size
+        closed[rows] = moved(pose, twist)
+        q[rows] += step[:, d:] / mechanism.joint_ratios
+    return q, Reached(closed, platform_pose(closed, real.model.shift), real.model)
 
 
 def _forward(model: Model, q: Array, start: Array | None, start_q: Array | None) -> Forward:

@@ -2,9 +2,11 @@
 
 Joints say q with errors e, so that c(M, q + e, g) = 0: the pose of a row minimises c' S^-1 c, where
 
-    S = Ju Ju' (+ what limbs may gap),
+    S = Ju Su Ju' + Sc,
 
-up to a factor that no pose depends on. One symmetric system says all that follows from it,
+up to a factor that no pose depends on: Su of the joints' noise, alike for all, and Sc of what limbs
+may gap (``closure`` of the file), 0 where it says nothing. One symmetric system
+says all that follows from it,
 
     | S  A | | f |   | c |
     | A' 0 | | x | = | w |,
@@ -32,6 +34,8 @@ from ppmcal.model.mechanism import Mechanism
 
 EXACT = 1e-10
 """Variance of an equation that holds exactly, in parts of the others': two may say the same."""
+SMALL = 1e-2
+"""A step below this part of the length scale takes the closure's curvature, if that leads down."""
 ALIGNED = 1e-3
 """Forces that turn by more than arccos of this from those at home have a basis of their own."""
 
@@ -47,7 +51,7 @@ def closed_by(closure: Closure, pose: Array, a: Array, gaps: Array, lines: Array
         gaps: changes of the closure equations (N, m, r).
         lines: of the legs (N, m, 6), where they are known already.
         give: what the equations move by per unit of what gives way, springs or noise of size one
-            (N, m, s); default the drives.
+            (N, m, s); default the drives and the gaps.
 
     Returns:
         (N, d, r), nan in rows where A has not full rank.
@@ -76,8 +80,21 @@ def held_by(closure: Closure, pose: Array, a: Array, wrenches: Array, lines: Arr
 def _system(closure: Closure, pose: Array, a: Array, lines: Array | None, give: Array | None
             ) -> Array:
     """Return the symmetric matrices (N, m + d, m + d)."""
-    give = closure.joint_matrix(pose, lines, drive=False) if give is None else give
+    if give is None:
+        give = closure.joint_matrix(pose, lines, drive=False)
+        gaps = closure.model.mechanism.gap_sigma
+        if gaps.any():
+            give = with_gaps(give * closure.model.mechanism.usual_joint_noise, gaps)
     return symmetric_system(give, a, EXACT)[0]
+
+
+def with_gaps(by_joint: Array, gaps: Array) -> Array:
+    """Return what equations move by with the joints' noise (n, m, k), and by limbs' gaps (m,)."""
+    if not gaps.any():
+        return by_joint
+    own = np.broadcast_to(np.diag(gaps)[:, gaps > 0.0], (len(by_joint), len(gaps),
+                                                         int(np.sum(gaps > 0.0))))
+    return np.concatenate([by_joint, own], axis=-1)
 
 
 def symmetric_system(give: Array, a: Array, exact: float = 0.0) -> tuple[Array, Array]:
@@ -113,7 +130,8 @@ def newton_step(closure: Closure, pose: Array, c: Array, a: Array, lines: Array)
         a: pose matrix there (N, m, d).
         lines: of the legs there (N, m, 6).
     """
-    if not closure.model.mechanism.surplus:
+    mechanism = closure.model.mechanism
+    if not mechanism.surplus:
         return -solve_rows(a, c)
     m = a.shape[1]
     system = _system(closure, pose, a, lines, None)
@@ -127,6 +145,9 @@ def newton_step(closure: Closure, pose: Array, c: Array, a: Array, lines: Array)
     with np.errstate(invalid="ignore"):
         down = np.sum(bent * gradient, axis=1) <= 0.0
         near = np.linalg.norm(bent - step, axis=1) <= np.linalg.norm(step, axis=1)
+        # where limbs hold the platform badly, most of a small step may be theirs
+        size = [1.0 if i < 3 else mechanism.length_scale for i in mechanism.dof]
+        near |= np.linalg.norm(bent * size, axis=1) < SMALL * mechanism.length_scale
     return np.where((down & near)[:, None], bent, step)
 
 

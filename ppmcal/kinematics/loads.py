@@ -67,11 +67,25 @@ def _reaction(model: Model, q: Array, pose: Array, wrench: Array
               ) -> tuple[NDArray[np.int64], Closure, Array, Array]:
     """Return usable rows (n,), their closure, lines and A^-T w (n, m).
 
-    At a singular pose nothing bears the load: nan.
+    At a singular pose nothing bears the load: nan. Surplus limbs share it by what their drives give
+    way, where all do; else as if all gave alike.
     """
     rows = np.flatnonzero(finite_rows(q) & finite_rows(pose) & finite_rows(wrench))
     closure = model.take(rows).closure(q[rows])
     lines = closure.lines(pose[rows])
     a = closure.pose_matrix(pose[rows], lines)
     own = wrench[rows][:, model.mechanism.dof, None]
-    return rows, closure, lines, held_by(closure, pose[rows], a, own, lines)[..., 0]
+    gives, by = _gives(model), None
+    if model.mechanism.surplus and np.all(gives > 0.0) and np.ptp(gives) > 0.0:
+        by = closure.joint_matrix(pose[rows], lines, drive=False) * np.sqrt(gives)
+    return rows, closure, lines, held_by(closure, pose[rows], a, own, lines, by)[..., 0]
+
+
+def _gives(model: Model) -> Array:
+    """Return how far drives give way by effects, per unit of a small load (k,); 0 of rigid ones."""
+    out = np.zeros(len(model.mechanism.actuators))
+    for effect in model.mechanism.effects:
+        if effect.kind.gives is not None:
+            out[list(effect.on)] += effect.kind.gives(
+                {name: float(model.parameters[p]) for name, p in effect.parameters.items()})
+    return out

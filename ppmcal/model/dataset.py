@@ -90,6 +90,7 @@ class Dataset:
         whole: the data set before rows were taken out: they were visited all the same; None:
             itself. ``place``: where its rows are in that one (N,).
         weight: the part of what each row tells that counts (N,); None: all of it.
+        gap_factor: what limbs may gap is multiplied by this, as the other noise was.
     """
 
     name: str
@@ -134,6 +135,7 @@ class Dataset:
     whole: Dataset | None = None
     place: Ints | None = None
     weight: Array | None = None
+    gap_factor: float = 1.0
 
     @classmethod
     def of_poses(cls, name: str, q: Array, pose: Array, sigma: tuple[float, float],
@@ -209,7 +211,7 @@ class Dataset:
             self, sigma_position=row_by_row(noisy, self.sigma_position),
             sigma_rotation=row_by_row(noisy, self.sigma_rotation),
             sigma_value=row_by_row(noisy, self.sigma_value),
-            sigma_actuator=noisy(self.sigma_actuator))
+            sigma_actuator=noisy(self.sigma_actuator), gap_factor=factor * self.gap_factor)
 
     def without(self, rows: NDArray[np.bool_], reason: str) -> Dataset:
         """Return the data set with ``rows`` (N,) marked unusable, unless they are already."""

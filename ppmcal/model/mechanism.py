@@ -24,6 +24,8 @@ from ppmcal.wording import pluralize
 
 PASSIVE = -1
 """In the place of an actuator: the limb has no drive."""
+USUAL_NOISE = 1e-5
+"""What drives repeat to where nobody says it, in parts of the reach: beside what limbs may gap."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,8 @@ class Mechanism:
         gauge: how a calibration by joint values alone fixes the base: ``base``, by base points that
             stay where they are, or ``tolerances``, by the priors of all.
         defining: parameters that are held for that: exact in the frames that they define.
+        gaps: limb -> standard deviation of how far it is from closing, m; of limbs that are not
+            there the drives' noise is all.
         source: path of the file, for messages; ``inputs``: all files it was read from.
     """
 
@@ -115,6 +119,7 @@ class Mechanism:
     source: str = ""
     gauge: str = "base"
     defining: tuple[int, ...] = ()
+    gaps: Mapping[str, float] = field(default_factory=dict)
     inputs: tuple[str, ...] = ()
     stiffness: tuple[Mapping[str, float], ...] = ()
     tolerances: Mapping[str, float] = field(default_factory=dict)
@@ -156,6 +161,16 @@ class Mechanism:
     def surplus(self) -> int:
         """By how many the equations are more than the freedoms of the platform."""
         return self.equations - len(self.dof)
+
+    @cached_property
+    def gap_sigma(self) -> Array:
+        """Standard deviations of what the limbs' equations may gap (m,), 0 without surplus.
+
+        Of an equation between directions, a cosine, as an arc at the platform's joints.
+        """
+        size = {True: self.length_scale, False: 1.0}
+        return np.array([self.gaps.get(limb.name, 0.0) / size[of_angle] for limb in self.limbs
+                         for of_angle in limb.kind.surface.of_angles]) * (self.surplus > 0)
 
     @cached_property
     def dependent(self) -> int:
@@ -212,6 +227,13 @@ class Mechanism:
         own = list(self.driven)
         out[[self.limbs[i].actuator for i in own]] = np.abs(self.limb_ratios[own])
         return out
+
+    @cached_property
+    def usual_joint_noise(self) -> Array:
+        """What joint coordinates repeat to where no data say it (k,), m or rad."""
+        size = USUAL_NOISE * self.reach
+        return np.array([size if q == "length" else size / self.length_scale
+                         for q in self.actuator_quantity])
 
     def joint_factors(self, units: Units | None = None) -> Array:
         """Return the SI value of one unit of each joint variable (k,); 1 with a ratio.

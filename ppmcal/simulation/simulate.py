@@ -18,7 +18,7 @@ from ppmcal.calibration.fit import stretched
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import with_strokes
-from ppmcal.kinematics.equilibrium import consistent_joints, reached_poses
+from ppmcal.kinematics.equilibrium import consistent_joints, gaping, reached_poses
 from ppmcal.kinematics.instrument_readings import sensor_turn
 from ppmcal.kinematics.joint_readings import JointReading
 from ppmcal.kinematics.needed_columns import ORDER, missing_columns, remembers
@@ -192,9 +192,13 @@ def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
 
     And how the joint reads that an encoder is at, where there is one.
 
-    ``q`` (N, k) are the commands. A machine with surplus equations records where its limbs are.
+    ``q`` (N, k) are the commands. A machine with surplus equations records where its limbs are,
+    but for what they gap.
     """
     q, real = consistent_joints(model, q, rows)
+    gaps = model.mechanism.gap_sigma
+    if gaps.any():
+        q, real = gaping(q, real, rng.normal(size=(len(q), len(gaps))) * gaps)
     actual, true, at = real.pose, q, real
     if np.any(scenario.sigma_actuator > 0.0):
         shaken = q + rng.normal(size=q.shape) * scenario.sigma_actuator

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.redundant import cables, machine, stewart
+from helpers.redundant import cables, gapped, machine, stewart
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
@@ -16,7 +16,9 @@ from ppmcal.model.dataset import Dataset
 JOINT, PLACE, TURN = 2e-4, 1e-4, 5e-4
 
 
-@pytest.fixture(scope="module", params=[cables, stewart])
+@pytest.fixture(scope="module", params=[
+    cables, stewart, lambda: gapped(cables()), lambda: gapped(stewart())],
+    ids=["cables", "stewart", "cables that gap", "stewart that gaps"])
 def bench(request, tmp_path_factory):
     """A machine, its rows as a problem, and the state at its nominal values."""
     mechanism = machine(tmp_path_factory.mktemp("m"), request.param())
@@ -44,7 +46,8 @@ def residual(problem, state, row, x, step):
     twist[:, mechanism.dof] = x
     pose = moved(state.poses[0][row:row + 1], twist)
     closure = Model(mechanism, g).closure(data.q[row:row + 1])
-    noise = np.diagonal(closure.joint_matrix(pose)[0]) * JOINT
+    gaps = [mechanism.gaps.get(limb.name, 0.0) for limb in mechanism.limbs]
+    noise = np.hypot(np.diagonal(closure.joint_matrix(pose)[0]) * JOINT, gaps)
     own = [closure.misclosure(pose)[0] / noise]
     seen = np.concatenate([cga.translation(pose)[0], cga.rotation_vector(pose)[0]])
     measured = np.concatenate([data.position[row], data.rotation[row]])

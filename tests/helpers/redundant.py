@@ -34,6 +34,13 @@ def stewart(legs=7):
             "tolerances": {"point": 0.5, "offset": 0.5, "angle": 0.1}}
 
 
+def gapped(tree, sizes=(0.3, 0.1, 0.6, 0.2)):
+    """Return a file whose limbs may gap, one after the other by ``sizes``, its length units."""
+    names = [limb["name"] for limb in tree["limbs"]]
+    return {**tree, "closure": {"sigma": {
+        name: sizes[i % len(sizes)] for i, name in enumerate(names)}}}
+
+
 def written(folder, tree, name="m.yaml"):
     """Write a mechanism file; return its path."""
     path = folder / name

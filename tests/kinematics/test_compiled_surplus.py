@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers.diagnoses import CONFIGS
-from helpers.redundant import belts, cables, machine, rope_cage, stewart
+from helpers.redundant import belts, cables, gapped, machine, rope_cage, stewart
 
 from ppmcal.kinematics import compiled_limbs
 from ppmcal.kinematics.closure import Model
@@ -26,7 +26,10 @@ def cranks():
     return tree
 
 
-@pytest.fixture(scope="module", params=[cables, stewart, rope_cage, belts, cranks])
+@pytest.fixture(scope="module", params=[
+    cables, stewart, rope_cage, belts, cranks, lambda: gapped(stewart()),
+    lambda: gapped(cranks(), (0.3, 0.0))], ids=[
+        "cables", "stewart", "cage", "belts", "cranks", "stewart that gaps", "cranks, some gap"])
 def rows(request, tmp_path_factory):
     """A model off its nominal values, joint values that contradict each other, and poses."""
     mechanism = machine(tmp_path_factory.mktemp("m"), request.param())

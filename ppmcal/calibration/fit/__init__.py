@@ -70,6 +70,8 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns as NuisanceColumns
     from ppmcal.calibration.fit.observation import GAP as GAP
     from ppmcal.calibration.fit.observation import coordinates as coordinates
+    from ppmcal.calibration.fit.observation import gap_names as gap_names
+    from ppmcal.calibration.fit.observation import gap_noise as gap_noise
     from ppmcal.calibration.fit.observation import labels as labels
     from ppmcal.calibration.fit.observation import noise as noise
     from ppmcal.calibration.fit.observation import noise_quantity as noise_quantity

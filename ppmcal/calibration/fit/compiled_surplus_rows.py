@@ -4,10 +4,10 @@ A row's closure c, by what its joints say, and what its instrument shows are whi
 
     (D c, V (y - h)),    moved by its pose as    P = (D A, V H),
 
-with D one over the noise of each equation by its joint. Reflections make P a triangle: what they
-leave of a row below that is what no pose explains, and all that the row tells (Golub and Pereyra
-1973). It is what :mod:`response` and :func:`observation.whitener` make by another basis, so that
-sums and squares are theirs.
+with D one over the noise of each equation by its joint and its gap. Reflections make P a triangle:
+what they leave of a row below that is what no pose explains, and all that the row tells (Golub and
+Pereyra 1973). It is what :mod:`response` and :func:`observation.whitener` make by another basis, so
+that sums and squares are theirs.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from ppmcal.kinematics.compiled_closure import (
     sizes_at,
     stage_lines,
 )
-from ppmcal.kinematics.compiled_surplus import rates_at
+from ppmcal.kinematics.compiled_surplus import rates_at, spreads_at
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Ints
 
@@ -103,8 +103,9 @@ def pose_columns(white: Array, A: Array, c: Array, by: Array, seen: Array, dof: 
 
 
 @compiled
-def likely_rows(limbs: LimbTables, sight: InstrumentTables, noise: Array, u: Array, pose: Array,
-                shown: Array, white: Array, steps: int, still: float, slack: float) -> Array:
+def likely_rows(limbs: LimbTables, sight: InstrumentTables, noise: Array, gaps: Array, u: Array,
+                pose: Array, shown: Array, white: Array, steps: int, still: float, slack: float
+                ) -> Array:
     """Move poses (N, 8) in place to where rows most likely stood; return their squares (N,).
 
     As :func:`latent_poses.most_likely`, row by row.
@@ -113,6 +114,7 @@ def likely_rows(limbs: LimbTables, sight: InstrumentTables, noise: Array, u: Arr
         limbs: of the closure.
         sight: of the instrument, in k coordinates.
         noise: of the limbs' joint coordinates (L,), m or rad.
+        gaps: of the equations (m,), m.
         u: joint coordinates (N, L).
         pose: platform motors (N, 8) by joints alone.
         shown: what was measured (N, 6), 0 where nothing was.
@@ -141,8 +143,9 @@ def likely_rows(limbs: LimbTables, sight: InstrumentTables, noise: Array, u: Arr
             equations_at(limbs, chain, size, R, t, c, line)
             pose_rows(line, t, limbs.dof, A)
             rates_at(limbs, u[n], chain, size, R, line, rate)
+            spreads_at(limbs, noise, gaps, rate)
             for e in range(m):
-                own[e] = 1.0 / abs(rate[e] * noise[limbs.limb[e]])
+                own[e] = 1.0 / rate[e]
             if k > 0:
                 seen_point(sight, body, arm, point)
                 if turns:
@@ -176,8 +179,8 @@ def likely_rows(limbs: LimbTables, sight: InstrumentTables, noise: Array, u: Arr
 
 @compiled
 def white_rows(limbs: LimbTables, entries: EntryTables, sight: InstrumentTables, columns: Ints,
-               noise: Array, u: Array, q: Array, pose: Array, shown: Array, white: Array,
-               weight: Array, out: Array) -> Array:
+               noise: Array, gaps: Array, u: Array, q: Array, pose: Array, shown: Array,
+               white: Array, weight: Array, out: Array) -> Array:
     """Fill rows (J r), or return (J r)^T (J r), its upper half, without them.
 
     Arguments as of :func:`compiled_rows.white_rows` and :func:`likely_rows`: ``pose`` (N, 8) is
@@ -212,6 +215,7 @@ def white_rows(limbs: LimbTables, entries: EntryTables, sight: InstrumentTables,
             stage_lines(limbs, entries, chain, body, line, middle, staged, w)
             pose_rows(line, t, limbs.dof, A)
             rates_at(limbs, u[n], chain, size, R, line, rate)
+            spreads_at(limbs, noise, gaps, rate)
             if k > 0:
                 seen_point(sight, body, arm, point)
                 if turns:
@@ -219,7 +223,7 @@ def white_rows(limbs: LimbTables, entries: EntryTables, sight: InstrumentTables,
                 sight_rows(sight, body, shown[n], white[n], arm, point, turned, more, by, seen)
             T[d + 1:] = 0.0
             for e in range(m):
-                own[e] = 1.0 / abs(rate[e] * noise[limbs.limb[e]])
+                own[e] = 1.0 / rate[e]
                 T[d + 1 + e, e] = own[e]
             for i in range(k):
                 for a in range(rest - 1):

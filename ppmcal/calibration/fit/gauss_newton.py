@@ -206,8 +206,7 @@ def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior:
     if not solved(trial, keep):
         return None
     there = linearised(problem, trial, keep, prior, weights, now.information is None)
-    by_joints = any(np.any(s > 0.0) for s in problem.sigma_joints)
-    if by_joints and there.promise < SETTLING * now.promise:
+    if any(problem.noisy_closure) and there.promise < SETTLING * now.promise:
         return trial
     trial = problem.moved(trial, there.small.step()[0])
     return trial if cost(problem, trial, keep, prior, weights) < before else None

@@ -32,12 +32,14 @@ ALONE = 1e-2
 class LikelyRows(NamedTuple):
     """What compiled rows (n,) of surplus limbs are made of.
 
-    ``noise`` of the joint coordinates (L,); these ``u`` (n, L); ``pose`` (n, 8): where the rows
-    most likely stood; ``seen`` (n, 6): what was measured, and ``white`` (n, k): 1/sigma, whatever
-    rows weigh; ``squares`` of the rows (n,), and ``number`` (n,) of the values that each holds.
+    ``noise`` of the joint coordinates (L,) and ``gaps`` of the equations (m,); ``u`` (n, L);
+    ``pose`` (n, 8): where the rows most likely stood; ``seen`` (n, 6): what was measured, and
+    ``white`` (n, k): 1/sigma, whatever rows weigh; ``squares`` of the rows (n,), and ``number``
+    (n,) of the values that each holds.
     """
 
     noise: Array
+    gaps: Array
     u: Array
     pose: Array
     seen: Array
@@ -50,7 +52,8 @@ class LikelyRows(NamedTuple):
 class Sighting:
     """A data set as its instrument sees the machine from where it stands.
 
-    ``columns``: what of it is open; ``sigma_joint`` (k,): noise of the joints, unit of q.
+    ``columns``: what of it is open; ``sigma_joint`` (k,): noise of the joints, unit of q;
+    ``sigma_gap`` (m,): of what the equations may gap.
     """
 
     mechanism: Mechanism
@@ -58,16 +61,18 @@ class Sighting:
     registration: Registration
     columns: NuisanceColumns
     sigma_joint: Array
+    sigma_gap: Array
 
     @property
     def plain(self) -> bool:
         """Whether rows are their poses' own: no effects, no distances, sound joints.
 
-        Surplus limbs contradict each other by their joints' noise, which all have to have some.
+        Surplus limbs contradict each other by the noise of joints or gaps: all have to have some.
         """
         data = self.data
         own_scale = data.scale.fitted or self.registration.scale != 1.0
-        sound = (bool(np.all(self.sigma_joint > 0.0)) if self.mechanism.surplus
+        noisy = np.all(self.sigma_joint > 0.0) or np.all(self.sigma_gap > 0.0)
+        sound = (bool(noisy) if self.mechanism.surplus
                  else not np.any(data.sigma_actuator > 0.0))
         return (sound and not self.mechanism.effects and data.kind.of_poses
                 and not data.kind.along_line and not (data.kind.touches and own_scale))
@@ -113,9 +118,10 @@ class Sighting:
         seen, white, number = white_measurements(replace(self.data, weight=None), mechanism.motion,
                                                  rows)
         pose = np.array(pose)
-        squares = likely_rows(tables.limbs, self.tables, noise, u, pose, seen, white, STEPS,
-                              ALONE * STILL * mechanism.length_scale, ROUND_OFF)
-        return LikelyRows(noise, u, pose, seen, white, squares, number + mechanism.surplus)
+        squares = likely_rows(tables.limbs, self.tables, noise, self.sigma_gap, u, pose, seen,
+                              white, STEPS, ALONE * STILL * mechanism.length_scale, ROUND_OFF)
+        return LikelyRows(noise, self.sigma_gap, u, pose, seen, white, squares,
+                          number + mechanism.surplus)
 
     def likely_poses(self, rows: Ints, pose: Array, closure: Closure) -> Array | None:
         """Return where some rows (n,) most likely stood (n, 8), None where NumPy is the way."""

@@ -5,9 +5,10 @@ latent that minimises
 
     c' S^-1 c + (y - h)' V (y - h),
 
-with c the closure at the joints as read, S its noise and V that of the instrument. There, and not
-where the joints alone would have it, the rows are linear in the parameters without an error of
-first order, so that the gradient of chi-squared is exact (Golub and Pereyra 1973).
+with c the closure at the joints as read, S its noise by joints and gaps and V that of the
+instrument. There, and not where the joints alone would have it, the rows are linear in the
+parameters without an error of first order, so that the gradient of chi-squared is exact (Golub and
+Pereyra 1973).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from ppmcal.calibration.fit.observation import ResidualJacobian
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.forward import moved
-from ppmcal.kinematics.least_squares_closure import symmetric_system
+from ppmcal.kinematics.least_squares_closure import symmetric_system, with_gaps
 from ppmcal.linalg import Array, solve_rows
 
 STEPS = 10
@@ -30,7 +31,7 @@ ROUND_OFF = 1e-9
 
 
 def most_likely(closure: Closure, look: Callable[[Array], ResidualJacobian], pose: Array,
-                sigma: Array, sigma_joint: Array) -> Array:
+                sigma: Array, sigma_joint: Array, gaps: Array) -> Array:
     """Return the poses (N, 8) near those by joints alone, themselves where no step leads down.
 
     Args:
@@ -39,11 +40,12 @@ def most_likely(closure: Closure, look: Callable[[Array], ResidualJacobian], pos
         pose: motors (N, 8) by joints alone.
         sigma: standard deviations of what it measures (N, k).
         sigma_joint: of the joints, unit of q.
+        gaps: of what limbs may gap (m,).
     """
     mechanism = closure.model.mechanism
     best, least = pose, np.full(len(pose), np.inf)
     for _ in range(STEPS):
-        value, step = _step(closure, look(pose), pose, sigma, sigma_joint)
+        value, step = _step(closure, look(pose), pose, sigma, sigma_joint, gaps)
         down = value <= (1.0 + ROUND_OFF) * least
         best = np.where(down[:, None], pose, best)
         least = np.where(down, np.minimum(value, least), least)
@@ -55,12 +57,12 @@ def most_likely(closure: Closure, look: Callable[[Array], ResidualJacobian], pos
     return best
 
 
-def _step(closure: Closure, seen: ResidualJacobian, pose: Array, sigma: Array, sigma_joint: Array
-          ) -> tuple[Array, Array]:
+def _step(closure: Closure, seen: ResidualJacobian, pose: Array, sigma: Array, sigma_joint: Array,
+          gaps: Array) -> tuple[Array, Array]:
     """Return what is minimised (N,) at poses, and the step (N, d) from there."""
     c, lines = closure.misclosure_and_lines(pose)
     a = closure.pose_matrix(pose, lines)
-    noise = closure.joint_matrix(pose, lines) * sigma_joint
+    noise = with_gaps(closure.joint_matrix(pose, lines) * sigma_joint, gaps)
     system, size = symmetric_system(noise, a)
     m = a.shape[1]
     white = np.where(seen.observed, 1.0 / sigma, 0.0)

@@ -116,8 +116,8 @@ def _likely_squares(problem: Problem, state: State, index: int, rows: Ints) -> A
 class _CompiledRows:
     """Rows ``index`` (N,) of a data set, compiled; ``values`` (N,): how many each holds.
 
-    ``size``: how many white values a row has, measured or not; ``noise`` (L,) and ``weight`` (N,)
-    are there where limbs are surplus.
+    ``size``: how many white values a row has, measured or not; ``noise`` (L,), ``gaps`` (m,) and
+    ``weight`` (N,) are there where limbs are surplus.
     """
 
     index: Ints
@@ -129,16 +129,17 @@ class _CompiledRows:
     values: Ints
     size: int
     noise: Array | None = None
+    gaps: Array | None = None
     weight: Array | None = None
 
     def made(self, some: slice, out: Array) -> Array:
         """Fill rows (n, size, C + 1), or return the sums where there are none to fill."""
         u, q, pose, seen, white = (a[some] for a in self.arrays)
-        if self.noise is not None and self.weight is not None:
+        if self.noise is not None and self.gaps is not None and self.weight is not None:
             from ppmcal.calibration.fit.compiled_surplus_rows import white_rows as eliminated
 
-            return eliminated(self.limbs, self.entries, self.sight, self.columns, self.noise, u, q,
-                              pose, seen, white, self.weight[some], out)
+            return eliminated(self.limbs, self.entries, self.sight, self.columns, self.noise,
+                              self.gaps, u, q, pose, seen, white, self.weight[some], out)
         from ppmcal.calibration.fit.compiled_rows import white_rows
 
         return white_rows(self.limbs, self.entries, self.sight, self.columns, u, q, pose, seen,
@@ -172,7 +173,7 @@ def _compiled_rows(problem: Problem, state: State, index: int, keep: Bools,
                 weight = weight * weights[rows]
             yield _CompiledRows(
                 rows, *same, (own.u, q, own.pose, own.seen, own.white), own.number,
-                own.white.shape[1] + problem.mechanism.surplus, own.noise, weight)
+                own.white.shape[1] + problem.mechanism.surplus, own.noise, own.gaps, weight)
             continue
         seen, white, number = problem.measured(index, rows)
         if weights is not None:

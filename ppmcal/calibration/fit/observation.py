@@ -303,15 +303,21 @@ def joint_noise(mechanism: Mechanism, data: Dataset) -> Array:
     """Return the standard deviations of the joint values (k,), unit of q.
 
     Where nobody says, joints are exact; those of a machine with surplus equations, which contradict
-    each other by their noise alone, are as good as the instrument.
+    each other by their noise alone, are as good as the instrument, unless limbs gap.
     """
-    if not mechanism.surplus or np.any(data.sigma_actuator > 0.0):
+    gap = np.all(gap_noise(mechanism, data) > 0.0)
+    if not mechanism.surplus or gap or np.any(data.sigma_actuator > 0.0):
         return data.sigma_actuator
     own = typical_noise(data) * (
         mechanism.length_scale if noise_quantity(data) == "angle" else 1.0)
     size = own / mechanism.joint_ratios
     turns = np.array([q == "angle" for q in mechanism.actuator_quantity])
     return np.asarray(np.where(turns, size / mechanism.length_scale, size))
+
+
+def gap_noise(mechanism: Mechanism, data: Dataset) -> Array:
+    """Return the standard deviations of what the closure equations may gap in a data set (m,)."""
+    return data.gap_factor * mechanism.gap_sigma
 
 
 def white_measurements(data: Dataset, motion: Motion, rows: Ints | slice = slice(None)
@@ -332,23 +338,23 @@ def white_measurements(data: Dataset, motion: Motion, rows: Ints | slice = slice
 
 
 def whitener(
-    view_: ResidualJacobian, sigma: Array, by_joint: Array | None, sigma_joint: Array
+    view_: ResidualJacobian, sigma: Array, by_noise: Array | None, sigma_noise: Array
 ) -> Array:
     """Return W (n, m, m) with W W^T the inverse covariance's root: W r is white.
 
     Args:
         view_: the rows; unmeasured coordinates get a unit row of their own.
         sigma: standard deviations (n, m).
-        by_joint: d prediction / dq (n, m, k), or None without joint noise.
-        sigma_joint: noise of the joints (k,), unit of q.
+        by_noise: d prediction / d(joints, and equations that gap) (n, m, k), or None without.
+        sigma_noise: their noise (k,), unit of q and m.
     """
     m = sigma.shape[1]
     safe = np.where(view_.observed, sigma, 1.0)
-    if by_joint is None or not np.any(sigma_joint > 0.0):
+    if by_noise is None or not np.any(sigma_noise > 0.0):
         return np.eye(m) / safe[..., None]
-    joint_noise = by_joint * sigma_joint
-    joint_noise = np.where(view_.observed[..., None], joint_noise, 0.0)
-    covariance = joint_noise @ np.swapaxes(joint_noise, -1, -2) + np.eye(m) * (safe**2)[..., None]
+    carried = by_noise * sigma_noise
+    carried = np.where(view_.observed[..., None], carried, 0.0)
+    covariance = carried @ np.swapaxes(carried, -1, -2) + np.eye(m) * (safe**2)[..., None]
     # scale to unit diagonal first: metres and radians differ by orders of magnitude
     d = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     root = linalg.cholesky(covariance / (d[..., :, None] * d[..., None, :]))

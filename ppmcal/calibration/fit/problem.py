@@ -24,6 +24,7 @@ from ppmcal.calibration.fit.latent_poses import most_likely
 from ppmcal.calibration.fit.nuisance_columns import NuisanceColumns, lay_out
 from ppmcal.calibration.fit.observation import (
     ResidualJacobian,
+    gap_noise,
     joint_noise,
     noise,
     view,
@@ -163,6 +164,17 @@ class Problem:
         return tuple(np.hypot(s, direction_sigma(self.mechanism, e))
                      for s, e in zip(own, self.environments, strict=True))
 
+    @cached_property
+    def sigma_gaps(self) -> tuple[Array, ...]:
+        """Noise of what the closure equations may gap by data set (m,), 0 where limbs close."""
+        return tuple(gap_noise(self.mechanism, d) for d in self.datasets)
+
+    @cached_property
+    def noisy_closure(self) -> tuple[bool, ...]:
+        """Whether joints or gaps have noise, which geometry carries to what is measured."""
+        return tuple(bool(np.any(joints > 0.0) or np.any(gaps > 0.0))
+                     for joints, gaps in zip(self.sigma_joints, self.sigma_gaps, strict=True))
+
     def open_scale(self) -> Array:
         """Return one natural unit per open column (C - F,): 1e-3 of the reach, 1e-3 rad.
 
@@ -262,7 +274,7 @@ class Problem:
     def sighting(self, index: int, state: State) -> Sighting:
         """Return a data set as its instrument sees the machine."""
         return Sighting(self.mechanism, self.datasets[index], state.registrations[index],
-                        self.opens[index], self.sigma_joints[index])
+                        self.opens[index], self.sigma_joints[index], self.sigma_gaps[index])
 
     def joints(self, index: int, state: State) -> Array:
         """Return the joint values of a data set with its homing shifts applied (N, k)."""
@@ -328,7 +340,7 @@ class Problem:
 
     def _chunk(self, i: int, data: Dataset, index: Ints, state: State, jacobian: bool) -> Rows:
         part, registration, motion = data.take(index), state.registrations[i], self.mechanism.motion
-        with_noise = bool(np.any(self.sigma_joints[i] > 0.0))
+        with_noise, gaps = self.noisy_closure[i], self.sigma_gaps[i]
         asked = jacobian or with_noise
         rows = self._at(i, index)
 
@@ -361,7 +373,8 @@ class Problem:
             (q, pose), = ends
             closure = models[0].closure(q)
             found = self.sighting(i, state).likely_poses(index, pose, closure)
-            ends = [(q, most_likely(closure, look, pose, sigma_seen, self.sigma_joints[i])
+            ends = [(q, most_likely(closure, look, pose, sigma_seen, self.sigma_joints[i],
+                                         gaps)
                      if found is None else found)]
         seen = look(*(pose for _, pose in ends))
         bases: list[tuple[Array, slice] | None] = [None] * len(ends)
@@ -373,7 +386,7 @@ class Problem:
                                                       - sigma_seen.shape[1])))
         n, m = seen.residual.shape
         full = np.zeros((n, m, len(self.columns) if jacobian else 0))
-        by_joint: list[Array] = []
+        by_noise: list[Array] = []
         responses: list[Response] = []
         if asked:
             for end, ((q, pose), model) in enumerate(zip(ends, models, strict=True)):
@@ -381,7 +394,9 @@ class Problem:
                 response = Response(closure, pose, seen, surroundings, end, bases[end])
                 responses.append(response)
                 if with_noise:
-                    by_joint.append(response.by_joint)
+                    by_noise.append(response.by_joint)
+                    if gaps.any():
+                        by_noise.append(response.by_equation)
                 if jacobian:
                     own = np.zeros_like(full) if end else full
                     response.geometry_columns(own, self.free, self.opens[i].homing)
@@ -390,9 +405,10 @@ class Problem:
                         full += own
             if jacobian:
                 self.opens[i].fill(full, seen)
-        sigma = np.tile(self.sigma_joints[i], len(ends))
+        sigma = [self.sigma_joints[i], gaps] if gaps.any() else [self.sigma_joints[i]]
         white = whitener(seen, sigma_seen,
-                         np.concatenate(by_joint, axis=-1) if by_joint else None, sigma)
+                         np.concatenate(by_noise, axis=-1) if by_noise else None,
+                         np.concatenate(sigma * len(ends)))
         if part.weight is not None:
             white = np.sqrt(part.weight)[:, None, None] * white
         full = np.where(seen.observed[..., None], full, 0.0)

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ppmcal.calibration.fit import Problem
+from ppmcal.calibration.fit import Problem, gap_noise
 from ppmcal.calibration.interpretation.interpretation_error import (
     FileFault,
     Interpretation,
@@ -25,6 +25,7 @@ from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton, with_limbs
 from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.least_squares_closure import with_gaps
 from ppmcal.kinematics.singular_structure import singular_structure
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -148,7 +149,8 @@ def _rows(problem: Problem, data: Dataset) -> _AgainstNominal | None:
     sigma = np.array([mechanism.parameters[p].prior_sigma or 0.0 for p in mechanism.free])
     closure, at = model.closure(q[good], mechanism.free), pose[good]
     moved = np.concatenate([closure.error_matrix(at, mechanism.free) * sigma,
-                            closure.joint_matrix(at) * data.sigma_actuator], axis=-1)
+                            with_gaps(closure.joint_matrix(at) * data.sigma_actuator,
+                                      gap_noise(mechanism, data))], axis=-1)
     allowed = np.full(len(q), np.linalg.norm(moved, axis=(-2, -1)).max())
     allowed[good] = np.linalg.norm(moved, axis=(-2, -1))
     return replace(rows, allowed=allowed)

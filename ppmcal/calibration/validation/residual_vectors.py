@@ -22,6 +22,7 @@ from ppmcal.calibration.fit import (
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.forward import moved
+from ppmcal.kinematics.least_squares_closure import with_gaps
 from ppmcal.kinematics.registration import carried_back
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
@@ -81,7 +82,7 @@ def residuals(problem: Problem, state: State) -> Residuals:
         chosen = coordinates(data, motion)
         places = sum(1 for c in chosen if c < 3)
         vector = np.full((len(data), len(chosen)), np.nan)
-        of_joints = bool(np.any(problem.sigma_joints[i] > 0.0))
+        of_joints = problem.noisy_closure[i]
         sigma = np.full_like(vector, np.nan) if of_joints else noise(data, motion)
         for rows in problem.rows_of(i, state, False):
             vector[rows.index] = rows.measured
@@ -107,15 +108,15 @@ def _norm(vector: Array) -> Array:
 def _gaps(problem: Problem, state: State, index: int) -> tuple[Array, Array]:
     """Return how far limbs are from closing where they contradict each other least, m (N, m).
 
-    And their standard deviations by the noise of the joints.
+    And their standard deviations by the noise of joints and gaps.
     """
     out = np.full((2, len(problem.datasets[index]), problem.mechanism.equations), np.nan)
     for rows in problem.rows_of(index, state, False):
         here = rows.response
         assert here is not None     # rows of joints alone have the joints' noise
-        moves = here.closure.joint_matrix(here.pose, here.lines)
+        moves = here.closure.joint_matrix(here.pose, here.lines) * problem.sigma_joints[index]
         out[0, rows.index] = here.closure.lengths(here.pose)
-        out[1, rows.index] = np.linalg.norm(moves * problem.sigma_joints[index], axis=-1)
+        out[1, rows.index] = np.linalg.norm(with_gaps(moves, problem.sigma_gaps[index]), axis=-1)
     return out[0], out[1]
 
 

@@ -19,14 +19,17 @@ class StiffnessArguments(Arguments):
         None, "Load at the tool point, base axes, N and N m: fx=0,fy=0,fz=-100.", "--load",
         metavar="TEXT")
     payload: float | None = option(None, "Mass at the tool point, kg.")
+    tension: float | None = option(
+        None, "Mean tension of surplus ropes without the load, N  [default: none].")
     tool: str | Sequence[float] | None = tool()
 
 
 COMMAND = Command(
     "stiffness", StiffnessArguments,
     about=("How far the tool of {mechanism} gives way under load, at home and over a map.",
-           "{mechanism} says how stiff bars, drives and joints are under `stiffness`. Writes "
-           "map.csv, stiffness.json and pictures of the map."),
+           "{mechanism} says how stiff bars, drives and joints are under `stiffness`. Of surplus "
+           "limbs it tells the forces too; ropes only pull. Writes map.csv, stiffness.json and "
+           "pictures of the map."),
     examples=("ppmcal stiffness mine.yaml --load fz=-100",), out="stiffness",
     result="StiffnessResult",
     raises="BadInput: anything wrong in the files or options; a machine without springs.",

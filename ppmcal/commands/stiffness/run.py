@@ -12,12 +12,18 @@ import numpy as np
 from ppmcal.commands.inputs import files_of, load
 from ppmcal.commands.result import Result
 from ppmcal.commands.stiffness.options import StiffnessArguments
+from ppmcal.design.statics import only_pull
 from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import read_poses
 from ppmcal.io.grid import read_grid, read_point
 from ppmcal.io.results.stiffness import StiffnessRecord
-from ppmcal.io.results.stiffness_tables import AppliedLoad, StiffnessStudy, share_table
+from ppmcal.io.results.stiffness_tables import (
+    AppliedLoad,
+    StiffnessStudy,
+    force_table,
+    share_table,
+)
 from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import STANDARD_GRAVITY
@@ -67,10 +73,10 @@ class StiffnessResult(Result):
         """Yield what was found in sentences, and what gives way most."""
         yield f"{self.mechanism.name}:"
         yield from self.record.summary
-        shares = share_table(self.study)
-        if shares.rows:
-            yield f"{shares.title}. {shares.note}"
-            yield ShortTable(shares.columns, shares.rows, range(1, len(shares.columns)))
+        for table in (share_table(self.study), force_table(self.study)):
+            if table.rows:
+                yield f"{table.title}. {table.note}"
+                yield ShortTable(table.columns, table.rows, range(1, len(table.columns)))
 
 
 def run(asked: StiffnessArguments) -> StiffnessResult:
@@ -83,10 +89,11 @@ def run(asked: StiffnessArguments) -> StiffnessResult:
     point = read_point(asked.tool, machine)
     weight = (_payload(asked.payload, machine) if asked.payload is not None
               else _load(asked.load_at_tool, machine))
-    home = stiffness_at_home(machine, point)
+    wrench, tension = weight.wrench if weight else None, _tension(asked.tension, machine)
+    home = stiffness_at_home(machine, point, wrench, tension)
     mesh, wanted, notes = _poses(asked.grid, asked.poses, machine)
-    found = stiffness_table(machine, wanted, point, weight.wrench if weight else None)
-    study = StiffnessStudy(machine, wanted, mesh, point, weight, home, found, tuple(notes))
+    found = stiffness_table(machine, wanted, point, wrench, tension)
+    study = StiffnessStudy(machine, wanted, mesh, point, weight, home, found, tuple(notes), tension)
     source = source_of("stiffness", [*machine.inputs, *files_of(asked.poses)], None)
     record = StiffnessRecord.of(study, source)
     return StiffnessResult(source, tuple(record.findings), machine, study, record,
@@ -146,6 +153,18 @@ def _payload(mass: float, mechanism: Mechanism) -> AppliedLoad:
                        "the model does not give way", "--payload",
                        f"Change `gravity` in {mechanism.source}, or give --load")
     return AppliedLoad.of(wrench, f"the weight of {mass:g} kg")
+
+
+def _tension(mean: float | None, mechanism: Mechanism) -> float:
+    """Return the mean tension of ropes without a load, N; refuse it where none are in surplus."""
+    if mean is None:
+        return 0.0
+    if not 0.0 < mean < LARGEST:
+        raise BadInput(f"{mean:g} is not a tension", "--tension", "Write newtons, such as 50")
+    if not mechanism.surplus or not only_pull(mechanism).any():
+        raise BadInput("this machine has no ropes that could pull against others: without a load "
+                       "its limbs hold nothing", "--tension", "Leave it out")
+    return mean
 
 
 def _number(text: str, place: str, hint: str) -> float:

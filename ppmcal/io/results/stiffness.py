@@ -15,9 +15,11 @@ from ppmcal.io.pose_fields import factors
 from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
 from ppmcal.io.results.stiffness_tables import (
+    FORCE,
     WRENCH,
     AppliedLoad,
     StiffnessStudy,
+    force_table,
     maps,
     principal_table,
     share_table,
@@ -76,6 +78,8 @@ class HomeStiffness(Part):
     stiffness: HomeMatrix = HomeMatrix()
     load: AppliedLoad | None = None
     deflection: ByCoordinate[Mapping[str, Shown | None] | None] = None
+    forces: Mapping[str, Shown | None] | None = None
+    forces_without_load: Mapping[str, Shown | None] | None = None
 
     @classmethod
     def of(cls, study: StiffnessStudy) -> Self:
@@ -88,8 +92,13 @@ class HomeStiffness(Part):
         compliance, stiffness = found.matrix[0] / factor[:, None], found.stiffness[0] * factor
         loaded: dict[str, Any] = {}
         if study.load is not None:
-            moved = found.deflection(study.load.wrench)[0, dof]
+            moved = study.home.deflection(study.load.wrench)[dof]
             loaded = {"load": study.load, "deflection": dict(zip(names, moved, strict=True))}
+        held = study.home.held
+        for key, force in (() if held is None else (
+                ("forces", held.loaded), ("forces_without_load", held.idle))):
+            if force is not None:
+                loaded[key] = dict(zip(study.conditions, force[0], strict=True))
         return cls.filled(
             None, units, pose=dict(zip(names, study.home.pose[dof], strict=True)),
             status=study.home.status, tool=study.tool,
@@ -128,7 +137,8 @@ class StiffnessRecord(Record):
         return cls(format=cls.FORMAT, name=mechanism.name, summary=tuple(sentences(study)),
                    units=units, findings=tuple(findings(study)),
                    pictures={f"map_{m.name}.png": f"{m.title}, {m.unit}." for m in plotted(study)},
-                   tables=tuple(t for t in (share_table(study), principal_table(study)) if t.rows),
+                   tables=tuple(t for t in (
+                       share_table(study), force_table(study), principal_table(study)) if t.rows),
                    home=HomeStiffness.of(study), poses=len(status),
                    status={s: status.count(s) for s in sorted(set(status))},
                    provenance=Provenance(**provenance))
@@ -147,7 +157,8 @@ def plotted(study: StiffnessStudy) -> list[Map]:
     """Return the maps that have a picture: over a grid all that differ."""
     one_turn = sum(c >= 3 for c in study.mechanism.dof) == 1
     return [] if study.grid is None else [
-        m for m in maps(study) if not (m.name == "rotational_max" and one_turn)]
+        m for m in maps(study) if not (m.name == "rotational_max" and one_turn)
+        and not m.name.startswith(FORCE)]
 
 
 def pictures(study: StiffnessStudy) -> dict[str, bytes]:

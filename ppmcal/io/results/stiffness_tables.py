@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from ppmcal.calibration.fit import GAP, gap_names
 from ppmcal.design.stiffness import Home, Stiffnesses
 from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.record import Part, Shown, Text
@@ -16,6 +17,8 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.plotting.map_data import Map
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+FORCE = "force_"
+"""How columns of what limbs hold begin."""
 WIDE = 30.0
 """Colours go with the logarithm where values differ by more than this factor."""
 
@@ -53,6 +56,7 @@ class StiffnessStudy:
         load: None without one.
         home: compliance at home; ``found``: over the poses.
         notes: what the command has to say itself.
+        tension: of ropes without the load, their mean, N.
     """
 
     mechanism: Mechanism
@@ -63,6 +67,12 @@ class StiffnessStudy:
     home: Home
     found: Stiffnesses
     notes: tuple[str, ...] = ()
+    tension: float = 0.0
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Limbs as forces are told of them (m,), those with several conditions numbered."""
+        return tuple(name.removeprefix(GAP) for name in gap_names(self.mechanism))
 
 
 def maps(study: StiffnessStudy) -> list[Map]:
@@ -91,7 +101,31 @@ def maps(study: StiffnessStudy) -> list[Map]:
         out.append(one("deflection_position", f"Displacement {under}", "length", size[0]))
         if turns:
             out.append(one("deflection_rotation", f"Rotation {under}", "angle", size[1]))
-    return out
+    return [*out, *_force_maps(study, shape)]
+
+
+def _force_maps(study: StiffnessStudy, shape: tuple[int, ...]) -> list[Map]:
+    """Return what each limb holds, positive where it pulls."""
+    held = study.found.held
+    if held is None or held.forces is None:
+        return []
+    units = [unit for limb in study.mechanism.limbs for unit in (
+        "N m" if turns else "N" for turns in limb.kind.surface.of_angles)]
+    return [Map(f"{FORCE}{name}", f"Force in {name}, positive where it pulls", unit,
+                values.reshape(shape)) for name, unit, values in zip(
+                    study.conditions, units, held.forces.T, strict=True)]
+
+
+def force_table(study: StiffnessStudy) -> ShownTable:
+    """Return what surplus limbs hold at home, without a load and under it."""
+    held = study.home.held
+    columns = {} if held is None else {
+        name: force[0] for name, force in (("without load", held.idle), ("under load", held.loaded))
+        if force is not None and np.isfinite(force).all()}
+    rows = tuple((name, *(f"{force[i]:.4g}" for force in columns.values()))
+                 for i, name in enumerate(study.conditions)) if columns else ()
+    return ShownTable(title="What limbs hold at home, N", columns=("limb", *columns), rows=rows,
+                      note="Positive where they pull.")
 
 
 def share_table(study: StiffnessStudy) -> ShownTable:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ppmcal.design.statics import only_pull
 from ppmcal.design.stiffness import Home, Principal, Stiffnesses
 from ppmcal.io.results.stiffness_tables import AppliedLoad, StiffnessStudy
 from ppmcal.kinematics.tables import SINGULAR_HOME, home_singular_value
@@ -24,13 +25,13 @@ ALIKE = 1.001
 def sentences(study: StiffnessStudy) -> list[str]:
     """Return the result in words, the most important first."""
     return [*_at_home(study.mechanism, study.home, study.tool, study.load),
-            *_over_poses(study.mechanism, study.found, study.home), *study.notes,
-            *_assumptions(study.mechanism)]
+            *_held_at_home(study), *_over_poses(study.mechanism, study.found, study.home),
+            *study.notes, *_assumptions(study.mechanism)]
 
 
 def findings(study: StiffnessStudy) -> list[Note]:
     """Return what the user must look at."""
-    return [*_home_findings(study.mechanism, study.home, study.load),
+    return [*_home_findings(study.mechanism, study.home, study.load), *_slack_findings(study),
             *_map_findings(study.mechanism, study.found, study.load)]
 
 
@@ -85,7 +86,9 @@ def _deflection(mechanism: Mechanism, home: Home, load: AppliedLoad) -> str:
     """Return by how far the tool gives way at home."""
     if not np.isfinite(home.compliance.shares(load.wrench)).any():
         return f"Under {load.words} nothing gives way there."
-    moved = home.compliance.deflection(load.wrench)[0]
+    moved = home.deflection(load.wrench)
+    if np.isnan(moved).any():
+        return f"Under {load.words} ropes do not hold the platform there."
     whole = max(np.linalg.norm(moved[:3]),
                 np.linalg.norm(moved[3:]) * mechanism.length_scale)
     scale = np.repeat([1.0, mechanism.length_scale], 3)
@@ -151,6 +154,9 @@ def _assumptions(mechanism: Mechanism) -> list[str]:
         if len(sharing) > 1 and "drive" in mechanism.stiffness[sharing[0]]:
             names = ", ".join(mechanism.limbs[i].name for i in sharing)
             out.append(f"{names} hang on one drive, {name}: one spring, not one for each limb.")
+    if mechanism.surplus and only_pull(mechanism).any():
+        out.append("Stiffness is that of tight ropes. Under a load a rope without tension holds "
+                   "nothing; --tension says how tight they are without it.")
     left = "preload, the parts' own weight"
     kinds = dict.fromkeys(effect.kind.name for effect in mechanism.effects)
     if kinds:
@@ -165,7 +171,7 @@ def _home_findings(mechanism: Mechanism, home: Home, load: AppliedLoad | None) -
     """Return what is wrong with home."""
     out = []
     if load is not None:
-        moved = home.compliance.deflection(load.wrench)[0]
+        moved = home.deflection(load.wrench)
         if max(np.linalg.norm(moved[:3]) / mechanism.reach, np.linalg.norm(moved[3:])) > LINEAR:
             out.append(Note(
                 f"at home {load.words} moves the tool by more than {LINEAR:.0%} of the "
@@ -176,6 +182,40 @@ def _home_findings(mechanism: Mechanism, home: Home, load: AppliedLoad | None) -
     if value < SINGULAR_HOME:
         out.append(Note(f"the machine is close to a singularity at home (smallest singular value "
                         f"{value:.2g}): its stiffness there says little"))
+    return out
+
+
+def _held_at_home(study: StiffnessStudy) -> list[str]:
+    """Return what surplus limbs hold among themselves at home, of no tension that was asked for."""
+    held = study.home.held
+    if held is None or held.idle is None or study.tension or not np.isfinite(held.idle).all():
+        return []
+    size = np.abs(held.idle[0])
+    return [f"Without any load limbs hold up to {size.max():.3g} N against each other at home "
+            f"({study.conditions[int(size.argmax())]}): the controller commands the nominal "
+            "geometry, and this machine has another."]
+
+
+def _slack_findings(study: StiffnessStudy) -> list[Note]:
+    """Return which ropes have no tension, and where ropes hold no load."""
+    out, home, found = list[Note](), study.home.held, study.found
+    if home is None or found.held is None or (home.forces is None and found.held.forces is None):
+        return out
+    under = f"under {study.load.words}" if study.load else "without a load"
+    if home.forces is not None and not np.isfinite(home.forces).all():
+        out.append(Note(f"at home ropes do not hold the platform {under}: no tensions balance it "
+                        "in this pose"))
+    elif home.slack[0].any():
+        slack = [n for n, s in zip(study.conditions, home.slack[0].tolist(), strict=True) if s]
+        out.append(Note(f"at home {', '.join(slack)} {'is' if len(slack) == 1 else 'are'} slack "
+                        f"{under}, and hold{'s' * (len(slack) == 1)} nothing"))
+    if found.held.forces is None:
+        return out
+    held = np.isfinite(found.held.forces).all(axis=1)
+    lost, slack_there = found.ok & ~held, found.ok & held & found.held.slack.any(axis=1)
+    for rows, what in ((lost, "ropes do not hold the platform"), (slack_there, "a rope is slack")):
+        if rows.any():
+            out.append(Note(f"{under} {what} at {int(rows.sum())} of {int(found.ok.sum())} poses"))
     return out
 
 

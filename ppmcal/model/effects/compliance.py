@@ -75,5 +75,6 @@ COMPLIANCE = register(EffectKind(
                *(EffectParameter(n, "joint", np.nan, constant=True, stroke_end=n)
                  for n in ("low", "high"))),
     ("load",), _terms, uses_load=True, under_weight=True,
+    gives=lambda values: 1.0 / values["stiffness"],
     worked=Worked({"stiffness": 2e7, "hardening": 1e-2, "by_stroke": 4.0, "low": 0.0, "high": 1.0},
                   {"load": 100.0, "travel": 0.75}, 5e-6)))

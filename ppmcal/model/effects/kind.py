@@ -217,6 +217,8 @@ class EffectKind:
             equations beyond the platform's freedoms.
         exists_in: motion -> whether machines of that motion can have it.
         uses_load: whether the shift depends on the pose, through the actuators' load or itself.
+        gives: values -> how far its actuators give way per unit of a small load (joint/load), of a
+            kind by which surplus limbs share what they carry.
         worked: a case with numbers: (parameters, setting changes, expected); see tests.
         derived: figures that follow from the parameters, told beside them.
         follows: what its residuals are plotted against; None: the first column that it needs, or
@@ -265,6 +267,7 @@ class EffectKind:
     opposed: bool = False
     exists_in: Callable[[Motion], bool] = lambda motion: True
     uses_load: bool = False
+    gives: Callable[[Mapping[str, float]], float] | None = None
     worked: Worked | None = None
     derived: tuple[Derived, ...] = ()
     follows: EffectInput | None = None

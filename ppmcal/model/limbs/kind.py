@@ -90,9 +90,15 @@ class Surface:
         return len(self.point_moves)
 
     @property
+    def of_angles(self) -> tuple[bool, ...]:
+        """Which of them turn the platform and nothing else: cosines instead of lengths."""
+        forms = self.forms or (EquationForm(""),) * self.equations
+        return tuple(f.name in ("angle", "between axes") for f in forms)
+
+    @property
     def angles(self) -> bool:
         """Whether one of them turns the platform and nothing else."""
-        return any(f.name in ("angle", "between axes") for f in self.forms)
+        return any(self.of_angles)
 
 
 @dataclass(frozen=True)
