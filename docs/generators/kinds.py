@@ -65,8 +65,9 @@ def limb_page() -> str:
 def _limb(kind: LimbKind) -> str:
     slots = [(code(s.name), s.quantity, "needed" if s.default is None else f"{s.default:g}",
               f"`{s.tolerance_class}`", _slot(s)) for s in kind.slots]
-    further = [(code(d), "direction", "needed", "`angle`",
-                f"a unit vector in {d.partition('.')[0]} axes") for d in kind.directions]
+    further = [(code(d), "direction", "needed", "`angle`" if d not in kind.axes_without_errors else
+                "", DIRECTIONS.get(d, f"a unit vector in {d.partition('.')[0]} axes"))
+               for d in kind.directions]
     further += [(code(a), "direction", "none", "`angle`", "first axis of a universal joint whose "
                  "axes miss each other") for a in kind.axes if a not in kind.directions]
     branch = [] if kind.branch is None else [
@@ -90,17 +91,30 @@ SLOTS = {"lateral": "how far the strut or slide passes beside the joint", "offse
          "unit", "length": "of the rod", "proximal": "from the base's joint to the middle one",
          "distal": "from the middle joint to the platform's", "slide_angle": "between slide and "
          "link", "base.angle": "of the slide, against the base's x axis", "platform.angle":
-         "of the slide, against the platform's x axis"}
+         "of the slide, against the platform's x axis", "radius": "of the pulley, to the middle of "
+         "the rope"}
+DIRECTIONS = {
+    "base.pulley.axis": "a unit vector in base axes, about which the rope runs round the pulley: "
+    "as fingers do round the thumb of a right hand",
+    "base.pulley.zero": "a unit vector in base axes, from the centre to where the rope comes onto "
+    "the pulley",
+    "base.swivel_pulley.axis": "a unit vector in base axes, about which the pulley swivels: along "
+    "the rope that comes onto it, the way it comes"}
+PULLEYS = {"center": "centre of the pulley, in base axes",
+           "point": "where the rope comes onto the pulley, on its swivel axis, in base axes"}
 
 
 def _slot(slot: SlotSpec) -> str:
     if slot.name.endswith("axis_offset"):
         return "how far the axes of the universal joint miss each other"
+    *_, body, point, _ = ("", "", *slot.name.split("."))
+    if body.endswith("pulley") and point in PULLEYS:
+        return PULLEYS[point]
     if ".point." in slot.name:
         return f"joint of the {slot.name.partition('.')[0]}, in its axes"
     if slot.name.rpartition(".")[2] in ("rx", "ry", "rz"):
         return f"error of {slot.name.rpartition('.')[0]}: a small turn in its axes"
-    return SLOTS[slot.name]
+    return SLOTS["radius" if slot.wheel else slot.name]
 
 
 def example_limb(kind: LimbKind) -> tuple[str, dict[str, object]]:
@@ -112,8 +126,7 @@ def example_limb(kind: LimbKind) -> tuple[str, dict[str, object]]:
     for path in sorted((ROOT / "configs").glob("*.yaml"), key=lambda p: (len(p.stem), p.stem)):
         tree = yaml.safe_load(path.read_text(encoding="utf-8"))
         for limb in tree.get("limbs", ()) if "motion" in tree else ():
-            name = limb.get("kind", "")
-            if kind is limb_kind({"kind": name}, motions()[tree["motion"]], path.name):
+            if kind is limb_kind(limb, motions()[tree["motion"]], path.name):
                 return path.name, limb
     raise LookupError(f"no machine in configs/ has a limb {kind.name}")
 

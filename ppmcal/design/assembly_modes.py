@@ -72,10 +72,10 @@ def assembly_modes(model: Model, q: Array, seed: int = 0) -> Modes:
         raise NoResult(f"limb '{_limb_of(closure, int(short[0]))}' has no length at these joint "
                        "values: the platform turns about its base joint", PLACE)
     motion = mechanism.motion
-    if motion.planar and motion.turns:
+    if motion.planar and motion.turns and not closure.turning:
         found, method = by_resultant(closure, spheres), "resultant"
     elif not motion.turns and spheres.any():
-        # with offset joints the spheres move with the pose: two starts, and maybe more modes
+        # with pulleys or offset joints the spheres move with the pose: two starts, and maybe more modes
         found, method = point_pair(closure), "search" if closure.turning else "point pair"
     else:
         found, method = search(closure, seed), "search"

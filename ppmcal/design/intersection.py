@@ -67,8 +67,15 @@ def require_meet(mechanism: Mechanism) -> None:
                        "(3-R(P)S) leave an equation in one unknown", place,
                        "Use --method newton; planar machines, deltas of three parallelograms and "
                        "tripods can be intersected")
-    offset = [limb.name for limb, values in zip(mechanism.limbs, Model(mechanism).limb_values,
-                                                strict=True) if limb.kind.is_offset(values)]
+    turned = [limb for limb, values in zip(mechanism.limbs, Model(mechanism).limb_values,
+                                           strict=True) if limb.kind.is_turned(values)]
+    over = [limb.name for limb in turned if limb.kind.pulley]
+    if over:
+        raise BadInput("the limbs' surfaces have no intersection in closed form: "
+                       f"{', '.join(over)} run over pulleys, and the end of a rope over a pulley "
+                       "is on no sphere",
+                       place, "Use --method newton")
+    offset = [limb.name for limb in turned]
     if offset:
         raise BadInput("the limbs' surfaces have no intersection in closed form: the axes of a "
                        f"universal joint of {', '.join(offset)} do not meet, so its surface is "

@@ -178,7 +178,7 @@ def _limbs(definitions: dict[str, Schema]) -> Schema:
     for name in names:
         definitions[f"limb {name}"] = _limb(kinds()[name])
     choose = [{"if": {"properties": {"kind": {"const": name}}, "required": ["kind"]},
-               "then": {"$ref": f"#/$defs/limb {name}"}} for name in names]
+               "then": _of_those_called_so(name, definitions)} for name in names]
     return {"type": "object", "required": ["name"], "properties": {
         "name": {"type": "string", "description": NAMED},
         "kind": {"enum": names, "description": "Joints from base to platform; the driven one in "
@@ -186,11 +186,21 @@ def _limbs(definitions: dict[str, Schema]) -> Schema:
         "allOf": choose}
 
 
+def _of_those_called_so(name: str, definitions: Mapping[str, Schema]) -> Schema:
+    """Return what a limb of a kind may be, or of several that files call alike."""
+    own = kinds()[name]
+    alike = [name] if not own.written else sorted(
+        k.name for k in kinds().values() if k.written == own.written)
+    listed: list[Schema] = [{"$ref": f"#/$defs/limb {one}"} for one in alike]
+    return listed[0] if len(listed) == 1 else {"anyOf": listed}
+
+
 def _limb(kind: LimbKind) -> Schema:
     """Return the keys of one kind of limb."""
     properties: dict[str, Schema] = {
         "name": {"type": "string", "description": NAMED},
-        "kind": {"const": kind.name, "description": "Joints from base to platform."},
+        "kind": {"description": "Joints from base to platform.", **(
+            {"type": "string"} if kind.written else {"const": kind.name})},
         "actuator": {"type": "string", "description": "Joint variable  [default: the name]; limbs "
                                                       "may have one in common."}
         if kind.driven else {"const": NO_DRIVE, "description": "A passive limb has no drive."},
@@ -199,15 +209,14 @@ def _limb(kind: LimbKind) -> Schema:
         properties[kind.branch] = {"enum": [1, -1], "description": "Which of two solutions."}
     further = (SlotGroup(d, "direction", ()) for d in kind.zeros.values())
     for group in (*groups(kind), *further):
-        head, _, tail = group.path.partition(".")
-        schema = _group(group)
-        if not tail:
-            properties[head] = schema
-            continue
-        part = properties.setdefault(head, {
-            "type": "object", "additionalProperties": False, "properties": {},
-            "description": f"What the {head} carries of the limb, in {head} axes."})
-        part["properties"][tail] = schema
+        *above, last = group.path.split(".")
+        part = properties
+        for depth, key in enumerate(above):
+            part = part.setdefault(key, {
+                "type": "object", "additionalProperties": False, "properties": {},
+                "description": "What the rope leaves over." if depth else
+                f"What the {key} carries of the limb, in {key} axes."})["properties"]
+        part[last] = _group(group)
     return {"type": "object", "description": f"{kind.name}: {kind.closes_when} ({kind.source}).",
             "properties": properties, "additionalProperties": False}
 

@@ -39,10 +39,7 @@ def limb_kind(raw: Mapping[Any, Any], motion: Motion, place: str) -> LimbKind:
         raise BadInput(f"{show(text)} is not a limb kind", f"{place}.kind",
                        "Write a kind such as R(P)R")
     kind = find_kind(re.sub(r"^[36]-", "", text.strip()), f"{place}.kind")
-    if motion.planar and kind.in_plane:
-        return find_kind(kind.in_plane)
-    if not motion.planar and kind.written:
-        kind = find_kind(kind.written)
+    kind = _of_those_called_so(kind, raw, motion, place)
     if kind.planar != motion.planar:
         there = " or ".join(motion_names(kind.planar))
         raise BadInput(f"{kind.name} is a kind for {there} motion, but the motion is {motion}",
@@ -53,6 +50,24 @@ def limb_kind(raw: Mapping[Any, Any], motion: Motion, place: str) -> LimbKind:
                        "does not turn freely anyhow", f"{place}.kind",
                        f"Write `motion: {free}`, or choose another kind")
     return kind
+
+
+def _of_those_called_so(kind: LimbKind, raw: Mapping[Any, Any], motion: Motion, place: str
+                        ) -> LimbKind:
+    """Return which of the kinds that files call alike is meant, by the motion and the pulley."""
+    alike = [k for k in kinds().values() if kind.written and k.written == kind.written]
+    base = raw.get("base")
+    over = {k.pulley.key for k in alike if k.pulley and isinstance(base, dict)
+            and k.pulley.key in base}
+    if len(over) > 1:
+        raise BadInput(f"{' and '.join(sorted(over))} are given, but a rope leaves over one pulley",
+                       f"{place}.base", "Leave out one of them")
+    fits = {k.pulley.key if k.pulley else "": k for k in alike if k.planar == motion.planar}
+    for key in over - set(fits):
+        others = " or ".join(f"base.{k}" for k in fits if k) or "base.point"
+        raise BadInput(f"a {key} turns out of the plane, in which {motion} motion stays",
+                       f"{place}.base.{key}", f"Give {others}")
+    return fits.get("".join(over), kind)
 
 
 class LimbReader:
@@ -99,10 +114,7 @@ class LimbReader:
     def _flatten(self) -> dict[str, Any]:
         """Return group path -> raw value; refuse keys that the kind does not have."""
         wanted = [g.path for g in groups(self.kind)] + list(self.kind.zeros.values())
-        tree: dict[str, list[str]] = {}
-        for path in wanted:
-            head, _, tail = path.partition(".")
-            tree.setdefault(head, []).extend([tail] if tail else [])
+        tree = list(dict.fromkeys(path.partition(".")[0] for path in wanted))
         settings = ["name", "kind", "actuator", "stiffness",
                     *([self.kind.branch] if self.kind.branch else [])]
         out: dict[str, Any] = {}
@@ -113,17 +125,23 @@ class LimbReader:
                 error = unknown("key", key, [*settings, *tree])
                 raise BadInput(f"{error.what} for the kind {self.kind.name}", self.at(""),
                                error.hint)
-            if not tree[key]:
-                out[key] = value
-                continue
-            if not isinstance(value, dict):
-                raise BadInput(f"{show(value)} is not a mapping", self.at(key),
-                               f"Write keys with values here: {', '.join(tree[key])}")
-            for tail, slot in value.items():
-                if tail not in tree[key]:
-                    raise unknown("key", tail, tree[key], self.at(key))
-                out[f"{key}.{tail}"] = slot
+            self._spread(key, value, wanted, out)
         return out
+
+    def _spread(self, path: str, value: Any, wanted: Sequence[str], out: dict[str, Any]) -> None:
+        """Put what stands at a path, or below it, under the paths of its groups."""
+        if path in wanted:
+            out[path] = value
+            return
+        keys = list(dict.fromkeys(one.removeprefix(f"{path}.").partition(".")[0]
+                                  for one in wanted if one.startswith(f"{path}.")))
+        if not isinstance(value, dict):
+            raise BadInput(f"{show(value)} is not a mapping", self.at(path),
+                           f"Write keys with values here: {', '.join(keys)}")
+        for key, below in value.items():
+            if key not in keys:
+                raise unknown("key", key, keys, self.at(path))
+            self._spread(f"{path}.{key}", below, wanted, out)
 
     def _actuator(self) -> str | None:
         name = self.draft.name
@@ -188,8 +206,9 @@ class LimbReader:
                 spec.default, standing))
         else:
             slot = self._slot(raw, spec.name)
-            if spec.is_bar and slot.value is not None and slot.value <= 0.0:
-                raise BadInput(f"a rod of length {slot.value:g} is not possible",
+            if (spec.is_bar or spec.wheel) and slot.value is not None and slot.value <= 0.0:
+                part = "pulley of radius" if spec.wheel else "rod of length"
+                raise BadInput(f"a {part} {slot.value:g} is not possible",
                                self.at(spec.name), "Write a length greater than 0")
             if spec.name == "ratio" and slot.value == 0.0:
                 raise BadInput("a ratio of 0 moves nothing", self.at(spec.name),
@@ -266,17 +285,30 @@ class LimbReader:
                 self.draft.constants[zero_name] = unit(zero.value, self.at(zero_name))
             return
         now, nominal = self._pair(path, axis, zero_name, zero)
+        if not group.slots:
+            self._check_upright(path, axis, now[0])
         self.draft.constants[path] = now[0]
         if zero_name and now[1] is not None:
             self.draft.constants[zero_name] = now[1]
         self._take_turns(group, axis, to_nominal(now, nominal))
+
+    def _check_upright(self, path: str, axis: DirectionFile, now: Array) -> None:
+        """Refuse an axis in the plane that is not square to it, or that is said to have errors."""
+        if np.any(now[:2] != 0.0):
+            raise BadInput(f"{path} is not square to the plane of motion", self.at(path),
+                           "Write [0, 0, 1] for a rope that runs round counterclockwise, or "
+                           "[0, 0, -1]")
+        extra = sorted(axis.model_fields_set - {"value"})
+        if extra:
+            raise BadInput(f"{path} has no '{extra[0]}' in the plane", self.at(path),
+                           "Give the direction alone")
 
     def _direction_file(self, name: str, raw: Any, axis: str = "") -> DirectionFile:
         """Return a direction as the file has it; ``axis``: with which one it turns."""
         if raw is None:
             raise BadInput(f"the direction '{name}' is missing", self.at(""),
                            f"Add `{name.rpartition('.')[2]}: [0, 0, 1]` under "
-                           f"`{name.partition('.')[0]}`")
+                           f"`{name.rpartition('.')[0]}`")
         out = self._given(DirectionFile, raw, name)
         if out.value is None and (out.share is None or axis):
             raise BadInput("the direction has no value", self.at(name),

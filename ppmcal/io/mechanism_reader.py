@@ -248,8 +248,8 @@ def _reach(drafts: Sequence[Draft], made: Sequence[Parameter], home_pose: Array)
     turn, points = rotation(home_pose[3:]), []
     for d in drafts:
         v = assemble.slot_map(d, index).values(g)
-        points.append(np.array([v.get(f"base.point.{a}", 0.0) for a in "xyz"]))
-        own = np.array([v.get(f"platform.point.{a}", 0.0) for a in "xyz"])
+        points.append(np.array([v.get(f"{d.kind.point('base')}.{a}", 0.0) for a in "xyz"]))
+        own = np.array([v.get(f"{d.kind.point('platform')}.{a}", 0.0) for a in "xyz"])
         points.append(turn @ own + home_pose[:3])
     all_ = np.array(points)
     return float(np.max(np.linalg.norm(all_[:, None] - all_[None], axis=-1))) or 1.0

@@ -35,17 +35,17 @@ class SlotWriter:
     def limb(self, index: int) -> dict[str, Any]:
         """Return one limb as plain data."""
         limb = self.mechanism.limbs[index]
-        out: dict[str, Any] = {"name": limb.name, "kind": limb.kind.written or limb.kind.name}
+        out: dict[str, Any] = {"name": limb.name, "kind": limb.kind.called}
         actuator = self.mechanism.actuators[limb.actuator] if limb.driven else NO_DRIVE
         if actuator != limb.name:
             out["actuator"] = actuator
         for group in groups(limb.kind):
             for path, value in self._group(index, limb, group):
-                head, _, tail = path.partition(".")
-                if tail:
-                    out.setdefault(head, {})[tail] = value
-                else:
-                    out[head] = value
+                *above, last = path.split(".")
+                part = out
+                for key in above:
+                    part = part.setdefault(key, {})
+                part[last] = value
         if limb.kind.branch and limb.branch is not None:
             out[limb.kind.branch] = limb.branch
         return out
@@ -116,6 +116,10 @@ class SlotWriter:
     def _directions(self, index: int, limb: Limb, group: SlotGroup) -> Iterator[tuple[str, Any]]:
         """Yield the axis, and ``base.zero`` which turns with it."""
         path, first_axis = group.path, group.form == "first axis"
+        if not group.slots:
+            for name in (path, limb.kind.zeros[path]):
+                yield name, [float(v) for v in limb.constants[name]]
+            return
         if first_axis and group.slots[0].name not in self.slots[index]:
             yield path, [float(v) for v in limb.constants[path]]
             return

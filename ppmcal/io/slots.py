@@ -19,6 +19,8 @@ from ppmcal.model.limbs.chain import SlotSpec
 
 TURNS = ("rx", "ry", "rz")
 """Components of the small rotation that is a direction's error."""
+POINTS = ("point", "center")
+"""Last words of paths that are points."""
 Form = Literal["direction", "first axis", "joint frame", "point", "number"]
 
 
@@ -104,8 +106,10 @@ def groups(kind: LimbKind) -> list[SlotGroup]:
         form: Form = (
             "direction" if head in kind.directions else "first axis" if head in kind.axes else
             "joint frame" if head.startswith("joint") and tail in ("x", "y", "z", *TURNS) else
-            "point" if head.endswith("point") else "number")
+            "point" if head.endswith(POINTS) else "number")
         out.setdefault((spec.name if form == "number" else head, form), []).append(spec)
+    for path in kind.axes_without_errors:
+        out[path, "direction"] = []
     return [SlotGroup(path, form, tuple(slots)) for (path, form), slots in out.items()]
 
 

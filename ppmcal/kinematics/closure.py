@@ -13,7 +13,7 @@ the twist of each joint and slot.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -96,6 +96,7 @@ class Closure:
     groups: tuple[LimbGroup, ...]
     slots: tuple[tuple[str, ...], ...]
     columns: tuple[tuple[int, ...], ...]
+    _turned: list[tuple[Array, Closure]] = field(default_factory=list)
 
     @property
     def turning(self) -> bool:
@@ -111,7 +112,11 @@ class Closure:
         if not self.turning:
             return self
         pose = np.atleast_2d(pose)
-        return replace(self, groups=tuple(group.at(pose) for group in self.groups))
+        if self._turned and np.array_equal(self._turned[0][0], pose):
+            return self._turned[0][1]
+        here = replace(self, groups=tuple(group.at(pose) for group in self.groups), _turned=[])
+        self._turned[:] = [(pose.copy(), here)]
+        return here
 
     @cached_property
     def bodies(self) -> tuple[ClosureSurface, ...]:
@@ -168,7 +173,7 @@ class Closure:
 
     def lengths(self, pose: Array) -> Array:
         """Return c as true lengths (N, d), m: |x - C| - radius for spheres."""
-        c, r = self.misclosure(pose), self.radius
+        c, r = self.misclosure(pose), self.at(pose).radius
         return np.where(r > 0.0, np.sqrt(np.maximum(r * r + 2.0 * r * c, 0.0)) - r, c)
 
     def lines(self, pose: Array) -> Array:
@@ -211,10 +216,11 @@ class Closure:
         """Return Jq = dc/dq (N, d, k), m per unit of q; dc/du without the ``drive`` ratio."""
         lines = self.lines(pose) if lines is None else lines
         out = np.zeros((*lines.shape[:2], len(self.model.mechanism.actuators)))
-        for group in self.groups:
+        for group, turned in zip(self.groups, self.at(pose).groups, strict=True):
             if not group.kind.driven:
                 continue
-            rows = group.slot_columns(group.of_rows(lines), pose, (U,))[..., 0]
+            own = turned if group.kind.pulley else group
+            rows = own.slot_columns(own.of_rows(lines), pose, (U,))[..., 0]
             if drive and "ratio" in group.values:
                 rows = rows * group.values["ratio"][..., None]
             out[:, group.rows, group.actuators[:, None]] = rows

@@ -136,7 +136,7 @@ def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
     for group in closure.groups:
         kind, own = group.kind, list(group.limbs)
         forms = kind.surface.forms
-        offset = group.turning and kind.is_offset(group.values, group.wanted)
+        offset = group.turning and kind.is_turned(group.values, group.wanted)
         if offset or group.pose is not None or not forms or any(
                 f.name not in FORMS for f in forms):
             return None

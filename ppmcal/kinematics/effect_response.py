@@ -117,7 +117,7 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
         if not bars and limb.kind.actuator == "length":
             struts = {"offset": model.joint_coordinate(i, q)}
         ends = [{s: np.asarray(v, dtype=float) for s, v in values.items()
-                 if s.startswith(f"{end}.point.")} for end in ("base", "platform")]
+                 if s.rpartition(".")[0] == limb.kind.point(end)} for end in ("base", "platform")]
         limbs.append(LimbSetting(limb.actuator, struts, ends[0], ends[1], limb.kind.pulls_only))
     closed = loaded or model
     known = Setting(

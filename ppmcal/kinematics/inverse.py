@@ -15,7 +15,7 @@ from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.limb_roots import limb_roots, nearest_joint
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.model.scaled_points import other_radii
 
 SURFACE_TOLERANCE = 1e-6
@@ -109,17 +109,16 @@ def home_state(mechanism: Mechanism) -> HomeState:
         limb = mechanism.limbs[i]
         raise BadInput(
             f"the home pose cannot be reached by limb '{limb.name}' ({limb.kind.name}): "
-            f"it {_how_far(mechanism, float(found.missing[i]), 'about ')}",
+            f"it {_how_far(mechanism, limb, float(found.missing[i]), 'about ')}",
             f"{mechanism.source}: home", "Check the limb's points and lengths, the home "
             f"pose and the units.{_radius_hint(mechanism)}")
     return HomeState(found.q, found.roots)
 
 
-def _how_far(mechanism: Mechanism, missing: float, about: str = "") -> str:
+def _how_far(mechanism: Mechanism, limb: Limb, missing: float, about: str = "") -> str:
     """Return by how much a limb misses; ``missing``, m, is nan where its joint cannot stand."""
     if np.isnan(missing):
-        return ("ends within the axis_offset of its universal joint's first axis, where the joint "
-                "cannot turn towards it")
+        return limb.kind.cannot_turn
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
     return f"misses by {about}{missing / factor:.4g} {unit}"
 
@@ -194,7 +193,7 @@ def inverse(model: Model, pose: Array) -> Inverse:
                     state.q[limb.actuator])
         for n in np.flatnonzero(~np.isfinite(own)):
             reasons[n] = reasons[n] or (f"limb '{limb.name}' cannot reach: "
-                                        f"{_how_far(mechanism, float(missing[n]))}")
+                                        f"{_how_far(mechanism, limb, float(missing[n]))}")
         empty = np.isnan(q[:, limb.actuator])
         q[empty, limb.actuator] = own[empty]
     bad = np.array([bool(r) for r in reasons])

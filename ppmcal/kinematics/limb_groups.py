@@ -1,7 +1,7 @@
 """Limbs of one kind together: one evaluation with a limb axis in place of one for each limb.
 
 Six legs of a kind cost the calls of one. Limbs go together that are of the same kind, have the same
-directions given, and turn (:mod:`ppmcal.model.limbs.axis_offset`) or do not.
+directions given, and turn (:mod:`ppmcal.model.limbs.axis_offset`, :mod:`~.pulley`) or do not.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ppmcal import algebra as cga
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.limbs import ClosureSurface
 from ppmcal.model.limbs.chain import U
-from ppmcal.model.limbs.kind import LimbKind
+from ppmcal.model.limbs.kind import LimbKind, Still
 from ppmcal.model.mechanism import Limb, Mechanism
 
 DEFAULTS = {"ratio": 1.0}
@@ -37,6 +37,7 @@ class LimbGroup:
         wanted: slots whose twists are there, ``u`` among them.
         turning: whether the surface depends on the pose besides.
         pose: motors (N, 8) at which the offset joints stand, None where their axes meet.
+        still: what pulleys have in common with other poses, where that is known.
     """
 
     kind: LimbKind
@@ -47,18 +48,23 @@ class LimbGroup:
     wanted: frozenset[str]
     turning: bool
     pose: Array | None = None
+    still: Still | None = None
 
     @cached_property
     def surface(self) -> ClosureSurface:
         """The KGBs of all of them, (n, L, k, ...)."""
         pose = None if self.pose is None else self.pose[:, None, :]
-        return _evaluated(self.kind, self.values, self.wanted, pose, len(self.limbs))
+        return _evaluated(self.kind, self.values, self.wanted, pose, self.still, len(self.limbs))
+
+    @cached_property
+    def _still(self) -> Still | None:
+        return self.kind.still(self.values, self.wanted) if self.kind.pulley else None
 
     def at(self, pose: Array) -> LimbGroup:
         """Return the group with its offset joints turned as at motors (N, 8)."""
         if not self.turning:
             return self
-        return replace(self, turning=False, pose=pose)
+        return replace(self, turning=False, pose=pose, still=self._still)
 
     def of_rows(self, whole: Array) -> Array:
         """Return the part (n, L, k, ...) of something that is (n, d, ...)."""
@@ -117,9 +123,9 @@ def groups_of(mechanism: Mechanism, limb_values: Sequence[Mapping[str, Any]], q:
 
 
 def _evaluated(kind: LimbKind, values: Mapping[str, Any], wanted: Collection[str],
-               pose: Array | None, count: int) -> ClosureSurface:
+               pose: Array | None, still: Still | None, count: int) -> ClosureSurface:
     """Return the surfaces of ``count`` limbs, each array with a place for every one."""
-    found = kind.evaluate(values, wanted, pose)
+    found = kind.evaluate(values, wanted, pose, still)
 
     def each(part: Array) -> Array:
         return part if part.shape[1] == count else np.broadcast_to(
@@ -149,13 +155,17 @@ def slot_columns(body: ClosureSurface, lines: Array, pose: Array, slots: Sequenc
     """
     names = [U if s in ("offset", "ratio") else s for s in slots]
     out = np.zeros((*lines.shape[:-1], len(slots)))
+    filled = set[int]()
 
     def fill(sign: float, twists: Sequence[Any], wrench: Array) -> None:
         for group in twists:
             mine = [i for i, n in enumerate(names) if n in group.names]
             if mine:
                 picked = [group.names.index(names[i]) for i in mine]
-                out[..., mine] = sign * group.pairing(wrench, picked)
+                part = sign * group.pairing(wrench, picked)
+                # a pulley's radius moves the rope's exit, and what is on the pulley
+                out[..., mine] = part if filled.isdisjoint(mine) else out[..., mine] + part
+                filled.update(mine)
 
     if body.base:
         fill(-1.0, body.base, lines)

@@ -34,7 +34,7 @@ def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
     the missing length (sphere or plane distance at the closest joint value), m.
     """
     roots, nearest = _root_pair(model, index, pose)
-    if model.mechanism.limbs[index].kind.is_offset(model.limb_values[index]):
+    if model.mechanism.limbs[index].kind.is_turned(model.limb_values[index]):
         starts = np.where(np.isfinite(roots), roots, nearest[:, None])
         for j in range(2):
             roots[:, j], nearest = _turned_root(model, index, pose, starts[:, j], j)
@@ -49,7 +49,7 @@ def nearest_joint(model: Model, index: int, pose: Array) -> Array:
     Of use where it has no root: as far as the limb reaches.
     """
     nearest = _root_pair(model, index, pose)[1]
-    if model.mechanism.limbs[index].kind.is_offset(model.limb_values[index]):
+    if model.mechanism.limbs[index].kind.is_turned(model.limb_values[index]):
         nearest = _turned_root(model, index, pose, nearest, 0)[1]
     return np.where(np.isfinite(nearest), nearest, 0.0)
 

@@ -153,7 +153,7 @@ def _limb(model: Model, index: int, pose: Array, q: Array) -> LimbSkeleton:
     return LimbSkeleton(limb.name, kind.name, cga.translation(base[0].after),
                         cga.translation(platform[0].after),
                         _joints(kind, values, [*steps, *platform[1:]]),
-                        tuple(links + back), _drive(values, steps),
+                        tuple(links + back), _drive(kind, values, steps),
                         np.linalg.norm(held - end, axis=-1), (end, held))
 
 
@@ -264,7 +264,7 @@ def _turned(motor: Array, direction: Array) -> Array:
     return np.asarray((cga.rotation_matrix(motor) @ direction[..., None])[..., 0], dtype=float)
 
 
-def _drive(values: Values, steps: list[_Placed]) -> Drive | None:
+def _drive(kind: LimbKind, values: Values, steps: list[_Placed]) -> Drive | None:
     """Return the step that is driven, with where the limb would go on at u = 0."""
     for place, p in enumerate(steps):
         if not p.step.drive:
@@ -274,6 +274,8 @@ def _drive(values: Values, steps: list[_Placed]) -> Drive | None:
         own = twist[..., 3:] if slides else twist[..., :3]
         axis, centre = _turned(p.before, own), cga.translation(p.before)
         size = np.linalg.norm(axis, axis=-1, keepdims=True)
+        if kind.pulley:     # as if what lies on the pulley went on straight
+            centre = cga.translation(p.after) - np.asarray(values[U])[:, None] * axis
         zero = centre
         for following in steps[place + 1:]:
             # the drive's own motion taken back

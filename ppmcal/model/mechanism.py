@@ -300,8 +300,8 @@ def joint_points(mechanism: Mechanism) -> tuple[Array, Array]:
     fixed, moving = [], []
     for limb in mechanism.limbs:
         v = limb.slots.values(g)
-        fixed.append([v.get(f"base.point.{a}", 0.0) for a in "xyz"])
-        moving.append([v.get(f"platform.point.{a}", 0.0) for a in "xyz"])
+        fixed.append([v.get(f"{limb.kind.point('base')}.{a}", 0.0) for a in "xyz"])
+        moving.append([v.get(f"{limb.kind.point('platform')}.{a}", 0.0) for a in "xyz"])
     return np.array(fixed), cga.move_point(mechanism.home, np.array(moving))
 
 

@@ -99,10 +99,11 @@ class SlotMap:
     direct: tuple[tuple[str, int], ...]
     polar: tuple[tuple[str, str, int, int], ...] = ()
 
-    def feeds_points(self, end: str) -> set[int]:
-        """Return the parameters behind the point of an end, ``base`` or ``platform``."""
-        own = {p for slot, p in self.direct if slot.startswith(f"{end}.point.")}
-        return own | {p for x, _, r, a in self.polar if x.startswith(f"{end}.") for p in (r, a)}
+    def feeds_point(self, point: str) -> set[int]:
+        """Return the parameters behind a point, ``base.point``."""
+        own = {p for slot, p in self.direct if slot.rpartition(".")[0] == point}
+        return own | {p for x, _, r, a in self.polar if x.rpartition(".")[0] == point
+                      for p in (r, a)}
 
     def values(self, g: Array) -> dict[str, float]:
         """Return slot name -> value for parameters ``g`` (P,)."""

@@ -87,7 +87,7 @@ def columns(model: Model, q: Array, pose: Array) -> dict[str, Array]:
 def test_every_registered_kind_has_a_case() -> None:
     # ropes have no joints whose frames could err: test_least_squares_closure.py has their facts
     # limbs that hold rotations are in test_constrained_limbs.py
-    elsewhere = {"rope", "planar rope", *constrained.MACHINES}
+    elsewhere = {k.name for k in kinds().values() if k.pulls_only} | set(constrained.MACHINES)
     assert set(kinds()) - elsewhere == set(KINDS) == set(machines.CHAINS) == set(NO_MOVE)
 
 

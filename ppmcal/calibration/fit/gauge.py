@@ -8,7 +8,7 @@ next ones as many as turns would leave open. They are a choice, and neither know
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from ppmcal.kinematics.least_squares_closure import held_by, surplus
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.limbs.chain import cross_matrix
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.notes import NOTE, Note
 
 LEVERAGE = 0.3
@@ -78,9 +78,9 @@ def _mirror(mechanism: Mechanism) -> Note | None:
 
 def _pairs(mechanism: Mechanism) -> list[tuple[str, str]]:
     """Return the limbs that a plane of symmetry of the drawing exchanges, across x, y or z."""
-    values = [limb.slots.values(mechanism.values) for limb in mechanism.limbs]
-    ends = np.array([[[v.get(f"{end}.point.{a}", np.nan if a == "x" else 0.0) for a in "xyz"]
-                      for end in ("base", "platform")] for v in values])
+    values = [(limb.kind, limb.slots.values(mechanism.values)) for limb in mechanism.limbs]
+    ends = np.array([[[v.get(f"{kind.point(end)}.{a}", np.nan if a == "x" else 0.0) for a in "xyz"]
+                      for end in ("base", "platform")] for kind, v in values])
     away = ends - ends.mean(axis=0)
     for axis in range(mechanism.motion.axes):
         image = away * np.where(np.arange(3) == axis, -1.0, 1.0)
@@ -136,7 +136,7 @@ def _held(mechanism: Mechanism, unseen: Array, pools: Sequence[Sequence[int]]) -
             (pool, e, limb, part) for pool in pools for part in (LEVERAGE, 0.1 * LEVERAGE)
             for e in ("base", "platform") for limb in mechanism.limbs):
         own = [c for c, p in enumerate(mechanism.free)
-               if p in pool and p in limb.slots.feeds_points(end)]
+               if p in pool and p in limb.slots.feeds_point(limb.kind.point(end))]
         for _ in own:
             new = np.linalg.norm(unseen - unseen @ basis @ basis.T, axis=1)
             rest = [c for c in own if mechanism.free[c] not in out]
@@ -187,14 +187,18 @@ def _slots(mechanism: Mechanism) -> Iterator[tuple[int, str, Array]]:
     for i, limb in enumerate(mechanism.limbs):
         values = limb.slots.values(mechanism.values)
         for end, first, parts in (("base", 0, base), ("platform", 6, platform)):
-            place = np.array([values.get(f"{end}.point.{a}", 0.0) for a in "xyz"]) / size
+            point = limb.kind.point(end)
+            place = np.array([values.get(f"{point}.{a}", 0.0) for a in "xyz"]) / size
             turned = -cross_matrix(place)
             for slot in values:
-                if not slot.startswith(f"{end}."):
+                wound = _wound(limb, values) if (end, slot) == ("base", "offset") else 0.0
+                if not slot.startswith(f"{end}.") and not wound:
                     continue
                 move = np.zeros(12)
                 axis = "xyz".find(slot[-1])
-                if slot.startswith(f"{end}.point."):
+                if wound:
+                    move[first + 5] = wound / size
+                elif slot.rpartition(".")[0] == point:
                     move[first + axis] = 1.0
                     move[first + 3:first + 6] = turned[axis]
                 elif slot.endswith((".rx", ".ry", ".rz")):
@@ -206,6 +210,17 @@ def _slots(mechanism: Mechanism) -> Iterator[tuple[int, str, Array]]:
                 kept = np.zeros(12, dtype=bool)
                 kept[[first + c for c in parts]] = True
                 yield i, slot, np.where(kept, move, 0.0)
+
+
+def _wound(limb: Limb, values: Mapping[str, float]) -> float:
+    """Return by how much a rope's offset grows as its pulley turns about z with the base, m/rad.
+
+    Of a pulley in the plane, whose zero has no slot to turn with: the offset takes its place.
+    """
+    if not limb.kind.pulley or not limb.kind.axes_without_errors:
+        return 0.0
+    axis = limb.constants[limb.kind.axes_without_errors[0]]
+    return float(values[limb.kind.pulley.radius] * axis[2])
 
 
 def _some(mechanism: Mechanism, q: Array, free: Sequence[int]) -> tuple[Closure, Array]:

@@ -24,7 +24,8 @@ TIE = 1e-6
 """Pivots closer than this (relative) are a tie: the first by name wins."""
 TAKES_PART = 1e-6
 """A column takes part in a combination with more than this part of its strongest column."""
-COORDINATE = re.compile(r"(\.point)\.(?:[xyz]|radius|angle)$|(\.direction|\.axis)\.r[xyz]$")
+COORDINATE = re.compile(
+    r"(\.point|\.center)\.(?:[xyz]|radius|angle)$|(\.direction|\.axis)\.r[xyz]$")
 """What a point or a direction has by coordinates depends on the frame that it is written in."""
 
 

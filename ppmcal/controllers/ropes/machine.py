@@ -33,7 +33,7 @@ def holds_a_point(mechanism: Mechanism, coordinates: tuple[str, ...], least: int
     """Return whether ``least`` or more straight limbs, each driven, hold a point that moves so."""
     limbs = mechanism.limbs
     return (mechanism.motion.coordinates == coordinates and len(limbs) >= least
-            and all(limb.kind.strut for limb in limbs)
+            and all(limb.kind.strut and not limb.kind.pulley for limb in limbs)
             and len({limb.actuator for limb in limbs}) == len(limbs))
 
 

@@ -56,10 +56,11 @@ def struts(model: Model, q: Array, pose: Array) -> tuple[Array, Array]:
 
     From the base-side joint (centre of the sphere on which the contact lies) to the platform.
     """
-    closure = model.closure(q).at(pose)
+    bare = model.closure(q)
+    closure = bare.at(pose)
     carried = closure.carried(pose)
     # planes (the hinge of an R(P)S) have no centre; every strut has a sphere
-    spheres = np.flatnonzero(closure.radius.max(axis=0) > 0.0)
+    spheres = np.flatnonzero(bare.radius.max(axis=0) > 0.0)
     fixed, carried = closure.fixed[:, spheres], carried[:, spheres]
     mobile = closure.point_moves[spheres, None]
     return (cga.coordinates(np.where(mobile, fixed, carried)),

@@ -59,9 +59,8 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 
 def _shift(setting: Setting, part: str, moved: Array) -> Shift:
     """Return displacements of a body's joint centres (N, limbs, 3) as a shift of slots."""
-    names = [f"{part}.point.{c}" for c in "xyz"]
-    return Shift({(i, name): moved[:, i, c] for i, limb in enumerate(setting.limbs)
-                  for c, name in enumerate(names) if name in getattr(limb, part)})
+    return Shift({(i, name): moved[:, i, "xyz".index(name[-1])]
+                  for i, limb in enumerate(setting.limbs) for name in getattr(limb, part)})
 
 
 COUPLED = 0.6

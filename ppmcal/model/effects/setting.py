@@ -178,8 +178,9 @@ class Setting:
         """
         slots = [getattr(limb, body) for limb in self.limbs]
         rows = max((np.size(v) for s in slots for v in s.values()), default=1)
-        return np.stack([np.stack([np.broadcast_to(s.get(f"{body}.point.{c}", 0.0), (rows,))
-                                   for c in "xyz"], axis=-1) for s in slots], axis=1)
+        each = [{name[-1]: v for name, v in s.items()} for s in slots]
+        return np.stack([np.stack([np.broadcast_to(s.get(c, 0.0), (rows,)) for c in "xyz"], axis=-1)
+                         for s in each], axis=1)
 
     @cached_property
     def pose(self) -> Array:

@@ -31,7 +31,7 @@ def _placed(at: str, mechanism: Mechanism, place: str) -> int:
     joints = joints_of(limb.kind)
     if name not in joints:
         there = ", ".join(f"{limb_name}.{n} ({j.said})" for n, j in joints.items())
-        raise BadInput(f"{limb_name}, of kind {limb.kind.written or limb.kind.name}, has no joint "
+        raise BadInput(f"{limb_name}, of kind {limb.kind.called}, has no joint "
                        f"'{name}' that one angle or length tells of", place,
                        f"Choose one of: {there}" if there else "Choose another limb")
     joint = joints[name]

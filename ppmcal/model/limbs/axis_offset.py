@@ -83,7 +83,9 @@ def _arm(offset: str, axis: str, turn: str) -> ChainStep:
 def offset_slot(chain: Chain) -> SlotSpec | None:
     """Return the slot of the axis offset that ends a chain, None where there is none."""
     last = chain.steps[-1] if chain.steps else None
-    return last.slots[0] if last is not None and last.needs else None
+    if last is None or not last.needs or last.slots[0].wheel:
+        return None
+    return last.slots[0]
 
 
 def turn_towards(chain: Chain, values: Values, other_end: Array) -> dict[str, Array]:

@@ -43,7 +43,7 @@ class SlotSpec:
 
     ``quantity`` is ``length`` or ``angle``; ``tolerance_class`` the key of the file's
     ``tolerances`` that covers it. ``default`` is None where the file must give a value; ``needs``
-    the direction without which a limb has no such slot.
+    the direction without which a limb has no such slot; ``wheel``: it is the radius of a pulley.
     """
 
     name: str
@@ -51,11 +51,12 @@ class SlotSpec:
     tolerance_class: str
     default: float | None = None
     needs: str = ""
+    wheel: bool = False
 
     @property
     def is_bar(self) -> bool:
         """Whether it is the length of a bar: above 0 and always given, unlike an offset."""
-        return self.tolerance_class == "length" and self.default is None
+        return self.tolerance_class == "length" and self.default is None and not self.wheel
 
 
 @dataclass(frozen=True)
@@ -265,21 +266,27 @@ class Chain:
 
     steps: tuple[ChainStep, ...]
 
-    def evaluate(self, values: Values, wanted: Collection[str]
+    def evaluate(self, values: Values, wanted: Collection[str],
+                 start: tuple[Array, tuple[ErrorTwists, ...]] | None = None
                  ) -> tuple[Array, tuple[ErrorTwists, ...]]:
         """Return the chain's motor (..., 8) and the error twists of the ``wanted`` slots.
 
-        Joint frames whose components are all zero and unwanted are skipped.
+        Joint frames whose components are all zero and unwanted are skipped. ``start``: what this
+        returned of the steps before these.
         """
         total, moved = cga.identity_motor(), False
         carried: list[ErrorTwists] = []
+        if start is not None:
+            total, moved, carried = start[0], True, [*start[1]]
         for step in self.steps:
             if step.joint and not any(s.name in wanted or (s.name in values and np.any(
                     values[s.name])) for s in step.slots):
                 continue
             if step.needs and step.needs not in values:
                 continue
-            mine = [(name, twist) for name, twist in step.twists(values) if name in wanted]
+            asked = step.drive or any(s.name in wanted for s in step.slots)
+            mine = [(name, twist) for name, twist in step.twists(values)
+                    if name in wanted] if asked else []
             if mine:
                 stacked = np.stack(np.broadcast_arrays(*(t for _, t in mine)), axis=-2)
                 carried.append(ErrorTwists(tuple(n for n, _ in mine), total, stacked))

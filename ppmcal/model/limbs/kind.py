@@ -21,7 +21,12 @@ from ppmcal import algebra as cga
 from ppmcal.linalg import Array
 from ppmcal.model.limbs.axis_offset import offset_slot, turn_towards
 from ppmcal.model.limbs.chain import Chain, ChainStep, ErrorTwists, SlotSpec, Values
+from ppmcal.model.limbs.pulley import Pulley
 from ppmcal.model.registry import Registry
+
+Part = tuple[Array, tuple[ErrorTwists, ...]]
+Still = tuple[Part, Part]
+"""Motors and twists of a base chain to where it follows the pose, and of a platform chain."""
 
 
 @dataclass(frozen=True)
@@ -118,9 +123,10 @@ class LimbKind:
         branch_sign: +1 if the setting's +1 is the larger root, -1 for the smaller.
         closes_when: the closure in words of the contract, for messages.
         source: paper and equation.
-        in_plane: name of the kind that stands for it where the motion is planar.
-        written: as it is called in files, where that is not its name.
+        written: as it is called in files, where that is not its name: of those called so the
+            motion decides, and the pulley.
         pulls_only: whether it is a rope: it pulls, and cannot push.
+        pulley: over which it leaves the base, if any.
     """
 
     name: str
@@ -135,9 +141,9 @@ class LimbKind:
     strut: bool = False
     closes_when: str = ""
     source: str = ""
-    in_plane: str = ""
     written: str = ""
     pulls_only: bool = False
+    pulley: Pulley | None = None
 
     def __reduce__(self) -> tuple[Callable[[str], LimbKind], tuple[str]]:
         """Travel to other processes by name: the steps are functions."""
@@ -147,6 +153,16 @@ class LimbKind:
     def driven(self) -> bool:
         """Whether the limb has a drive; a passive one only holds the platform."""
         return bool(self.actuator)
+
+    @property
+    def called(self) -> str:
+        """As files call it."""
+        return self.written or self.name
+
+    def point(self, end: str) -> str:
+        """Return the path of its point on ``base`` or ``platform``: ``base.point``."""
+        first = self.base if end == "base" else self.platform
+        return first.steps[0].slots[0].name.rpartition(".")[0]
 
     @property
     def steps(self) -> tuple[ChainStep, ...]:
@@ -173,6 +189,11 @@ class LimbKind:
         return tuple(c for step in self.steps for c in step.constants)
 
     @property
+    def axes_without_errors(self) -> tuple[str, ...]:
+        """Names of those first directions that have no slots."""
+        return tuple(step.constants[0] for step in self.steps if step.constants and not step.slots)
+
+    @property
     def zeros(self) -> dict[str, str]:
         """Of these the second that turns with a first: ``base.zero`` with ``base.axis``."""
         return {step.constants[0]: step.constants[1] for step in self.steps
@@ -190,12 +211,22 @@ class LimbKind:
         return tuple(slot for slot in found if slot is not None)
 
     def turns(self, values: Values, wanted: Collection[str] = ()) -> bool:
-        """Whether the surface depends on the pose: by itself, or as :meth:`is_offset`."""
-        return self.surface.turns or self.is_offset(values, wanted)
+        """Whether the surface depends on the pose: by itself, or as :meth:`is_turned`."""
+        return self.surface.turns or self.is_turned(values, wanted)
 
-    def is_offset(self, values: Values, wanted: Collection[str] = ()) -> bool:
-        """Whether the axes of a universal joint do not meet, or might not."""
-        return self._turning(values, wanted) is not None
+    def is_turned(self, values: Values, wanted: Collection[str] = ()) -> bool:
+        """Whether where it starts follows the pose.
+
+        Over a pulley; where the axes of a universal joint do not meet, or might not.
+        """
+        return self.pulley is not None or self._turning(values, wanted) is not None
+
+    @property
+    def cannot_turn(self) -> str:
+        """Why it has no place where its joints or its pulley cannot turn towards a pose."""
+        return "ends inside its pulley" if self.pulley else (
+            "ends within the axis_offset of its universal joint's first axis, where the joint "
+            "cannot turn towards it")
 
     def _turning(self, values: Values, wanted: Collection[str]) -> Chain | None:
         """Return the chain that ends in an offset universal joint."""
@@ -206,11 +237,22 @@ class LimbKind:
                 return chain
         return None
 
-    def turn(self, values: Values, pose: Array, wanted: Collection[str] = ()) -> dict[str, Array]:
+    def still(self, values: Values, wanted: Collection[str]) -> Still:
+        """Return what of a limb over a pulley is the same at all poses: to evaluate it but once."""
+        return (Chain(self.base.steps[:-1]).evaluate(values, wanted),
+                self.platform.evaluate(values, wanted))
+
+    def turn(self, values: Values, pose: Array, wanted: Collection[str] = (),
+             still: Still | None = None) -> dict[str, Array]:
         """Return how an offset universal joint turns about its first axis at motors (N, 8).
 
-        As :func:`axis_offset.turn_towards`; none where its axes meet.
+        As :func:`axis_offset.turn_towards`; none where its axes meet. Of a pulley how the rope
+        leaves it (:class:`pulley.Pulley`).
         """
+        if self.pulley is not None:
+            root, platform = (part[0] for part in still or self.still(values, ()))
+            end = cga.move_point(pose, cga.translation(platform))
+            return self.pulley.leaves(values, cga.move_point(cga.reverse(root), end))
         own = self._turning(values, wanted)
         if own is None:
             return {}
@@ -219,21 +261,25 @@ class LimbKind:
         end = cga.translation(other.evaluate(values, ())[0])
         return turn_towards(own, values, cga.move_point(there, end))
 
-    def evaluate(self, values: Values, wanted: Collection[str] = (), pose: Array | None = None
-                 ) -> ClosureSurface:
+    def evaluate(self, values: Values, wanted: Collection[str] = (), pose: Array | None = None,
+                 still: Still | None = None) -> ClosureSurface:
         """Return the limb's KGB; ``wanted`` names the slots whose twists are needed.
 
         Args:
             values: all slots, the directions, and ``u`` (N,), SI.
             wanted: slot names, ``u`` for the actuated joint.
             pose: motors (N, 8), on which the surface depends where the kind :meth:`turns`. Without
-                one (and without a turn among the values) the axes of all joints meet.
+                one (and without a turn among the values) the axes of all joints meet, and ropes
+                leave their pulley's centre.
+            still: as :meth:`still`, where it is known.
         """
         if pose is not None:
-            values = {**values, **self.turn(values, pose, wanted)}
-        base, base_twists = self.base.evaluate(values, wanted)
+            values = {**values, **self.turn(values, pose, wanted, still)}
+        base, base_twists = self.base.evaluate(values, wanted) if still is None else (
+            Chain(self.base.steps[-1:]).evaluate(values, wanted, still[0]))
         middle, middle_twists = self.middle.evaluate(values, wanted)
-        platform, platform_twists = self.platform.evaluate(values, wanted)
+        platform, platform_twists = (self.platform.evaluate(values, wanted) if still is None
+                                     else still[1])
         further = (pose,) if self.surface.turns else ()
         columns = list(zip(*self.surface.build(base, middle, platform, *further), strict=True))
         fixed, moving, scale, radius, lines = (_stack(list(c), 0 if i in (2, 3) else 1)

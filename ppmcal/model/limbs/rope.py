@@ -1,25 +1,35 @@
-"""Ropes: cables, belts and strings from an anchor, or from a pulley's exit, to the platform.
+"""Ropes: cables, belts and strings from an anchor, or over a pulley, to the platform.
 
-A rope that pulls is as long as its two ends are apart. What its winch or motor says is
-u = ratio q + offset: the offset is what of it is always paid out, or never counted.
+A rope that pulls is as long as its two ends are apart, with the arc that lies on its pulley
+(:mod:`pulley`). What its winch or motor says is u = ratio q + offset: the offset is what of it is
+always paid out, or never counted. In files all of them are called ``rope``; the pulley says which.
 """
 
 from __future__ import annotations
 
 from ppmcal.model.limbs.chain import Chain, U, shift, slide
 from ppmcal.model.limbs.kind import LimbKind, register
-from ppmcal.model.limbs.surfaces import SPHERE
+from ppmcal.model.limbs.pulley import SHEAVE, SWIVELLING, Pulley, over_sheave, over_swivel
+from ppmcal.model.limbs.surfaces import OVER_PULLEY, OVER_PULLEY_IN_PLANE, SPHERE
 
 
-def _rope(name: str, planar: bool, in_plane: str = "") -> LimbKind:
+def _rope(name: str, planar: bool, base: Chain, middle: Chain, pulley: Pulley | None = None,
+          closes_when: str = "|B-A| = u", source: str = "[IK] eq. 42 without joints") -> LimbKind:
+    surface = SPHERE if pulley is None else OVER_PULLEY_IN_PLANE if planar else OVER_PULLEY
     return LimbKind(
-        name, planar, SPHERE,
-        base=Chain((shift("base.point", planar=planar),)),
-        middle=Chain((slide(U, "x" if planar else "z"),)),
+        name, planar, surface, base=base, middle=middle,
         platform=Chain((shift("platform.point", planar=planar),)),
-        actuator="length", branch="branch", strut=True, closes_when="|B-A| = u",
-        source="[IK] eq. 42 without joints", in_plane=in_plane, written="rope", pulls_only=True)
+        actuator="length", branch="branch", strut=True, closes_when=closes_when, source=source,
+        written="rope", pulls_only=True, pulley=pulley)
 
 
-register(_rope("planar rope", planar=True))
-register(_rope("rope", planar=False, in_plane="planar rope"))
+OVER = "radius wrap + |B-E| = u, E where it leaves the pulley"
+SOURCE = "Pott: Cable-driven parallel robots (2018), pulley kinematics"
+
+for _planar in (True, False):
+    _name = "planar rope" if _planar else "rope"
+    register(_rope(_name, _planar, Chain((shift("base.point", planar=_planar),)),
+                   Chain((slide(U, "x" if _planar else "z"),))))
+    register(_rope(f"{_name} over a pulley", _planar, *over_sheave(_planar), SHEAVE, OVER, SOURCE))
+
+register(_rope("rope over a swivel pulley", False, *over_swivel(), SWIVELLING, OVER, SOURCE))

@@ -12,6 +12,7 @@ a pure moment: what is square to within an angle counts as the arc of that angle
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -150,6 +151,27 @@ def _between_axes(base: Array, middle: Array, platform: Array, pose: Array | Non
     yield fixed, moving, np.full(shape, LEVER), np.zeros(shape), np.zeros((*shape, 6))
 
 
+def _over_pulley(base: Array, middle: Array, platform: Array, pose: Array | None, axis: int
+                 ) -> Iterator[_Equation]:
+    """A rope over a pulley: its length beyond its joint's, exact, of a sphere that curves as it.
+
+    The local ``axis`` of the middle chain is the rope, square to it k of :mod:`pulley`. At a pose
+    its equation is a length as it is, as that of a plane.
+    """
+    centre, reach = cga.translation(base), cga.translation(middle)
+    rope = reach[..., axis]
+    lean = _dot(reach, reach) - rope * rope        # k squared
+    if pose is None:
+        free, radius = np.where(rope > 0.0, rope, 1.0), rope
+        squared = rope * rope + lean
+    else:
+        away = cga.move_point(pose, cga.translation(platform)) - centre
+        free = np.sqrt(_dot(away, away) - lean)
+        squared, radius = lean + (2.0 * rope - free) * free, np.zeros_like(free)
+    yield (cga.sphere_squared(centre, squared), cga.point(cga.translation(platform)), -1.0 / free,
+           radius, _line(np.eye(3)[axis], np.zeros_like(reach)))
+
+
 _ROD, _SQUARE = EquationForm("sphere"), EquationForm("angle", Z, Z)
 _BETWEEN, _HINGED = EquationForm("between axes", Z, Z), EquationForm("platform plane", Z)
 
@@ -171,3 +193,6 @@ HELD_SLIDE = Surface(
 SPHERE_BETWEEN_AXES = Surface("sphere between axes", (True, True), _sphere_between_axes,
                               (_ROD, _BETWEEN), turns=True)
 BETWEEN_AXES = Surface("between axes", (True,), _between_axes, (_BETWEEN,), turns=True)
+OVER_PULLEY, OVER_PULLEY_IN_PLANE = (
+    Surface("rope over a pulley", (True,), partial(_over_pulley, axis=axis), turns=True)
+    for axis in (Z, X))
