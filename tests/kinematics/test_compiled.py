@@ -192,8 +192,9 @@ def test_offset_joints_that_turn_go_through_numpy() -> None:
     assert compiled(Model(mechanism).closure(q)) is None
 
 
-def test_every_kind_declares_its_form() -> None:
-    assert all(kind.surface.forms for kind in kinds().values())
+def test_every_kind_but_for_ropes_over_pulleys_declares_its_form() -> None:
+    """What is wrapped about a sheave changes with the pose: such limbs go through NumPy."""
+    assert {"pulley" in name for name, kind in kinds().items() if not kind.surface.forms} == {True}
 
 
 def test_what_is_kept_goes_by_what_is_in_the_files(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import smallest_singular_value
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.tables import SINGULAR
-from ppmcal.kinematics.ways import LEEWAY, Ways, _between, _Places
+from ppmcal.kinematics.ways import LEEWAY, Ways, between, _Places
 
 Array = NDArray[np.float64]
 NONE = np.zeros(3)
@@ -171,11 +171,11 @@ def test_half_way_is_half_of_the_way_and_half_of_the_turn() -> None:
     """Straight and even: whatever the place, and back again the same."""
     start, end = motor([0.0, 0.0, 0.2], [1.0, 2.0, 3.0]), motor([0.0, 0.0, 1.0], [3.0, 2.0, 1.0])
     for part in (0.0, 0.25, 1.0):
-        found = _between(start[None], end[None], np.array([part]))
+        found = between(start[None], end[None], np.array([part]))
         np.testing.assert_allclose(cga.translation(found), [[1 + 2 * part, 2.0, 3 - 2 * part]])
         np.testing.assert_allclose(cga.rotation_vector(found), [[0.0, 0.0, 0.2 + 0.8 * part]],
                                    atol=1e-12)
-        back = _between(end[None], start[None], np.array([1.0 - part]))
+        back = between(end[None], start[None], np.array([1.0 - part]))
         np.testing.assert_allclose(cga.translation(back), cga.translation(found))
         np.testing.assert_allclose(cga.rotation_vector(back), cga.rotation_vector(found),
                                    atol=1e-12)

@@ -91,7 +91,8 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     q_home, gaps = home_state(mechanism).q, home_gaps(mechanism)
     value, _ = home_singular_value(mechanism)
     findings = [*mechanism.findings, *(f for d in datasets for f in d.findings), *plausibility,
-                *_open_limbs(mechanism, gaps or condition_gaps(mechanism)), *_dead_points(mechanism)]
+                *_open_limbs(mechanism, gaps or condition_gaps(mechanism)),
+                *_dead_points(mechanism)]
     if value < SINGULAR_HOME:
         cause = singular_structure(mechanism)
         findings.append(Note("the machine is close to a singularity at home: smallest singular "
