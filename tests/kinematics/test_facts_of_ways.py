@@ -15,7 +15,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import smallest_singular_value
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.tables import SINGULAR
-from ppmcal.kinematics.ways import LEEWAY, Ways, between, _Places
+from ppmcal.kinematics.ways import LEEWAY, Ways, _Places, between
 
 Array = NDArray[np.float64]
 NONE = np.zeros(3)
