@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from helpers.architecture import PAGE, block, section
 from helpers.commands import environment, install, number, ppmcal_process, rows
 from helpers.paths import ROOT
 from helpers.sources import nodes_of
@@ -22,22 +23,9 @@ from ppmcal import commands
 from ppmcal.kinematics.closure import Closure
 
 PACKAGE = Path(ppmcal.__file__).parent
-PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-
-
-def section(title):
-    """Return what stands under a heading of the page."""
-    return re.search(rf"^## {re.escape(title)}$(.*?)(?=^## |\Z)", PAGE, re.M | re.S)[1]
-
-
-def block(title, language):
-    """Return the fenced block of a section."""
-    return re.search(rf"^```{language}\n(.*?)^```", section(title), re.M | re.S)[1]
-
-
-MODULES = {"workshop_limb": block("Add a limb kind", "python"),
-           "workshop_effect": block("Add an effect", "python"),
-           "workshop_controller": block("Add a controller", "python")}
+MODULES = {"workshop_limb": block("Add a limb kind"), "workshop_effect": block("Add an effect"),
+           "workshop_instrument": block("Add an instrument"),
+           "workshop_controller": block("Add a controller")}
 GROUPS = tomllib.loads(block("In a package of your own", "toml"))["project"]["entry-points"]
 
 
@@ -126,6 +114,15 @@ def test_names_of_the_tables_live_where_they_say():
             target = getattr(target, part, None)
 
 
+def test_what_is_looked_for_is_a_section():
+    """The table at the top names each way to add something, and links to what is there."""
+    top = PAGE[:PAGE.index("## Nine layers")]
+    titles = re.findall(r"^## (.+)$", PAGE, re.M)
+    places = {re.sub(r"[^\w -]", "", t).lower().replace(" ", "-"): t for t in titles}
+    linked = {places[anchor] for anchor in re.findall(r"\(#([\w-]+)\)", top)}
+    assert {t for t in titles if t.startswith(("Add ", "The way of "))} < linked
+
+
 def test_matrices_are_methods_of_the_closure():
     methods = re.findall(r"\| `(\w+)` \|$", section("One closure, one derivative"), re.M)
     assert len(methods) == 3 and all(hasattr(Closure, m) for m in methods)
@@ -169,7 +166,7 @@ def test_no_class_name_twice():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """A folder with the three modules, found by the entry points of the page alone."""
+    """A folder with the modules, found by the entry points of the page alone."""
     folder = tmp_path_factory.mktemp("site")
     for name, code in MODULES.items():
         (folder / f"{name}.py").write_text(code, encoding="utf-8")
@@ -191,7 +188,8 @@ def answer(site, code, *args):
 
 
 def test_entry_points_name_what_the_blocks_define():
-    assert set(GROUPS) == {"ppmcal.limbs", "ppmcal.effects", "ppmcal.controllers"}
+    assert set(GROUPS) == {"ppmcal.limbs", "ppmcal.effects", "ppmcal.instruments",
+                           "ppmcal.controllers"}
     for value in (v for lines in GROUPS.values() for v in lines.values()):
         module, _, name = value.partition(":")
         defined = {t.id for node in ast.parse(MODULES[module]).body

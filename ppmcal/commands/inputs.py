@@ -31,6 +31,7 @@ from ppmcal.model.parameters import unmatched
 from ppmcal.notes import Note
 from ppmcal.store.inputs import path_errors
 from ppmcal.store.transaction import recover
+from ppmcal.wording import abbreviate_list
 
 Machine = Mechanism | Path_ | Mapping[str, Any]
 """A mechanism, the path of its file, or what such a file holds."""
@@ -267,5 +268,4 @@ def same_machine(mechanism: Mechanism, other: Mechanism, source: Path) -> list[N
         return []
     return [Note(
         f"{len(apart)} fixed value{'s' if len(apart) > 1 else ''} are not as in {source}: "
-        f"{', '.join(apart[:3])}{' ...' if len(apart) > 3 else ''}; use one mechanism file for "
-        "both")]
+        f"{abbreviate_list(apart)}; use one mechanism file for both")]

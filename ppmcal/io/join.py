@@ -13,7 +13,7 @@ from ppmcal.io.csv import Table
 from ppmcal.io.yaml import number_text
 from ppmcal.linalg import Array
 from ppmcal.notes import Note
-from ppmcal.wording import row_list
+from ppmcal.wording import abbreviate_list, row_list
 
 PARTIAL = "or leave out what matches nothing with --partial"
 
@@ -292,8 +292,8 @@ def _left(table: Table, rows: np.ndarray, called: list[str], other: Table, parti
     """Return the sentence on rows that match nothing; refuse them unless they may be left out."""
     if not rows.size:
         return []
-    shown = ", ".join(called[:5]) + (" ..." if len(called) > 5 else "")
-    what = f"{row_list(rows)} ({shown}): nothing in {other.source} matches{within}"
+    what = (f"{row_list(rows)} ({abbreviate_list(called)}): nothing in {other.source} "
+            f"matches{within}")
     if not partial:
         raise NoMatch(what, table.source, f"Correct names or times, {PARTIAL}")
     return [Note(f"{table.source}: {what}; left out.")]

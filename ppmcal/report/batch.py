@@ -31,10 +31,11 @@ from ppmcal.report.batch_common import (
     common_sentences,
     effects_over_time,
 )
-from ppmcal.report.format import count, listed, typeset
+from ppmcal.report.format import count, typeset
 from ppmcal.report.html import Cell, figures, number_cell, paragraph, table, text_cell
 from ppmcal.report.section import Section, chapter, filled, page
 from ppmcal.units import LENGTHS
+from ppmcal.wording import abbreviate_list
 
 PLOTTED = 40
 """At most so many machines are drawn."""
@@ -135,7 +136,7 @@ def _named(machine: str, latest: Sequence[CampaignRecord]) -> str:
         if r.machine == machine and r.command == "diagnose":
             names = list(dict.fromkeys(q.name + (f" on {q.on}" if q.on else "")
                                        for q in r.of_kind("effect")))
-            return listed(names) or r.verdict
+            return abbreviate_list(names, most=6) or r.verdict
     return ""
 
 

@@ -20,9 +20,10 @@ from ppmcal.io.results.batch_common import (
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Points, Strokes, Zero
 from ppmcal.plotting.plot import row_y, rows_plot, span
-from ppmcal.report.format import count, listed, probability, sig, to_sigma, typeset
+from ppmcal.report.format import count, probability, sig, to_sigma, typeset
 from ppmcal.report.html import figures, name_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.section import Section
+from ppmcal.wording import abbreviate_list
 
 
 def changes(compared: Sequence[CampaignRecord]) -> Section | None:
@@ -45,7 +46,7 @@ def _change(q: CampaignQuantity) -> str:
     name = f"{q.name}: {q.parameter}" if q.parameter else q.name
     wide = half_or(q.half, q.sigma)
     half = "" if wide is None else f" ± {sig(wide, 2)}"
-    instead = f" (or {listed(q.status.split(', '), 3)})" if q.status else ""
+    instead = f" (or {abbreviate_list(q.status.split(', '))})" if q.status else ""
     return f"{name} {to_sigma(q.value, q.sigma)}{half} {q.unit}".rstrip() + instead
 
 
@@ -80,7 +81,8 @@ def common_sentences(records: Sequence[CampaignRecord]) -> list[str]:
            for e in shared_effects(records) if "design" in e.whose]
     off = [name for name, _, _, f in shared_parameters(records) if f.of_design]
     if off:
-        out.append(f"Off nominal in the same way on all units, so by design: {listed(off)}.")
+        out.append("Off nominal in the same way on all units, so by design: "
+                   f"{abbreviate_list(off, most=6)}.")
     return out
 
 
@@ -93,7 +95,7 @@ def common_effects(records: Sequence[CampaignRecord]) -> Section | None:
                      number_cell(len(e.machines), f"{len(e.machines)} of {e.of}"),
                      number_cell(e.low, share), text_cell(e.whose, "warn" if e.low > MOST else ""),
                      text_cell("; ".join(map(_size, e.sizes)), "wrap"),
-                     text_cell(listed(e.machines), "wrap")])
+                     text_cell(abbreviate_list(e.machines, most=6), "wrap")])
     note = ("An effect that most machines have is the design's, not the unit's: certain where the "
             "95 % interval of the share lies above one half. One that all share may also be of an "
             "instrument that measured them all.")

@@ -23,11 +23,12 @@ from ppmcal.io.results.comparison import (
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes, Zero
 from ppmcal.plotting.plot import row_y, rows_plot, span
-from ppmcal.report.format import count, listed, probability, sig, to_sigma, typeset
+from ppmcal.report.format import count, probability, sig, to_sigma, typeset
 from ppmcal.report.html import Cell, figures, name_cell, number_cell, paragraph, table, text_cell
 from ppmcal.report.kind import Folder, Kind
 from ppmcal.report.records import Held, ReportData
 from ppmcal.report.section import Section
+from ppmcal.wording import abbreviate_list
 
 SHOWN, PLOTTED = 12, 40
 WORDS = frozenset({"name", "unit", "status"})
@@ -58,7 +59,7 @@ def findings(r: ComparisonRecord) -> list[str]:
         return []
     names = [c.name or "?" for c in r.changes]
     return ["the machine has changed between the two calibrations: "
-            + (listed(names) if names else "nothing by itself explains it")]
+            + (abbreviate_list(names, most=6) if names else "nothing by itself explains it")]
 
 
 def _changes(r: ComparisonRecord) -> str:
@@ -71,7 +72,8 @@ def _changes(r: ComparisonRecord) -> str:
             rows.append([name_cell(name), number_cell(n.value, to_sigma(n.value, n.sigma)),
                          number_cell(wide, f"± {sig(wide, 2)}"), text_cell(n.unit),
                          number_cell(c.probability, sig(c.probability, 3) or "–"),
-                         text_cell("" if i else listed(c.instead) or "nothing else", "wrap")])
+                         text_cell("" if i else abbreviate_list(c.instead, most=6)
+                                   or "nothing else", "wrap")])
     said = [remainder_sentence(r), apart_sentence(r), noise_sentence(r), anew_sentence(r)]
     return table("The likeliest changes that explain it",
                  ["what", "changed by", "95 %", "unit", "probability", "or"], rows) + "".join(

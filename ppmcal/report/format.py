@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from typing import Any
 
 from ppmcal.io.results.tables import finite_number
@@ -79,12 +78,6 @@ def count(n: int, one: str, many: str = "") -> str:
 def whole(n: int) -> str:
     """Return a whole number with thin spaces between its thousands."""
     return f"{n:,}".replace(",", "\u2009")
-
-
-def listed(names: Sequence[str], most: int = 6) -> str:
-    """Return ``a, b, c and 4 more``."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
 
 
 def typeset(text: str) -> str:

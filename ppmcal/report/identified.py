@@ -17,7 +17,7 @@ from ppmcal.io.results.identification_tables import (
 )
 from ppmcal.io.results.identification_wording import noise_verdict
 from ppmcal.io.results.residual_rows import used, white
-from ppmcal.report.format import count, listed, with_unit
+from ppmcal.report.format import count, with_unit
 from ppmcal.report.headlines import IN_THE_FIT, figure, headline, unseen
 from ppmcal.report.html import part
 from ppmcal.report.identification import excluded_rows, identified_section
@@ -60,7 +60,7 @@ def calibrations(data: ReportData, wanted: Any) -> Iterator[Chapter]:
 
 def _calibration(one: Identified, n: int, data: ReportData) -> Section:
     """Return the chapter about a calibration, the machine drawn in it."""
-    days = listed([d.name for d in one.record.datasets], 2)
+    days = abbreviate_list([d.name for d in one.record.datasets], most=2)
     several = len(data.identified) > 1
     name = ": ".join(filter(None, [f"Calibration of {one.name}", days])) if several else (
         "Calibration")

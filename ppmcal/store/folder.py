@@ -21,11 +21,11 @@ from ppmcal.errors import BadInput
 from ppmcal.store.inputs import Run, content_of, digest_of, identity_of, own_input, under_way
 from ppmcal.store.stage import plain_name
 from ppmcal.store.transaction import staged
+from ppmcal.wording import abbreviate_list
 
 RECORD = ".ppmcal.json"
 FORM = "ppmcal/folder/1"
 HINT = "Name another folder in --out, or replace with {}"
-SHOWN = 3
 
 
 @dataclass(frozen=True)
@@ -120,15 +120,15 @@ def check_folder(folder: Path, run: Run) -> FolderRecord:
                        "Check permissions, or name another folder in --out") from None
     if held and not record.sound:
         raise BadInput(f"holds files that ppmcal did not write, or an older version of it "
-                       f"({_some(held)})", str(folder), HINT.format(run.option))
+                       f"({abbreviate_list(held)})", str(folder), HINT.format(run.option))
     if held and record.commands and run.command not in record.commands:
         raise BadInput(f"holds results of another command, {', '.join(record.commands)} "
-                       f"({_some(held)})", str(folder), HINT.format(run.option))
+                       f"({abbreviate_list(held)})", str(folder), HINT.format(run.option))
     edited = [n for n, digest in record.of(run.command).items()
               if _is_there(folder / n) and digest_of(folder / n) != digest]
     if edited:
-        raise BadInput(f"{_some(edited)} {'were' if len(edited) > 1 else 'was'} edited since "
-                       "ppmcal wrote it", str(folder), HINT.format(run.option))
+        raise BadInput(f"{abbreviate_list(edited)} {'were' if len(edited) > 1 else 'was'} "
+                       "edited since ppmcal wrote it", str(folder), HINT.format(run.option))
     return record
 
 
@@ -213,11 +213,6 @@ def _working_folder(folder: Path) -> str:
         return os.path.relpath(os.getcwd(), folder)
     except (OSError, ValueError):    # gone, or on another drive
         return ""
-
-
-def _some(names: list[str]) -> str:
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + more
 
 
 def _is_there(path: Path) -> bool:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from helpers.architecture import block
 from helpers.commands import install, number, ppmcal, ppmcal_process, rows
 from helpers.paths import ROOT
 from helpers.sources import nodes_of
@@ -120,30 +121,9 @@ def test_touches_need_a_height() -> None:
     PLANE.refuse(SCHOENFLIES, 0, "a.yaml")
 
 
-DIAL = '''"""A dial gauge: how far the target is along the measuring frame's x."""
-
-import numpy as np
-
-from ppmcal.model.instruments import InstrumentKind
-
-
-def start(point, reading, motion):
-    """Return the shift along x and the turn about z that bring the points nearest."""
-    x, y, _ = point.T
-    shift, turn = np.linalg.lstsq(np.stack([np.ones_like(x), -y], axis=1), reading - x,
-                                  rcond=None)[0]
-    return np.array([shift, 0.0, 0.0, 0.0, 0.0, turn])
-
-
-GAUGE = InstrumentKind(
-    "dial", lambda motion: (0,), "reading", lambda point, far: point[:, 0], start,
-    lambda motion, between: (0, 5), opened=("frame",))
-'''
-
-
 def test_an_instrument_of_another_package(tmp_path: Path) -> None:
-    """Simulated, checked, fitted with its frame open, and planned for; no line here knows it."""
-    site = install(tmp_path / "site", "workshop_dial", DIAL, {
+    """That of the page: simulated, checked, fitted, planned for; no line here knows it."""
+    site = install(tmp_path / "site", "workshop_instrument", block("Add an instrument"), {
         "ppmcal.instruments": {"gauge": "GAUGE"}})
     tree = yaml.safe_load((ROOT / "configs" / "3-RPR.yaml").read_text(encoding="utf-8"))
     (tmp_path / "m.yaml").write_text(yaml.safe_dump(tree | {"free": ["*.offset"]}))

@@ -17,6 +17,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.inputs import digest_of
 from ppmcal.store.provenance import IN_MEMORY
 from ppmcal.store.runs import FoundInputs, RecordedRun, runs_of
+from ppmcal.wording import abbreviate_list
 
 FUNCTION = "identify.identify"
 
@@ -130,8 +131,7 @@ def _fitted(run: RecordedRun, places: Mapping[str, Path], machine: str, free: Se
 def reason(error: PpmcalError, only: Sequence[str]) -> str:
     """Return why calibrations with other parameters free could not be compared."""
     assert isinstance(error, BadInput | NoResult)
-    named = ", ".join(only[:4]) + (" ..." if len(only) > 4 else "")
     where = f"{error.where}: " if error.where else ""
-    return (f"{named} {'were' if len(only) > 1 else 'was'} free in only one of the two, and they "
-            f"could not be fitted anew with the same ones free ({where}{error.what}); identify "
-            "both with the same --free")
+    return (f"{abbreviate_list(only)} {'were' if len(only) > 1 else 'was'} free in only one of "
+            "the two, and they could not be fitted anew with the same ones free "
+            f"({where}{error.what}); identify both with the same --free")

@@ -18,7 +18,7 @@ from ppmcal.io.results.units import COLUMN, MachineUnits
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import OfUnit
-from ppmcal.wording import pluralize
+from ppmcal.wording import abbreviate_list, pluralize
 
 SHOWN = 4
 FITS_DIFFER = 2.5
@@ -278,9 +278,9 @@ def apart_sentence(r: ComparisonRecord) -> str:
                 or abs(p.difference - (p.explained or 0.0)) > 0.5 * abs(p.explained or np.inf))]
     if not odd:
         return ""
-    names = ", ".join(p.name for p in odd[:SHOWN]) + (" ..." if len(odd) > SHOWN else "")
-    return (f"Each fit by itself shares the change out among parameters that act alike: the two "
-            f"differ otherwise in {names}. What changed is what all data say together.")
+    return ("Each fit by itself shares the change out among parameters that act alike: the two "
+            f"differ otherwise in {abbreviate_list([p.name for p in odd])}. What changed is what "
+            "all data say together.")
 
 
 def noise_sentence(r: ComparisonRecord) -> str:

@@ -15,6 +15,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.notes import Note
 from ppmcal.units import OfUnit
+from ppmcal.wording import abbreviate_list
 
 SHOWN = 3
 CHANGED = 3
@@ -89,7 +90,7 @@ class UncheckedRows(Part):
         """Return which rows nothing else checks."""
         if not (self.dataset and self.rows):
             return ""
-        some = ", ".join(str(r) for r in self.rows[:ROWS]) + " ..." * (len(self.rows) > ROWS)
+        some = abbreviate_list([str(r) for r in self.rows], most=ROWS)
         rows = (f"rows {some} have" if len(self.rows) > 1 else f"row {some} has")
         return (f"{self.dataset}: {rows} no backup: a wrong reading there would go unnoticed. "
                 "Measure one more.")

@@ -12,7 +12,7 @@ from ppmcal.design.plan.result import Plan
 from ppmcal.io.results.identifiability import ScaleUncertainty
 from ppmcal.model.dataset import Unknown
 from ppmcal.notes import Note, about
-from ppmcal.wording import pluralize
+from ppmcal.wording import abbreviate_list, pluralize
 
 FEWEST = 2
 """The smallest plan that can be asked for."""
@@ -44,10 +44,11 @@ def findings(plan: Plan, wanted: float | None) -> list[Note]:
     if plan.tasks_left_out:
         out.append(Note("Task poses that cannot be judged are left out: "
                         f"{_counts(plan.tasks_left_out)}."))
-    lost = [n + 1 for n, v in enumerate(plan.route.via) if v not in ("", "home")]
+    lost = [str(n + 1) for n, v in enumerate(plan.route.via) if v not in ("", "home")]
     if lost:
-        out.append(Note(f"No path was found from the row before to row {_listed(lost)}, neither "
-                        "straight nor through home: see `via` in poses.csv."))
+        out.append(Note("No path was found from the row before to row "
+                        f"{abbreviate_list(lost, most=SHOWN)}, neither straight nor through home: "
+                        "see `via` in poses.csv."))
     return out
 
 
@@ -167,11 +168,11 @@ def route(plan: Plan) -> str:
     """Return how long the path is, and whether all of it is straight."""
     text = (f"The path through the poses is {plan.route.after:.3g} joint ranges long (the longest "
             f"joint's travel of each move), {plan.route.before:.3g} in the order of choice.")
-    home = [n + 1 for n, v in enumerate(plan.route.via) if v == "home"]
+    home = [str(n + 1) for n, v in enumerate(plan.route.via) if v == "home"]
     if home:
         straight = "straight moves" if plan.mechanism.surplus else "straight joint moves"
-        text += (f" Go through home to row {_listed(home)}: {straight} would meet a singularity "
-                 "or another assembly mode.")
+        text += (f" Go through home to row {abbreviate_list(home, most=SHOWN)}: {straight} would "
+                 "meet a singularity or another assembly mode.")
     return text
 
 
@@ -235,9 +236,8 @@ def _undetermined(plan: Plan) -> list[str]:
     names = plan.offer.dropped
     if not names:
         return []
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return [f"Not determined by any candidate, and without a tolerance, so left out: "
-            f"{', '.join(names[:SHOWN])}{more}."]
+    return ["Not determined by any candidate, and without a tolerance, so left out: "
+            f"{abbreviate_list(names, most=SHOWN)}."]
 
 
 def _open_ended(plan: Plan) -> list[str]:
@@ -261,8 +261,3 @@ def _open(value: Unknown) -> str:
 
 def _counts(why: Mapping[str, int]) -> str:
     return ", ".join(f"{n} {w}" for w, n in why.items())
-
-
-def _listed(rows: Sequence[int]) -> str:
-    shown = ", ".join(str(r) for r in rows[:SHOWN])
-    return shown + (f" and {len(rows) - SHOWN} more" if len(rows) > SHOWN else "")

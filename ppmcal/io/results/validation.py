@@ -14,7 +14,7 @@ from ppmcal.io.results.record import Finite, Part, Record, Text, Whole
 from ppmcal.model.measured import MISSED
 from ppmcal.store.provenance import Provenance
 from ppmcal.units import Length, OfUnit, Units
-from ppmcal.wording import number
+from ppmcal.wording import abbreviate_list, number
 
 OPENED = {"frame": "the frame", "target": "the target", "rotation": "the body's rotation",
           "homing": "the joints' zeros", "offset": "the encoder's offset"}
@@ -325,9 +325,8 @@ def _missed(data: ValidatedDataset) -> list[str]:
 def _unlike(data: ValidatedDataset) -> list[str]:
     """Return which rows do not fit with the others, empty where all do."""
     out = [f"{data.name}: row{'s' * (len(data.left_out) > 1)} "
-           f"{', '.join(map(str, data.left_out[:SHOWN]))}{' ...' * (len(data.left_out) > SHOWN)} "
-           "left out: no machine comes near the values there; look for a value typed "
-           "wrong"] if data.left_out else []
+           f"{abbreviate_list([str(n) for n in data.left_out])} left out: no machine comes "
+           "near the values there; look for a value typed wrong"] if data.left_out else []
     if not data.unlike or data.elsewhere:
         return out
     each = ", ".join(f"row {r.row} ({number(r.times, 2)} times the noise)"
