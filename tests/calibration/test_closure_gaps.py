@@ -166,6 +166,6 @@ def test_without_noise_of_joints_or_gaps_of_all_limbs_nothing_is_read(tmp_path):
     """The refusal names both."""
     table = {f"q_{name}": np.full(20, 1800.0) for name in ("bl", "br", "tr", "tl")}
     for tree in (belts(), gapped(belts(), (0.3, 0.0))):
-        with pytest.raises(BadInput, match="may gap, `closure: {sigma: 0.2}` in the mechanism"):
+        with pytest.raises(BadInput, match=r"may gap, `closure: \{sigma: 0.2\}` in the mechanism"):
             ppmcal.read_data(written(tmp_path, tree), table,
                              sidecar={"instrument": {"kind": "none", "sigma": {}}})
