@@ -67,9 +67,10 @@ def _nothing(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
         raise BadInput("the noise of the joint values is missing: without an instrument it is all "
                        "that a row may be off by", f"{side}: instrument.sigma",
                        "Add how well readings at one place repeat, such as `actuator: 0.2`; with "
-                       "`estimated: true` it is only where its estimate begins")
+                       "`estimated: true` it is only where its estimate begins. Or say what all "
+                       "limbs may gap, `closure: {sigma: 0.2}` in the mechanism file")
     blank = np.full((n, 3), np.nan)
-    size = float(np.hypot(np.median(joints * mechanism.joint_ratios), np.median(gaps)))
+    size = float(np.median(joints * mechanism.joint_ratios) or np.median(gaps))
     findings = _unused(table, kind, lambda c: _scalar_column(c, kind) or c in (
         *COORDINATES, *QUATERNION))
     return Measured(blank, blank, unknown(n), np.full((n, 3), size), blank, unknown(n),

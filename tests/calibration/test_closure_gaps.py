@@ -1,5 +1,7 @@
 """Calibration where limbs gap: intervals that cover, limits, and what files say of it."""
 
+import json
+
 import numpy as np
 import pytest
 import yaml
@@ -115,3 +117,55 @@ def test_it_is_written_back_as_the_file_has_it(tmp_path):
 def test_what_cannot_be_meant_is_refused(tree, closure, place, said, tmp_path):
     with pytest.raises(BadInput, match=f"(?s){place}.*{said}|{said}.*{place}"):
         machine(tmp_path, {**tree(), "closure": closure})
+
+
+SIDECAR = {"format": "ppmcal/dataset/1", "units": {"length": "mm", "angle": "deg"}}
+
+
+def both_ways(folder):
+    """Return a machine's file with its sidecar: as what ropes gap, and as their drives' noise."""
+    out = []
+    for name, tree, sigma in (("gaps", gapped(belts(), (0.3,)), {}),
+                              ("drives", belts(), {"actuator": 0.3})):
+        (folder / name).mkdir()
+        instrument = {"instrument": {"kind": "none", "sigma": sigma}}
+        (folder / name / "none.yaml").write_text(yaml.safe_dump({**SIDECAR, **instrument}))
+        out.append((written(folder / name, tree), instrument, folder / name / "none.yaml"))
+    return out
+
+
+def test_a_gap_of_ropes_is_as_good_as_their_drives_noise(tmp_path):
+    """What is planned, identified and validated is the same by either."""
+    made = ppmcal.simulate(written(tmp_path, belts()), alone(belts(), HALF, sigma=0.3, count=60))
+    tables = [{f"q_{n}": q[half] * 1e3 for n, q in zip(
+        ("bl", "br", "tr", "tl"), made.campaign.q.T, strict=True)}
+        for half in (slice(0, 30), slice(30, 60))]
+    told = []
+    for path, instrument, sidecar in both_ways(tmp_path):
+        data = [ppmcal.read_data(path, table, sidecar=instrument) for table in tables]
+        found = ppmcal.identify(path, data[0], holdout=0.0)
+        checked = ppmcal.validate(found.mechanism, data[1])
+        planned = ppmcal.plan(path, instrument=sidecar, count=8)
+        told.append((found, checked, planned))
+    one, other = (t[0].identification for t in told)
+    np.testing.assert_allclose(one.mechanism.values, other.mechanism.values, atol=2e-6)
+    np.testing.assert_allclose(np.sqrt(np.diag(one.covariance)),
+                               np.sqrt(np.diag(other.covariance)), rtol=2e-3)
+    assert one.noise.sigma_ratio == pytest.approx(other.noise.sigma_ratio, rel=1e-3)
+    records = [json.loads(t[1].files()["validation.json"]) for t in told]
+    model, same = (r["datasets"][0]["errors"][0] for r in records)
+    for what in ("rms", "p95", "max"):
+        assert model["closure"][what] == pytest.approx(same["closure"][what], rel=1e-3)
+    assert model["noise"] == pytest.approx(same["noise"], rel=1e-3)
+    assert 0.5 < model["noise"] < 2.0
+    chosen = [[line.split(",") for line in t[2].files()["poses.csv"].splitlines()] for t in told]
+    assert chosen[0] == chosen[1]
+
+
+def test_without_noise_of_joints_or_gaps_of_all_limbs_nothing_is_read(tmp_path):
+    """The refusal names both."""
+    table = {f"q_{name}": np.full(20, 1800.0) for name in ("bl", "br", "tr", "tl")}
+    for tree in (belts(), gapped(belts(), (0.3, 0.0))):
+        with pytest.raises(BadInput, match=r"may gap, `closure: \{sigma: 0.2\}` in the mechanism"):
+            ppmcal.read_data(written(tmp_path, tree), table,
+                             sidecar={"instrument": {"kind": "none", "sigma": {}}})
