@@ -75,7 +75,7 @@ def assembly_modes(model: Model, q: Array, seed: int = 0) -> Modes:
     if motion.planar and motion.turns and not closure.turning:
         found, method = by_resultant(closure, spheres), "resultant"
     elif not motion.turns and spheres.any():
-        # with pulleys or offset joints the spheres move with the pose: two starts, and maybe more modes
+        # with pulleys or offset joints the spheres move with the pose: two starts, maybe more modes
         found, method = point_pair(closure), "search" if closure.turning else "point pair"
     else:
         found, method = search(closure, seed), "search"
