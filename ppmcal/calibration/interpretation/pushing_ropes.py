@@ -29,5 +29,6 @@ def slack_ropes(fit: Fit) -> Iterator[Note]:
                 least = number(float(own[slack].min()), 3)
                 yield Note(
                     f"{data.name}: {mechanism.actuators[a]} would have to push in "
-                    f"{row_list(data.rows[slack] - 1)} (down to {least} N): a rope is slack there, and its reading says nothing. Leave these rows "
-                    "out, or load the platform so that all ropes pull.", FINDING, "slack")
+                    f"{row_list(data.rows[slack] - 1)} (down to {least} N): a rope is "
+                    "slack there, and its reading says nothing. Leave these rows out, or "
+                    "load the platform so that all ropes pull.", FINDING, "slack")
