@@ -22,7 +22,9 @@ from ppmcal.model.motions import motions
 DRIVES = {"length": "slide", "angle": "hinge"}
 EXAMPLES = ALL_EXAMPLES["effects"]
 WORDS = {"dir": "`dir_<actuator>`", "vel": "`vel_<actuator>`", "temperature": "`temperature`",
-         "load": "`payload` or a wrench", "wrench": "`payload` or a wrench", "time": "`time`",
+         "load": "`payload` or a wrench",
+         "tension": "`tension_<rope>`, or the load where no limb is more than needed",
+         "wrench": "`payload` or a wrench", "time": "`time`",
          "row": "the rows in their order", "touch": "touches of a flat (instrument `plane`)",
          "order": "`approach: sequence`, or `time`", "past": "`time`, of every row of the file"}
 LIMBS = """# Limb kinds

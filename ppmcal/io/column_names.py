@@ -65,9 +65,16 @@ def known_columns(mechanism: Mechanism, kind: InstrumentKind | None = None) -> l
     out = ["pose", "session", *(f"q_{a}" for a in actuators), *COORDINATES, *QUATERNION,
            *number_names(), *own, *ENVIRONMENT, *(f"to_q_{a}" for a in actuators),
            *(f"dir_{a}" for a in (*actuators, "x", "y", "z")),
-           *(f"vel_{a}" for a in actuators), *(f"cmd_{c}" for c in (*COORDINATES, *QUATERNION)),
+           *(f"vel_{a}" for a in actuators), *tension_columns(mechanism),
+           *(f"cmd_{c}" for c in (*COORDINATES, *QUATERNION)),
            *(f"sigma_{c}" for c in (*COORDINATES, "position", "rotation", *number_names(), *own))]
     return list(dict.fromkeys(out))
+
+
+def tension_columns(mechanism: Mechanism) -> list[str]:
+    """Return the columns of measured tensions, N: of each rope."""
+    return [f"tension_{mechanism.actuators[limb.actuator]}" for limb in mechanism.limbs
+            if limb.kind.pulls_only]
 
 
 def check_columns(header: Sequence[str], mechanism: Mechanism, source: str,

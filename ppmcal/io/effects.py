@@ -20,6 +20,7 @@ from ppmcal.model.effects import (
     effect_kinds,
     find_effect,
 )
+from ppmcal.model.limbs import LimbKind
 from ppmcal.model.mechanism import (
     Effect,
     Given,
@@ -30,7 +31,7 @@ from ppmcal.model.mechanism import (
     usable_joints,
     with_effect,
 )
-from ppmcal.model.motions import Motion
+from ppmcal.model.motions import SPATIAL, Motion
 from ppmcal.model.parameters import free_indices
 from ppmcal.units import Units
 from ppmcal.wording import pluralize
@@ -115,6 +116,43 @@ def with_effects(mechanism: Mechanism, raw: object, units: Units, source: str) -
     for i, one in enumerate(file.effects):
         place = f"{source}: effects[{i + 1}]"
         mechanism = (_geometry if one.kind == GEOMETRY else _added)(mechanism, one, machine, place)
+    return replace(mechanism, free=tuple(free_indices(mechanism.parameters,
+                                                      mechanism.free_patterns)))
+
+
+def limb_entries(kind: LimbKind) -> tuple[str, ...]:
+    """Return the keys of a limb that are parameters of an effect: of ropes what makes them longer.
+
+    >>> limb_entries(find_kind("rope"))
+    ('elongation', 'weight')
+    """
+    if not kind.effect:
+        return ()
+    return tuple(s.name for s in find_effect(kind.effect).parameters(SPATIAL))
+
+
+def with_limb_entries(mechanism: Mechanism, limbs: Sequence[Mapping[Any, Any]], units: Units,
+                      source: str) -> Mechanism:
+    """Return the machine with the effects that a file gives as entries of its ``limbs``.
+
+    They are written as ``effects``, as which they are read again.
+
+    Raises:
+        BadInput: as :func:`with_effects`.
+    """
+    machine = Machine(mechanism.motion, mechanism.actuators, mechanism.actuator_quantity, units,
+                      source)
+    before = mechanism
+    for limb, raw in zip(mechanism.limbs, limbs, strict=True):
+        own = {name: raw[name] for name in limb_entries(limb.kind) if raw.get(name) is not None}
+        if own:
+            place = f"{source}: limbs.{limb.name}"
+            one = check(EffectFile, {
+                "kind": limb.kind.effect, "on": [mechanism.actuators[limb.actuator]],
+                "parameters": own}, source, prefix=f"limbs.{limb.name}")
+            mechanism = _added(mechanism, one, machine, place)
+    if mechanism is before:
+        return mechanism
     return replace(mechanism, free=tuple(free_indices(mechanism.parameters,
                                                       mechanism.free_patterns)))
 

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from ppmcal.errors import unknown
-from ppmcal.io.effects import EffectFile
+from ppmcal.io.effects import EffectFile, limb_entries
 from ppmcal.io.limb_reader import NO_DRIVE
 from ppmcal.io.mechanism_schema import MechanismFile
 from ppmcal.io.pose_fields import PoseFile
@@ -24,6 +24,7 @@ from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.instruments import instruments
 from ppmcal.model.limbs import LimbKind, kinds
 from ppmcal.model.limbs.chain import JOINT_COMPONENTS
+from ppmcal.model.motions import SPATIAL
 
 Schema = dict[str, Any]
 
@@ -207,6 +208,10 @@ def _limb(kind: LimbKind) -> Schema:
         "stiffness": _springs(joint_names(kind), parts_of(kind))}
     if kind.branch:
         properties[kind.branch] = {"enum": [1, -1], "description": "Which of two solutions."}
+    for name in limb_entries(kind):
+        spec = next(s for s in effect_kinds()[kind.effect].parameters(SPATIAL) if s.name == name)
+        properties[name] = {"anyOf": [NUMBER, {"$ref": "#/$defs/ValueFile"}], "description":
+                            f"{spec.quantity}, of {kind.effect}."}
     further = (SlotGroup(d, "direction", ()) for d in kind.zeros.values())
     for group in (*groups(kind), *further):
         *above, last = group.path.split(".")

@@ -15,6 +15,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.directions import square, to_nominal, unit
+from ppmcal.io.effects import limb_entries
 from ppmcal.io.mechanism_schema import word
 from ppmcal.io.parameter_reader import Draft, SlotEntry
 from ppmcal.io.schema import check, show
@@ -116,7 +117,7 @@ class LimbReader:
         wanted = [g.path for g in groups(self.kind)] + list(self.kind.zeros.values())
         tree = list(dict.fromkeys(path.partition(".")[0] for path in wanted))
         settings = ["name", "kind", "actuator", "stiffness",
-                    *([self.kind.branch] if self.kind.branch else [])]
+                    *([self.kind.branch] if self.kind.branch else []), *limb_entries(self.kind)]
         out: dict[str, Any] = {}
         for key, value in self.raw.items():
             if key in settings:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.column_names import ENVIRONMENT
+from ppmcal.io.column_names import ENVIRONMENT, tension_columns
 from ppmcal.io.csv import Table, refuse_absurd
 from ppmcal.io.pose_fields import COORDINATES, NORM_TOLERANCE, QUATERNION, factors, rotation_vectors
 from ppmcal.linalg import Array
@@ -139,6 +139,7 @@ def second_joints(table: Table, mechanism: Mechanism, joint: Array, kind: Instru
 def further_columns(table: Table, mechanism: Mechanism, joint: Array) -> dict[str, Array]:
     """Return the columns of the environment in SI: directions, velocities, temperature (K) ..."""
     factor = {f"vel_{a}": joint[i] for i, a in enumerate(mechanism.actuators)}
+    factor |= dict.fromkeys(tension_columns(mechanism), 1.0)
     directions = {f"dir_{a}" for a in (*mechanism.actuators, "x", "y", "z")}
     out: dict[str, Array] = {}
     for name in table.header:

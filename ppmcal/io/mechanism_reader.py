@@ -13,7 +13,7 @@ import numpy as np
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import parameter_reader as assemble
 from ppmcal.io.directions import rotation, square
-from ppmcal.io.effects import with_effects
+from ppmcal.io.effects import with_effects, with_limb_entries
 from ppmcal.io.gaps import read_gaps
 from ppmcal.io.limb_reader import LimbReader, limb_kind
 from ppmcal.io.measurement_block import read_measured, read_registrations
@@ -82,7 +82,8 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
         tolerances=tolerances, cost=_cost(file, source))
     _hold_once(mechanism)
     mechanism = replace(mechanism, gaps=read_gaps(file.closure, mechanism))
-    machine = with_effects(mechanism, file.effects, units, source)
+    machine = with_effects(with_limb_entries(mechanism, file.limbs, units, source), file.effects,
+                           units, source)
     refuse_tolerances(machine)
     remark_machine(machine)
     return machine

@@ -110,7 +110,8 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec",
 def _with_assumed(table: Table, mechanism: Mechanism, assume: Mapping[str, float]) -> Table:
     """Return the table with further columns of one number each."""
     known = [c for c in known_columns(mechanism) if c in (
-        *ENVIRONMENT, *(f"{w}_{a}" for w in ("dir", "vel") for a in mechanism.actuators))]
+        *ENVIRONMENT, *(f"{w}_{a}" for w in ("dir", "vel", "tension")
+                        for a in mechanism.actuators))]
     for name, value in assume.items():
         if name in table.header:
             raise BadInput(f"the column {name} is there already", f"{table.source}: header",

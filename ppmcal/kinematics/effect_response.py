@@ -12,7 +12,7 @@ from ppmcal import linalg
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
-from ppmcal.kinematics.loads import limb_forces, loads, tensions
+from ppmcal.kinematics.loads import limb_forces, loads, rope_tensions, spans, tensions
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import (
     Dataset,
@@ -130,6 +130,8 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
         ratio=ratio, touch=environment.touch,
         past_load_of=lambda: _past_loads(mechanism, environment.history, model.parameters),
         tensions_of=lambda on: tensions(closed, q, pose, on),
+        tension_of=lambda wrench: rope_tensions(closed, q, pose, wrench, environment.tension),
+        span_of=lambda: spans(closed, q, pose),
         pose_of=lambda: np.concatenate([cga.translation(pose), cga.rotation_vector(pose)], axis=1))
     return _carrying(mechanism, model.parameters, known)
 

@@ -63,6 +63,33 @@ def tensions(model: Model, q: Array, pose: Array, on: NDArray[np.bool_]) -> Arra
     return out
 
 
+def rope_tensions(model: Model, q: Array, pose: Array, wrench: Array, measured: Array | None
+                  ) -> Array:
+    """Return the tension of each drive (N, k), N: as measured, else as the wrench (N, 6) makes it.
+
+    nan where equations beyond the freedoms leave open how limbs pull against each other. Below 0 a
+    rope would have to push.
+    """
+    if model.mechanism.surplus:
+        by_load = np.full((q.shape[0], len(model.mechanism.actuators)), np.nan)
+    else:
+        by_load = loads(model, q, pose, wrench)
+    return by_load if measured is None else np.where(np.isfinite(measured), measured, by_load)
+
+
+def spans(model: Model, q: Array, pose: Array) -> Array:
+    """Return the horizontal distance of each limb's first equation's two points (N, limbs), m."""
+    out = np.full((q.shape[0], len(model.mechanism.limbs)), np.nan)
+    rows = np.flatnonzero(finite_rows(q) & finite_rows(pose))
+    if rows.size:
+        here = model.take(rows).closure(q[rows]).at(pose[rows])
+        first = np.cumsum([0, *(len(b.point_moves) for b in here.bodies)])[:-1]
+        away = (here.carried(pose[rows]) - here.fixed)[:, first, :3]
+        down = model.mechanism.gravity
+        out[rows] = np.linalg.norm(away - (away @ down)[..., None] * down, axis=-1)
+    return out
+
+
 def _reaction(model: Model, q: Array, pose: Array, wrench: Array
               ) -> tuple[NDArray[np.int64], Closure, Array, Array]:
     """Return usable rows (n,), their closure, lines and A^-T w (n, m).

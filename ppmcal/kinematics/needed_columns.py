@@ -23,7 +23,10 @@ def missing_columns(mechanism: Mechanism, rows: Environment) -> Sequence[str]:
     out: list[str] = []
     for effect in mechanism.effects:
         on = [a for a, used in enumerate(effect.on) if used]
-        out += lacking(_needs(mechanism, effect), [mechanism.actuators[a] for a in on], on, rows)
+        needs = _needs(mechanism, effect)
+        if rows.tension is None and not mechanism.surplus:     # then the load says it
+            needs = tuple("load" if n == "tension" else n for n in needs)
+        out += lacking(needs, [mechanism.actuators[a] for a in on], on, rows)
     return tuple(dict.fromkeys(out))
 
 
@@ -59,6 +62,9 @@ def lacking(needs: Sequence[str], names: Sequence[str], on: Sequence[int],
             part = rows.approach if need == "dir" else rows.velocity
             out += [f"{need}_{n}" for n, a in zip(names, on, strict=True)
                     if not np.isfinite(part[:, a]).any()]
+        elif need == "tension":
+            out += [f"tension_{n}" for n, a in zip(names, on, strict=True)
+                    if rows.tension is None or not np.isfinite(rows.tension[:, a]).any()]
         elif need in ("load", "wrench"):
             if not finite_rows(rows.wrench).any():
                 out.append("payload")

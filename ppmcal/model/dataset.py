@@ -251,7 +251,7 @@ class Environment:
     visit, None where that is not known; ``place``: where each row is in it (N,), -1 where it is
     not. ``touch``: whether a flat was touched there (N,), None: nowhere. ``stood``: a
     label per place (N,) where the readings of the joints are all that was measured, None: the
-    joints are where they were commanded.
+    joints are where they were commanded. ``tension`` of ropes as measured (N, k), N, None: of none.
     """
 
     approach: Array
@@ -265,6 +265,7 @@ class Environment:
     place: Ints | None = None
     touch: Bools | None = None
     stood: Ints | None = None
+    tension: Array | None = None
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Environment:
         """Return the environment of some rows; their history stays whole."""
@@ -273,7 +274,8 @@ class Environment:
                            self.weight[rows], self.history,
                            None if self.place is None else self.place[rows],
                            None if self.touch is None else self.touch[rows],
-                           None if self.stood is None else self.stood[rows])
+                           None if self.stood is None else self.stood[rows],
+                           None if self.tension is None else self.tension[rows])
 
     def with_directions(self) -> Environment:
         """Return it with the history's joints known to go straight only where they did."""
@@ -309,7 +311,7 @@ def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity:
 
     Args:
         columns: ``dir_<actuator>``, ``vel_<actuator>``, ``temperature`` in K, ``payload`` in
-            kg, ``fx`` ..., ``time``; (N,) each.
+            kg, ``fx`` ..., ``time``, ``tension_<actuator>``; (N,) each.
         actuators: names of the joints.
         gravity: direction of weight in base axes (3,).
         q: joint values (N, k), nan where not known.
@@ -332,8 +334,10 @@ def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity:
     rests = np.all(approach == 0.0, axis=0)
     history, place = history_of(
         np.where(rests, 0.0, q), time, temperature, wrench, force, sequence)
+    tension = _by_joint(columns, "tension", actuators, n) if any(
+        c.startswith("tension_") for c in columns) else None
     return Environment(approach, velocity, temperature, wrench, time, np.full(n, np.inf), force,
-                       history, place).with_directions()
+                       history, place, tension=tension).with_directions()
 
 
 def with_platform_directions(found: Environment, by_axis: Array, drive: Array) -> Environment:

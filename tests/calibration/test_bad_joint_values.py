@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
+from helpers.paths import ROOT
 from helpers.redundant import alone, belts, cables, rope_cage, written
 
 import ppmcal
 from ppmcal.calibration.interpretation import InterpretationError
 from ppmcal.errors import BadInput, PpmcalError
+from ppmcal.io.results.gross_errors import GrossErrorSummary, row_sentences
 
 HALF = {"belts": {"x": 900, "y": 600}, "cables": {"x": 700, "y": 500, "rz": 8},
         "cage": {"x": 600, "y": 500, "z": 400, "rx": 10, "ry": 10, "rz": 10}}
@@ -125,3 +128,45 @@ def test_rows_too_few_are_counted_against_parameters(tmp_path):
     found = ppmcal.identify(path, data.take(np.arange(len(data)) < 5)).identification
     assert any("5 poses give 5 numbers for 14 unknowns" in f and "at least 9 poses more" in f
                for f in found.findings)
+
+
+# --- one contradiction a row ----------------------------------------------------------------------
+
+def hangprinter(folder):
+    """Return a Hangprinter's file and rows of its four lines: far out some of them push apart."""
+    file = yaml.safe_load((ROOT / "configs" / "hangprinter.yaml").read_text(encoding="utf-8"))
+    path = written(folder, file)
+    half = {"x": 500, "y": 400, "z": 300}
+    file["home"]["pose"] = {**file["home"]["pose"], "z": file["home"]["pose"]["z"] + 300}
+    return path, ppmcal.simulate(path, alone(file, half, 60, sigma=0.2)).data[0], [
+        limb["name"] for limb in file["limbs"]]
+
+
+@pytest.mark.parametrize("which", [0, 3])
+def test_of_one_contradiction_the_sign_tells_what_may_be_slack(which, tmp_path):
+    path, data, names = hangprinter(tmp_path)
+    q = data.q.copy()
+    q[[3, 17, 40], which] += 0.15
+    found = ppmcal.identify(path, replace(data, q=q))
+    rows = found.identification.gross_errors.rows
+    assert {r.row for r in rows} == {4, 18, 41}
+    assert all(names[which] in r.slack for r in rows)
+    said = GrossErrorSummary.of(found.identification.gross_errors, found.identification.mechanism)
+    text = " ".join(row_sentences(said, found.identification.mechanism))
+    assert "that was slack." in text and "Of one contradiction a row the sign alone tells" in text
+    q = data.q.copy()
+    q[[3, 17, 40], which] -= 0.15
+    short = ppmcal.identify(path, replace(data, q=q)).identification.gross_errors.rows
+    assert {r.row for r in short} == {4, 18, 41}
+    assert all(names[which] not in r.slack for r in short)
+
+
+def test_a_rope_slack_in_many_rows_is_among_those_that_may_be(tmp_path):
+    path, data, names = hangprinter(tmp_path)
+    q = data.q.copy()
+    slack = np.random.default_rng(2).permutation(len(q))[:36]
+    q[slack, 3] += np.random.default_rng(3).uniform(0.1, 0.3, len(slack))
+    text = refused(path, replace(data, q=q))
+    assert "limbs read longer than the others let them be in 31 of 60 rows" in text
+    assert f"q_{names[3]} in 31 by up to" in text
+    assert "of one contradiction a row the sign alone tells, so it may be any of these" in text

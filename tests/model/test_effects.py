@@ -60,7 +60,8 @@ ROPES = "cable-4-planar"
 CONTRACT = ("gain", "curvature", "periodic", "eccentricity", "backlash", "windup", "lag",
             "compliance", "clearance", "base_compliance", "leg_thermal", "base_thermal",
             "platform_thermal", "drift", "sensor_scale", "tilt")
-COLUMNS = {"dir", "vel", "temperature", "load", "wrench", "time", "row", "order", "past", "touch"}
+COLUMNS = {"dir", "vel", "temperature", "load", "tension", "wrench", "time", "row", "order", "past",
+           "touch"}
 each_kind = pytest.mark.parametrize("kind", effect_kinds())
 each_machine = pytest.mark.parametrize("name", MACHINES)
 
@@ -206,7 +207,8 @@ def one_row(kind: EffectKind, **fields: float) -> Setting:
                    history=history, place=np.array([1]), past_load_of=lambda: past("load", 1),
                    pose_of=lambda: np.array([[fields.get(c, 0.0) for c in "xyz"] + [0.0] * 3]),
                    touch=np.array([bool(fields.get("touch"))]),
-                   tensions_of=lambda on: np.where(on, row("tension", 1, 1), 0.0))
+                   tensions_of=lambda on: np.where(on, row("tension", 1, 1), 0.0),
+                   tension_of=lambda wrench: row("pull", 1, 1), span_of=lambda: row("span", 1, 1))
 
 
 def first_change(kind: EffectKind, values: Mapping[str, float], **fields: float) -> float:

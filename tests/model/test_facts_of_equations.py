@@ -72,7 +72,8 @@ def rows(motion: Motion = "spatial") -> Setting:
         until=np.array([np.inf, 9.0, 7.0]), history=past, place=PLACES, ratio=RATIO,
         past_load_of=lambda: rng_load(), pose_of=lambda: pose,
         touch=np.array([True, True, False, True, True, False]),
-        tensions_of=lambda on: tension)
+        tensions_of=lambda on: tension, tension_of=lambda w: 40.0 * tension,
+        span_of=lambda: np.abs(pose[:, :4]))
 
 
 def rng_load() -> Array:
@@ -576,7 +577,8 @@ def test_what_a_kind_depends_on_is_what_it_says(name: str, motion: Motion) -> No
     elsewhere = replace(at, load_of=lambda w: rng.uniform(-90.0, 90.0, (6, 3)),
                         forces_of=lambda w: rng.uniform(-50.0, 50.0, (6, 4, 3)),
                         pose_of=lambda: rng.uniform(-0.6, 0.6, (6, 6)),
-                        tensions_of=lambda on: rng.uniform(0.5, 2.0, (6, 3)))
+                        tensions_of=lambda on: rng.uniform(0.5, 2.0, (6, 3)),
+                        tension_of=lambda w: rng.uniform(20.0, 80.0, (6, 3)))
     for kind in tried(effect_kinds()[name], motion):
         if kind.carried is not None or kind.name == "learned":
             continue

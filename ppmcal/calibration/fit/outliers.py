@@ -199,6 +199,8 @@ class GrossError:
         times: how far, in standard deviations of the noise that the rows show.
         number: what an instrument of one number calls it; of limbs that contradict each other
             which is farthest from closing, ``gap_leg1``, with its gap.
+        slack: limbs, ropes, that the sign of one contradiction a row lets be slack: they read
+            longer than the others let them be.
     """
 
     dataset: str
@@ -208,6 +210,7 @@ class GrossError:
     predicted: float
     times: float
     number: str = ""
+    slack: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -252,7 +255,8 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
                 index, float(abs(rows.residual[n, c])))
             if c >= len(places):
                 name, gap = _widest_gap(rows, n)
-                yield GrossError(data.name, int(data.rows[index]), 0, gap, 0.0, times, name)
+                slack = _may_be_slack(rows, n) if data.kind.blind else ()
+                yield GrossError(data.name, int(data.rows[index]), 0, gap, 0.0, times, name, slack)
                 continue
             value = float(shown(data)[index, places[c]])
             predicted = value - float(rows.raw[n, c])
@@ -274,6 +278,20 @@ def _widest_gap(rows: Rows, n: int) -> tuple[str, float]:
     names = gap_names(closure.model.mechanism)
     widest = int(np.argmax(np.abs(gaps)))
     return names[widest], float(gaps[widest])
+
+
+def _may_be_slack(rows: Rows, n: int) -> tuple[str, ...]:
+    """Return the ropes within whose readings their ends are in one row, where none stands alone.
+
+    One contradiction shares itself among all limbs, so that its size tells none of them.
+    """
+    assert rows.response is not None
+    closure = rows.response.closure
+    limbs = closure.model.mechanism.limbs
+    if closure.model.mechanism.surplus != 1 or not all(limb.kind.pulls_only for limb in limbs):
+        return ()
+    gaps = closure.lengths(rows.response.pose)[n]
+    return tuple(limb.name for limb, gap in zip(limbs, gaps, strict=True) if gap < 0.0)
 
 
 def _would(fit: Fit, covariance: Array, noise: float) -> dict[str, tuple[float, float]]:

@@ -39,6 +39,8 @@ STILL = 0.01
 """A joint whose values go less than this part of how far the others go does not move."""
 ONE_PLACE = 1e-3
 """Values within this part of the reach are readings at one place."""
+MOSTLY = 0.8
+"""A rope that may be slack in fewer than this part of the rows of another one is not named."""
 MANY = 1.0 / 3.0
 """Of rows with a contradiction: fewer are gross errors, which the fit leaves out by itself."""
 
@@ -217,8 +219,10 @@ def _refuse_slack(rows: _AgainstNominal, data: Dataset, wrong: Bools) -> None:
     """Refuse limbs that read more than the others let them be, where that explains most rows."""
     mechanism = rows.model.mechanism
     limbs = mechanism.limbs
-    if mechanism.surplus < 2 or len({limb.actuator for limb in limbs}) < len(limbs):
-        return    # of one contradiction a row nobody can tell which limb it is of
+    one = mechanism.surplus == 1
+    if not mechanism.surplus or len({limb.actuator for limb in limbs}) < len(limbs) or (
+            one and not all(limb.kind.pulls_only for limb in limbs)):
+        return    # of one contradiction a row only the sign tells which limb it may be of
     left = np.full((len(limbs), len(rows.q)), np.inf)
     longer = np.zeros_like(left)
     for i in range(len(limbs)):
@@ -229,19 +233,22 @@ def _refuse_slack(rows: _AgainstNominal, data: Dataset, wrong: Bools) -> None:
             # a reading that is too long has the limb's end within its length
             longer[i] = -rows.model.closure(rows.q).lengths(pose)[:, i]
         left[i] = np.where(np.isfinite(gap), gap, np.inf) / rows.allowed
-    limb = np.argmin(left, axis=0)
-    own = np.arange(len(rows.q))
-    slack = wrong & (left[limb, own] <= LANDS) & (longer[limb, own] > 0.0)
+    may = wrong & (left <= LANDS) & (longer > 0.0)
+    if not one:     # the limb without which the others agree best
+        may &= np.arange(len(limbs))[:, None] == np.argmin(left, axis=0)
+    slack = may.any(axis=0)
     if slack.sum() <= 0.5 * wrong.sum():
         return
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
-    count = np.bincount(limb[slack], minlength=len(limbs))
-    which = np.flatnonzero(count >= 0.1 * count.sum()).tolist()
+    count = may.sum(axis=1)
+    which = np.flatnonzero(count >= (MOSTLY * count.max() if one else 0.1 * count.sum())).tolist()
     words = [f"q_{mechanism.actuators[limbs[i].actuator]} in {count[i]} by up to "
-             f"{number(longer[i][slack & (limb == i)].max() / factor, 3)} {unit}" for i in which]
+             f"{number(longer[i][may[i]].max() / factor, 3)} {unit}" for i in which]
     names = [f"q_{mechanism.actuators[limbs[i].actuator]}" for i in which]
+    told = ("; or ".join(words) + "; of one contradiction a row the sign alone tells, so it may be "
+            "any of these") if one and len(which) > 1 else ", ".join(words)
     raise BadInput(
         f"limbs read longer than the others let them be in {slack.sum()} of {len(rows.q)} rows "
-        f"({', '.join(words)}): slack, or with another zero", f"{data.source}: {', '.join(names)}",
+        f"({told}): slack, or with another zero", f"{data.source}: {', '.join(names)}",
         "Pull every rope tight at each place and measure again, or leave these rows out; where "
         "nothing can be slack, correct the column's zero or unit")

@@ -29,6 +29,7 @@ from ppmcal.calibration.interpretation import (
     refuse_after_fit,
     refuse_before_fit,
     refuse_other_machine,
+    slack_ropes,
     unit_findings,
     without_known,
     without_shared,
@@ -133,6 +134,7 @@ def run(asked: IdentifyArguments) -> IdentificationResult:
     if before is not None:
         notes += odd + secondary("how far the machine has changed",
                                  lambda: carried_on(fit, before, options), [], extra)
+    beside += secondary("whether ropes are slack", lambda: list(slack_ropes(fit)), [], extra)
     beside += secondary(TOLERATED, lambda: list(noise_beyond_tolerances(
         fit, _estimated(problem, sigma))), [], extra)
     if sigma != "estimated":

@@ -109,6 +109,9 @@ def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
         raise BadInput(f"{name} cannot be planned for: it depends on the way from pose to pose",
                        PLACE, f"Leave it out, and {kind.remedy}")
     for need in kind.needs:
+        if need == "tension":
+            raise BadInput(f"{name} cannot be planned for: it depends on the tension of each rope, "
+                           "which no plan sets", PLACE, f"Leave it out, and {kind.remedy}")
         if need not in SETTABLE:
             raise BadInput(f"{name} cannot be planned for: it depends on {need}, which passes by "
                            "itself", PLACE, "Go back to one pose now and then, and record `time`")

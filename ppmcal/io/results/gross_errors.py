@@ -25,7 +25,7 @@ ROWS = 8
 class LeftOutRow(Part):
     """One row that was left out: what it says, ``unit``, and what the others predict there.
 
-    ``times``: how far apart, in standard deviations.
+    ``times``: how far apart, in standard deviations; ``may_be_slack``: ropes that may have been.
     """
 
     dataset: Text = ""
@@ -35,13 +35,15 @@ class LeftOutRow(Part):
     predicted: OfUnit[Finite | None] = None
     unit: Text = ""
     times: Finite | None = None
+    may_be_slack: tuple[Text, ...] = ()
 
     @classmethod
     def of(cls, error: GrossError, mechanism: Mechanism) -> LeftOutRow:
         """Return the entry of a row in file units."""
         return cls.filled(error, mechanism.units,
                           coordinate=error.number or POSE_COORDINATES[error.coordinate],
-                          unit="length" if error.coordinate < 3 else "angle")
+                          unit="length" if error.coordinate < 3 else "angle",
+                          **({"may_be_slack": error.slack} if error.slack else {}))
 
 
 class ChangedEstimate(Part):
@@ -128,12 +130,37 @@ def row_sentences(found: GrossErrorSummary, mechanism: Mechanism) -> list[str]:
     """Return which rows were left out, what for, and what they would change."""
     out = [f"  {r.dataset}, row {r.row}: {r.coordinate} {_six(r.value)} {r.unit}, where the "
            f"others say {_six(r.predicted)} {r.unit} ({_six(r.times, 3)} times the noise)."
+           + _slack(r)
            for r in sorted(found.rows, key=lambda r: -(r.times or 0.0))[:SHOWN]]
     if len(found.rows) > SHOWN:
         out.append(f"  ... and {len(found.rows) - SHOWN} more rows, see residuals.csv.")
+    out += slack_in_common(found)
     return out + [f"  With them {name} would be {_six(e.with_them)} in place of {_six(e.now)} "
                   f"{parameter_unit(mechanism, name)}."
                   for name, e in list(found.would_be.items())[:CHANGED]]
+
+
+def _slack(row: LeftOutRow) -> str:
+    if not row.may_be_slack:
+        return ""
+    return f" It may be {' or '.join(row.may_be_slack)} that was slack."
+
+
+def slack_in_common(found: GrossErrorSummary) -> list[str]:
+    """Return which ropes may have been slack in all rows left out where one may have been.
+
+    One contradiction a row has a sign, and no more: in many rows it leaves fewer ropes.
+    """
+    rows = [r.may_be_slack for r in found.rows if r.may_be_slack]
+    if len(rows) < 2:
+        return []
+    common = [name for name in rows[0] if all(name in r for r in rows)]
+    every = len({n for r in rows for n in r}) == len(common)
+    if not common:
+        return [f"  In {len(rows)} of these rows ropes may have been slack, but no rope in all."]
+    also = "" if every else ", and no other"
+    return [f"  In all {len(rows)} rows where ropes may have been slack it may be "
+            f"{' or '.join(common)}{also}. Of one contradiction a row the sign alone tells."]
 
 
 def _six(value: float | None, digits: int = 6) -> str:

@@ -84,7 +84,7 @@ POINT = EffectInput("point", "", lambda rows: rows.point, of_machine=True, compo
 
 ROW = EffectInput("row", "1", lambda rows: rows.row)
 
-BY_NEED = {"dir": DIRECTION, "vel": VELOCITY, "load": LOAD, "wrench": WRENCH,
+BY_NEED = {"dir": DIRECTION, "vel": VELOCITY, "load": LOAD, "tension": LOAD, "wrench": WRENCH,
            "temperature": TEMPERATURE, "time": TIME, "row": ROW, "touch": POSE,
            "order": DIRECTION, "past": TIME}
 """The columns that an effect may need, and what it then follows if it does not say more."""

@@ -208,6 +208,7 @@ class EffectKind:
         source: standard or paper.
         parameters: motion -> its parameters.
         needs: columns: ``dir``, ``vel``, ``temperature``, ``load``, ``wrench``, ``time``; ``row``;
+            ``tension``: measured, or the load where that says it;
             ``touch``: of a flat; ``order``: of the rows, in which joints went straight from one to
             the next; ``past``: the rows' times, in all of the file.
         evaluate: (setting, on (k,), parameter -> value) -> :class:`Terms`.

@@ -112,6 +112,9 @@ class Setting:
         forces_of: gives the force that each limb carries under a wrench (N, limbs, 3), base axes.
         tensions_of: gives the tensions of the joints (N, k) where some (k,) pull by 1 and the
             others hold against them; None: no joints can.
+        tension_of: gives the tension of the joints (N, k), N, as measured or under a wrench
+            (N, 6); nan where neither says it.
+        span_of: gives the horizontal distance of the ends of each limb (N, limbs), m.
         weight: the part of the wrench's force that is the payload's weight (N, 3), N.
         gravity: its direction as the file has it, base axes (3,).
         turn: rotation of the platform (N, 3, 3), from its axes to the base's.
@@ -151,6 +154,8 @@ class Setting:
     pose_of: Callable[[], Array] | None = None
     touch: Bools | None = None
     tensions_of: Callable[[Bools], Array] | None = None
+    tension_of: Callable[[Array], Array] | None = None
+    span_of: Callable[[], Array] | None = None
 
     @cached_property
     def load(self) -> Array:
@@ -170,6 +175,18 @@ class Setting:
         if self.tensions_of is None:
             return np.full_like(self.travel, np.nan)
         return np.maximum(self.tensions_of(on), 0.0)
+
+    @cached_property
+    def tension(self) -> Array:
+        """Tension of each joint (N, k), N; below 0: it would have to push. nan if unknown."""
+        return self.tension_of(self.wrench) if self.tension_of else np.full_like(self.travel,
+                                                                                 np.nan)
+
+    @cached_property
+    def spans(self) -> Array:
+        """Horizontal distance of the ends of each limb (N, limbs), m."""
+        return self.span_of() if self.span_of else np.full(
+            (len(self.travel), len(self.limbs)), np.nan)
 
     def points(self, body: str) -> Array:
         """Return the joint centres of ``base`` or ``platform`` in its axes (N or 1, limbs, 3), m.

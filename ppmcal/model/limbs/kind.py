@@ -127,6 +127,7 @@ class LimbKind:
             motion decides, and the pulley.
         pulls_only: whether it is a rope: it pulls, and cannot push.
         pulley: over which it leaves the base, if any.
+        effect: kind of effect whose parameters a file may give with the limb's slots, if any.
     """
 
     name: str
@@ -144,6 +145,7 @@ class LimbKind:
     written: str = ""
     pulls_only: bool = False
     pulley: Pulley | None = None
+    effect: str = ""
 
     def __reduce__(self) -> tuple[Callable[[str], LimbKind], tuple[str]]:
         """Travel to other processes by name: the steps are functions."""

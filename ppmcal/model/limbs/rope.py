@@ -20,7 +20,8 @@ def _rope(name: str, planar: bool, base: Chain, middle: Chain, pulley: Pulley | 
         name, planar, surface, base=base, middle=middle,
         platform=Chain((shift("platform.point", planar=planar),)),
         actuator="length", branch="branch", strut=True, closes_when=closes_when, source=source,
-        written="rope", pulls_only=True, pulley=pulley)
+        written="rope", pulls_only=True, pulley=pulley,
+        effect="rope_elasticity")
 
 
 OVER = "radius wrap + |B-E| = u, E where it leaves the pulley"
