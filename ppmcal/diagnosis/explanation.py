@@ -31,6 +31,8 @@ from ppmcal.linalg import Bools
 from ppmcal.model.effects import Setting
 
 ROUNDS = 4
+BESIDE = 12
+"""Causes that are tried beside what limbs pull at each place, likeliest first."""
 TRY = ("state what is known (stiffness, load, directions) in the mechanism file, or try fewer "
        "kinds (--kind)")
 ENDED = ("the search among sets of causes was stopped early: the likeliest set so far is reported, "
@@ -306,15 +308,34 @@ def _asked(whole: Fit, fit: Fit, added: tuple[Added, ...], keep: Sequence[Bools]
         size = ask()
         answer = posterior(asked.question, rows, size.too_large if large else None)
     # steps from place to place can stand for what is another at each, and hide it from the search
-    pulls = [n for n, s in enumerate(asked.sources)
-             if isinstance(s, UnknownCause) and s.label == PULLS]
-    if pulls and not set(pulls) & set(answer.best.chosen):
+    for begin in _pulled(asked, answer.best):
         own_size = ask()
-        other = posterior(asked.question, pulls, own_size.too_large if large else None)
+        other = posterior(asked.question, begin, own_size.too_large if large else None)
         if other.best.log_p > answer.best.log_p:
             answer, size = other, own_size
     return Round(fit, added, tuple(own), kinds, found, asked, answer, _whitening(answer.best),
                  size.found, (ENDED,) if answer.ended else ())
+
+
+def _pulled(asked: Asked, best: BlockSet) -> Iterator[Sequence[int]]:
+    """Yield sets with what limbs pull at each place, from which a search may come to likelier ones.
+
+    That alone, beside the best set, and beside the one cause with which it is likeliest: with
+    that less is left to be another at each place, which a search that keeps sizes does not see.
+    """
+    pulls = [n for n, s in enumerate(asked.sources)
+             if isinstance(s, UnknownCause) and s.label == PULLS]
+    if not pulls:
+        return
+    question = asked.question
+    if not set(pulls) & set(best.chosen):
+        yield pulls
+        yield [*best.chosen, *pulls]
+    alone = state(question, pulls)
+    beside = [state(question, (*pulls, int(i))) for i in np.argsort(-alone.scores)[:BESIDE]]
+    most = max(beside, key=lambda at: at.log_p, default=alone)
+    if most.log_p > alone.log_p:
+        yield most.chosen
 
 
 def _whitening(best: BlockSet) -> Whitening:
