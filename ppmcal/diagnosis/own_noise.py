@@ -27,7 +27,6 @@ from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.wrong_files import without
 from ppmcal.inference.row_weights import row_weights
-from ppmcal.model.dataset import Dataset
 from ppmcal.wording.progress import start_stage
 
 SWEEPS = 30
@@ -52,7 +51,7 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
     own, told = with_own_noise(problem, options.fit)
     own, told = with_repeats_noise(own, told, options)
     found = diagnose_with_registration(own, options)
-    if not told or not found.effects:
+    if not found.effects or not any(d.estimated for d in own.datasets):
         return found, told
     notes = list[str]()
     found, told = secondary("the noise that what was named leaves", lambda: _once_more(
@@ -69,20 +68,20 @@ def with_repeats_noise(problem: Problem, told: list[str], options: DiagnosisOpti
         told: what that noise is.
         options: of the diagnosis.
     """
-    ratio = [None] * len(problem.datasets)
-    if any(d.estimated and d.kind.blind for d in problem.datasets):
-        fit = identify(problem, options.fit)
-        ratio = [_repeats_ratio(fit, n) if d.estimated and d.kind.blind else None
-                 for n, d in enumerate(problem.datasets)]
-    datasets, said = list[Dataset](), list[str]()
-    for data, r in zip(problem.datasets, ratio, strict=True):
-        quiet = r is not None and r < LESS
-        datasets.append(replace(data.noisier(r), estimated=False) if quiet else data)
-        if quiet:
-            of = noise_quantity(data)
-            said.append(f"{data.name}: noise {typical_noise(datasets[-1]) / data.units.factor(of):.3g} "
-                        f"{data.units.name(of)}, as readings repeat at one place.")
-    return replace(problem, datasets=tuple(datasets)), [*told, *said]
+    alone = [d.estimated and d.kind.blind for d in problem.datasets]
+    if not any(alone):
+        return problem, told
+    fit = identify(problem, options.fit)
+    datasets, said = list(problem.datasets), list(told)
+    for n in np.flatnonzero(alone).tolist():
+        ratio = _repeats_ratio(fit, n)
+        if ratio is None or ratio >= LESS:
+            continue
+        own = datasets[n] = replace(datasets[n].noisier(ratio), estimated=False)
+        of = noise_quantity(own)
+        said.append(f"{own.name}: noise {typical_noise(own) / own.units.factor(of):.3g} "
+                    f"{own.units.name(of)}, as readings repeat at one place.")
+    return replace(problem, datasets=tuple(datasets)), said
 
 
 def _repeats_ratio(fit: Fit, n: int) -> float | None:
