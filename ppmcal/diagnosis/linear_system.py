@@ -79,10 +79,17 @@ class System:
 
     @cached_property
     def apart(self) -> Ints:
-        """How many rows of its file each row is after the one before, 0 in another file (N-1,)."""
+        """How many rows of its file each row is after the one before, 0 in another file (N-1,).
+
+        0 too between joint values alone that are read several times at each place: what such rows
+        have in common is what limbs pull there, and is asked for as that.
+        """
         number = np.array([self.problem.datasets[i].rows[n] for i, n in
                            zip(self.dataset, self.row, strict=True)], dtype=np.int64)
         same = self.dataset[1:] == self.dataset[:-1]
+        blind = np.array([d.kind.blind for d in self.problem.datasets])[self.dataset[1:]]
+        if blind.any() and np.unique(self.group).size < self.group.size:
+            same &= ~blind
         return np.where(same, np.maximum(np.diff(number), 1), 0)
 
     @property

@@ -1,21 +1,37 @@
 """Diagnoses of files whose noise is to be estimated: again, where what was named leaves less.
 
-Noise estimated before anything is named holds what is missing, and hides what is small.
+Noise estimated before anything is named holds what is missing, and hides what is small. Where
+limbs are held against each other it holds above all what they pull at each place: of joint values
+alone that were read several times at each place the noise is what these repeats say.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from ppmcal.calibration.fit import Problem, secondary, typical_noise, with_own_noise
+import numpy as np
+
+from ppmcal.calibration.fit import (
+    ENOUGH_REPEATS,
+    Fit,
+    Problem,
+    identify,
+    noise_quantity,
+    secondary,
+    typical_noise,
+    with_own_noise,
+)
 from ppmcal.diagnosis.options import DiagnosisOptions
 from ppmcal.diagnosis.recorded import with_whole_rows
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.wrong_files import without
-from ppmcal.notes import Note
+from ppmcal.inference.row_weights import row_weights
+from ppmcal.notes import NOTE, Note
 from ppmcal.wording.progress import start_stage
 
+SWEEPS = 30
+"""Rows are weighed, and their noise found, in turns so often."""
 LESS = 0.95
 """The noise is less where it falls below this part of what it was."""
 
@@ -34,13 +50,64 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
     # what is named is fitted to the same rows, and needs the same of them
     problem = with_whole_rows(problem)
     own, told = with_own_noise(problem, options.fit)
+    own, told = with_repeats_noise(own, told, options)
     found = diagnose_with_registration(own, options)
-    if not told or not found.effects:
+    if not found.effects or not any(d.estimated for d in own.datasets):
         return found, told
     notes = list[Note]()
     found, told = secondary("the noise that what was named leaves", lambda: _once_more(
         problem, own, found, told, options), (found, told), notes)
     return found, [*told, *notes]
+
+
+def with_repeats_noise(problem: Problem, told: list[Note], options: DiagnosisOptions
+                       ) -> tuple[Problem, list[Note]]:
+    """Return the problem with the noise that repeats of joint values alone have, and what it is.
+
+    Args:
+        problem: with the noise that residuals show, which holds what limbs pull at each place.
+        told: what that noise is.
+        options: of the diagnosis.
+    """
+    alone = [d.estimated and d.kind.blind for d in problem.datasets]
+    if not any(alone):
+        return problem, told
+    fit = identify(problem, options.fit)
+    datasets, said = list(problem.datasets), list(told)
+    for n in np.flatnonzero(alone).tolist():
+        ratio = _repeats_ratio(fit, n)
+        if ratio is None or ratio >= LESS:
+            continue
+        own = datasets[n] = replace(datasets[n].noisier(ratio), estimated=False)
+        of = noise_quantity(own)
+        said.append(Note(
+            f"{own.name}: noise {typical_noise(own) / own.units.factor(of):.3g} "
+            f"{own.units.name(of)}, as readings repeat at one place.", NOTE, "noise"))
+    return replace(problem, datasets=tuple(datasets)), said
+
+
+def _repeats_ratio(fit: Fit, n: int) -> float | None:
+    """Return how readings of a data set scatter at one place, over their noise; None: too few.
+
+    A reading that does not belong makes no other one noisy.
+    """
+    data, keep = fit.problem.datasets[n], fit.keep[n] | fit.outliers[n]
+    parts = list(fit.problem.weighted(None).rows_of(n, fit.state, False, keep))
+    _, place, count = np.unique(data.groups[np.concatenate([p.index for p in parts])],
+                                return_inverse=True, return_counts=True)
+    white = np.concatenate([p.residual for p in parts])
+    mean = np.zeros((count.size, white.shape[1]))
+    np.add.at(mean, place, white / count[place][:, None])
+    part = (1.0 - 1.0 / count)[place] * white.shape[1]
+    again = part > 0.0
+    square, part = np.sum((white - mean[place]) ** 2, axis=1)[again], part[again]
+    if part.sum() < ENOUGH_REPEATS:
+        return None
+    weight, ratio = np.ones(part.size), 1.0
+    for _ in range(SWEEPS):
+        ratio = float(np.sqrt(weight @ square / (weight @ part)))
+        weight = row_weights(square / ratio**2, part, float(part.sum()), int(weight.sum()))
+    return ratio
 
 
 def _once_more(problem: Problem, own: Problem, found: Diagnosis, told: list[Note],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,16 +13,18 @@ from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.library_columns import Products
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.unknown_causes import (
+    ALL_ZEROS,
     MOST_POSES,
     UNKNOWN_FAMILY,
     UnknownCause,
     UnknownCauses,
 )
 from ppmcal.inference.blocks import Block
-from ppmcal.inference.columns import JoinedColumns, UnitColumns
+from ppmcal.inference.columns import JoinedColumns, MatrixColumns, UnitColumns
 from ppmcal.inference.priors import (
     ALL_ALIKE,
     FAMILY,
+    FIRST_READING,
     GOES_WITH,
     GROSS_ROW,
     MISREAD,
@@ -92,12 +94,14 @@ def question(system: System, library: Library, unknown: UnknownCauses,
     ``added``: as of :func:`at_nominal`.
     """
     observed = system.observed
-    columns = JoinedColumns((LibrarySource(library.products, observed), unknown.columns,
-                             UnitColumns(observed.size)))
     first = library.count + unknown.columns.count
+    each = {way: unit for way, unit in unknown.zeros.items() if way != ALL_ZEROS}
+    of_places, caught = places(system, each, first + observed.size)
+    columns = JoinedColumns((LibrarySource(library.products, observed), unknown.columns,
+                             UnitColumns(observed.size), MatrixColumns(caught)))
     every: list[tuple[Block, Source]] = [*blocks(library, unknown.least),
-                                         *unknown.blocks(library.count), *rows(observed, first),
-                                         *places(system, first),
+                                         *unknown.blocks(library.count), *rows(system, first),
+                                         *of_places,
                                          *files(system, first)]
     asked = Question(columns, *at_nominal(system, added), tuple(b for b, _ in every), observed,
                      system.apart, frozenset({ROW_FAMILY}), noise_freedom(system))
@@ -140,32 +144,56 @@ NO_CAUSES = (ROW_FAMILY, FILE_FAMILY)
 """Families that are not a cause in the machine."""
 
 
-def rows(observed: Bools, first: int) -> Iterator[tuple[Block, WrongRows]]:
-    """Yield a block for each row that does not belong; ``first``: number of its first column."""
+def rows(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:
+    """Yield a block for each row that does not belong; ``first``: number of its first column.
+
+    Of joint values alone that are read several times at a place the first is more often off.
+    """
+    observed, settling = system.observed, first_readings(system)
     width = observed.shape[1]
     for n, seen in enumerate(observed):
         own = np.flatnonzero(seen)
         if own.size:
+            prior = FIRST_READING if settling[n] else GROSS_ROW
             yield Block(f"row {n}", ROW_FAMILY,
                         tuple((first + n * width + own).tolist()),
-                        float(np.log(float(GROSS_ROW)))), WrongRows((n,), f"row {n}")
+                        float(np.log(float(prior)))), WrongRows((n,), f"row {n}")
 
 
-def places(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:
-    """Yield a block for all rows of a place where readings are all that was measured.
+def first_readings(system: System) -> Bools:
+    """Return which rows are the first of several joint values alone at one place (N,)."""
+    _, begin, place, count = np.unique(system.group, return_index=True, return_inverse=True,
+                                       return_counts=True)
+    blind = np.array([d.kind.blind for d in system.problem.datasets])[system.dataset]
+    place = place.reshape(-1)
+    return np.asarray(blind & (count[place] > 1) & (begin[place] == np.arange(place.size)))
 
-    A limb that was slack or caught there was so in all of them. ``first``: as of :func:`rows`.
+
+def places(system: System, zeros: Mapping[str, Array], first: int
+           ) -> tuple[list[tuple[Block, Source]], Array]:
+    """Return a block for all rows of a place where readings are all that was measured.
+
+    A limb that was slack or caught there was so in all of them, by the same: one column for each
+    joint. ``zeros``: what each joint's does (N, m). ``first``: number of the first column.
+
+    Returns:
+        The blocks, and their columns (N m, c).
     """
-    observed, problem = system.observed, system.problem
-    width = observed.shape[1]
-    blind = np.array([d.kind.blind for d in problem.datasets])[system.dataset]
-    for group in np.unique(system.group[blind]):
-        mine = np.flatnonzero((system.group == group) & blind)
-        own = (mine[:, None] * width + np.arange(width))[observed[mine]]
-        if mine.size > 1 and own.size <= MOST_POSES:
-            label = f"rows {mine[0]} to {mine[-1]}"
-            yield (Block(label, ROW_FAMILY, tuple((first + own).tolist()),
-                         float(np.log(float(GROSS_ROW)))), WrongRows(tuple(mine.tolist()), label))
+    blind = np.array([d.kind.blind for d in system.problem.datasets])[system.dataset]
+    found: list[tuple[Block, Source]] = []
+    columns = [np.zeros((system.observed.size, 0))]
+    group, count = np.unique(system.group[blind], return_counts=True)
+    for place in group[count > 1][:MOST_POSES]:
+        mine = np.flatnonzero((system.group == place) & blind)
+        own = np.zeros((*system.observed.shape, len(zeros)))
+        own[mine] = np.stack([unit[mine] for unit in zeros.values()], axis=-1)
+        label = f"rows {mine[0]} to {mine[-1]}"
+        found.append((Block(label, ROW_FAMILY, tuple(first + np.arange(len(zeros))),
+                            float(np.log(float(GROSS_ROW)))), WrongRows(tuple(mine.tolist()),
+                                                                        label)))
+        columns.append(own.reshape(system.observed.size, -1))
+        first += len(zeros)
+    return found, np.hstack(columns)
 
 
 def files(system: System, first: int) -> Iterator[tuple[Block, WrongRows]]:

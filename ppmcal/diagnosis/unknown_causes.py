@@ -30,6 +30,7 @@ from ppmcal.model.motions import Motion
 
 UNKNOWN_FAMILY = "unknown"
 """The family of what no kind of the library does."""
+ALL_ZEROS = "all zeros"
 PULLS = "what limbs pull against each other, another at each pose"
 SHORT = LENGTHS[:2]
 """Ways within which a reversal is taken up: over longer ones it is a slope and no reversal."""
@@ -96,7 +97,7 @@ class UnknownCauses:
         names = mechanism.actuators
         on = {f"the zero of {name}": np.arange(len(names)) == a for a, name in enumerate(names)}
         if len(set(mechanism.actuator_quantity)) == 1:
-            on["all zeros"] = np.ones(len(names), dtype=bool)
+            on[ALL_ZEROS] = np.ones(len(names), dtype=bool)
         return {way: system.column([p.setting.at_joints(np.ones_like(p.setting.travel), mine)
                                     for p in system.parts]) * system.observed
                 for way, mine in on.items()}
@@ -173,11 +174,11 @@ class UnknownCauses:
             return
         there = np.eye(poses.size)[place][:, None, :]
         each = {way.split()[-1]: (unit[..., None] * there).reshape(-1, poses.size)
-                for way, unit in self.zeros.items() if way != "all zeros"}
+                for way, unit in self.zeros.items() if way != ALL_ZEROS}
         for name, own in each.items():
             yield (f"a function of travel too fine to be seen acting on {name}", own,
                    [np.eye(poses.size)], False, None, ())
-        if self.system.problem.mechanism.surplus and "all zeros" in self.zeros:
+        if self.system.problem.mechanism.surplus and ALL_ZEROS in self.zeros:
             every = np.concatenate(list(each.values()), axis=1)
             yield (PULLS, every,
                    [np.eye(every.shape[1])], True, None, ())
@@ -275,7 +276,7 @@ class UnknownCauses:
                 columns = np.concatenate([(u[..., None] * waves[:, None, :]).reshape(-1, wave.size)
                                           for u in units], axis=1)
                 each = [np.asarray(np.kron(np.eye(len(units)), k)) for k in _courses(wave)]
-                together = way == "all zeros" or len(units) > 1
+                together = way == ALL_ZEROS or len(units) > 1
                 yield f"a slow course{when} of {way}", columns, each, together, None, ()
 
     @cached_property

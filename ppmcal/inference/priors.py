@@ -41,6 +41,8 @@ GOES_WITH = Prior(1 / 10, "one effect in ten has a size that goes with temperatu
 SELDOM = Prior(1 / 10, "a plate is stiffer than its legs: in one machine of ten it is what bends")
 MISREAD = Prior(1 / 200, "one column in two hundred is in another unit or sign than is said")
 GROSS_ROW = Prior(1 / 100, "one row in a hundred is a wrong point, a typo, or a broken beam")
+FIRST_READING = Prior(1 / 10, "limbs settle as they are first pulled: of 796 places where a "
+                              "router's belts were read, one in ten was read otherwise at first")
 NO_WEIGHT = Prior(1 / 20, "a row that hardly counts is left out: by it nothing would move")
 MOST_GROSS = Prior(1 / 4, "where more than a quarter of the rows do not belong, the others are it")
 
