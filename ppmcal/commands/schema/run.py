@@ -7,13 +7,15 @@ from typing import Any
 
 from ppmcal import codec
 from ppmcal.commands.batch.schema import manifest_schema
+from ppmcal.commands.certify.about import about_schema
 from ppmcal.commands.schema.options import SchemaArguments
 from ppmcal.errors import unknown
 from ppmcal.io import json_schema
 from ppmcal.io.json_schema import DIALECT
 from ppmcal.io.results.record import Record
 
-FILES = (*json_schema.FILES, "batch")
+OWN = {"batch": manifest_schema, "about": about_schema}
+FILES = (*json_schema.FILES, *OWN)
 """Files that a user writes."""
 RESULTS = {"identification": "identification.IdentificationRecord",
            "diagnosis": "diagnosis.DiagnosisRecord", "comparison": "comparison.ComparisonRecord",
@@ -23,7 +25,8 @@ RESULTS = {"identification": "identification.IdentificationRecord",
            "stiffness": "stiffness.StiffnessRecord", "workspace": "workspace.WorkspaceRecord",
            "plan": "plan.PlanRecord", "export": "export.ExportRecord",
            "validation": "validation.ValidationRecord", "campaign": "batch.CampaignRecord",
-           "verification": "verification.VerificationRecord"}
+           "verification": "verification.VerificationRecord",
+           "certificate": "certificate.CertificateRecord"}
 """Results by name, and the records that write and read them."""
 
 
@@ -38,7 +41,7 @@ def file_schema(name: str) -> dict[str, Any]:
     Raises:
         BadInput: there is no such file.
     """
-    return manifest_schema() if name == "batch" else json_schema.file_schema(name)
+    return OWN[name]() if name in OWN else json_schema.file_schema(name)
 
 
 def run(asked: SchemaArguments) -> dict[str, Any]:

@@ -1,0 +1,3 @@
+"""A calibration certificate from results that are made again first."""
+
+ORDER = 22

@@ -1,0 +1,171 @@
+"""What stands on a certificate, part by part: the HTML page and the PDF lay out the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from ppmcal.commands.certify.about import ISO_AXES, ISO_POSES
+from ppmcal.io.results.certificate import CertificateRecord, CertifiedFigure
+from ppmcal.wording import number
+
+NONE = "–"
+ASKED = {"ISO 9283": ISO_POSES, "ISO 230-2": ISO_AXES}
+"""Repeats that the standards ask for."""
+
+
+@dataclass(frozen=True)
+class Heading:
+    """The beginning of a chapter."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Names and what they are."""
+
+    pairs: Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table; ``widths``: of its columns, parts of the page's; ``right``: columns of numbers."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    widths: Sequence[float]
+    right: Sequence[int] = ()
+
+
+@dataclass(frozen=True)
+class Words:
+    """A paragraph."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class ErrorMap:
+    """The picture of the errors over the measured volume."""
+
+
+Block = Heading | Lines | Grid | Words | ErrorMap
+
+
+def title(record: CertificateRecord) -> str:
+    """Return the certificate's title."""
+    return f"Calibration certificate {record.number}"
+
+
+def blocks(record: CertificateRecord) -> Iterator[Block]:
+    """Yield the parts of a certificate in their order."""
+    yield from _who(record)
+    yield Heading("Results")
+    yield Words(record.basis)
+    if record.gauge:
+        yield Words(record.gauge)
+    yield from _figures(record)
+    yield from _budget(record)
+    yield from _decision(record)
+    if record.rows:
+        yield Heading("Errors over the measured volume")
+        yield ErrorMap()
+    yield from _validity(record)
+    yield from _provenance(record)
+
+
+def _value(value: float | None, unit: str = "", digits: int = 4) -> str:
+    return NONE if value is None else f"{number(value, digits)} {unit}".strip()
+
+
+def _who(record: CertificateRecord) -> Iterator[Block]:
+    unit, i = record.units.name("length"), record.instrument
+    lab = record.laboratory
+    accredited = f", accreditation {lab.accreditation}" if lab.accreditation else ""
+    low, high = record.temperature[0], record.temperature[-1]
+    warm = _value(low) if low == high else f"{_value(low)} to {_value(high)}"
+    yield Lines([
+        ("Machine", " ".join(filter(None, (record.machine.maker, record.machine.model)))
+         + f", serial number {record.machine.serial} ({record.machine.name})"),
+        ("Customer", _party(record.customer.name, record.customer.city, record.customer.country)),
+        ("Laboratory", _party(lab.name, lab.city, lab.country) + accredited),
+        ("Measured", f"{record.date} by {record.operator}"), ("Issued", record.issued),
+        ("Instrument", "none: joint values alone" if i is None else
+         f"{i.make}, serial number {i.serial}, certificate {i.certificate} of {i.calibrated}, "
+         f"U = {_value(i.uncertainty, unit)} (k = {_value(i.coverage_factor)})"),
+        ("Temperature", f"{warm} °C"), *record.conditions.items()])
+
+
+def _party(name: str, city: str, country: str) -> str:
+    return ", ".join(filter(None, (name, city, country)))
+
+
+def _figures(record: CertificateRecord) -> Iterator[Block]:
+    given = [f for f in record.figures if f.value is not None]
+    yield Grid(["figure", "standard", "value", "U", "unit", "of"], [
+        [f.label, f.norm or NONE, _value(f.value), _value(f.expanded), f.unit, _of(f)]
+        for f in given], (0.38, 0.10, 0.11, 0.10, 0.06, 0.25), (2, 3))
+    missing: dict[tuple[str, str], list[str]] = {}
+    for f in record.figures:
+        if f.value is None:
+            told = f"{f.symbol} of {f.where}" if f.where else f.symbol
+            missing.setdefault((f.norm, f.why), []).append(told)
+    if missing:
+        yield Words("Figures of the standards that these rows do not allow:")
+        yield Grid(["standard", "figures", "why"], [
+            [norm, ", ".join(names), why] for (norm, why), names in missing.items()],
+            (0.13, 0.35, 0.52))
+
+
+def _of(f: CertifiedFigure) -> str:
+    if not f.asked:
+        return f.where or "all rows"
+    fewer = f", n = {f.repeats}" + (f" ({f.asked} agreed)" if f.asked < ASKED[f.norm] else "")
+    return f.where + fewer
+
+
+def _budget(record: CertificateRecord) -> Iterator[Block]:
+    b, unit = record.budget, record.units.name("length")
+    yield Heading("Uncertainty (GUM)")
+    yield Grid(["contribution", "type", "distribution", f"u, {unit}", "degrees", "c",
+                f"c u, {unit}", "from"], [
+        [c.source, c.kind, c.distribution, _value(c.standard),
+         "∞" if c.degrees is None else _value(c.degrees, digits=3),
+         _value(c.sensitivity), _value(c.part), c.note] for c in b.lines],
+        (0.16, 0.06, 0.13, 0.11, 0.10, 0.04, 0.11, 0.29), (3, 4, 5, 6))
+    degrees = "∞" if b.degrees is None else _value(b.degrees, digits=3)
+    yield Words(f"Combined u = {_value(b.combined, unit)}; effective degrees of freedom {degrees} "
+                f"(Welch-Satterthwaite); k = {_value(b.factor, digits=3)}; expanded uncertainty "
+                f"U = {_value(b.expanded, unit)}, of {b.of}, for a coverage probability of about "
+                "95 %.")
+
+
+def _decision(record: CertificateRecord) -> Iterator[Block]:
+    d, unit = record.decision, record.units.name("length")
+    yield Heading("Decision")
+    if not d.result:
+        yield Words("No decision rule was agreed.")
+        return
+    how = ("the limit less the expanded uncertainty" if d.accepted != d.limit else
+           "the limit itself")
+    yield Words(f"{d.result.upper()} by {d.rule} (ILAC-G8, JCGM 106): the {d.of} is "
+                f"{_value(d.value, unit)}, the limit {_value(d.limit, unit)}, the acceptance limit "
+                f"{_value(d.accepted, unit)} ({how}).")
+
+
+def _validity(record: CertificateRecord) -> Iterator[Block]:
+    if not record.validity:
+        return
+    yield Heading("Range of validity")
+    yield Grid(["", "from", "to", "unit"], [
+        [r.name, _value(r.low, digits=6), _value(r.high, digits=6), r.unit]
+        for r in record.validity], (0.4, 0.2, 0.2, 0.2), (1, 2))
+
+
+def _provenance(record: CertificateRecord) -> Iterator[Block]:
+    yield Heading("Made again")
+    yield Words(f"Before this certificate was written, ppmcal {record.provenance.version} made the "
+                "results again from the measurements; every file came out as it is, by the bounds of "
+                "`verify`. SHA-256:")
+    yield Grid(["file", "SHA-256"], [[n, d] for n, d in record.digests.items()], (0.3, 0.7))

@@ -1,0 +1,202 @@
+"""From judged rows to figures, budget and ranges, SI."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.calibration.fit import typical_noise
+from ppmcal.commands.certify.about import AboutFile
+from ppmcal.commands.certify.budget import TYPE_A, TYPE_B, Budget, Contribution, of_repeats
+from ppmcal.commands.certify.evidence import (
+    Evidence,
+    JudgedRows,
+    by_parameters,
+    joint_deviations,
+)
+from ppmcal.commands.certify.figures import (
+    AxisRows,
+    Figure,
+    axis_figures,
+    error_figures,
+    one_sided,
+    pose_figures,
+)
+from ppmcal.errors import BadInput
+from ppmcal.io.results.identification_parts import ResidualSummary
+from ppmcal.io.results.knowledge import read_knowledge
+from ppmcal.io.results.units import JOINT
+from ppmcal.linalg import Array
+from ppmcal.model.repeats import repeats
+
+SEEN = "needs measurements that no fit has seen"
+NORMAL, KNOWN = "normal", float("inf")
+
+
+def figures(evidence: Evidence, about: AboutFile) -> list[Figure]:
+    """Return every figure of the certificate, those that cannot be had with the reason."""
+    out = _errors(evidence)
+    for rows in evidence.rows:
+        if rows.data.kind.blind:
+            out += [Figure("AP_p", "pose accuracy", None, norm="ISO 9283",
+                           why="joint values alone tell no attained pose"),
+                    Figure("A", "bidirectional accuracy", None, norm="ISO 230-2",
+                           why="joint values alone tell no attained pose")]
+            continue
+        named = [f.symbol for f in out]
+        for one in _standards(rows, about, evidence.seen):
+            several = one.symbol in named and len(evidence.rows) > 1
+            out.append(replace(one, where=f"{one.where} ({rows.data.name})".strip())
+                       if several or len(evidence.rows) > 1 else one)
+    return out
+
+
+def _errors(evidence: Evidence) -> list[Figure]:
+    """Return the errors of all rows that no fit has seen."""
+    if evidence.seen:
+        units = evidence.mechanism.units
+        return list(_held_out(evidence.record.residual.holdout, units.factor("length"),
+                              units.factor("angle")))
+    if all(r.data.kind.blind for r in evidence.rows):
+        gaps = np.concatenate([np.sqrt(np.nanmean(r.errors**2, axis=1)) for r in evidence.rows])
+        return [replace(f, name=f.name.replace("position", "closure"))
+                for f in error_figures(gaps, np.zeros(0))]
+    parts = [(r.found.position[0][r.keep], r.found.rotation[0][r.keep]) for r in evidence.rows]
+    return list(error_figures(*(np.concatenate(p) for p in zip(*parts, strict=True))))
+
+
+def _held_out(found: Mapping[str, ResidualSummary], length: float, angle: float
+              ) -> Iterator[Figure]:
+    """Yield the figures on poses that identify held out; of closures where nothing else is."""
+    kinds = [k for k in ("position", "rotation") if k in found] or ["closure"]
+    for kind in kinds:
+        one = found.get(kind, ResidualSummary())
+        factor, quantity = (angle, "angle") if kind == "rotation" else (length, "length")
+        for name, value in (("rms error", one.rms), ("95 % point", one.p95),
+                            ("largest error", one.max)):
+            if value is not None:
+                yield Figure("", f"{name} of {kind}", value * factor, quantity,
+                             where="held-out poses", expanded=quantity == "length")
+
+
+def _standards(rows: JudgedRows, about: AboutFile, seen: bool) -> Iterator[Figure]:
+    """Yield the figures of ISO 9283 and of ISO 230-2 of one data set."""
+    sets = one_sided(rows.data.groups[rows.keep], rows.directions)
+    found = pose_figures(rows.errors, rows.names, rows.places, sets, about.repeats.iso_9283)
+    for one in found:
+        fitted = seen and one.symbol.startswith("AP") and one.value is not None
+        yield replace(one, value=None, why=SEEN, expanded=False) if fitted else one
+    mechanism = rows.fit.problem.mechanism
+    deviations, directions = joint_deviations(rows), rows.directions
+    for i, name in enumerate(mechanism.actuators):
+        yield from axis_figures(AxisRows(name, JOINT + name, deviations[:, i], directions[:, i],
+                                         rows.data.groups[rows.keep]), about.repeats.iso_230_2)
+
+
+# ---- uncertainty
+
+
+def budget(evidence: Evidence, about: AboutFile) -> Budget:
+    """Return the budget of a position's error along any one direction."""
+    lines = [_repeatability(evidence)]
+    blind = all(r.data.kind.blind for r in evidence.rows)
+    if not blind:
+        lines += [_model(evidence), _registration(evidence)]
+    if about.instrument is not None:
+        factor = about.instrument.coverage_factor
+        lines.append(Contribution(
+            "instrument", TYPE_B, NORMAL, about.instrument.uncertainty * about.length / factor,
+            KNOWN, note=f"certificate {about.instrument.certificate}, k = {factor:g}"))
+    lines.append(_remainder(evidence, sum(c.part**2 for c in lines if c.source != "instrument")))
+    return Budget(tuple(lines), about.coverage)
+
+
+def _repeatability(evidence: Evidence) -> Contribution:
+    """Return the scatter of repeats of one pose under the same conditions, pooled."""
+    sums = list[tuple[float, int]]()
+    for rows in evidence.rows:
+        label = repeats(rows.data)[rows.keep]
+        errors = rows.errors[:, :rows.places]
+        for one in np.unique(label):
+            mine = errors[label == one]
+            mine = mine[np.isfinite(mine).all(axis=1)]
+            if len(mine) > 1:
+                sums.append((float(np.sum((mine - mine.mean(axis=0)) ** 2)),
+                             (len(mine) - 1) * mine.shape[1]))
+    scatter, degrees = of_repeats(sums)
+    if degrees:
+        return Contribution("repeatability", TYPE_A, NORMAL, scatter, degrees,
+                            note="repeats of one pose, pooled")
+    noise = evidence.record.noise
+    stated = np.concatenate([_stated(r) for r in evidence.rows])
+    size = float(np.sqrt(np.nanmean(stated**2)))
+    return Contribution("repeatability", TYPE_A, NORMAL, size * max(noise.sigma_ratio, 1.0)
+                        if np.isfinite(noise.sigma_ratio) else size, max(noise.degrees, 1.0),
+                        note="no repeats: stated noise, checked by the residuals")
+
+
+def _stated(rows: JudgedRows) -> Array:
+    """Return the stated noise of each position coordinate (R places,), m."""
+    found = rows.found.sigma[0][rows.keep][:, :rows.places].ravel()
+    return found if np.isfinite(found).any() else np.array([typical_noise(rows.data)])
+
+
+def _model(evidence: Evidence) -> Contribution:
+    """Return what the covariance of the identified parameters does to positions.
+
+    Raises:
+        BadInput: neither measurements nor tolerances hold a parameter.
+    """
+    knowledge = read_knowledge(evidence.path, evidence.mechanism)
+    own = [i for i, n in enumerate(knowledge.names) if n in evidence.mechanism.names]
+    names = [knowledge.names[i] for i in own]
+    covariance = knowledge.covariance[np.ix_(own, own)]
+    open_ = [n for n, v in zip(names, np.diagonal(covariance), strict=True) if not np.isfinite(v)]
+    if open_:
+        raise BadInput(f"{open_[0]} is known neither by measurements nor by a tolerance, so that "
+                       "no uncertainty can be stated", str(evidence.path),
+                       "Run identify with tolerances as prior")
+    variance = [by_parameters(r, names, covariance)[:, :r.places].mean(axis=1)
+                for r in evidence.rows]
+    return Contribution("model parameters", TYPE_A, NORMAL, _root_mean(variance),
+                        max(evidence.record.noise.degrees, 1.0),
+                        note="covariance of the fit, carried to the poses")
+
+
+def _registration(evidence: Evidence) -> Contribution:
+    """Return what the fitted frame and target leave open of positions."""
+    variance = [r.registered[r.keep][:, :r.places].mean(axis=1) for r in evidence.rows]
+    return Contribution("registration", TYPE_B, NORMAL, _root_mean(variance), KNOWN,
+                        note="frame and target of the instrument, by its stated noise")
+
+
+def _remainder(evidence: Evidence, explained: float) -> Contribution:
+    """Return what the errors have beyond what the other lines explain."""
+    square = float(np.mean(np.concatenate([
+        np.nanmean(r.errors[:, :r.places] ** 2, axis=1) for r in evidence.rows])))
+    poses = sum(int(np.unique(r.data.groups[r.keep]).size) for r in evidence.rows)
+    held = evidence.record.residual.holdout.get("position")
+    if evidence.seen and held is not None and held.rms is not None:
+        size = held.rms * evidence.mechanism.units.factor("length")
+        square = size**2 / max(r.places for r in evidence.rows)
+    return Contribution("unexplained remainder", TYPE_B, NORMAL,
+                        float(np.sqrt(max(square - explained, 0.0))), float(max(poses - 1, 1)),
+                        note="errors beyond the lines above")
+
+
+def _root_mean(variance: Sequence[Array]) -> float:
+    return float(np.sqrt(np.nanmean(np.concatenate(variance))))
+
+
+def places(evidence: Evidence) -> list[tuple[Array, float]]:
+    """Return the platform's place in the base frame (3,) and the error there, row by row."""
+    out = []
+    for rows in evidence.rows:
+        where = cga.translation(rows.fit.state.poses[0][rows.keep])
+        size = (np.sqrt(np.nanmean(rows.errors**2, axis=1)) if rows.data.kind.blind
+                else rows.found.position[0][rows.keep])
+        out += [(p, float(e)) for p, e in zip(where, size, strict=True) if np.isfinite(e)]
+    return out

@@ -1,0 +1,270 @@
+"""A calibration certificate, once the results behind it have come out again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ppmcal.commands.certify.about import LARGEST, NONE, AboutFile, read_about
+from ppmcal.commands.certify.budget import COVERED, FAIL, Budget, decided
+from ppmcal.commands.certify.dcc import certificate_xml
+from ppmcal.commands.certify.evidence import Evidence, gathered, refuse_unknown_cause
+from ppmcal.commands.certify.figures import Figure
+from ppmcal.commands.certify.judge import budget, figures, places
+from ppmcal.commands.certify.options import CertifyArguments
+from ppmcal.commands.certify.page import html_page
+from ppmcal.commands.certify.pdf import pdf_pages
+from ppmcal.commands.result import Result
+from ppmcal.errors import BadInput
+from ppmcal.io.results.certificate import (
+    CertificateRecord,
+    CertifiedBudget,
+    CertifiedContribution,
+    CertifiedDecision,
+    CertifiedFigure,
+    CertifiedInstrument,
+    CertifiedMachine,
+    CertifiedParty,
+    CertifiedRange,
+    CertifiedRow,
+)
+from ppmcal.io.results.units import JOINT, MachineUnits
+from ppmcal.model.dataset import ZERO_CELSIUS
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
+from ppmcal.store.folder import read_record
+from ppmcal.store.provenance import Provenance, source_of
+from ppmcal.units import coordinate_quantity
+from ppmcal.wording import number, pluralize
+from ppmcal.wording.told import ShortTable, Told
+
+CONDITION_UNITS = {"payload": "kg", "fx": "N", "fy": "N", "fz": "N", "mx": "N m", "my": "N m",
+                   "mz": "N m"}
+POSITION, CLOSURE = "a position along any one direction", "how far a limb is from closing"
+GAUGE = ("No instrument: the machine measured itself by its joints. Lengths are those of its own "
+         "drives, and the frames of base and platform are defined by the values that its file "
+         "holds (gauge); what lies outside of the machine is not certified.")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CertificateResult(Result):
+    """A calibration certificate.
+
+    Attributes:
+        mechanism: the machine that is certified.
+        record: the content of certificate.json.
+    """
+
+    COMMAND: ClassVar[str] = "certify"
+    TABLE: ClassVar[str] = "figures.csv"
+    UNTOLD: ClassVar[tuple[str, ...]] = ("rows",)
+
+    mechanism: Mechanism
+    record: CertificateRecord
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return the page, the PDF, the XML and certificate.json."""
+        return {"certificate.html": html_page(self.record),
+                "certificate.pdf": pdf_pages(self.record),
+                "certificate.xml": certificate_xml(self.record),
+                self.record.FILE: self.record.text()}
+
+    def tables(self) -> Mapping[str, str | bytes]:
+        """Return the figures as a table besides the files."""
+        from ppmcal.io import csv_text
+
+        shown = self.record.figures
+        columns = {k: [getattr(f, k) for f in shown] for k in ("symbol", "name", "unit", "norm",
+                                                               "where", "why")}
+        numbers = {k: [np.nan if (v := getattr(f, k)) is None else v for f in shown]
+                   for k in ("value", "expanded")}
+        return {self.TABLE: csv_text([*columns, *numbers], [*columns.values(),
+                                                            *map(np.array, numbers.values())])}
+
+    def headline(self) -> str:
+        """Return number, machine and the decision."""
+        told = self.record.decision.result
+        return (f"Certificate {self.record.number} of {self.record.machine.maker} "
+                f"{self.record.machine.serial}" + (f": {told}" if told else ""))
+
+    def told(self) -> Iterator[Told]:
+        """Yield what errors are of, the figures, the budget and the decision."""
+        record = self.record
+        yield f"{self.headline()}."
+        yield record.basis
+        if record.gauge:
+            yield record.gauge
+        yield ShortTable(["figure", "value", "U", "unit"], [
+            [f.label, number(f.value), "" if f.expanded is None else number(f.expanded), f.unit]
+            for f in record.figures if f.value is not None], (1, 2))
+        yield from dict.fromkeys(f"Not given by {f.norm}: {f.why}." for f in record.figures
+                                 if f.value is None)
+        yield budget_sentence(record)
+        if record.decision.result:
+            yield decision_sentence(record)
+
+
+def run(asked: CertifyArguments) -> CertificateResult:
+    """Certify a calibration that comes out again as it is."""
+    about, folder = read_about(asked.about), Path(asked.identified)
+    evidence = gathered(folder, asked.validation)
+    _refuse_diagnosis(folder)
+    _refuse_instrument(about, evidence, str(asked.about))
+    found, uncertain = figures(evidence, about), budget(evidence, about)
+    source = source_of("certify", [str(asked.about), *evidence.inputs], None)
+    record = recorded(about, evidence, found, uncertain, source, folder)
+    return CertificateResult(source, record.findings, evidence.mechanism, record)
+
+
+def _refuse_diagnosis(folder: Path) -> None:
+    path = folder / "diagnosis.json"
+    if path.is_file():
+        refuse_unknown_cause(str(json.loads(path.read_bytes()).get("verdict", "")), str(path))
+
+
+def _refuse_instrument(about: AboutFile, evidence: Evidence, path: str) -> None:
+    """Refuse to certify what an unnamed instrument measured, and one that measured nothing.
+
+    Raises:
+        BadInput: at the file about the certificate.
+    """
+    blind = all(r.data.kind.blind for r in evidence.rows)
+    if about.instrument is None and not blind:
+        raise BadInput("the key 'instrument' is missing, and these rows were measured by one", path,
+                       "Add it: make, serial, certificate, calibrated, uncertainty, "
+                       "coverage_factor")
+    if about.instrument is not None and blind:
+        raise BadInput("these rows are of joint values alone, which no instrument measured",
+                       f"{path}: instrument", "Leave the key out")
+    late = about.instrument is not None and about.instrument.calibrated > about.date
+    if late:
+        raise BadInput("the instrument was calibrated after the measurement",
+                       f"{path}: instrument.calibrated",
+                       "Give the calibration that was valid on that day")
+
+
+def recorded(about: AboutFile, evidence: Evidence, found: list[Figure], uncertain: Budget,
+             source: Mapping[str, Any], folder: Path) -> CertificateRecord:
+    """Return the certificate, in the units of the machine's file."""
+    mechanism = evidence.mechanism
+    units = MachineUnits.of(mechanism)
+    expanded = uncertain.expanded
+    shown = tuple(CertifiedFigure.filled(f, units, unit=f.quantity,
+                                         expanded=expanded if f.expanded and f.value is not None
+                                         else None) for f in found)
+    decision = _decision(about, found, expanded, units)
+    failed = (Note(f"{decision.of}: {number(decision.value)} {units.name('length')} is more than "
+                   f"the {number(decision.accepted)} {units.name('length')} that the rule "
+                   f"'{decision.rule}' accepts"),) if decision.result == FAIL else ()
+    told = (*(Note(str(f), NOTE) for f in mechanism.findings),
+            *(f for r in evidence.rows for f in r.data.findings))
+    blind = all(r.data.kind.blind for r in evidence.rows)
+    return CertificateRecord.filled(
+        None, units, format=CertificateRecord.FORMAT, name=mechanism.name, **_people(about, units),
+        machine=CertifiedMachine(maker=about.machine.maker, model=about.machine.model or "",
+                                 serial=about.machine.serial, name=mechanism.name),
+        basis=_basis(evidence), gauge=GAUGE if blind else "", held_out=evidence.seen,
+        figures=shown, budget=_budget(uncertain, units, blind), decision=decision,
+        validity=_validity(mechanism, units),
+        rows=tuple(CertifiedRow.filled(None, units, place=tuple(p.tolist()), error=e)
+                   for p, e in places(evidence)),
+        findings=(*failed, *told), units=mechanism.units,
+        digests=_certified(folder), provenance=Provenance(**source))
+
+
+def _people(about: AboutFile, units: MachineUnits) -> dict[str, Any]:
+    """Return who certifies what for whom, and by what."""
+    i = about.instrument
+    instrument = None if i is None else CertifiedInstrument.filled(
+        None, units, make=i.make, serial=i.serial, certificate=i.certificate,
+        calibrated=i.calibrated, uncertainty=i.uncertainty * about.length,
+        coverage_factor=i.coverage_factor)
+    parties = {k: CertifiedParty(name=p.name, city=p.city or "", country=p.country,
+                                 accreditation=p.accreditation or "")
+               for k, p in (("customer", about.customer), ("laboratory", about.laboratory))}
+    return {"number": about.number, **parties, "instrument": instrument, "date": about.date,
+            "issued": about.issued or about.date, "operator": about.operator,
+            "temperature": tuple(about.temperature), "conditions": dict(about.conditions)}
+
+
+def _budget(found: Budget, units: MachineUnits, blind: bool) -> CertifiedBudget:
+    lines = tuple(CertifiedContribution.filled(
+        c, units, degrees=c.degrees if np.isfinite(c.degrees) else None) for c in found.lines)
+    degrees = found.degrees if np.isfinite(found.degrees) else None
+    return CertifiedBudget.filled(
+        None, units, of=CLOSURE if blind else POSITION, lines=lines, combined=found.combined,
+        degrees=degrees, factor=found.factor, coverage=COVERED, expanded=found.expanded)
+
+
+def _decision(about: AboutFile, found: list[Figure], expanded: float, units: MachineUnits
+              ) -> CertifiedDecision:
+    """Return what the rule says of the figure of position (of closure where there is no other)."""
+    rule, limit = about.decision.rule, about.decision.limit
+    if rule == NONE or limit is None:
+        return CertifiedDecision(rule=NONE)
+    which = about.decision.of or LARGEST
+    one = next((f for f in found if f.name.startswith(f"{which} of ")
+                and f.quantity == "length" and f.value is not None), None)
+    if one is None or one.value is None:
+        raise BadInput(f"there is no {which} to decide on", "decision",
+                       "Give measurements that no fit has seen, or write `rule: none`")
+    result, accepted = decided(rule, one.value, limit * about.length, expanded)
+    return CertifiedDecision.filled(None, units, rule=rule, of=one.name,
+                                    limit=limit * about.length, value=one.value,
+                                    accepted=accepted, result=result)
+
+
+def _basis(evidence: Evidence) -> str:
+    """Return what the errors are of, in a sentence."""
+    if evidence.seen:
+        return ("Errors are those of poses that were held out of the fit; no other measurements "
+                "were given.")
+    rows = sum(int(r.keep.sum()) for r in evidence.rows)
+    of = ", ".join(r.data.name for r in evidence.rows)
+    return (f"Errors are those of {pluralize(rows, 'row')} of {of}, which no fit has seen, against "
+            "the pose that the certified model gives at the commanded joint values.")
+
+
+def _validity(mechanism: Mechanism, units: MachineUnits) -> tuple[CertifiedRange, ...]:
+    """Return what was measured for the calibration: its volume, joints and conditions."""
+    out = list[CertifiedRange]()
+    for name, (low, high) in (mechanism.measured.ranges if mechanism.measured else {}).items():
+        if name.startswith("temperature"):
+            out.append(CertifiedRange(name=name, low=low - ZERO_CELSIUS, high=high - ZERO_CELSIUS,
+                                      unit="°C"))
+        elif name in CONDITION_UNITS:
+            out.append(CertifiedRange(name=name, low=low, high=high, unit=CONDITION_UNITS[name]))
+        elif name in ("x", "y", "z", "rx", "ry", "rz") or name.startswith("q_"):
+            quantity = JOINT + name[2:] if name.startswith("q_") else coordinate_quantity(name)
+            out.append(CertifiedRange.filled(None, units, name=name, low=low, high=high,
+                                             unit=quantity))
+    return tuple(out)
+
+
+def _certified(folder: Path) -> dict[str, str]:
+    """Return name -> SHA-256 of what the calibration wrote."""
+    return {n: w.digest for n, w in sorted(read_record(folder).files.items())}
+
+
+# ---- in words
+
+
+def budget_sentence(record: CertificateRecord) -> str:
+    """Return the expanded uncertainty, and how it was had."""
+    b, unit = record.budget, record.units.name("length")
+    degrees = "infinitely many" if b.degrees is None else number(b.degrees, 3)
+    return (f"Expanded uncertainty of {b.of}: U = {number(b.expanded)} {unit} "
+            f"(k = {number(b.factor, 3)}, {degrees} effective degrees "
+            "of freedom, about 95 %).")
+
+
+def decision_sentence(record: CertificateRecord) -> str:
+    """Return the decision and its rule."""
+    d, unit = record.decision, record.units.name("length")
+    return (f"Decision by {d.rule}: {d.result}. The {d.of} is {number(d.value)} {unit}, the limit "
+            f"{number(d.limit)} {unit}, the acceptance limit {number(d.accepted)} {unit}.")
