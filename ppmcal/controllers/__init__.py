@@ -61,6 +61,7 @@ class Controller:
     Attributes:
         order: place in lists.
         exports: what ``export`` writes; imports: what ``import`` reads, empty where it does not.
+        unread: why files of it are not read, where one could think that they were.
         title: what people call it, where that is not its name.
         options: what ``import`` asks of it besides its file.
         copies: whether ``export --write`` copies a file of it.
@@ -74,6 +75,7 @@ class Controller:
     order: int
     exports: str
     imports: str = ""
+    unread: str = ""
     title: str = ""
     options: tuple[ImportOption, ...] = ()
     copies: bool = False

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from ppmcal.commands.import_.options import ImportArguments
 from ppmcal.commands.result import Result
-from ppmcal.controllers import IMPORTS, loaded
+from ppmcal.controllers import IMPORTS, loaded, own
 from ppmcal.controllers.importing import MACHINE, Imported, Importer
 from ppmcal.errors import BadInput
 from ppmcal.store.provenance import source_of
@@ -17,9 +17,8 @@ from ppmcal.wording.told import CommandLine, Told
 
 ROBOTS = {
     "urdf": "it describes trees, and a parallel machine is a loop",
-    "sdf": "its loops are joints between links, which say nothing of limbs, drives or home",
-    "mjcf": "its loops are constraints of points, which say nothing of limbs, drives or home"}
-"""Models of robots, and why they are not a mechanism."""
+    "sdf": "its loops are joints between links, which say nothing of limbs, drives or home"}
+"""Models of robots that are neither written, and why they are not a mechanism."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,8 +62,9 @@ class ImportResult(Result):
 def run(asked: ImportArguments) -> ImportResult:
     """Turn a controller's files into a machine and its measurements."""
     form, file = asked.form, asked.file
-    if form.lower() in ROBOTS:
-        raise BadInput(f"{form.upper()} is not imported: {ROBOTS[form.lower()]}", str(file),
+    models = ROBOTS | {name: one.unread for name, one in own().items() if one.unread}
+    if form.lower() in models:
+        raise BadInput(f"{form.upper()} is not imported: {models[form.lower()]}", str(file),
                        "Begin with `ppmcal init 6-UPS` or the kind of your machine, and copy the "
                        "joints' places at home from the file; docs/notes.md says why")
     reader: Importer = loaded(form, IMPORTS)
