@@ -21,8 +21,6 @@ from ppmcal.report.records import Designed, Picture, ReportData
 from ppmcal.report.section import Section, filled
 from ppmcal.wording import sentence
 
-TITLES = {"sensitivity": "Sensitivity", "tolerances": "Tolerances", "stiffness": "Stiffness",
-          "workspace": "Workspace and singularities", "plan": "Measuring plan"}
 SHOWN = 30
 """Rows of a table that are shown; the JSON holds them all."""
 CSS_DOTS = 96.0 / 150.0
@@ -41,19 +39,14 @@ def design_section(one: Designed, folded: bool = False) -> Section:
     if not r.summary:
         out.append(scalars({k: v for k, v in r.entries().items() if k != "name"}))
     of = f" of {r.name}" if r.name else ""
-    return Section(f"{title(one)}{of}", "".join(out), parts=filled(
+    return Section(f"{one.record.TITLE}{of}", "".join(out), parts=filled(
         [Section("Pictures", _pictures(one), count(len(one.pictures), "picture"), folded),
          *(_table(one, t, folded) for t in r.tables)]))
 
 
-def title(one: Designed) -> str:
-    """Return the section's title."""
-    return TITLES.get(one.kind, one.kind.capitalize())
-
-
 def design_headline(one: Designed) -> str:
     """Return what a design says first, empty where it says nothing."""
-    return f"{title(one)}: {one.record.summary[0]}" if one.record.summary else ""
+    return f"{one.record.TITLE}: {one.record.summary[0]}" if one.record.summary else ""
 
 
 def _source(one: Designed) -> str:
@@ -110,7 +103,7 @@ def _cell(value: Any) -> Cell:
 
 def _pictures(one: Designed) -> str:
     """Return all pictures, and what became of those that are not there."""
-    figures = "".join(_figure(p, title(one)) for p in one.pictures if not p.problem)
+    figures = "".join(_figure(p, one.record.TITLE) for p in one.pictures if not p.problem)
     lacking = "".join(paragraph(f"{p.file}: {p.problem}.", "bad")
                       for p in one.pictures if p.problem)
     return (f'<div class="pictures">{figures}</div>' if figures else "") + lacking

@@ -22,22 +22,12 @@ from ppmcal.notes import NOTE, Note
 from ppmcal.report.records import Designed, DesignRecord, Picture
 from ppmcal.store.inputs import track_input
 
-DESIGNS: Mapping[str, tuple[str, ...]] = {
-    "sensitivity": ("sensitivity.csv", "map.csv", "linearity.csv", "jacobian.csv"),
-    "tolerances": ("tolerances.csv", "errors.csv"),
-    "stiffness": ("stiffness.csv", "map.csv"),
-    "workspace": ("workspace.csv", "map.csv", "singular.csv", "modes.csv"),
-    "plan": ("poses.csv", "accuracy.csv"),
-}
-"""Command -> tables that it may write beside NAME.json; those called NAME.csv are its alone."""
-DESIGN_FILES = (*(f"{name}.json" for name in DESIGNS),
-                *(f"{name}.csv" for name in ("sensitivity", "tolerances", "stiffness",
-                                             "workspace")))
-"""Files by which such a folder is recognised."""
-RECORDS: Mapping[str, type[DesignRecord]] = {
-    "sensitivity": SensitivityRecord, "tolerances": TolerancesRecord,
-    "stiffness": StiffnessRecord, "workspace": WorkspaceRecord, "plan": PlanRecord,
-}
+DESIGNS: Mapping[str, type[DesignRecord]] = {kind.FILE.removesuffix(".json"): kind for kind in (
+    SensitivityRecord, TolerancesRecord, StiffnessRecord, WorkspaceRecord, PlanRecord)}
+"""Their records, by command."""
+DESIGN_FILES = (*(kind.FILE for kind in DESIGNS.values()),
+                *(f"{name}.csv" for name, kind in DESIGNS.items() if f"{name}.csv" in kind.TABLES))
+"""Files by which such a folder is recognised; tables of other names are not theirs alone."""
 
 LARGEST_FILE = 20_000_000
 LARGEST_AREA = 60_000_000
@@ -48,8 +38,9 @@ _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 def designs_in(folder: Path) -> list[str]:
     """Return the commands of which a folder holds the record, or the table of the same name."""
-    return [kind for kind, tables in DESIGNS.items() if (folder / f"{kind}.json").is_file() or (
-        f"{kind}.csv" in tables and (folder / f"{kind}.csv").is_file())]
+    return [kind for kind in DESIGNS if any(
+        (folder / f"{kind}.{end}").is_file() for end in ("json", "csv")
+        if f"{kind}.{end}" in DESIGN_FILES)]
 
 
 def designed(folder: Path) -> list[Designed]:
@@ -60,11 +51,11 @@ def designed(folder: Path) -> list[Designed]:
     """
     out: list[Designed] = []
     for kind in designs_in(folder):
-        file, tables = folder / f"{kind}.json", DESIGNS[kind]
-        record = RECORDS[kind].read(file) if file.is_file() else RECORDS[kind]()
+        file, of = folder / f"{kind}.json", DESIGNS[kind]
+        record = of.read(file) if file.is_file() else of()
         _refuse_uneven(record, str(file))
         rows = {name: ANY_TABLE.read(folder / name, lambda _: False).size
-                for name in tables if (folder / name).is_file()}
+                for name in of.TABLES if (folder / name).is_file()}
         out.append(Designed(str(folder), kind, record, rows, _pictures(folder, record)))
     return out
 

@@ -230,7 +230,7 @@ KINEMATICS: Kind[ResidualRows] = Kind(
 
 def _others_of(folder: Folder) -> Iterator[Other]:
     """Yield output that no other kind takes: of check, or a table without its record."""
-    held = {file for kind in designs_in(folder.path) for file in DESIGNS[kind]}
+    held = {file for kind in designs_in(folder.path) for file in DESIGNS[kind].TABLES}
     for kind, stem in (("check", "check"), ("plan", "poses"), ("map", "map")):
         if f"{stem}.csv" not in held and folder.has(f"{stem}.csv", f"{stem}.json"):
             path = folder.path / f"{stem}.json"

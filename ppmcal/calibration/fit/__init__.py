@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from ppmcal.calibration.fit.campaign import HALF as HALF
     from ppmcal.calibration.fit.campaign import MissingPoses as MissingPoses
     from ppmcal.calibration.fit.campaign import WeakCampaign as WeakCampaign
-    from ppmcal.calibration.fit.campaign import few_poses as few_poses
     from ppmcal.calibration.fit.campaign import geometry as geometry
     from ppmcal.calibration.fit.campaign import grouped as grouped
     from ppmcal.calibration.fit.campaign import poses_in_use as poses_in_use

@@ -11,19 +11,15 @@ comment or an empty line included, and takes at most 256 lines, their nominals i
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.limits import CONFIG_BYTES
 from ppmcal.linalg import Array
-from ppmcal.store.inputs import read_bytes
 
 MOST = 256
 """Lines that LinuxCNC takes, EMCMOT_COMP_SIZE."""
@@ -61,18 +57,6 @@ def format_triplets(table: Triplets) -> str:
     rows = list(zip(rounded.nominal, rounded.forward, rounded.reverse, strict=True))
     _check(rows, "table")
     return "".join(" ".join(f"{v:.{DIGITS}f}" for v in row) + "\n" for row in rows)
-
-
-def read_triplets(path: str | os.PathLike[str]) -> Triplets:
-    """Return the table of a compensation file.
-
-    Raises:
-        BadInput: not a text file, or a line that LinuxCNC would stop at or not take.
-    """
-    data = read_bytes(Path(path), CONFIG_BYTES)
-    if b"\0" in data:
-        raise BadInput("is not a text file", str(path), "Give a LinuxCNC compensation file")
-    return parse_triplets(data.decode("utf-8", errors="replace"), str(path))
 
 
 def parse_triplets(text: str, source: str) -> Triplets:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from ppmcal.io.results.record import Part, PlainCell, Shown, Text
+from collections.abc import Mapping
+from dataclasses import field
+from typing import Annotated, ClassVar
+
+from ppmcal.io.results.record import Part, PlainCell, Record, Shown, Text
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.units import OfUnit
+from ppmcal.units import Key, OfUnit
 
 
 class ShownTable(Part):
@@ -14,6 +18,18 @@ class ShownTable(Part):
     columns: tuple[Text, ...] = ()
     rows: tuple[tuple[PlainCell, ...], ...] = ()
     note: Text = ""
+
+
+class AnalysisRecord(Record):
+    """What the records of sensitivity, tolerances, stiffness and plan begin with."""
+
+    FILE: ClassVar[str] = ""
+    FORMAT: ClassVar[str] = ""
+
+    name: Text = ""
+    summary: Annotated[tuple[Text, ...], Key("said")] = ()
+    units: Mapping[str, Text] = field(default_factory=dict)
+    findings: tuple[Text, ...] = ()
 
 
 class NumberWithUnit(Part):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.plan.result import Plan
 from ppmcal.io import csv_text
-from ppmcal.io.results.design import ShownTable
+from ppmcal.io.results.design import AnalysisRecord, ShownTable
 from ppmcal.io.results.plan_tables import (
     accuracy_picture,
     accuracy_rows,
@@ -19,9 +19,9 @@ from ppmcal.io.results.plan_tables import (
     pose_table,
 )
 from ppmcal.io.results.plan_wording import findings, sentences
-from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole, table_text
+from ppmcal.io.results.record import Flag, Part, Shown, Text, Whole, table_text
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import Angle, Key, Length
+from ppmcal.units import Angle, Length
 
 PICTURE = "accuracy.png"
 CAPTION = ("Standard deviation of the calibrated machine's position at the tasks against the "
@@ -49,7 +49,7 @@ class RouteLength(Part):
     after: Shown | None = None
 
 
-class PlanRecord(Record):
+class PlanRecord(AnalysisRecord):
     """plan.json.
 
     ``observability``: O1 to O5 of this plan and of random ones; ``efficiency``: information
@@ -58,11 +58,9 @@ class PlanRecord(Record):
 
     FILE: ClassVar[str] = "plan.json"
     FORMAT: ClassVar[str] = "ppmcal/plan/1"
+    TITLE: ClassVar[str] = "Measuring plan"
+    TABLES: ClassVar[tuple[str, ...]] = ("poses.csv", "accuracy.csv")
 
-    name: Text = ""
-    summary: Annotated[tuple[Text, ...], Key("said")] = ()
-    units: Mapping[str, Text] = field(default_factory=dict)
-    findings: tuple[Text, ...] = ()
     pictures: Mapping[str, Text] | None = None
     tables: tuple[ShownTable, ...] = ()
     count: Whole = 0

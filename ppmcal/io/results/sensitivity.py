@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 
 from ppmcal.design.sensitivity import Sensitivity
-from ppmcal.io.results.design import NumberWithUnit, ShownTable, geometry_note
-from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole, in_units, table_text
+from ppmcal.io.results.design import AnalysisRecord, NumberWithUnit, ShownTable, geometry_note
+from ppmcal.io.results.record import Flag, Part, Shown, Text, Whole, in_units, table_text
 from ppmcal.io.results.sensitivity_tables import (
     captions,
     jacobian_table,
@@ -30,7 +30,7 @@ from ppmcal.kinematics.region import Grid
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import Angle, Key, Length, OfUnit, Quantity
+from ppmcal.units import Angle, Length, OfUnit, Quantity
 
 MOST_ENTRIES = 500_000
 """jacobian.csv is left out where it would have more rows."""
@@ -114,16 +114,15 @@ class LinearLimit(Part):
     unit: Text = ""
 
 
-class SensitivityRecord(Record):
+class SensitivityRecord(AnalysisRecord):
     """sensitivity.json; ``units``: of the columns of the tables, by name."""
 
     FILE: ClassVar[str] = "sensitivity.json"
     FORMAT: ClassVar[str] = "ppmcal/sensitivity/1"
+    TITLE: ClassVar[str] = "Sensitivity"
+    TABLES: ClassVar[tuple[str, ...]] = (
+        "sensitivity.csv", "map.csv", "linearity.csv", "jacobian.csv")
 
-    name: Text = ""
-    summary: Annotated[tuple[Text, ...], Key("said")] = ()
-    units: Mapping[str, Text] = field(default_factory=dict)
-    findings: tuple[Text, ...] = ()
     errors: Whole = 0
     poses: Mapping[str, Whole] = field(default_factory=dict)
     metric: NumberWithUnit = NumberWithUnit()

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field
 from functools import partial
-from typing import Annotated, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ppmcal.calibration.fit import pictures_beside
 from ppmcal.design.stiffness import Principal
 from ppmcal.io.pose_fields import factors
-from ppmcal.io.results.design import ShownTable
-from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
+from ppmcal.io.results.design import AnalysisRecord, ShownTable
+from ppmcal.io.results.record import Flag, Part, Shown, Text, Whole
 from ppmcal.io.results.stiffness_tables import (
     FORCE,
     WRENCH,
@@ -30,7 +30,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.motions import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map
 from ppmcal.store.provenance import Provenance
-from ppmcal.units import ByCoordinate, Key, Length, OfUnit
+from ppmcal.units import ByCoordinate, Length, OfUnit
 
 Row = tuple[Shown | None, ...]
 
@@ -111,16 +111,14 @@ class HomeStiffness(Part):
                 matrix=stiffness.tolist() if np.isfinite(stiffness).all() else None), **loaded)
 
 
-class StiffnessRecord(Record):
+class StiffnessRecord(AnalysisRecord):
     """stiffness.json; ``units``: of the columns of map.csv, by name."""
 
     FILE: ClassVar[str] = "stiffness.json"
     FORMAT: ClassVar[str] = "ppmcal/stiffness/1"
+    TITLE: ClassVar[str] = "Stiffness"
+    TABLES: ClassVar[tuple[str, ...]] = ("stiffness.csv", "map.csv")
 
-    name: Text = ""
-    summary: Annotated[tuple[Text, ...], Key("said")] = ()
-    units: Mapping[str, Text] = field(default_factory=dict)
-    findings: tuple[Text, ...] = ()
     pictures: Mapping[str, Text] | None = None
     tables: tuple[ShownTable, ...] = ()
     home: HomeStiffness = HomeStiffness()

@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar, Self
 from ppmcal.calibration.fit import pictures_beside
 from ppmcal.codec import unsaid
 from ppmcal.design.tolerance_allocation import Demand
-from ppmcal.io.results.design import ShownTable, geometry_note
-from ppmcal.io.results.record import Part, Record, Shown, Text, Whole, table_text
+from ppmcal.io.results.design import AnalysisRecord, ShownTable, geometry_note
+from ppmcal.io.results.record import Part, Shown, Text, Whole, table_text
 from ppmcal.io.results.tables import unit_map
 from ppmcal.io.results.tolerance_tables import (
     StageYield,
@@ -38,7 +38,7 @@ class LinearCheck(Part):
     calibrated_predicted: Length[Shown | None] = None
 
 
-class TolerancesRecord(Record):
+class TolerancesRecord(AnalysisRecord):
     """tolerances.json; lengths and angles in the machine's units.
 
     ``costs``: by method, bare numbers; ``mean_deviation``: one standard deviation for all
@@ -47,11 +47,9 @@ class TolerancesRecord(Record):
 
     FILE: ClassVar[str] = "tolerances.json"
     FORMAT: ClassVar[str] = "ppmcal/tolerances/1"
+    TITLE: ClassVar[str] = "Tolerances"
+    TABLES: ClassVar[tuple[str, ...]] = ("tolerances.csv", "errors.csv")
 
-    name: Text = ""
-    summary: Annotated[tuple[Text, ...], Key("said")] = ()
-    units: Mapping[str, Text] = field(default_factory=dict)
-    findings: tuple[Text, ...] = ()
     demand: Demand = unsaid(Demand)
     method: Text = ""
     stages: Annotated[tuple[StageYield, ...], Key("yield")] = ()

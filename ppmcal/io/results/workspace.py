@@ -134,6 +134,8 @@ class WorkspaceRecord(Record):
 
     FILE: ClassVar[str] = "workspace.json"
     FORMAT: ClassVar[str] = "ppmcal/workspace/1"
+    TITLE: ClassVar[str] = "Workspace and singularities"
+    TABLES: ClassVar[tuple[str, ...]] = ("workspace.csv", "map.csv", "singular.csv", "modes.csv")
 
     name: Text = ""
     grid: Mapping[str, GridAxis] = field(default_factory=dict)
