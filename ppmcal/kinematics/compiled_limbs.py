@@ -74,7 +74,8 @@ class CompiledLimbs:
             gaps = mechanism.gap_sigma
             noise = (mechanism.usual_joint_noise[[limb.actuator for limb in mechanism.limbs]]
                      if gaps.any() else np.ones(len(mechanism.limbs)))
-            return pose, *least(*given, most, EXACT, SMALL, noise, gaps), np.ones((len(pose), 2))
+            return pose, *least(*given, most, EXACT, SMALL * gaps.any(), noise,
+                                gaps), np.ones((len(pose), 2))
         from ppmcal.kinematics.compiled_closure import newton_rows
 
         return pose, *newton_rows(*given, closed)

@@ -35,7 +35,8 @@ from ppmcal.model.mechanism import Mechanism
 EXACT = 1e-10
 """Variance of an equation that holds exactly, in parts of the others': two may say the same."""
 SMALL = 1e-2
-"""A step below this part of the length scale takes the closure's curvature, if that leads down."""
+"""Where limbs gap, steps below this part of the length scale take the closure's curvature, if that
+leads down."""
 ALIGNED = 1e-3
 """Forces that turn by more than arccos of this from those at home have a basis of their own."""
 
@@ -145,9 +146,10 @@ def newton_step(closure: Closure, pose: Array, c: Array, a: Array, lines: Array)
     with np.errstate(invalid="ignore"):
         down = np.sum(bent * gradient, axis=1) <= 0.0
         near = np.linalg.norm(bent - step, axis=1) <= np.linalg.norm(step, axis=1)
-        # where limbs hold the platform badly, most of a small step may be theirs
-        size = [1.0 if i < 3 else mechanism.length_scale for i in mechanism.dof]
-        near |= np.linalg.norm(bent * size, axis=1) < SMALL * mechanism.length_scale
+        if mechanism.gap_sigma.any():
+            # unlike weights may leave a way that hardly anything holds but the curvature
+            size = [1.0 if i < 3 else mechanism.length_scale for i in mechanism.dof]
+            near |= np.linalg.norm(bent * size, axis=1) < SMALL * mechanism.length_scale
     return np.where((down & near)[:, None], bent, step)
 
 
