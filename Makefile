@@ -45,7 +45,7 @@ lint: $(VENV)/.test
 	$(BIN)/lint-imports
 
 schemas: $(VENV)/.run
-	@for name in mechanism dataset scenario batch; do $(BIN)/ppmcal schema $$name > ppmcal/io/schemas/$$name.json; done
+	@for name in mechanism dataset scenario batch about; do $(BIN)/ppmcal schema $$name > ppmcal/io/schemas/$$name.json; done
 
 docs: $(VENV)/.docs
 	@$(BIN)/python docs/generate.py build/docs

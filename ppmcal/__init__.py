@@ -30,6 +30,7 @@ __all__ = [
     "NoResult",
     "PpmcalError",
     "batch",
+    "certify",
     "check",
     "compare",
     "compensate",

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ppmcal.commands.batch.run import BatchResult
+from ppmcal.commands.certify.run import CertificateResult
 from ppmcal.commands.check.run import CheckResult
 from ppmcal.commands.compare.run import ComparisonResult
 from ppmcal.commands.compensate.run import CompensationResult
@@ -45,6 +46,13 @@ def batch(
     force: bool = ...,
     progress: Progress = ...,
 ) -> BatchResult: ...
+def certify(
+    identified: Path_,
+    about: Path_,
+    validation: Sequence[Path_] | Path_ = ...,
+    *,
+    progress: Progress = ...,
+) -> CertificateResult: ...
 def check(
     mechanism: Machine,
     data: Measurements = ...,

@@ -120,7 +120,7 @@ def make_desk(folder: Path) -> None:
             "hexapod.yaml": "mine.yaml", "scenario.yaml": "mine.scenario.yaml",
             "measurements.csv": "run1.csv", "measurements.yaml": "run1.yaml",
             "hidden/measurements.csv": "run2.csv", "hidden/measurements.yaml": "run2.yaml",
-            "targets.csv": "targets.csv", "poses.csv": "poses.csv",
+            "targets.csv": "targets.csv", "poses.csv": "poses.csv", "about.yaml": "about.yaml",
             "printer/printer.cfg": "printer.cfg"}.items():
         shutil.copy(SAMPLES / source, folder / name)
     for name in ("run1.csv", "run2.csv"):    # that they run, not what they find

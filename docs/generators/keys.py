@@ -16,7 +16,8 @@ from ppmcal.io.yaml import read_yaml
 Schema = Mapping[str, Any]
 
 FILE_NAMES = {"mechanism": "Mechanism file", "dataset": "Sidecar of measurements",
-              "scenario": "Scenario file", "batch": "Manifest of a batch"}
+              "scenario": "Scenario file", "batch": "Manifest of a batch",
+              "about": "About a certificate"}
 LEADS = {
     "mechanism": "The machine as it was drawn, or as identified. `ppmcal init` writes one to "
     "start from, `ppmcal check` reads it. Everything is in the units that `units` declares. "
@@ -26,8 +27,11 @@ LEADS = {
     "stand in [data as they come](../data.md#columns).",
     "scenario": "What `ppmcal simulate` measures: poses, errors, effects, instrument, noise.",
     "batch": "What `ppmcal batch` runs; [Many machines](../batch.md) explains it.",
+    "about": "Who certifies what, for `ppmcal certify --about`; [Certificates](../certify.md) "
+    "explains it.",
 }
-TITLES = {"PoseFile": "Pose", "SlotFile": "Slot", "DirectionFile": "Direction",
+TITLES = {"AboutInstrumentFile": "Measuring instrument", "PoseFile": "Pose",
+          "SlotFile": "Slot", "DirectionFile": "Direction",
           "ValueFile": "Value of an effect's parameter"}
 UNITS = {
     "length": ("x", "y", "z", "position", "height", "distance", "radius", "diameter", "pitch",
@@ -44,6 +48,8 @@ WHOLE = {
     "dataset": "format name units instrument frame target",
     "scenario": "format units poses errors instrument frame target approach seed",
     "batch": "format model campaigns options",
+    "about": "format units number machine customer laboratory instrument date operator "
+             "temperature decision",
 }
 """What of a file its page shows at the top."""
 EXAMPLES: dict[str, Any] = read_yaml(DOCS / "generators" / "examples.yaml")

@@ -41,6 +41,7 @@ LINES = {
     "batch": "batch fleet.yaml --cores 1",
     "report": "report identified compensated sensitivity plan",
     "verify": "verify identified compensated",
+    "certify": "certify identified before/measurements.csv --about about.yaml",
 }
 LINES |= {name: " ".join(shlex.split(command(name).examples[0])[1:]) for name in names()
           if name not in LINES and not (command(name).data or command(name).script)}
@@ -63,7 +64,8 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
                          ("measurements.csv", "run.csv"), ("measurements.yaml", "run.yaml"),
                          ("hidden/measurements.csv", "hidden.csv"),
                          ("hidden/measurements.yaml", "hidden.yaml"),
-                         ("targets.csv", "targets.csv"), ("poses.csv", "poses.csv")):
+                         ("targets.csv", "targets.csv"), ("poses.csv", "poses.csv"),
+                         ("about.yaml", "about.yaml")):
         text = named((SAMPLES / source).read_text(encoding="utf-8"))
         (folder / name).write_text(re.sub(r"(?m)^name: .*$", f"name: {DAY}", text),
                                    encoding="utf-8")

@@ -20,7 +20,7 @@ SAMPLES = ROOT / "sample_data"
 COPIES = {"hexapod.yaml": "mine.yaml", "scenario.yaml": "mine.scenario.yaml",
           "measurements.csv": "run1.csv", "measurements.yaml": "run1.yaml",
           "hidden/measurements.csv": "run2.csv", "hidden/measurements.yaml": "run2.yaml",
-          "targets.csv": "targets.csv", "poses.csv": "poses.csv",
+          "targets.csv": "targets.csv", "poses.csv": "poses.csv", "about.yaml": "about.yaml",
           "printer/printer.cfg": "printer.cfg", "maslow/maslow.log": "maslow.log",
           "hangprinter/samples.jsonl": "samples.jsonl"}
 LINES = ("ppmcal identify mine.yaml run1.csv --quiet",

@@ -9,7 +9,7 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field
 
 from ppmcal.errors import BadInput
 from ppmcal.io.json_schema import DIALECT, Schema, without_null
@@ -174,7 +174,7 @@ class AboutFile(Strict):
     """Who measured."""
     temperature: Celsius
     """Of the air, °C: one value, or the lowest and the highest."""
-    conditions: dict[str, Label] = {}
+    conditions: dict[str, Label] = Field(default_factory=dict)
     """Further conditions, name and words."""
     repeats: RepeatsFile = RepeatsFile()
     """Repeats that were agreed, where they are not those of the standards."""

@@ -22,14 +22,14 @@ class Heading:
 
 
 @dataclass(frozen=True)
-class Lines:
+class NamedLines:
     """Names and what they are."""
 
     pairs: Sequence[tuple[str, str]]
 
 
 @dataclass(frozen=True)
-class Grid:
+class PrintedTable:
     """A table; ``widths``: of its columns, parts of the page's; ``right``: columns of numbers."""
 
     heads: Sequence[str]
@@ -50,7 +50,7 @@ class ErrorMap:
     """The picture of the errors over the measured volume."""
 
 
-Block = Heading | Lines | Grid | Words | ErrorMap
+Block = Heading | NamedLines | PrintedTable | Words | ErrorMap
 
 
 def title(record: CertificateRecord) -> str:
@@ -85,7 +85,7 @@ def _who(record: CertificateRecord) -> Iterator[Block]:
     accredited = f", accreditation {lab.accreditation}" if lab.accreditation else ""
     low, high = record.temperature[0], record.temperature[-1]
     warm = _value(low) if low == high else f"{_value(low)} to {_value(high)}"
-    yield Lines([
+    yield NamedLines([
         ("Machine", " ".join(filter(None, (record.machine.maker, record.machine.model)))
          + f", serial number {record.machine.serial} ({record.machine.name})"),
         ("Customer", _party(record.customer.name, record.customer.city, record.customer.country)),
@@ -103,7 +103,7 @@ def _party(name: str, city: str, country: str) -> str:
 
 def _figures(record: CertificateRecord) -> Iterator[Block]:
     given = [f for f in record.figures if f.value is not None]
-    yield Grid(["figure", "standard", "value", "U", "unit", "of"], [
+    yield PrintedTable(["figure", "standard", "value", "U", "unit", "of"], [
         [f.label, f.norm or NONE, _value(f.value), _value(f.expanded), f.unit, _of(f)]
         for f in given], (0.38, 0.10, 0.11, 0.10, 0.06, 0.25), (2, 3))
     missing: dict[tuple[str, str], list[str]] = {}
@@ -113,7 +113,7 @@ def _figures(record: CertificateRecord) -> Iterator[Block]:
             missing.setdefault((f.norm, f.why), []).append(told)
     if missing:
         yield Words("Figures of the standards that these rows do not allow:")
-        yield Grid(["standard", "figures", "why"], [
+        yield PrintedTable(["standard", "figures", "why"], [
             [norm, ", ".join(names), why] for (norm, why), names in missing.items()],
             (0.13, 0.35, 0.52))
 
@@ -128,7 +128,7 @@ def _of(f: CertifiedFigure) -> str:
 def _budget(record: CertificateRecord) -> Iterator[Block]:
     b, unit = record.budget, record.units.name("length")
     yield Heading("Uncertainty (GUM)")
-    yield Grid(["contribution", "type", "distribution", f"u, {unit}", "degrees", "c",
+    yield PrintedTable(["contribution", "type", "distribution", f"u, {unit}", "degrees", "c",
                 f"c u, {unit}", "from"], [
         [c.source, c.kind, c.distribution, _value(c.standard),
          "∞" if c.degrees is None else _value(c.degrees, digits=3),
@@ -158,14 +158,14 @@ def _validity(record: CertificateRecord) -> Iterator[Block]:
     if not record.validity:
         return
     yield Heading("Range of validity")
-    yield Grid(["", "from", "to", "unit"], [
+    yield PrintedTable(["", "from", "to", "unit"], [
         [r.name, _value(r.low, digits=6), _value(r.high, digits=6), r.unit]
         for r in record.validity], (0.4, 0.2, 0.2, 0.2), (1, 2))
 
 
 def _provenance(record: CertificateRecord) -> Iterator[Block]:
     yield Heading("Made again")
-    yield Words(f"Before this certificate was written, ppmcal {record.provenance.version} made the "
-                "results again from the measurements; every file came out as it is, by the bounds of "
-                "`verify`. SHA-256:")
-    yield Grid(["file", "SHA-256"], [[n, d] for n, d in record.digests.items()], (0.3, 0.7))
+    yield Words("Before this certificate was written, ppmcal "
+                f"{record.provenance.version} made the results again from the measurements; every "
+                "file came out as it is, by the bounds of `verify`. SHA-256:")
+    yield PrintedTable(["file", "SHA-256"], [[n, d] for n, d in record.digests.items()], (0.3, 0.7))

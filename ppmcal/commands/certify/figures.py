@@ -83,7 +83,7 @@ def pose_figures(errors: Array, names: Sequence[str], places: int, sets: Sequenc
         sets: rows of one commanded pose from one direction, by pose.
         asked: repeats that each pose needs.
     """
-    whole: Bools = np.isfinite(errors).all(axis=1)
+    whole: Bools = np.asarray(np.isfinite(errors).all(axis=1))
     counts = [int(whole[s].sum()) for s in sets]
     good = [s[whole[s]] for s, n in zip(sets, counts, strict=True) if n >= asked]
     symbols = [*(("AP_p", "RP_l") if places else ()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ppmcal.commands.spec import Arguments, Command, Path_, argument, needed
@@ -12,18 +13,17 @@ class CertifyArguments(Arguments):
     """The calibration, what it is judged by, and who certifies what."""
 
     identified: Path_ = argument("IDENTIFIED", "Folder that identify or diagnose wrote.",
-                                 folder=True, words="folder of the calibration")
+                                 folder=True)
     about: Path_ = needed("YAML file that names machine, customer, laboratory, instrument and "
                           "decision rule (format: ppmcal/about/1).", "--about")
-    validation: tuple[Path_, ...] = argument(
+    validation: Sequence[Path_] | Path_ = argument(
         "[VALIDATION]...", "Folders that validate wrote for it, or measurement files that no fit "
-        "has seen.", default=(), kind="Machine",
-        words="validations")
+        "has seen.", default=(), kind="Machine", several=True)
 
 
 COMMAND = Command(
     "certify", CertifyArguments,
-    about=("Certify the calibration in the folder {identified}, judged by {validation}.",
+    about=("Certify the calibration in {identified}, judged by {validation}.",
            "First the results are made again, as verify does: whatever does not come out as it "
            "is there is refused. Tells the errors on rows that no fit has seen, pose accuracy and "
            "repeatability by ISO 9283, accuracy of the axes by ISO 230-2 where the rows allow "

@@ -9,9 +9,9 @@ from typing import Any
 from ppmcal.commands.certify.content import (
     Block,
     ErrorMap,
-    Grid,
     Heading,
-    Lines,
+    NamedLines,
+    PrintedTable,
     Words,
     blocks,
     title,
@@ -51,7 +51,7 @@ def html_page(record: CertificateRecord) -> str:
             f"<body><h1>{head}</h1>\n{parts}\n</body></html>\n")
 
 
-def _grid(grid: Grid, _: CertificateRecord) -> str:
+def _grid(grid: PrintedTable, _: CertificateRecord) -> str:
     def row(cells: Any, tag: str) -> str:
         return "<tr>" + "".join(
             f'<{tag}{" class=n" if n in grid.right else ""}>{escape(str(c))}</{tag}>'
@@ -63,7 +63,7 @@ def _grid(grid: Grid, _: CertificateRecord) -> str:
             f"<tbody>{body}</tbody></table>")
 
 
-def _lines(lines: Lines, _: CertificateRecord) -> str:
+def _lines(lines: NamedLines, _: CertificateRecord) -> str:
     return "<dl>" + "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>"
                             for k, v in lines.pairs) + "</dl>"
 
@@ -82,4 +82,4 @@ def _map(_: ErrorMap, record: CertificateRecord) -> str:
 
 
 _PARTS: Mapping[type[Block], Callable[[Any, CertificateRecord], str]] = {
-    Grid: _grid, Lines: _lines, Heading: _heading, Words: _words, ErrorMap: _map}
+    PrintedTable: _grid, NamedLines: _lines, Heading: _heading, Words: _words, ErrorMap: _map}

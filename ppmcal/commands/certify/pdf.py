@@ -16,9 +16,9 @@ from matplotlib.textpath import text_to_path
 from ppmcal.commands.certify.content import (
     Block,
     ErrorMap,
-    Grid,
     Heading,
-    Lines,
+    NamedLines,
+    PrintedTable,
     Words,
     blocks,
     title,
@@ -119,7 +119,7 @@ class Sheet:
             self.down(LARGE, 1.15)
         elif isinstance(block, Words):
             self.row([block.text], [1.0], (), BODY)
-        elif isinstance(block, Lines):
+        elif isinstance(block, NamedLines):
             for name, words in block.pairs:
                 self.row([name, words], [0.19, 0.81], (), BODY)
         elif isinstance(block, ErrorMap):
@@ -127,7 +127,7 @@ class Sheet:
         else:
             self.grid(block)
 
-    def grid(self, grid: Grid) -> None:
+    def grid(self, grid: PrintedTable) -> None:
         """Lay out a table, its heads again on each page."""
         self.row(grid.heads, grid.widths, grid.right, SMALL, color=SOFT)
         count = len(self.pages)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,7 +113,8 @@ class CertificateResult(Result):
 def run(asked: CertifyArguments) -> CertificateResult:
     """Certify a calibration that comes out again as it is."""
     about, folder = read_about(asked.about), Path(asked.identified)
-    evidence = gathered(folder, asked.validation)
+    given = asked.validation
+    evidence = gathered(folder, [given] if isinstance(given, str | os.PathLike) else given)
     _refuse_diagnosis(folder)
     _refuse_instrument(about, evidence, str(asked.about))
     found, uncertain = figures(evidence, about), budget(evidence, about)
