@@ -85,10 +85,10 @@ def _figure(drawing: Drawing, wide: float) -> Figure:
     places = legend_places([words for _, words in entries], left, wide)
     top = LEGEND * len({y for _, y in places})
     drawn = figure(wide / 72.0, (top + content.height) / 72.0)
+    draw(content, Canvas(drawn, 0.0, top, wide, LETTERS[0] / POINT))
     for (layer, words), (x, y) in zip(entries, places, strict=True):
         _sample(layer, Canvas(drawn, x, y - 9.0))
         Canvas(drawn, wide=wide).text(x + SWATCH + 5.0, y, words, style.INK)
-    draw(content, Canvas(drawn, 0.0, top, wide, LETTERS[0] / POINT))
     for artist in drawn.findobj():
         _print(artist)
     return drawn
