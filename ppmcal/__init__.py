@@ -41,6 +41,7 @@ __all__ = [
     "import_config",
     "inverse",
     "load",
+    "make_figures",
     "make_report",
     "plan",
     "read",

@@ -10,6 +10,7 @@ from ppmcal.commands.compare.run import ComparisonResult
 from ppmcal.commands.compensate.run import CompensationResult
 from ppmcal.commands.diagnose.run import DiagnosisResult
 from ppmcal.commands.export.run import ExportResult
+from ppmcal.commands.figures.run import FiguresResult
 from ppmcal.commands.identify.result import IdentificationResult
 from ppmcal.commands.import_.run import ImportResult
 from ppmcal.commands.inputs import Machine
@@ -147,6 +148,13 @@ def inverse(
     pictures: bool = ...,
     progress: Progress = ...,
 ) -> KinematicsResult: ...
+def make_figures(
+    *folders: Path_,
+    form: str = ...,
+    width: str = ...,
+    only: Sequence[str] = ...,
+    progress: Progress = ...,
+) -> FiguresResult: ...
 def make_report(*folders: Path_, progress: Progress = ...) -> ReportResult: ...
 def plan(
     mechanism: Machine,

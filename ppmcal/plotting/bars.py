@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -65,6 +65,7 @@ class Chart:
         legend: kinds of bars and lines, and what they mean.
         beside: labels stand beside their bars, which are one below the other, instead of
             above; there they lie on each other.
+        wide: the drawing, points.
     """
 
     rows: Sequence[Row]
@@ -75,22 +76,25 @@ class Chart:
     ticks: Sequence[tuple[float, str]] = ()
     legend: Sequence[tuple[str, str]] = ()
     beside: bool = False
+    wide: float = WIDTH
+
+    @property
+    def height(self) -> float:
+        """Height of the drawing, points."""
+        return self.tops()[-1] + FOOT
+
+    def across(self, wide: float) -> Chart:
+        """Return the chart at another width."""
+        return replace(self, wide=wide)
 
     def drawing(self, title: str, caption: str, description: str, note: str = "",
                 key: tuple[tuple[str, str], ...] = ()) -> Drawing:
         """Return the chart with the words around it."""
-        return Drawing(title, caption, description, self, self.tops()[-1] + FOOT, key, note)
+        return Drawing(title, caption, description, self, self.height, key, note)
 
     def places(self) -> list[tuple[float, float]]:
         """Return where the entries of the legend begin."""
-        out, x, y = [], EDGE, 14.0
-        for _, words in self.legend:
-            wide = SWATCH + 5.0 + width(words)
-            if x > EDGE and x + wide > WIDTH - EDGE:
-                x, y = EDGE, y + LEGEND
-            out.append((x, y))
-            x += wide + 12.0
-        return out
+        return legend_places([words for _, words in self.legend], EDGE, self.wide)
 
     def tops(self) -> list[float]:
         """Return where each row begins, and where the axis is."""
@@ -103,10 +107,10 @@ class Chart:
     def ends(self) -> tuple[float, float]:
         """Return where the bars begin and where the longest ends."""
         if not self.beside:
-            return EDGE, WIDTH - EDGE
+            return EDGE, self.wide - EDGE
         names = max(width(row.label) for row in self.rows if row.bars) + 6.0
         return (EDGE + min(names, LABELS),
-                WIDTH - EDGE - max(self.value_room(row) for row in self.rows) - 8.0)
+                self.wide - EDGE - max(self.value_room(row) for row in self.rows) - 8.0)
 
     def value_room(self, row: Row) -> float:
         """Return the room that the words at the end of a row take."""
@@ -123,7 +127,7 @@ class Chart:
         """Return the room that the label of a row has."""
         if self.beside and row.bars:
             return self.ends()[0] - EDGE - 4.0
-        return WIDTH - 2.0 * EDGE - self.value_room(row) - 6.0
+        return self.wide - 2.0 * EDGE - self.value_room(row) - 6.0
 
     def bars(self, row: Row) -> Iterator[tuple[float, str, float, float]]:
         """Yield value, kind, middle below the foot of the label, and thickness of each bar."""
@@ -155,10 +159,22 @@ class Chart:
         for value, words in ticks:
             half = 0.5 * letters * width(words)
             x = left + (right - left) * self.part(value)
-            if free <= x - half and x + half <= WIDTH:
+            if free <= x - half and x + half <= self.wide:
                 out.append((value, words))
                 free = x + half + 4.0
         return out
+
+
+def legend_places(names: Sequence[str], left: float, wide: float) -> list[tuple[float, float]]:
+    """Return where the entries of a legend begin, from ``left`` on in lines ``wide`` points."""
+    out, x, y = [], left, 14.0
+    for words in names:
+        room = SWATCH + 5.0 + width(words)
+        if x > left and x + room > wide - EDGE:
+            x, y = left, y + LEGEND
+        out.append((x, y))
+        x += room + 12.0
+    return out
 
 
 def ratio_ticks(high: float) -> list[tuple[float, str]]:

@@ -7,7 +7,7 @@ traces of a page of it. Values beyond an axis are drawn at its edge.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -53,7 +53,10 @@ NO_POINTS = Points()
 
 @dataclass(frozen=True, eq=False)
 class Strokes:
-    """Strokes from ``low`` to ``high`` at ``x`` (N,), upright, or ``flat`` along x."""
+    """Strokes from ``low`` to ``high`` at ``x`` (N,), upright, or ``flat`` along x.
+
+    ``name``: what a line from edge to edge is.
+    """
 
     x: ArrayLike
     low: ArrayLike
@@ -64,6 +67,7 @@ class Strokes:
     flat: bool = False
     cap: Literal["butt", "round"] = "butt"
     points: Points = NO_POINTS
+    name: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +83,14 @@ class Dots:
 
 @dataclass(frozen=True, eq=False)
 class Polyline:
-    """A line through points (N,); ``name``: what it is."""
+    """A line through points (N,); ``name``: what it is; ``tint``: its kind in a picture."""
 
     x: ArrayLike
     y: ArrayLike
     name: str = ""
+    tint: str = "ink"
+    size: float = 1.2
+    dashed: bool = False
 
 
 @dataclass(frozen=True)
@@ -199,6 +206,13 @@ class WordsAt:
 
 Layer: TypeAlias = (Strokes | Dots | Polyline | Zero | Marks | Intervals | Band | Between
                     | Histogram | Starts | Arrows | WordsAt)
+
+
+def grown(layer: Layer, by: float) -> Layer:
+    """Return a layer whose lengths in points grow with the plot."""
+    if isinstance(layer, Arrows):
+        return replace(layer, dx=by * layer.dx, dy=by * layer.dy)
+    return replace(layer, x=by * layer.x, y=by * layer.y) if isinstance(layer, WordsAt) else layer
 
 
 def within(values: ArrayLike, low: float, high: float) -> Array:

@@ -71,11 +71,16 @@ def sheet(head: str, drawings: Sequence[Drawing]) -> Figure:
 
 @dataclass(frozen=True)
 class Canvas:
-    """A part of a figure, in points to the right and down from its upper left corner."""
+    """A part of a figure, in points to the right and down from its upper left corner.
+
+    ``wide``: points to its right edge; ``least``: size of the smallest letters.
+    """
 
     figure: Figure
     left: float = 0.0
     top: float = 0.0
+    wide: float = WIDTH
+    least: float = 0.0
 
     def axes(self, left: float, top: float, right: float, bottom: float) -> Axes:
         """Return axes between two corners, without ground and with a line below."""
@@ -103,7 +108,8 @@ class Canvas:
              ha: Literal["left", "center", "right"] = "left", room: float | None = None,
              size: float = LETTERS, upright: bool = False) -> None:
         """Write words at a place; those that are cut to their room are told on hovering."""
-        shown = fitted(words, WIDTH - x - EDGE if room is None else room, bold, size)
+        size = max(size, self.least)
+        shown = fitted(words, self.wide - x - EDGE if room is None else room, bold, size)
         gid = None if shown == plain(words) else TOLD + plain(words)
         self.add(Text(x, y, shown, ha=ha, color=colour, size=size, gid=gid,
                       weight="bold" if bold else "normal", rotation=90.0 if upright else 0.0,
@@ -129,7 +135,7 @@ def draw(content: object, canvas: Canvas) -> None:
 
 @draw.register
 def _(plot: Plot, canvas: Canvas) -> None:
-    floor, right = plot.height - BOTTOM - CLASS_ROOM * bool(plot.classes), WIDTH - RIGHT
+    floor, right = plot.height - BOTTOM - CLASS_ROOM * bool(plot.classes), plot.wide - RIGHT
     for i, (name, bold) in enumerate(plot.rows):
         step = (floor - TOP) / len(plot.rows)
         canvas.text(plot.left - 6.0, TOP + step * (i + 0.5) + 3.5, name, bold=bold,
@@ -148,7 +154,7 @@ def _(plot: Plot, canvas: Canvas) -> None:
 
 def _scales(plot: Plot, axes: Axes) -> None:
     """Set ends, ticks and lines of the axes."""
-    x, y, right = plot.x, plot.y, WIDTH - RIGHT
+    x, y, right = plot.x, plot.y, plot.wide - RIGHT
     axes.set_xscale("log" if x.log else "linear")
     axes.set_yscale("log" if y.log else "linear")
     axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high))
@@ -161,7 +167,7 @@ def _scales(plot: Plot, axes: Axes) -> None:
     for label in axes.get_xticklabels():
         part = x.part(label.get_position()[0])
         label.set_visible(plot.left + part * (right - plot.left)
-                          + 0.5 * width(label.get_text()) <= WIDTH)
+                          + 0.5 * width(label.get_text()) <= plot.wide)
     widest = max([width(words) for words in number_words(ticks)], default=1.0)
     axes.tick_params("y", length=0.0, pad=5.0,
                      labelsize=LETTERS * min(1.0, (plot.left - 20.0) / widest))
@@ -171,7 +177,7 @@ def _scales(plot: Plot, axes: Axes) -> None:
 
 def _classes(plot: Plot, canvas: Canvas, floor: float) -> None:
     """Write signs below their places, and once below them what they belong to."""
-    wide = WIDTH - plot.left - RIGHT
+    wide = plot.wide - plot.left - RIGHT
     room = wide / max(len({owner for _, owner, _ in plot.classes}), 1)
     owners: dict[str, list[float]] = {}
     for x, owner, sign in plot.classes:
@@ -181,8 +187,8 @@ def _classes(plot: Plot, canvas: Canvas, floor: float) -> None:
     for owner, mine in owners.items():
         if room > width("leg…"):
             canvas.text(sum(mine) / len(mine), floor + 25.0, owner, SOFT, ha="center", room=room)
-    canvas.name((plot.left + WIDTH - RIGHT) / 2.0, plot.height - 6.0, plot.names[0],
-                WIDTH - plot.left)
+    canvas.name((plot.left + plot.wide - RIGHT) / 2.0, plot.height - 6.0, plot.names[0],
+                plot.wide - plot.left)
 
 
 # --- layers ---------------------------------------------------------------------------------------
@@ -211,7 +217,7 @@ def _polygon(axes: Axes, path: Path, alpha: float) -> None:
 def _(layer: Strokes, plot: Plot, axes: Axes) -> None:
     ends = (apart(layer.x, layer.x), apart(layer.low, layer.high))[::-1 if layer.flat else 1]
     _line(axes, *plot.inside(*ends), color=COLOURS[layer.kind], linewidth=layer.size,
-          alpha=layer.alpha, solid_capstyle=layer.cap)
+          alpha=layer.alpha, solid_capstyle=layer.cap, label=layer.name or "_")
 
 
 @draw_layer.register
@@ -224,7 +230,8 @@ def _(layer: layers.Dots, plot: Plot, axes: Axes) -> None:
 
 @draw_layer.register
 def _(layer: layers.Polyline, plot: Plot, axes: Axes) -> None:
-    _line(axes, *plot.inside(layer.x, layer.y), color=INK, linewidth=1.2)
+    _line(axes, *plot.inside(layer.x, layer.y), color=COLOURS[layer.tint], linewidth=layer.size,
+          linestyle=(0, (4, 2)) if layer.dashed else "-")
 
 
 @draw_layer.register
@@ -312,13 +319,13 @@ def _(chart: Chart, canvas: Canvas) -> None:
     shown = chart.shown(ticks)
     axes.set_xticks([chart.part(v) for v, _ in shown], labels=[words for _, words in shown])
     middle = 0.5 * (left + right)
-    room = 2.0 * min(middle, WIDTH - middle) - EDGE
+    room = 2.0 * min(middle, chart.wide - middle) - EDGE
     canvas.name(middle, tops[-1] + 31.0, chart.axis, room)
 
 
 def _row(chart: Chart, canvas: Canvas, axes: Axes, row: Row, y: float) -> None:
     """Draw one row, the foot of its label's first line at ``y``."""
-    canvas.text(WIDTH - EDGE, y, row.words, bold=chart.beside or row.strong, ha="right",
+    canvas.text(chart.wide - EDGE, y, row.words, bold=chart.beside or row.strong, ha="right",
                 room=VALUES)
     for n, line in enumerate(chart.label(row)):
         y += LINE * bool(n)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ppmcal.linalg import Array
 from ppmcal.plotting import style
-from ppmcal.plotting.canvas import HEIGHT, SMALL, WIDTH, Drawing, fitted
-from ppmcal.plotting.layers import Layer, Starts, within
+from ppmcal.plotting.canvas import HEIGHT, SMALL, WIDTH, Drawing, fitted, width
+from ppmcal.plotting.layers import Layer, Starts, grown, within
 from ppmcal.plotting.style import SMALLEST, tame
 
 LEFT, RIGHT, TOP, BOTTOM = 54.0, 10.0, 12.0, 40.0
@@ -82,6 +82,7 @@ class Plot:
             their number.
         classes: place on x, name of what it belongs to, and its sign, instead of numbers.
         equal: a unit is as long on both axes.
+        wide: the drawing, points.
     """
 
     x: Axis
@@ -94,16 +95,30 @@ class Plot:
     rows: Sequence[tuple[str, bool]] = ()
     classes: Sequence[tuple[float, str, str]] = ()
     equal: bool = False
+    wide: float = WIDTH
 
     def drawing(self, title: str, caption: str, description: str,
                 key: tuple[tuple[str, str], ...] = (), note: str = "") -> Drawing:
         """Return the plot with the words around it."""
         return Drawing(title, caption.strip(), description, self, self.height, key, note)
 
+    def across(self, wide: float) -> Plot:
+        """Return the plot at another width: as high, or of the same shape where it is ``equal``.
+
+        Numbers beside the axis get the room that they take; arrows grow with the plot.
+        """
+        widest = max(map(width, style.number_words(self.y.ticks())), default=0.0)
+        left = self.left if self.rows else max(self.left, widest + 20.0)
+        if not self.equal:
+            return replace(self, wide=wide, left=left)
+        by = (wide - left - RIGHT) / (self.wide - self.left - RIGHT)
+        return replace(self, wide=wide, left=left, layers=[grown(x, by) for x in self.layers],
+                       height=TOP + BOTTOM + by * (self.height - TOP - BOTTOM))
+
     def per(self) -> tuple[float, float]:
         """Return how much of each linear axis a point is, at the size of a file."""
         floor = self.height - BOTTOM - CLASS_ROOM * bool(self.classes)
-        return ((self.x.high - self.x.low) / (WIDTH - RIGHT - self.left),
+        return ((self.x.high - self.x.low) / (self.wide - RIGHT - self.left),
                 (self.y.high - self.y.low) / (floor - TOP))
 
     def starts(self, layer: Starts) -> Iterator[tuple[float, str, str]]:

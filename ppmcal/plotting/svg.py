@@ -22,8 +22,11 @@ _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 _DEFAULTS = (("text-anchor", "start"), ("font-size", "11px"))
 
 
-def svg(drawn: Figure, title: str, description: str = "") -> str:
+def svg(drawn: Figure, title: str, description: str = "", scale: float = SCALE,
+        unit: str = "") -> str:
     """Return a figure as SVG, one unit a point, with its title for those who cannot see it.
+
+    As a browser first shows it a point is ``scale`` pixels, or of another ``unit``.
 
     Markers of one look are one path, coordinates have a tenth of a point, and there are no ids:
     any number of drawings can stand in one page. A text whose gid is :data:`TOLD` and words
@@ -40,7 +43,8 @@ def svg(drawn: Figure, title: str, description: str = "") -> str:
     root = Element("svg", {
         "role": "img", "viewBox": f"0 0 {width} {height}", "font-size": "11px",
         "xmlns": "http://www.w3.org/2000/svg", "font-family": FONTS,
-        "width": short(SCALE * float(width)), "height": short(SCALE * float(height))})
+        "width": short(scale * float(width)) + unit,
+        "height": short(scale * float(height)) + unit})
     SubElement(root, "title").text = plain(title)
     SubElement(root, "desc").text = plain(description)
     root.extend(list(_shapes(source)))

@@ -42,7 +42,7 @@ def comparison_section(one: Held[ComparisonRecord]) -> Section:
     r = one.record
     return Section("Comparison of two calibrations", "".join([
         paragraph(verdict(r), "big"), paragraph(typeset(platform_sentence(r))), _changes(r),
-        figures([differences(r.parameters)]), _likeliest(r.parameters)]), one.folder)
+        figures(drawings(r)), _likeliest(r.parameters)]), one.folder)
 
 
 def verdict(r: ComparisonRecord) -> str:
@@ -108,6 +108,11 @@ def _row(p: ParameterDifference) -> list[Cell]:
             number_cell(p.explained, to_sigma(p.explained, p.sigma) if p.explained else ""),
             text_cell("" if p.status == "unchanged" else p.status,
                       "warn" if p.status == "changed" else "")]
+
+
+def drawings(r: ComparisonRecord) -> list[Drawing]:
+    """Return the picture of a comparison, nothing where there is nothing to compare."""
+    return [p for p in [differences(r.parameters)] if p is not None]
 
 
 def differences(rows: Sequence[ParameterDifference]) -> Drawing | None:
@@ -176,4 +181,4 @@ COMPARE: Kind[Held[ComparisonRecord]] = Kind(
     _shown,
     lambda one: [("compare", one.record)], lambda one, _: [
         (one.folder, text) for text in (*findings(one.record), *one.record.findings)],
-    lambda one, _: [verdict(one.record)])
+    lambda one, _: {"comparison": drawings(one.record)}, lambda one, _: [verdict(one.record)])

@@ -93,7 +93,12 @@ def _gain(r: ExportRecord) -> Section | None:
     return Section("Error predicted with the old and with the new numbers",
                    paragraph(note, "note") + paragraph(r.predicted.sentence())
             + table("", ["error", "unit", "rms", "max"], rows)
-            + figures([_bars(r, k) for k in ("position", "rotation")]))
+            + figures(drawings(r)))
+
+
+def drawings(r: ExportRecord) -> list[Drawing]:
+    """Return the pictures of errors, old and new."""
+    return [p for k in ("position", "rotation") if (p := _bars(r, k)) is not None]
 
 
 def _bars(r: ExportRecord, kind: str) -> Drawing | None:
@@ -148,4 +153,5 @@ EXPORT: Kind[Held[ExportRecord]] = Kind(
                   for one in data.exported],
     lambda one, _: {"folder": one.folder, "export": one.record.entries()},
     lambda one: [("export", one.record)],
-    lambda one, _: [(one.folder, text) for text in one.record.all_findings()])
+    lambda one, _: [(one.folder, text) for text in one.record.all_findings()],
+    lambda one, _: {"gain": drawings(one.record)})

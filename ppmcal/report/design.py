@@ -143,4 +143,4 @@ def _shown(one: Designed, _: ReportData) -> dict[str, Any]:
 DESIGN: Kind[Designed] = Kind(
     "designed", "designs", "error analysis", 90, DESIGN_FILES, lambda folder: designed(folder.path),
     _chapters, _shown, lambda one: [(one.kind, one.record)], _findings,
-    lambda one, _: [design_headline(one)])
+    lead=lambda one, _: [design_headline(one)])

@@ -35,6 +35,7 @@ from ppmcal.io.results.diagnosis_wording import (
 )
 from ppmcal.io.results.identification_tables import NEXT_TABLE, RESIDUAL_TABLE
 from ppmcal.io.results.validation import misled
+from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_tables import amounts, in_unit, ladder, next_poses, odds_to, tried
 from ppmcal.report.format import count, number, probability, sig
@@ -54,13 +55,21 @@ from ppmcal.report.records import Diagnosed, ReportData
 from ppmcal.report.residual_figures import coordinate_figures, residual_figures
 from ppmcal.report.section import Section, filled
 from ppmcal.report.validation import days
+from ppmcal.report.validation import drawings as of_days
 from ppmcal.wording import actuator_list
+
+
+def drawings(d: Diagnosed) -> dict[str, list[Drawing]]:
+    """Return the pictures of a diagnosis."""
+    r = d.record
+    return {**pictures(r), "days": of_days(r.validation),
+            "residuals": residual_figures(d.residuals, r.units, d.folder),
+            "coordinates": coordinate_figures(d.residuals, r.units, fit=d.folder)}
 
 
 def diagnosis_section(d: Diagnosed) -> Section:
     """Return the chapter about one diagnosis: the gap, what closes it, and what was refused."""
-    r = d.record
-    drawn = pictures(r)
+    r, drawn = d.record, drawings(d)
     shown = [p for name in ("inputs", "actuators", "terms") for p in drawn.get(name, ())]
     body = (_lead(r) + '<div class="story">' + figures(drawn.get("gap", []))
             + f"<div>{ladder(r)}{_remainder(r)}{_learned(r)}</div></div>{_effects(r)}")
@@ -68,10 +77,7 @@ def diagnosis_section(d: Diagnosed) -> Section:
         Section("What the residuals follow, before and after", figures(shown)),
         Section("What these data cannot tell apart", figures(drawn.get("alternatives", []))),
         _days(r), _next(d), _refused(d), _absorbed(r), _places(r),
-        Section("Residuals", figures([
-            *residual_figures(d.residuals, r.units, d.folder),
-            *coordinate_figures(d.residuals, r.units, fit=d.folder)]),
-                folded=True),
+        Section("Residuals", figures([*drawn["residuals"], *drawn["coordinates"]]), folded=True),
         Section("Findings", bullets(r.findings) if r.findings else "")]))
 
 
@@ -241,4 +247,5 @@ def _shown(d: Diagnosed, _: ReportData) -> dict[str, Any]:
 
 DIAGNOSE: Kind[Diagnosed] = Kind(
     "diagnosed", "diagnoses", "diagnosis", 30, ("diagnosis.json", "effects.csv"), _read, _chapters,
-    _shown, lambda d: [("diagnose", d.record)], _findings, lambda d, _: [lead(d.record)])
+    _shown, lambda d: [("diagnose", d.record)], _findings,
+    lambda d, _: drawings(d), lambda d, _: [lead(d.record)])

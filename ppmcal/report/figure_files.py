@@ -18,7 +18,7 @@ from ppmcal.plotting.svg import svg
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.kinematics_figures import kinematics_figures
 from ppmcal.report.kinematics_motion import drawn_columns
-from ppmcal.report.validation import lead, picture
+from ppmcal.report.validation import drawings, lead
 
 PNG_SCALE = 2.5
 """Pixels of a PNG for one point of the drawing."""
@@ -44,7 +44,7 @@ def diagnosis_files(record: DiagnosisRecord, png: bool = False) -> dict[str, str
 
 def _of_days(name: str, days: Sequence[ValidatedDataset]) -> dict[str, list[Drawing]]:
     """Return the pictures of predicted data sets under a name, nothing where there are none."""
-    found = pictures_beside({name: lambda: [p for d in days if (p := picture(d)) is not None]})
+    found = pictures_beside({name: partial(drawings, days)})
     return {n: drawings for n, drawings in found.items() if drawings}
 
 
@@ -69,8 +69,8 @@ def _svg(name: str, title: str, drawings: Sequence[Drawing]) -> str:
 def _sheets(found: Mapping[str, Sequence[Drawing]], title: str, png: bool
             ) -> dict[str, str | bytes]:
     makers: dict[str, Callable[[], str | bytes]] = {}
-    for name, drawings in found.items():
-        makers[f"{name}.svg"] = partial(_svg, name, title, drawings)
+    for name, shown in found.items():
+        makers[f"{name}.svg"] = partial(_svg, name, title, shown)
         if png:
-            makers[f"{name}.png"] = partial(_png, title, drawings)
+            makers[f"{name}.png"] = partial(_png, title, shown)
     return pictures_beside(makers)

@@ -90,7 +90,7 @@ def figures(pictures: Sequence[Drawing | None], kind: str = "plots") -> str:
     some = [p for p in pictures if p is not None]
     specs = [(p, found["height"], script_json(found)) for p in some for found in [spec(p)]]
     rows = {key: text for p in some for key, text in told(p).items()}
-    return part("figures", specs, kind, script_json(rows) if rows else "") if specs else ""
+    return part("drawings", specs, kind, script_json(rows) if rows else "") if specs else ""
 
 
 def script_json(content: object) -> str:

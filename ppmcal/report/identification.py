@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -13,10 +13,16 @@ from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.gross_errors import GrossErrorSummary
 from ppmcal.io.results.identifiability import flat_sentences, unidentifiable_words
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.identification_parts import ExcludedRow, ParameterEstimate, before_words
+from ppmcal.io.results.identification_parts import (
+    ExcludedRow,
+    ParameterEstimate,
+    ResidualSummary,
+    before_words,
+)
 from ppmcal.io.results.identification_tables import quantity_of
 from ppmcal.io.results.identification_wording import combination, short_intervals
 from ppmcal.io.results.residual_rows import row_key, used
+from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.format import (
     NBSP,
     count,
@@ -110,19 +116,24 @@ def identified_section(one: Identified, index: int, title: str, body: str = "") 
         identifiability_section(r), redundant(r), correlations(r)]))
 
 
-def accuracy(one: Identified) -> Section | None:
-    """Return the table of errors before, after and held out."""
+def errors(one: Identified) -> Iterator[tuple[str, str, ResidualSummary]]:
+    """Yield kind, name and statistics of each error: before, after, held out."""
     residual = one.record.residual
-    kinds = list(dict.fromkeys(k for s, _ in STAGES for k in getattr(residual, s)))
-    rows = []
-    for kind in kinds:
+    for kind in dict.fromkeys(k for s, _ in STAGES for k in getattr(residual, s)):
         for stage, name in STAGES:
             part = figure(one, stage, kind)
             if any(getattr(part, c) is not None for c in COLUMNS):
-                rows.append([text_cell(f"{kind}, {name}"), text_cell(part.unit),
-                             *(number_cell(getattr(part, c)) for c in COLUMNS)])
+                yield kind, f"{kind}, {name}", part
+
+
+def accuracy(one: Identified) -> Section | None:
+    """Return the table of errors before, after and held out."""
+    residual, found = one.record.residual, list(errors(one))
+    rows = [[text_cell(name), text_cell(part.unit),
+             *(number_cell(getattr(part, c)) for c in COLUMNS)] for _, name, part in found]
     if not rows:
         return None
+    kinds = list(dict.fromkeys(kind for kind, *_ in found))
     words = [one.record.holdout_note, before_words(residual.before_is).strip()]
     if kinds == ["closure"]:
         words.append("Closure is how far each limb is from closing at the pose that suits all "
@@ -260,16 +271,24 @@ def correlations(r: IdentificationRecord) -> Section | None:
                    count(len(found), "pair"), folded=True)
 
 
+def drawings(one: Identified, index: int = 0) -> dict[str, list[Drawing]]:
+    """Return the pictures of residuals: of all together, and of each coordinate."""
+    t, units = one.residuals, one.record.units
+    return {"residuals": residual_figures(t, units, index, one.measured),
+            "coordinates": coordinate_figures(t, units, one.positions, index, one.measured)}
+
+
 def plots(one: Identified, index: int) -> list[Section]:
     """Return the residual plots, those of single coordinates folded."""
-    t, units = one.residuals, one.record.units
+    t = one.residuals
     if t is None:
         return []
     keep = used(t)
     out = whole(int((~keep).sum()))
     note = count(t.size, "row") + ("" if keep.all() else f", {out} of them left out of the fit")
-    each = coordinate_figures(t, units, one.positions, index, one.measured)
-    return [Section("Residuals", figures(residual_figures(t, units, index, one.measured)), note),
+    drawn = drawings(one, index)
+    each = drawn["coordinates"]
+    return [Section("Residuals", figures(drawn["residuals"]), note),
             Section("Residuals by coordinate", figures(each), count(len(each), "plot"),
                     folded=True)]
 

@@ -20,8 +20,9 @@ from ppmcal.io.results.residual_rows import used, white
 from ppmcal.report.format import count, with_unit
 from ppmcal.report.headlines import IN_THE_FIT, figure, headline, unseen
 from ppmcal.report.html import part
-from ppmcal.report.identification import excluded_rows, identified_section
+from ppmcal.report.identification import drawings, excluded_rows, identified_section
 from ppmcal.report.kind import Chapter, Folder, Kind
+from ppmcal.report.machine_drawings import machine_drawings
 from ppmcal.report.machine_section import machine_section
 from ppmcal.report.records import Identified, ReportData
 from ppmcal.report.section import Section, chapter, filled
@@ -138,4 +139,5 @@ def _shown(one: Identified, _: ReportData) -> dict[str, Any]:
 IDENTIFY: Kind[Identified] = Kind(
     "identified", "identifications", "identification", 20,
     ("identification.json", "parameters.csv", "residuals.csv", "identified.yaml"), _read, _chapters,
-    _shown, lambda one: [("identify", one.record)], _findings, headline)
+    _shown, lambda one: [("identify", one.record)], _findings,
+    lambda one, _: {"machine": machine_drawings(one), **drawings(one)}, headline)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -11,11 +11,14 @@ from typing import Any, Generic, TypeVar
 from ppmcal.io.csv import Table
 from ppmcal.io.results.record import Record
 from ppmcal.io.results.tables import WrittenTable
+from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.records import Held, ReportData
 from ppmcal.report.section import Section
 
 E = TypeVar("E")
 R = TypeVar("R", bound=Record)
+Drawn = Mapping[str, Sequence[Drawing]]
+"""Drawings by the part of a chapter that they stand in."""
 Chapter = tuple[str, Callable[[], Section]]
 """What a chapter is called where it cannot be made, and how it is made."""
 
@@ -39,6 +42,7 @@ class Kind(Generic[E]):
         shown: an entry as report.json has it.
         records: of an entry the commands and what they wrote, for "Where this comes from".
         findings: what the user must look at, as (where, sentence); whatever the page warns of.
+        drawings: of an entry, which its chapter has as figures and ``figures`` as files.
         lead: the entry in a sentence for the head of the page, empty for none.
     """
 
@@ -52,6 +56,7 @@ class Kind(Generic[E]):
     shown: Callable[[E, ReportData], Mapping[str, Any]]
     records: Callable[[E], Iterable[tuple[str, Record]]]
     findings: Callable[[E, ReportData], Iterable[tuple[str, str]]] = _nothing
+    drawings: Callable[[E, ReportData], Drawn] = lambda _, __: {}
     lead: Callable[[E, ReportData], Iterable[str]] = lambda _, __: ()
 
     def of(self, data: ReportData) -> tuple[E, ...]:

@@ -220,8 +220,8 @@ def joint(motion: TimedRows, name: str) -> Drawing:
     low, high = (-np.inf if ends[0] is None else ends[0], np.inf if ends[1] is None else ends[1])
     across = motion.across
     layers: list[Layer] = [Strokes(np.array([v]), np.array([across.low]),
-                                        np.array([across.high]), "out", 1.4, flat=True)
-                           for v in near]
+                                        np.array([across.high]), "out", 1.4, flat=True,
+                                   name="limit") for v in near]
     over = (values < low) | (values > high)
     if over.any():
         rows = np.flatnonzero(over)[:: max(1, int(over.sum()) // FEW)]
@@ -272,8 +272,9 @@ def singularity(motion: TimedRows) -> list[Drawing]:
     across = motion.across
     layers: list[Layer] = [
         Strokes(np.array([v]), np.array([across.low]), np.array([across.high]), kind, 1.4,
-                     flat=True)
-        for v, kind in ((bounds.home, "after"), (bounds.singular, "out")) if v is not None]
+                     flat=True, name=name)
+        for v, kind, name in ((bounds.home, "after", "at home"),
+                              (bounds.singular, "out", "singular below")) if v is not None]
     bad = np.flatnonzero(motion.flagged(SINGULAR) & np.isfinite(values))
     if bad.size:
         some = bad[::max(1, bad.size // FEW)]

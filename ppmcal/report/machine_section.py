@@ -39,7 +39,7 @@ def machine_section(one: Identified, index: int, diagnosed: Sequence[Diagnosed] 
         diagnosed: diagnoses of the page; that of the same folder names the effects.
         machines: how many are drawn on the page, so that it does not grow with them.
     """
-    path = next((p for p in (Path(one.folder) / m for m in MODELS) if p.is_file()), None)
+    path = machine_file(one)
     if path is None:
         return ""
     try:
@@ -50,6 +50,11 @@ def machine_section(one: Identified, index: int, diagnosed: Sequence[Diagnosed] 
         what = error.what
         return paragraph(f"The machine of {path.name} cannot be drawn: {what}.", "note")
     return scene_html(scene, index)
+
+
+def machine_file(one: Identified) -> Path | None:
+    """Return the file of an identification's machine, None where its folder holds none."""
+    return next((p for p in (Path(one.folder) / m for m in MODELS) if p.is_file()), None)
 
 
 def machine_scene(one: Identified, index: int, mechanism: Mechanism,

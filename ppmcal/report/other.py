@@ -27,6 +27,7 @@ from ppmcal.io.results.kinematics import (
 from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.tables import ANY_TABLE
 from ppmcal.notes import Note
+from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.design_records import DESIGNS, designs_in
 from ppmcal.report.format import count, sig, whole
 from ppmcal.report.headlines import finding_text
@@ -71,9 +72,14 @@ def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> Sect
     if not any(sizes[kind, "corrected"] for kind in KINDS):
         out.append(paragraph("What corrected commands leave is unknown: the model's own "
                              "uncertainty is not in the file.", "note"))
-    out.append(figures([command_figure(rows, k, lengths.get(q, "")) for k, q in KINDS.items()]))
+    out.append(figures(_of_commands(rows, lengths)))
     return Section("Compensation", "".join(out), rows.folder,
                    parts=filled([_commands(t, np.flatnonzero(good)), refused(rows)]))
+
+
+def _of_commands(rows: ResidualRows, lengths: Mapping[str, str]) -> list[Drawing]:
+    return [p for k, q in KINDS.items()
+            if (p := command_figure(rows, k, lengths.get(q, ""))) is not None]
 
 
 def _commands(t: Table, rows: Sequence[int] | np.ndarray[Any, Any]) -> Section:
@@ -123,6 +129,12 @@ def refused(rows: ResidualRows) -> Section | None:
                    table(more, ["row", "status", "reason"], body, sort=True))
 
 
+def _of_kinematics(rows: ResidualRows) -> dict[str, list[Drawing]]:
+    record, columns = rows.record, rows.table
+    return kinematics_figures(record, columns) if (
+        isinstance(record, KinematicsRecord) and columns is not None) else {}
+
+
 def kinematics_section(rows: ResidualRows) -> Section:
     """Return how many rows were solved, and those that were not."""
     size = rows.table.size if rows.table is not None else 0
@@ -133,7 +145,7 @@ def kinematics_section(rows: ResidualRows) -> Section:
         if modes is not None:
             text = (f"{count(sum(modes.counts), 'pose')} in {count(len(modes.counts), 'row')} of "
                     f"joint values. {modes_sentence(modes)} The machine's own is drawn.")
-        drawn = {} if rows.table is None else kinematics_figures(rows.record, rows.table)
+        drawn = _of_kinematics(rows)
         parts = [Section(CHAPTERS[name], figures(drawings), count(len(drawings), "picture"),
                          folded=name in ("pose", "rates")) for name, drawings in drawn.items()]
     return Section("Kinematics", paragraph(text) + scalars(rows.record.entries()), rows.folder,
@@ -212,7 +224,8 @@ COMPENSATE: Kind[ResidualRows] = Kind(
     _commands_of, lambda data: [
         (f"Commands in {r.folder}", partial(
             lambda r: compensation_section(r, units_of(r, data)), r)) for r in data.compensated],
-    _shown, lambda r: [("compensate", r.record)], _findings)
+    _shown, lambda r: [("compensate", r.record)], _findings,
+    lambda r, data: {"commands": _of_commands(r, units_of(r, data))})
 
 
 def _kinematics_of(folder: Folder) -> Iterator[ResidualRows]:
@@ -225,7 +238,7 @@ KINEMATICS: Kind[ResidualRows] = Kind(
     "kinematics", "kinematics", "kinematics", 80, ("kinematics.csv", "kinematics.json"),
     _kinematics_of, lambda data: [(f"Kinematics in {r.folder}", partial(kinematics_section, r))
                                   for r in data.kinematics],
-    _shown, lambda r: [("kinematics", r.record)], _findings)
+    _shown, lambda r: [("kinematics", r.record)], _findings, lambda r, _: _of_kinematics(r))
 
 
 def _others_of(folder: Folder) -> Iterator[Other]:

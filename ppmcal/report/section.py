@@ -67,18 +67,31 @@ class Placed:
         return part("chapter", self)
 
 
+def slug(text: str) -> str:
+    """Return text as small letters, digits and hyphens: of links and of files."""
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "part"
+
+
+def free_name(stem: str, taken: set[str]) -> str:
+    """Return a name that is not taken yet, and take it."""
+    name, n = stem, 1
+    while name in taken:
+        n += 1
+        name = f"{stem}-{n}"
+    taken.add(name)
+    return name
+
+
 def placed(chapters: Sequence[Section]) -> list[Placed]:
     """Return chapters with names that no two of them share.
 
     >>> [c.name for c in placed([Section("Rows: all"), Section("Rows, all")])]
     ['rows-all', 'rows-all-2']
     """
-    taken: dict[str, int] = {}
+    taken = set[str]()
 
     def place(section: Section) -> Placed:
-        stem = re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-") or "part"
-        taken[stem] = taken.get(stem, 0) + 1
-        name = stem if taken[stem] == 1 else f"{stem}-{taken[stem]}"
+        name = free_name(slug(section.title), taken)
         return Placed(name, section, tuple(place(p) for p in section.parts))
 
     return [place(c) for c in chapters]

@@ -103,4 +103,5 @@ SIMULATE: Kind[Simulated] = Kind(
 TRUTH: Kind[ComparedMachines] = Kind(
     "comparisons", "truth_against_identified", "", 35, (), lambda _: (), lambda data: [
         (f"Truth in {c.truth}", partial(truth_section, c)) for c in data.comparisons],
-    _compared, lambda _: [], lambda c, _: [(c.identified, text) for text in _of_truth(c)])
+    _compared, lambda _: [], lambda c, _: [(c.identified, text) for text in _of_truth(c)],
+    lambda c, _: {"truth": truth_figures(c)})

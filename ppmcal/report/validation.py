@@ -39,7 +39,7 @@ def validation_section(one: Held[ValidationRecord]) -> Section:
 
 def days(datasets: Sequence[ValidatedDataset]) -> str:
     """Return picture, table and words of every data set."""
-    out = figures([picture(d) for d in datasets])
+    out = figures(drawings(datasets))
     for data in datasets:
         out += paragraph(typeset(f"{model_sentence(data)} {effects_sentence(data)}".strip()))
         how = typeset(f"{registered_sentence(data)} {noise_sentence(data)}".strip())
@@ -79,6 +79,11 @@ def _row(e: PredictedError) -> list[Cell]:
 def _between(low: float | None, high: float | None, digits: int = 3) -> str:
     """Return both ends of an interval, empty where one is open."""
     return "" if low is None or high is None else f"{sig(low, digits)} to {sig(high, digits)}"
+
+
+def drawings(datasets: Sequence[ValidatedDataset]) -> list[Drawing]:
+    """Return the pictures of predicted data sets."""
+    return [p for d in datasets if (p := picture(d)) is not None]
 
 
 def picture(data: ValidatedDataset) -> Drawing | None:
@@ -128,4 +133,5 @@ VALIDATE: Kind[Held[ValidationRecord]] = Kind(
     lambda one, _: {"folder": one.folder, "validation": one.record.entries()},
     lambda one: [("validate", one.record)], lambda one, _: [
         (one.folder, text) for text in (*one.record.findings, *misled(one.record.datasets))],
+    lambda one, _: {"validation": drawings(one.record.datasets)},
     lambda one, _: [lead(one.record)])

@@ -1,0 +1,3 @@
+"""Figures and tables of output folders as files for papers."""
+
+ORDER = 21
