@@ -177,7 +177,7 @@ def import_options() -> dict[str, ImportOption]:
         for one in controller.options:
             known.setdefault(one.name, []).append(one)
     return {name: replace(first, help=first.help.replace(
-        "{words}", ", or ".join(one.words for one in (first, *others))))
+        "{words}", ", or ".join(dict.fromkeys(one.words for one in (first, *others)))))
         for name, (first, *others) in known.items()}
 
 

@@ -73,29 +73,33 @@ def files(printer: Printer, rods: str, scale: str = "known", choose: bool = Fals
         out[SAVED] = saved_yaml(printer, rods)
     q = [f"q_{t}" for t in TOWERS]
     if printer.heights:
-        out["heights.csv"] = _table(["height", *q], printer.heights)
-        out["heights.yaml"] = _sidecar("heights", "plane", "height", HEIGHT_SIGMA, (
+        out["heights.csv"] = touch_table(["height", *q], printer.heights)
+        out["heights.yaml"] = touch_sidecar("heights", "plane", "height", HEIGHT_SIGMA, (
             "# Touches: the nozzle's true height above the bed, and where the carriages were."))
     if printer.distances:
-        out["distances.csv"] = _table(["distance", *q, *(f"to_{c}" for c in q)], printer.distances)
-        out["distances.yaml"] = _sidecar("distances", "distance", "distance", DISTANCE_SIGMA, (
-            "# Distances on a printed part between two nozzle positions.")) + _scale_line(scale)
+        out["distances.csv"] = touch_table(["distance", *q, *(f"to_{c}" for c in q)],
+                                           printer.distances)
+        out["distances.yaml"] = touch_sidecar(
+            "distances", "distance", "distance", DISTANCE_SIGMA,
+            "# Distances on a printed part between two nozzle positions.") + _scale_line(scale)
     for mesh in printer.meshes:
         name = f"mesh_{mesh.name}"
-        out[f"{name}.csv"] = _table(["height", *q, "dir_x"], mesh.rows)
-        out[f"{name}.yaml"] = _sidecar(name, "plane", "height", HEIGHT_SIGMA, (
+        out[f"{name}.csv"] = touch_table(["height", *q, "dir_x"], mesh.rows)
+        out[f"{name}.yaml"] = touch_sidecar(name, "plane", "height", HEIGHT_SIGMA, (
             "# Touches of a bed in their order; how high it lies and how it is tilted is not known."
             "\n# Carriages are where the numbers in the configuration put them: it has to hold "
             "those\n# that the bed was probed with."), "unknown")
     return out
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[float]]) -> str:
+def touch_table(header: Sequence[str], rows: Sequence[Sequence[float]]) -> str:
+    """Return a table of touches, or of distances."""
     return csv_text(header, list(np.array(rows, dtype=float).T))
 
 
-def _sidecar(name: str, kind: str, column: str, sigma: float, comment: str,
-             frame: str = "known") -> str:
+def touch_sidecar(name: str, kind: str, column: str, sigma: float, comment: str,
+                  frame: str = "known") -> str:
+    """Return the sidecar of such a table, below a comment."""
     return f"""{comment}
 # sigma: how far one reading scatters, estimated from what is left; {sigma} mm begins it.
 # Where you know it, put it in and take `estimated` out.

@@ -62,7 +62,7 @@ def project(mechanism: Mechanism, firmware: DeltaFirmware[Any, DeltaNumbers],
                        "new one's workspace", mechanism.source,
                        f"Check that --old is this printer's, and its {firmware.endstops}")
     reach, lacks = points[both], tuple(_not_expressed(mechanism, points, firmware))
-    removed = _aligned(reached(drive, best, reach), reach)[1]
+    removed = laid_on(reached(drive, best, reach), reach)[1]
     return DeltaFit(new, old, error_summary(at_old[both], reach),
                     error_summary(at_new[both], reach), reach, DISC * start.radius * MM, lacks,
                     tuple(_notes(drive, removed, firmware)))
@@ -95,12 +95,12 @@ def predicted_errors(drive: DeltaDrive, geometry: DeltaGeometry, points: Array) 
 
 def error_summary(at: Array, points: Array) -> ErrorSummary:
     """Return how far a machine that goes to ``at`` (N, 3) misses ``points`` (N, 3)."""
-    error, removed = _aligned(at, points)
+    error, removed = laid_on(at, points)
     size = np.linalg.norm(error, axis=1)
     return ErrorSummary(rms(size), float(np.max(size)), count=len(size), removed=removed)
 
 
-def _aligned(at: Array, wanted: Array) -> tuple[Array, PlanarMotion]:
+def laid_on(at: Array, wanted: Array) -> tuple[Array, PlanarMotion]:
     """Align ``at`` with ``wanted``, (N, 3) each, by a turn about z and a shift along x and y.
 
     With a and w the points as complex numbers about their means, the turn of least squares is
@@ -124,7 +124,7 @@ def _best(drive: DeltaDrive, start: DeltaGeometry, points: Array) -> DeltaGeomet
                         triple(p[6:9]))
 
     def errors(p: Array) -> Array:
-        error = _aligned(reached(drive, geometry(p), points), points)[0] / MM
+        error = laid_on(reached(drive, geometry(p), points), points)[0] / MM
         return np.asarray(np.where(np.isfinite(error), error, 1e3).ravel(), dtype=float)
 
     def slopes(p: Array) -> Array:
@@ -135,7 +135,7 @@ def _best(drive: DeltaDrive, start: DeltaGeometry, points: Array) -> DeltaGeomet
             ends = []
             for side in (step, -step):
                 q = drive.joints(travel(geometry(p + side), points)) - drive.joints(here)
-                ends.append(_aligned(at + (moves @ q[..., None])[..., 0], points)[0].ravel() / MM)
+                ends.append(laid_on(at + (moves @ q[..., None])[..., 0], points)[0].ravel() / MM)
             columns.append((ends[0] - ends[1]) / (2.0 * STEP))
         return np.nan_to_num(np.stack(columns, axis=-1))
 

@@ -4,9 +4,9 @@ from ppmcal.controllers import Controller
 from ppmcal.controllers.delta.options import delta_options
 
 CONTROLLER = Controller(
-    0, "lines for the printer.cfg of a linear delta.",
+    0, "lines for the printer.cfg of a delta, linear or rotary.",
     "printer.cfg of a delta printer, with the heights and distances that DELTA_CALIBRATE saved in "
-    "it, and its meshes.", options=delta_options(
+    "it, and its meshes; or of a rotary delta.", options=delta_options(
         "the name of a mesh that Klipper saved, a log of its touches", "delta_radius"),
     copies=True, examples=(
         ("export", "ppmcal export klipper fitted-printer --old printer.cfg --write"),

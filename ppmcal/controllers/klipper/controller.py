@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ppmcal.controllers.delta.export import export_delta
 from ppmcal.controllers.delta.firmware import DeltaFirmware, DeltaFit
@@ -12,6 +13,7 @@ from ppmcal.controllers.delta.geometry import TOWERS, DeltaGeometry, travel
 from ppmcal.controllers.delta.importer import printer_importer
 from ppmcal.controllers.delta.printer import Printer
 from ppmcal.controllers.export import Exported
+from ppmcal.controllers.importing import Imported
 from ppmcal.controllers.klipper.config import (
     Config,
     format_geometry,
@@ -22,7 +24,10 @@ from ppmcal.controllers.klipper.config import (
 from ppmcal.controllers.klipper.patch import patched
 from ppmcal.controllers.klipper.reading import read_printer
 from ppmcal.controllers.klipper.refit import with_own_fit
-from ppmcal.errors import NoResult
+from ppmcal.controllers.klipper.rotary import is_rotary
+from ppmcal.controllers.klipper.rotary_machine import export_rotary, imported, is_rotary_delta
+from ppmcal.controllers.klipper.thermal import thermal_notes
+from ppmcal.errors import BadInput, NoResult
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.notes import NOTE, Note
 
@@ -68,7 +73,13 @@ KLIPPER = DeltaFirmware(
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
     """Return the machine in Klipper's numbers; see :class:`ppmcal.controllers.export.Exporter`."""
-    return export_delta(KLIPPER, mechanism, old, poses)
+    if is_rotary_delta(mechanism):
+        if poses is not None:
+            raise BadInput("klipper takes numbers, not poses", "--poses", "Leave it out")
+        made = export_rotary(mechanism, old)
+    else:
+        made = export_delta(KLIPPER, mechanism, old, poses)
+    return replace(made, notes=(*made.notes, *thermal_notes(mechanism, made.poses)))
 
 
 def patch(exported: Exported, old: Path) -> Exported:
@@ -77,6 +88,9 @@ def patch(exported: Exported, old: Path) -> Exported:
     Raises:
         BadInput, NoResult: there is no such copy.
     """
+    if is_rotary(read_config(old)):
+        raise BadInput("copies are written of linear deltas alone", "--write",
+                       f"Leave it out, and paste the lines of {KLIPPER.file}")
     numbers = {n.name: n.new for n in exported.numbers}
     wanted = read_geometry(parse_config(exported.files[KLIPPER.file], KLIPPER.file))
     text, told = patched(old, numbers, wanted)
@@ -92,4 +106,15 @@ def _printer(path: Path, rods: float | None, meshes: Sequence[str], radius: floa
     return with_own_fit(read_printer(path, rods, meshes, radius))
 
 
-import_config = printer_importer(_printer)
+_linear = printer_importer(_printer)
+
+
+def import_config(path: Path, options: Mapping[str, Any]) -> Imported:
+    """Return a printer's files; see :class:`ppmcal.controllers.importing.Importer`."""
+    if not is_rotary(read_config(path)):
+        return _linear(path, options)
+    for name, none in (("rods", ()), ("mesh", ()), ("radius", None)):
+        if options.get(name, none) != none:
+            raise BadInput("a rotary delta is imported as its file has it", f"--{name}",
+                           "Leave it out, and change machine.yaml")
+    return imported(path)

@@ -124,8 +124,14 @@ def read_lines(path: str | os.PathLike[str]) -> Lines:
     return parse_lines(data.decode("utf-8-sig", errors="replace"), str(path))
 
 
-def parse_lines(text: str, source: str) -> Lines:
-    """Return what ``text`` says of the delta; later lines win, letter by letter."""
+def parse_lines(text: str, source: str, known: Mapping[int, str] = LETTERS) -> Lines:
+    """Return what ``text`` says of the delta; later lines win, letter by letter.
+
+    Args:
+        text: of a file.
+        source: what messages call it.
+        known: the commands that are read, and their letters.
+    """
     values: dict[str, Value] = {}
     elsewhere: list[tuple[int, str]] = []
     block: int | None = None
@@ -143,12 +149,12 @@ def parse_lines(text: str, source: str) -> Lines:
             where = f"{source}: line {n}: M{code}"
             if code in ELSEWHERE:
                 elsewhere.append((n, f"M{code}"))
-            elif code in LETTERS and block is not None:
+            elif code in known and block is not None:
                 raise BadInput("stands under a condition, so that it may hold or not", where,
                                "Put the line that the printer uses outside")
-            elif code in LETTERS:
+            elif code in known:
                 values |= {f"M{code} {letter}": Value(numbers, n)
-                           for letter, numbers in _parameters(body, code, where).items()}
+                           for letter, numbers in _parameters(body, known[code], where).items()}
     return Lines(source, values, tuple(elsewhere))
 
 
@@ -168,7 +174,7 @@ def _commands(line: str) -> Iterator[tuple[int, str]]:
             yield int(match[1]), line[match.end():end]
 
 
-def _parameters(body: str, code: int, where: str) -> dict[str, tuple[float, ...]]:
+def _parameters(body: str, letters: str, where: str) -> dict[str, tuple[float, ...]]:
     """Return letter -> numbers."""
     if "{" in body:
         raise BadInput("an expression in { } stands here, and is not worked out", where,
@@ -181,8 +187,8 @@ def _parameters(body: str, code: int, where: str) -> dict[str, tuple[float, ...]
             raise BadInput(f"'{body[at:].strip()[:40]}' is not a letter with a number", where,
                            "Write such as R105.6, and put a `;` before comments")
         letter = found[1].upper()
-        if letter not in LETTERS[code]:
-            raise unknown("parameter", letter, tuple(LETTERS[code]), where)
+        if letter not in letters:
+            raise unknown("parameter", letter, tuple(letters), where)
         if letter in out:
             raise BadInput(f"{letter} stands twice", where, "Leave one")
         out[letter] = tuple(float(part) for part in found[2].split(":"))

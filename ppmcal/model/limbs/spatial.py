@@ -32,7 +32,7 @@ PUS = register(LimbKind(
     platform=_PLATFORM, actuator="length", branch="branch",
     closes_when="|B - A - u direction| = length", source="[LIN] section 2.1"))
 
-register(LimbKind(
+RUS = register(LimbKind(
     "(R)US", False, SPHERE,
     base=Chain((_BASE, align("base.axis", "base.zero"), joint(1), turn(U),
                 slide("proximal", "x"), joint(2), *universal_joint("base", own=True))),

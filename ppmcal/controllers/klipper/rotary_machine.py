@@ -1,0 +1,313 @@
+"""A rotary delta between Klipper's numbers and a machine: its import, its drive, its fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+from scipy.optimize import least_squares
+
+from ppmcal import algebra as cga
+from ppmcal.controllers.delta.files import (
+    DISTANCE_SIGMA,
+    HEIGHT_SIGMA,
+    touch_sidecar,
+    touch_table,
+)
+from ppmcal.controllers.delta.fit import ENOUGH, EXACT, error_summary, laid_on
+from ppmcal.controllers.delta.geometry import MM, TOWERS
+from ppmcal.controllers.export import Exported, NotExpressed, Number
+from ppmcal.controllers.importing import MACHINE, ImportedFiles
+from ppmcal.controllers.klipper.config import parse_config, read_config, read_rows
+from ppmcal.controllers.klipper.rotary import (
+    RotaryDelta,
+    endstop_angles,
+    format_rotary,
+    read_motor_step,
+    read_rotary,
+    turns_down,
+)
+from ppmcal.errors import BadInput, NoResult
+from ppmcal.io.yaml import printable
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.linalg import Array, finite_rows, guarded
+from ppmcal.model.limbs.spatial import RUS
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import NOTE, Note
+from ppmcal.wording import pluralize
+
+FILE = "klipper.cfg"
+ACROSS, HEIGHTS = 7, (0.0, 0.02, 0.04)
+DISC = 0.6
+"""Points are tried over a disc of this part of the shoulders' radius, or of the upper arms."""
+SCALES = np.array([1.0, 1.0, *[0.3] * 3, *[1.0] * 9])
+
+
+# --- import ---------------------------------------------------------------------------------------
+
+
+def imported(path: Path) -> ImportedFiles:
+    """Return a rotary delta of a ``printer.cfg``, with what DELTA_CALIBRATE measured.
+
+    Raises:
+        BadInput: anything wrong in the file.
+    """
+    config = read_config(path)
+    delta = read_rotary(config)
+    rows = [row for kind in ("height", "manual_height")
+            for row in read_rows(config, kind, ("pos",))]
+    pairs = read_rows(config, "distance", ("pos1", "pos2"))
+    texts = {MACHINE: _machine_text(path, delta)}
+    q = [f"q_{t}" for t in TOWERS]
+    steps = np.array([read_motor_step(config, t) for t in TOWERS]) if rows or pairs else np.zeros(3)
+    if rows:
+        texts["heights.csv"] = touch_table(["height", *q], _turned(rows, steps))
+        texts["heights.yaml"] = touch_sidecar("heights", "plane", "height", HEIGHT_SIGMA, (
+            "# Touches: the nozzle's true height above the bed, and how far arms were below their "
+            "endstops."))
+    if pairs:
+        texts["distances.csv"] = touch_table(
+            ["distance", *q, *(f"to_{c}" for c in q)], _turned(pairs, steps))
+        texts["distances.yaml"] = touch_sidecar(
+            "distances", "distance", "distance", DISTANCE_SIGMA,
+            "# Distances on a printed part between two nozzle positions.")
+    findings = [] if rows else ["the file holds no measured heights: run DELTA_CALIBRATE and "
+                                "SAVE_CONFIG on the printer, then import again"]
+    return ImportedFiles(
+        texts, f"{path}: a rotary delta with {pluralize(len(rows), 'height')} and "
+        f"{pluralize(len(pairs), 'distance')}.",
+        {"heights": len(rows), "distances": len(pairs), "nominal": dict(delta.named())},
+        tuple(findings), config.files)
+
+
+def _turned(rows: Sequence[tuple[float, ...]], steps: Array) -> list[tuple[float, ...]]:
+    """Return rows of a value and microsteps of a, b, c, once or twice, with these as degrees."""
+    return [(row[0], *(s * steps[i % 3] for i, s in enumerate(row[1:]))) for row in rows]
+
+
+def _machine_text(path: Path, delta: RotaryDelta) -> str:
+    """Return the printer as it prints now, a commented mechanism file."""
+    name = yaml.safe_dump(printable(f"rotary delta of {path.name}"), width=1000).strip()
+    limbs = "".join(_arm(delta, i, float(end)) for i, end in enumerate(
+        np.degrees(endstop_angles(delta))))
+    return f"""\
+# A rotary delta, with the numbers that it prints with. Only the difference of shoulder radius and
+# effector radius shows, so the former is shoulder_radius and the latter 0.
+format: ppmcal/mechanism/1
+name: {name.removesuffix("...").strip()}
+units: {{length: mm, angle: deg}}   # of every number in this file
+motion: translational             # a pose is x, y, z of the nozzle, the bed is z = 0
+limbs:
+{limbs}home: {{pose: {{x: 0, y: 0, z: 0}}}}
+# one standard deviation each of: shoulders, angles, endstops, arms and rods
+tolerances: {{point: 1, angle: 0.5, offset: 1, length: 1}}
+"""
+
+
+def _arm(delta: RotaryDelta, i: int, end: float) -> str:
+    turn = np.radians(delta.angles[i])
+    c, s = float(np.cos(turn)) + 0.0, float(np.sin(turn)) + 0.0
+    held = ", fixed: true" if i == 2 else ""
+    return f"""\
+  - name: {TOWERS[i]}
+    kind: {RUS.name}
+    base:
+      point:
+        radius: {{share: shoulder_radius, value: {delta.radius!r}}}
+        angle: {{value: {delta.angles[i]!r}{held}}}
+        z: {{share: shoulder_height, value: {delta.height!r}}}
+      axis: [{s!r}, {-c!r}, 0]      # of the motor: u lifts the arm
+      zero: [{c!r}, {s!r}, 0]       # outwards
+    platform:
+      point: {{value: [0, 0, 0], fixed: true}}
+    proximal: {delta.upper[i]!r}    # upper_arm_length
+    distal: {delta.lower[i]!r}      # lower_arm_length
+    ratio: -1    # q is the turn down from the endstop in degrees, whatever the microsteps
+    offset: {end!r}    # the arm at position_endstop, degrees over the horizontal
+    branch: -1    # the elbow outside, where q is smaller
+"""
+
+
+# --- export ---------------------------------------------------------------------------------------
+
+
+def is_rotary_delta(mechanism: Mechanism) -> bool:
+    """Return whether a machine is three driven cranks that move a platform without turning it."""
+    return (not mechanism.motion.turns and len(mechanism.limbs) == 3 == len(mechanism.actuators)
+            and all(limb.kind is RUS for limb in mechanism.limbs))
+
+
+@dataclass(frozen=True, eq=False)
+class RotaryDrive:
+    """How turns from the endstops become joint values: ``zero`` (3,) less ``scale`` (3,) a rad."""
+
+    mechanism: Mechanism
+    zero: Array
+    scale: Array
+
+    def reached(self, delta: RotaryDelta, point: Array) -> Array:
+        """Return where the machine goes (N, 3), m, when the firmware is told ``point`` (N, 3)."""
+        q = np.empty_like(point)
+        own = [limb.actuator for limb in self.mechanism.limbs]
+        q[:, own] = self.zero - self.scale * turns_down(delta, point)
+        return np.asarray(cga.translation(forward(Model(self.mechanism), q).pose))
+
+
+def drive_of(mechanism: Mechanism) -> RotaryDrive:
+    """Return how the firmware would drive the machine.
+
+    Raises:
+        BadInput: no endstop is known.
+    """
+    zero, scale = np.zeros(3), np.zeros(3)
+    for i, limb in enumerate(mechanism.limbs):
+        lifts = np.cross(limb.constants["base.axis"], limb.constants["base.zero"])[2]
+        ratio = limb.slots.values(mechanism.nominals).get("ratio", 1.0) * np.sign(lifts)
+        end = float(mechanism.limits[limb.actuator][1 if ratio > 0.0 else 0])
+        if mechanism.actuator_has_ratio[limb.actuator] and ratio < 0.0:
+            end = 0.0
+        if not np.isfinite(end):
+            raise BadInput("the joint value at the endstop is not known",
+                           f"{mechanism.source}: limbs.{limb.name}",
+                           "Give `limits` whose end with the arm up is the endstop")
+        zero[i], scale[i] = end, 1.0 / ratio
+    return RotaryDrive(mechanism, zero, scale)
+
+
+def export_rotary(mechanism: Mechanism, old: Path | None) -> Exported:
+    """Return a rotary delta in Klipper's numbers; see :class:`ppmcal.controllers.export.Exporter`.
+
+    Raises:
+        BadInput: no endstop is known, or the old file is another machine's.
+        NoResult: it does not reach the bed, or the lines read back as others.
+    """
+    drive, first = drive_of(mechanism), drive_of(mechanism.nominal())
+    points = _points(mechanism)
+    new = _best(drive, points).rounded()
+    was = (_best(first, points).rounded() if old is None
+           else read_rotary(read_config(old)))
+    at_old, at_new = drive.reached(was, points), drive.reached(new, points)
+    both = finite_rows(at_old) & finite_rows(at_new)
+    if both.sum() < ENOUGH:
+        raise NoResult("with the old configuration the machine reaches next to nothing of the "
+                       "new one's workspace", mechanism.source,
+                       "Check that --old is this printer's, and its position_endstop")
+    before, after = (error_summary(at[both], points[both]) for at in (at_old, at_new))
+    lacks = tuple(_lacks(mechanism, after.max < 1e2 * EXACT, after))
+    comment = "\n".join([
+        f"{mechanism.name}: error if the model is exact {after.words()}, before {before.words()}.",
+        "Paste above the #*# lines of printer.cfg, below all other sections: there they win.",
+        *(f"Cannot be expressed: {lack.what}." for lack in lacks)])
+    text = format_rotary(new, comment)
+    head = "[printer]\nkinematics: rotary_delta\n"
+    if read_rotary(parse_config(head + text, FILE)) != new:
+        raise NoResult("the lines read back as other numbers", FILE,
+                       "This is a fault of ppmcal; do not use them")
+    olds = dict(was.named())
+    return Exported(
+        "klipper", "Klipper", {FILE: text},
+        f"Klipper's numbers hold {'most of it, fitted' if lacks else 'all of the geometry'}",
+        tuple(Number(n, olds[n], v, "deg" if n.endswith("angle") else "mm")
+              for n, v in new.named()),
+        f"{int(both.sum())} points over the bed, z 0 to {1e3 * HEIGHTS[-1]:.0f} mm; offset and "
+        "rotation on the bed ignored", before, after, lacks, (), tuple(_advice(old)),
+        poses=np.pad(points[both], ((0, 0), (0, 3))))
+
+
+def _points(mechanism: Mechanism) -> Array:
+    """Return points (N, 3), m, over the bed that the nominal machine reaches within its limits."""
+    nominal = mechanism.nominal()
+    firmware = _read_off(drive_of(nominal))
+    radius = DISC * max(firmware.radius, *firmware.upper) * MM
+    side = np.linspace(-radius, radius, ACROSS)
+    x, y, z = (a.ravel() for a in np.meshgrid(side, side, HEIGHTS, indexing="ij"))
+    points = np.stack([x, y, z], axis=-1)[np.hypot(x, y) <= radius * (1.0 + 1e-9)]
+    at = drive_of(nominal).reached(firmware, points)
+    points = points[finite_rows(at) & finite_rows(drive_of(mechanism).reached(firmware, points))]
+    if len(points) < ENOUGH:
+        raise NoResult(f"the machine reaches next to nothing between z = 0 and "
+                       f"{1e3 * HEIGHTS[-1]:.0f} mm", mechanism.source,
+                       "The bed is z = 0: put the origin there, below the arms, and check "
+                       "`limits`")
+    return np.asarray(points)
+
+
+def _read_off(drive: RotaryDrive) -> RotaryDelta:
+    """Return the numbers as they are about: each arm's own, the shoulders' mean."""
+    mechanism = drive.mechanism
+    shoulders, angles, upper, lower, ends = [], [], [], [], []
+    for i, limb in enumerate(mechanism.limbs):
+        v = limb.slots.values(mechanism.values)
+        shoulders.append([v.get(f"base.point.{c}", 0.0) - v.get(f"platform.point.{c}", 0.0)
+                          for c in "xyz"])
+        zero, axis = (limb.constants[f"base.{c}"] for c in ("zero", "axis"))
+        angles.append(float(np.degrees(np.arctan2(zero[1], zero[0]))) % 360.0)
+        upper.append(v["proximal"] / MM)
+        lower.append(v["distal"] / MM)
+        u = v.get("ratio", 1.0) * drive.zero[i] + v.get("offset", 0.0)
+        lifts = np.sign(np.cross(axis, zero)[2])
+        ends.append(np.arctan2(zero[2], np.hypot(zero[0], zero[1])) + lifts * u)
+    at = np.array(shoulders) / MM
+    radius, height = float(np.hypot(at[:, 0], at[:, 1]).mean()), float(at[:, 2].mean())
+    elbow = np.array([radius + np.array(upper) * np.cos(ends),
+                      height + np.array(upper) * np.sin(ends)])
+    # the height of (0, 0, z) whose rods end at that elbow
+    with np.errstate(invalid="ignore"):
+        z = elbow[1] - np.sqrt(np.array(lower) ** 2 - elbow[0] ** 2)
+    if not (height > 0.0 and np.isfinite(z).all() and (z > 0.0).all()):
+        raise BadInput("the arms are not above the bed, or their rods do not reach the middle at "
+                       "the endstops", mechanism.source,
+                       "The bed is z = 0: put the origin there, below the arms, and check "
+                       "`limits`")
+    return RotaryDelta.of(np.array([radius, height, *angles, *upper, *lower, *z]))
+
+
+def _best(drive: RotaryDrive, points: Array) -> RotaryDelta:
+    """Return the numbers with the smallest squared errors at ``points``; arm c keeps its angle."""
+    start = _read_off(drive)
+    if error_summary(drive.reached(start, points), points).max < EXACT:
+        return start
+    free = np.arange(14) != 4
+    whole = start.array()
+
+    def errors(own: Array) -> Array:
+        numbers = whole.copy()
+        numbers[free] = own
+        at = drive.reached(RotaryDelta.of(numbers), points)
+        good = finite_rows(at)
+        out = np.full(points.shape, 1e3)
+        out[good] = laid_on(at[good], points[good])[0] / MM
+        return np.asarray(out.ravel())
+
+    with guarded("the numbers for the firmware"):
+        found = least_squares(errors, whole[free], x_scale=SCALES[free], xtol=1e-12, ftol=1e-12,
+                              gtol=1e-12, max_nfev=40)
+    whole[free] = found.x
+    return RotaryDelta.of(whole)
+
+
+def _lacks(mechanism: Mechanism, exact: bool, after: object) -> Iterator[NotExpressed]:
+    """Yield what one radius, one height and upright planes of the arms cannot hold."""
+    if not exact:
+        changed = tuple(p.name for p in mechanism.parameters if p.value != p.nominal
+                        and any(part in p.name for part in ("base.", "platform.", "joint",
+                                                            "ratio")))
+        yield NotExpressed("shoulders at radii and heights of their own, axes that are not "
+                           "square to the arms' planes, or gears that differ", changed,
+                           after)  # type: ignore[arg-type]
+    for effect in mechanism.effects:
+        if not effect.kind.instrument:
+            yield NotExpressed(
+                f"effect {effect.kind.name}, which the figures above do not hold either",
+                tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+
+
+def _advice(old: Path | None) -> Iterator[Note]:
+    yield Note(f"Paste the lines of {FILE} into {old or 'printer.cfg'}, above its #*# lines and "
+               "below all other sections: there they win. Keep `gear_ratio` as it is.", NOTE)
+
+
