@@ -11,6 +11,7 @@ from typing import Any
 
 from ppmcal.calibration.fit import secondary
 from ppmcal.errors import BadInput, unknown
+from ppmcal.notes import Note
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.paper import paper
 from ppmcal.report.kinds import IN_ORDER
@@ -56,7 +57,7 @@ class Sheet:
         return {f"{self.name}.{form}": paper(self.content, width, form)}
 
 
-def sheets(data: ReportData, notes: list[str], only: Sequence[str] = ()) -> list[Sheet]:
+def sheets(data: ReportData, notes: list[Note], only: Sequence[str] = ()) -> list[Sheet]:
     """Return the figures and tables of a report, those that are asked for.
 
     Args:
@@ -80,7 +81,7 @@ def sheets(data: ReportData, notes: list[str], only: Sequence[str] = ()) -> list
     return [s for s in found if not only or any(s.matches(p) for p in only)]
 
 
-def _all(data: ReportData, notes: list[str]) -> Iterator[Sheet]:
+def _all(data: ReportData, notes: list[Note]) -> Iterator[Sheet]:
     """Yield every figure and table."""
     taken, several = set[str](), len(data.folders) > 1
 

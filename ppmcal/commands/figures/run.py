@@ -12,6 +12,7 @@ from ppmcal.commands.figures.options import FORMATS, FiguresArguments
 from ppmcal.commands.result import Result
 from ppmcal.errors import unknown
 from ppmcal.io import csv_text
+from ppmcal.notes import Note
 from ppmcal.report import collect
 from ppmcal.report.paper import Sheet, captions, entries, sheets
 from ppmcal.store.provenance import source_of
@@ -77,7 +78,7 @@ def run(asked: FiguresArguments) -> FiguresResult:
     width = asked.millimetres
     if asked.form not in FORMATS:
         raise unknown("format", asked.form, FORMATS, "--format")
-    notes = list[str]()
+    notes = list[Note]()
     found = sheets(collect([Path(f) for f in asked.folders]), notes, tuple(asked.only))
     return FiguresResult(source_of("make_figures", [], None), tuple(notes), tuple(found), width,
                          asked.form)
