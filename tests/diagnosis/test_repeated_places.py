@@ -1,4 +1,4 @@
-"""Joint values alone, read several times at each place: what noise is, and what belongs together."""
+"""Joint values alone, read several times at each place: what is noise, what belongs together."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import pytest
 from helpers import redundant
 
 import ppmcal
-from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.fit_result import FitOptions
+from ppmcal.calibration.fit.fitting import identify
 from ppmcal.calibration.fit.problem import Problem
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.explanation import _pulled
