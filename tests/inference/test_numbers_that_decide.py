@@ -18,11 +18,13 @@ MODULES = sorted(p for room in ("diagnosis", "inference") for p in (ROOT / room)
 OTHERS = {
     # a search ends, memory is bounded, a grid has points
     "bound": {
-        "diagnose.MOST_STEPS", "equations.BAND_DRAWS", "explanation.ROUNDS", "grids.NEAR",
+        "diagnose.MOST_STEPS", "equations.BAND_DRAWS", "explanation.BESIDE", "explanation.ROUNDS",
+        "grids.NEAR",
         "held_out_gap.DRAWS", "held_out_gap.TOGETHER", "linear_system.MOST_ROWS",
         "localization.DRAWS", "misread_columns.FEWEST", "misread_columns.LIKELY",
         "next_experiment.POSES", "next_experiment.WIDER", "onsets.NEAR", "onsets.ROUNDS",
-        "other_models.MOST_READINGS", "own_noise.LESS", "plot_data.ITERATIONS", "refit.MOST_STEPS",
+        "other_models.MOST_READINGS", "own_noise.LESS", "own_noise.SWEEPS", "plot_data.ITERATIONS",
+        "refit.MOST_STEPS",
         "refit.NEAR", "residual_profiles.MOST_ROWS", "residual_series.MOST_SERIES",
         "thinning.LEAST", "thinning.MOST_STRATA", "thinning.MOST_VALUES", "thinning.SAME_LOAD",
         "unknown_causes.MOST_POSES", "unknown_causes.WAVES", "block_sets.ROUNDS", "blocks.CHUNK",
