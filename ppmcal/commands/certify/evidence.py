@@ -44,6 +44,8 @@ from ppmcal.store.runs import RecordedRun, runs_of
 from ppmcal.wording.progress import start_stage
 
 CALIBRATIONS, VALIDATE = ("identify", "diagnose"), "validate"
+SPREAD = 5000
+"""Rows by which the uncertainty of a model is judged."""
 UNCERTAIN = ("partial", "unnamed", "misread")
 """Verdicts of a diagnosis after which nobody knows what the model lacks."""
 
@@ -264,13 +266,19 @@ def _by_registration(fit: Fit, count: int) -> Array:
 def by_parameters(rows: JudgedRows, names: Sequence[str], covariance: Array) -> Array:
     """Return the variance (R, m) of measured coordinates by a machine's parameters (C, C), SI.
 
+    Of at most :data:`SPREAD` rows, evenly spread.
+
     What the registration takes over is not in it: the rows are registered anew, and so is whatever
     of the parameters acts like a frame or target that stands elsewhere.
     """
     fit, mechanism = rows.fit, rows.fit.problem.mechanism
     free = tuple(mechanism.names.index(n) for n in names)
     problem = replace(fit.problem, free=free)
-    parts = list(problem.rows_of(0, fit.state, True, rows.keep))
+    kept = np.flatnonzero(rows.keep)
+    some = kept[np.linspace(0, kept.size - 1, min(kept.size, SPREAD)).astype(int)]
+    chosen = np.zeros_like(rows.keep)
+    chosen[some] = True
+    parts = list(problem.rows_of(0, fit.state, True, chosen))
     white = np.concatenate([p.jacobian.reshape(-1, p.jacobian.shape[-1]) for p in parts])
     own, nuisance = white[:, :len(free)], white[:, len(free):]
     taken = pinv(nuisance) @ own if nuisance.shape[1] else np.zeros((0, len(free)))

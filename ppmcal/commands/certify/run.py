@@ -46,7 +46,8 @@ from ppmcal.wording.told import ShortTable, Told
 
 CONDITION_UNITS = {"payload": "kg", "fx": "N", "fy": "N", "fz": "N", "mx": "N m", "my": "N m",
                    "mz": "N m"}
-POSITION, CLOSURE = "a position along any one direction", "how far a limb is from closing"
+POSITION, LENGTH = "a position along any one direction", "a length that the instrument shows"
+CLOSURE = "how far a limb is from closing"
 GAUGE = ("No instrument: the machine measured itself by its joints. Lengths are those of its own "
          "drives, and the frames of base and platform are defined by the values that its file "
          "holds (gauge); what lies outside of the machine is not certified.")
@@ -171,7 +172,7 @@ def recorded(about: AboutFile, evidence: Evidence, found: list[Figure], uncertai
         machine=CertifiedMachine(maker=about.machine.maker, model=about.machine.model or "",
                                  serial=about.machine.serial, name=mechanism.name),
         basis=_basis(evidence), gauge=GAUGE if blind else "", held_out=evidence.seen,
-        figures=shown, budget=_budget(uncertain, units, blind), decision=decision,
+        figures=shown, budget=_budget(uncertain, units, _measurand(evidence)), decision=decision,
         validity=_validity(mechanism, units),
         rows=tuple(CertifiedRow.filled(None, units, place=tuple(p.tolist()), error=e)
                    for p, e in places(evidence)),
@@ -194,12 +195,19 @@ def _people(about: AboutFile, units: MachineUnits) -> dict[str, Any]:
             "temperature": tuple(about.temperature), "conditions": dict(about.conditions)}
 
 
-def _budget(found: Budget, units: MachineUnits, blind: bool) -> CertifiedBudget:
+def _measurand(evidence: Evidence) -> str:
+    kinds = [r.data.kind for r in evidence.rows]
+    if all(k.blind for k in kinds):
+        return CLOSURE
+    return LENGTH if all(k.blind or k.scalar for k in kinds) else POSITION
+
+
+def _budget(found: Budget, units: MachineUnits, of: str) -> CertifiedBudget:
     lines = tuple(CertifiedContribution.filled(
         c, units, degrees=c.degrees if np.isfinite(c.degrees) else None) for c in found.lines)
     degrees = found.degrees if np.isfinite(found.degrees) else None
     return CertifiedBudget.filled(
-        None, units, of=CLOSURE if blind else POSITION, lines=lines, combined=found.combined,
+        None, units, of=of, lines=lines, combined=found.combined,
         degrees=degrees, factor=found.factor, coverage=COVERED, expanded=found.expanded)
 
 
