@@ -56,7 +56,7 @@ class JudgedRows:
 
     ``found``: errors row by row; ``keep`` (N,): rows that count; ``names``, ``places``: of the
     measured coordinates, and how many of them are of position; ``registered`` (N, m): variance of
-    each by the registration.
+    each by the registration; ``left_out``: rows of the CSV that count nowhere.
     """
 
     data: Dataset
@@ -66,6 +66,7 @@ class JudgedRows:
     names: tuple[str, ...]
     places: int
     registered: Array
+    left_out: tuple[int, ...] = ()
 
     @property
     def errors(self) -> Array:
@@ -234,7 +235,7 @@ def judged(mechanism: Mechanism, data: Dataset, register: Sequence[str] | None) 
     words = None if register is None else tuple(w for w in register if w != "none")
     found = validated(model, (data,), words, notes=[])[0]
     asked = found.fitted if words is None else words
-    data = data.take(~np.isin(data.rows, found.left_out))
+    whole, data = data.rows, data.take(~np.isin(data.rows, found.left_out))
     every = opened(data, tuple(w for w in REGISTERED if w in asked or (
         words is None and is_open(data, w))), words is not None)
     fit = identify(Problem(model[0].mechanism, (every,), ()),
@@ -247,7 +248,9 @@ def judged(mechanism: Mechanism, data: Dataset, register: Sequence[str] | None) 
         raise BadInput("it measures angles alone, of which no position can be certified",
                        data.source, "Give measurements of positions, poses or distances")
     keep = finite_rows(fit.state.poses[0]) & np.isfinite(here.vector[0]).any(axis=1)
-    return JudgedRows(every, fit, here, keep, names, places, _by_registration(fit, len(names)))
+    left_out = np.setdiff1d(whole, every.rows[keep]).tolist()
+    return JudgedRows(every, fit, here, keep, names, places, _by_registration(fit, len(names)),
+                      tuple(left_out))
 
 
 def _by_registration(fit: Fit, count: int) -> Array:

@@ -41,7 +41,7 @@ from ppmcal.notes import NOTE, Note
 from ppmcal.store.folder import read_record
 from ppmcal.store.provenance import Provenance, source_of
 from ppmcal.units import coordinate_quantity
-from ppmcal.wording import number, pluralize
+from ppmcal.wording import number, pluralize, row_list
 from ppmcal.wording.told import ShortTable, Told
 
 CONDITION_UNITS = {"payload": "kg", "fx": "N", "fy": "N", "fz": "N", "mx": "N m", "my": "N m",
@@ -165,7 +165,7 @@ def recorded(about: AboutFile, evidence: Evidence, found: list[Figure], uncertai
                    f"the {number(decision.accepted)} {units.name('length')} that the rule "
                    f"'{decision.rule}' accepts"),) if decision.result == FAIL else ()
     told = (*(Note(str(f), NOTE) for f in mechanism.findings),
-            *(f for r in evidence.rows for f in r.data.findings))
+            *(f for r in evidence.rows for f in r.data.findings), *_left_out(evidence))
     blind = all(r.data.kind.blind for r in evidence.rows)
     return CertificateRecord.filled(
         None, units, format=CertificateRecord.FORMAT, name=mechanism.name, **_people(about, units),
@@ -193,6 +193,15 @@ def _people(about: AboutFile, units: MachineUnits) -> dict[str, Any]:
     return {"number": about.number, **parties, "instrument": instrument, "date": about.date,
             "issued": about.issued or about.date, "operator": about.operator,
             "temperature": tuple(about.temperature), "conditions": dict(about.conditions)}
+
+
+def _left_out(evidence: Evidence) -> Iterator[Note]:
+    """Yield which rows count in no figure: typed wrong, or the model cannot predict them."""
+    for r in evidence.rows:
+        if r.left_out:
+            yield Note(f"{r.data.name}: {row_list([n - 1 for n in r.left_out])} of "
+                       f"{len(r.left_out) + int(r.keep.sum())} left out of every figure: typed "
+                       "wrong, or such that the model cannot predict them")
 
 
 def _measurand(evidence: Evidence) -> str:
