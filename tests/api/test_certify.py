@@ -19,6 +19,7 @@ from scipy import stats
 
 import ppmcal as face
 from ppmcal.calibration.fit import Noise
+from ppmcal.commands.certify import evidence
 from ppmcal.commands.certify.about import read_about
 from ppmcal.commands.certify.budget import Budget, Contribution, decided
 from ppmcal.commands.certify.evidence import refuse_uncertifiable, refuse_unknown_cause
@@ -215,6 +216,23 @@ def test_what_was_tampered_with_is_refused_and_named(bench: Path, tmp_path: Path
                  cwd=folder, expect=2)
     assert name.rpartition("/")[2] in run.err and "nothing is certified" in run.err
     assert not (folder / "new").exists()
+
+
+def test_what_changes_after_it_came_out_again_is_refused(bench: Path, tmp_path: Path,
+                                                         monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = Path(shutil.copytree(bench, tmp_path / "own"))
+    again = evidence.made_again
+
+    def and_changed(asked: Any) -> Any:
+        found = again(asked)
+        with (folder / "identified/residuals.csv").open("a", encoding="utf-8") as file:
+            file.write("\n")
+        return found
+
+    monkeypatch.setattr(evidence, "made_again", and_changed)
+    run = ppmcal("certify", "identified", "val.csv", "--about", "about.yaml", "--out", "new",
+                 cwd=folder, expect=2)
+    assert "identified/residuals.csv: changed after it had come out again" in run.err
 
 
 def test_rows_that_the_model_was_fitted_to_are_refused(bench: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -82,14 +82,17 @@ class JudgedRows:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What is certified, and by what; ``seen``: the rows are those of the calibration itself."""
+    """What is certified, and by what; ``seen``: the rows are those of the calibration itself.
+
+    ``inputs``: path -> SHA-256 of what came out again or went into it, empty where only this reads.
+    """
 
     mechanism: Mechanism
     record: IdentificationRecord
     path: Path
     rows: tuple[JudgedRows, ...]
     seen: bool
-    inputs: tuple[str, ...]
+    inputs: Mapping[str, str]
 
 
 def gathered(folder: Path, validation: Sequence[str | os.PathLike[str]]) -> Evidence:
@@ -109,13 +112,12 @@ def gathered(folder: Path, validation: Sequence[str | os.PathLike[str]]) -> Evid
     seen = not files
     start_stage("judging the rows")
     mechanism, datasets = prepared(load(folder), _data_of(run) if seen else files, "none")
-    inputs += data_files(datasets)
+    inputs = dict.fromkeys(data_files(datasets), "") | inputs
     if not seen:
         _refuse_seen(folder, mechanism, datasets)
     words = next((w for t in tests if (w := t.source.options.get("register"))), None)
     rows = tuple(judged(mechanism, d, words) for d in datasets)
-    return Evidence(mechanism, record, folder / IdentificationRecord.FILE, rows, seen,
-                    tuple(dict.fromkeys(inputs)))
+    return Evidence(mechanism, record, folder / IdentificationRecord.FILE, rows, seen, inputs)
 
 
 def _calibration_run(folder: Path) -> RecordedRun:
@@ -175,13 +177,13 @@ def refuse_unknown_cause(verdict: str, place: str) -> None:
                        "Take the measurements that it asks for, and diagnose again")
 
 
-def _verified(runs: Iterable[RecordedRun]) -> list[str]:
-    """Make results again; return what was read for it.
+def _verified(runs: Iterable[RecordedRun]) -> dict[str, str]:
+    """Make results again; return path -> SHA-256 of what was read and came out.
 
     Raises:
         BadInput: with the first file that does not come out as it is, or the input that changed.
     """
-    inputs: list[str] = []
+    inputs: dict[str, str] = {}
     for run in runs:
         start_stage("making the results again")
         for check in made_again(VerifyArguments((str(run.folder),))).record.runs:
@@ -193,8 +195,10 @@ def _verified(runs: Iterable[RecordedRun]) -> list[str]:
                 raise BadInput(f"{what}, so that nothing is certified", place,
                                f"Run `ppmcal verify {run.folder}` to see what differs, then run "
                                f"{run.command} again")
-        own = [str(run.folder / n) for n in (*run.digests, RECORD) if (run.folder / n).is_file()]
-        inputs += own + [_from_here(run, p) for p in run.source.inputs]
+        inputs |= {str(run.folder / n): digest for n, digest in run.digests.items()}
+        inputs |= {_from_here(run, p): digest for p, digest in run.source.inputs.items()}
+        if (run.folder / RECORD).is_file():
+            inputs[str(run.folder / RECORD)] = ""
         for path in inputs:
             track_input(path)
     return inputs

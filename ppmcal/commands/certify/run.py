@@ -120,6 +120,10 @@ def run(asked: CertifyArguments) -> CertificateResult:
     _refuse_instrument(about, evidence, str(asked.about))
     found, uncertain = figures(evidence, about), budget(evidence, about)
     source = source_of("certify", [str(asked.about), *evidence.inputs], None)
+    for path, digest in evidence.inputs.items():
+        if digest and source["inputs"][path] != digest:
+            raise BadInput("changed after it had come out again, so that nothing is certified",
+                           path, "Run certify again")
     record = recorded(about, evidence, found, uncertain, source, folder)
     return CertificateResult(source, record.findings, evidence.mechanism, record)
 
