@@ -19,6 +19,7 @@ from scipy import stats
 
 import ppmcal as face
 from ppmcal.calibration.fit import Noise
+from ppmcal.commands.certify import evidence
 from ppmcal.commands.certify.about import read_about
 from ppmcal.commands.certify.budget import Budget, Contribution, decided
 from ppmcal.commands.certify.evidence import refuse_uncertifiable, refuse_unknown_cause
@@ -114,6 +115,23 @@ def test_a_figure_that_the_rows_do_not_allow_says_why(bench: Path) -> None:
     assert value(found, "B", "leg1") > 0.0    # six approaches from each side are enough for it
 
 
+@pytest.mark.slow
+def test_a_row_that_is_typed_wrong_counts_nowhere_and_is_told(bench: Path, tmp_path: Path,
+                                                              record: dict[str, Any]) -> None:
+    folder = Path(shutil.copytree(bench, tmp_path / "own"))
+    lines = (folder / "val.csv").read_text("utf-8").split("\n")
+    cells = lines[12].split(",")
+    cells[lines[0].split(",").index("x")] = "1" + cells[lines[0].split(",").index("x")]
+    lines[12] = ",".join(cells)
+    (folder / "val.csv").write_text("\n".join(lines), "utf-8")
+    run = ppmcal("certify", "identified", "val.csv", "--about", "about.yaml", "--out", "new",
+                 cwd=folder, expect=1)
+    assert "val: row 12 of 72 left out of every figure" in " ".join(run.out.split())
+    found = json.loads((folder / "new/certificate.json").read_text("utf-8"))
+    assert value(found, name="rms error of position") == pytest.approx(
+        value(record, name="rms error of position"), rel=0.1)
+
+
 def test_directions_are_kept_apart() -> None:
     sets = one_sided(np.array([0, 0, 0, 1, 1]), np.array([[1.0], [-1], [1], [np.nan], [np.nan]]))
     assert [s.tolist() for s in sets] == [[0, 2], [3, 4]]
@@ -198,6 +216,23 @@ def test_what_was_tampered_with_is_refused_and_named(bench: Path, tmp_path: Path
                  cwd=folder, expect=2)
     assert name.rpartition("/")[2] in run.err and "nothing is certified" in run.err
     assert not (folder / "new").exists()
+
+
+def test_what_changes_after_it_came_out_again_is_refused(bench: Path, tmp_path: Path,
+                                                         monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = Path(shutil.copytree(bench, tmp_path / "own"))
+    again = evidence.made_again
+
+    def and_changed(asked: Any) -> Any:
+        found = again(asked)
+        with (folder / "identified/residuals.csv").open("a", encoding="utf-8") as file:
+            file.write("\n")
+        return found
+
+    monkeypatch.setattr(evidence, "made_again", and_changed)
+    run = ppmcal("certify", "identified", "val.csv", "--about", "about.yaml", "--out", "new",
+                 cwd=folder, expect=2)
+    assert "identified/residuals.csv: changed after it had come out again" in run.err
 
 
 def test_rows_that_the_model_was_fitted_to_are_refused(bench: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from xml.etree import ElementTree as ET
 
+from ppmcal.errors import printable
 from ppmcal.io.results.certificate import (
     CertificateRecord,
     CertifiedContribution,
@@ -54,7 +55,7 @@ def certificate_xml(record: CertificateRecord) -> str:
 def _sub(parent: ET.Element, name: str, text: str = "", space: str = DCC) -> ET.Element:
     out = ET.SubElement(parent, f"{{{space}}}{name}")
     if text:
-        out.text = text
+        out.text = printable(text)    # XML has no control characters
     return out
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,8 @@ from ppmcal.store.runs import RecordedRun, runs_of
 from ppmcal.wording.progress import start_stage
 
 CALIBRATIONS, VALIDATE = ("identify", "diagnose"), "validate"
+SPREAD = 5000
+"""Rows by which the uncertainty of a model is judged."""
 UNCERTAIN = ("partial", "unnamed", "misread")
 """Verdicts of a diagnosis after which nobody knows what the model lacks."""
 
@@ -54,7 +56,7 @@ class JudgedRows:
 
     ``found``: errors row by row; ``keep`` (N,): rows that count; ``names``, ``places``: of the
     measured coordinates, and how many of them are of position; ``registered`` (N, m): variance of
-    each by the registration.
+    each by the registration; ``left_out``: rows of the CSV that count nowhere.
     """
 
     data: Dataset
@@ -64,6 +66,7 @@ class JudgedRows:
     names: tuple[str, ...]
     places: int
     registered: Array
+    left_out: tuple[int, ...] = ()
 
     @property
     def errors(self) -> Array:
@@ -79,14 +82,17 @@ class JudgedRows:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What is certified, and by what; ``seen``: the rows are those of the calibration itself."""
+    """What is certified, and by what; ``seen``: the rows are those of the calibration itself.
+
+    ``inputs``: path -> SHA-256 of what came out again or went into it, empty where only this reads.
+    """
 
     mechanism: Mechanism
     record: IdentificationRecord
     path: Path
     rows: tuple[JudgedRows, ...]
     seen: bool
-    inputs: tuple[str, ...]
+    inputs: Mapping[str, str]
 
 
 def gathered(folder: Path, validation: Sequence[str | os.PathLike[str]]) -> Evidence:
@@ -106,13 +112,12 @@ def gathered(folder: Path, validation: Sequence[str | os.PathLike[str]]) -> Evid
     seen = not files
     start_stage("judging the rows")
     mechanism, datasets = prepared(load(folder), _data_of(run) if seen else files, "none")
-    inputs += data_files(datasets)
+    inputs = dict.fromkeys(data_files(datasets), "") | inputs
     if not seen:
         _refuse_seen(folder, mechanism, datasets)
     words = next((w for t in tests if (w := t.source.options.get("register"))), None)
     rows = tuple(judged(mechanism, d, words) for d in datasets)
-    return Evidence(mechanism, record, folder / IdentificationRecord.FILE, rows, seen,
-                    tuple(dict.fromkeys(inputs)))
+    return Evidence(mechanism, record, folder / IdentificationRecord.FILE, rows, seen, inputs)
 
 
 def _calibration_run(folder: Path) -> RecordedRun:
@@ -172,13 +177,13 @@ def refuse_unknown_cause(verdict: str, place: str) -> None:
                        "Take the measurements that it asks for, and diagnose again")
 
 
-def _verified(runs: Iterable[RecordedRun]) -> list[str]:
-    """Make results again; return what was read for it.
+def _verified(runs: Iterable[RecordedRun]) -> dict[str, str]:
+    """Make results again; return path -> SHA-256 of what was read and came out.
 
     Raises:
         BadInput: with the first file that does not come out as it is, or the input that changed.
     """
-    inputs: list[str] = []
+    inputs: dict[str, str] = {}
     for run in runs:
         start_stage("making the results again")
         for check in made_again(VerifyArguments((str(run.folder),))).record.runs:
@@ -190,8 +195,10 @@ def _verified(runs: Iterable[RecordedRun]) -> list[str]:
                 raise BadInput(f"{what}, so that nothing is certified", place,
                                f"Run `ppmcal verify {run.folder}` to see what differs, then run "
                                f"{run.command} again")
-        own = [str(run.folder / n) for n in (*run.digests, RECORD) if (run.folder / n).is_file()]
-        inputs += own + [_from_here(run, p) for p in run.source.inputs]
+        inputs |= {str(run.folder / n): digest for n, digest in run.digests.items()}
+        inputs |= {_from_here(run, p): digest for p, digest in run.source.inputs.items()}
+        if (run.folder / RECORD).is_file():
+            inputs[str(run.folder / RECORD)] = ""
         for path in inputs:
             track_input(path)
     return inputs
@@ -232,7 +239,7 @@ def judged(mechanism: Mechanism, data: Dataset, register: Sequence[str] | None) 
     words = None if register is None else tuple(w for w in register if w != "none")
     found = validated(model, (data,), words, notes=[])[0]
     asked = found.fitted if words is None else words
-    data = data.take(~np.isin(data.rows, found.left_out))
+    whole, data = data.rows, data.take(~np.isin(data.rows, found.left_out))
     every = opened(data, tuple(w for w in REGISTERED if w in asked or (
         words is None and is_open(data, w))), words is not None)
     fit = identify(Problem(model[0].mechanism, (every,), ()),
@@ -245,7 +252,9 @@ def judged(mechanism: Mechanism, data: Dataset, register: Sequence[str] | None) 
         raise BadInput("it measures angles alone, of which no position can be certified",
                        data.source, "Give measurements of positions, poses or distances")
     keep = finite_rows(fit.state.poses[0]) & np.isfinite(here.vector[0]).any(axis=1)
-    return JudgedRows(every, fit, here, keep, names, places, _by_registration(fit, len(names)))
+    left_out = np.setdiff1d(whole, every.rows[keep]).tolist()
+    return JudgedRows(every, fit, here, keep, names, places, _by_registration(fit, len(names)),
+                      tuple(left_out))
 
 
 def _by_registration(fit: Fit, count: int) -> Array:
@@ -264,13 +273,19 @@ def _by_registration(fit: Fit, count: int) -> Array:
 def by_parameters(rows: JudgedRows, names: Sequence[str], covariance: Array) -> Array:
     """Return the variance (R, m) of measured coordinates by a machine's parameters (C, C), SI.
 
+    Of at most :data:`SPREAD` rows, evenly spread.
+
     What the registration takes over is not in it: the rows are registered anew, and so is whatever
     of the parameters acts like a frame or target that stands elsewhere.
     """
     fit, mechanism = rows.fit, rows.fit.problem.mechanism
     free = tuple(mechanism.names.index(n) for n in names)
     problem = replace(fit.problem, free=free)
-    parts = list(problem.rows_of(0, fit.state, True, rows.keep))
+    kept = np.flatnonzero(rows.keep)
+    some = kept[np.linspace(0, kept.size - 1, min(kept.size, SPREAD)).astype(int)]
+    chosen = np.zeros_like(rows.keep)
+    chosen[some] = True
+    parts = list(problem.rows_of(0, fit.state, True, chosen))
     white = np.concatenate([p.jacobian.reshape(-1, p.jacobian.shape[-1]) for p in parts])
     own, nuisance = white[:, :len(free)], white[:, len(free):]
     taken = pinv(nuisance) @ own if nuisance.shape[1] else np.zeros((0, len(free)))

@@ -52,6 +52,12 @@ def error_figures(position: Array, rotation: Array) -> Iterator[Figure]:
                          expanded=quantity == "length")
 
 
+def grouped(labels: Ints) -> list[Ints]:
+    """Return the rows of each label (N,), labels in their order."""
+    order = np.argsort(labels, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if order.size else []
+
+
 # ---- ISO 9283
 
 
@@ -64,8 +70,7 @@ def one_sided(groups: Ints, directions: Array) -> list[Ints]:
     """
     signs = np.nan_to_num(directions).astype(int)
     out = []
-    for pose in np.unique(groups):
-        rows = np.flatnonzero(groups == pose)
+    for rows in grouped(groups):
         _, which = np.unique(signs[rows], axis=0, return_inverse=True)
         which = which.reshape(-1)
         out.append(rows[which == np.argmax(np.bincount(which))])
@@ -165,18 +170,17 @@ def _missing(axis: AxisRows, asked: int, targets: int, most: int) -> str:
 def _sides(axis: AxisRows, asked: int) -> tuple[list[Array], list[Array], int, int]:
     """Return deviations from each side by target, fewest (else most) repeats, targets in all."""
     up, down, counts, most = [], [], [], 0
-    labels = np.unique(axis.groups)
-    known = np.isfinite(axis.deviation)
-    for target in labels:
-        rows = (axis.groups == target) & known
-        one, two = (axis.deviation[rows & (axis.side == s)] for s in (1.0, -1.0))
+    targets = grouped(axis.groups)
+    for rows in targets:
+        here = axis.deviation[rows]
+        one, two = (here[np.isfinite(here) & (axis.side[rows] == s)] for s in (1.0, -1.0))
         count = min(one.size, two.size)
         most = max(most, count)
         if count >= asked:
             up.append(one)
             down.append(two)
             counts.append(count)
-    return up, down, min(counts, default=most), labels.size
+    return up, down, min(counts, default=most), len(targets)
 
 
 def bidirectional(up: Sequence[Array], down: Sequence[Array]) -> Mapping[str, float]:

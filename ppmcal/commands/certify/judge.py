@@ -22,6 +22,7 @@ from ppmcal.commands.certify.figures import (
     Figure,
     axis_figures,
     error_figures,
+    grouped,
     one_sided,
     pose_figures,
 )
@@ -33,6 +34,11 @@ from ppmcal.linalg import Array
 from ppmcal.model.repeats import repeats
 
 SEEN = "needs measurements that no fit has seen"
+UNSEEN = ("the instrument shows one length, and no attained pose",
+          "joint values alone tell no attained pose")
+WANTED = (("AP_p", "pose accuracy", "ISO 9283"), ("A", "bidirectional accuracy", "ISO 230-2"))
+MAPPED = 2000
+"""Rows of the map, evenly spread, beside the one of the largest error."""
 NORMAL, KNOWN = "normal", float("inf")
 
 
@@ -40,17 +46,13 @@ def figures(evidence: Evidence, about: AboutFile) -> list[Figure]:
     """Return every figure of the certificate, those that cannot be had with the reason."""
     out = _errors(evidence)
     for rows in evidence.rows:
-        if rows.data.kind.blind:
-            out += [Figure("AP_p", "pose accuracy", None, norm="ISO 9283",
-                           why="joint values alone tell no attained pose"),
-                    Figure("A", "bidirectional accuracy", None, norm="ISO 230-2",
-                           why="joint values alone tell no attained pose")]
+        if rows.data.kind.blind or rows.data.kind.scalar:
+            out += [Figure(symbol, name, None, norm=norm, why=UNSEEN[rows.data.kind.blind])
+                    for symbol, name, norm in WANTED]
             continue
-        named = [f.symbol for f in out]
         for one in _standards(rows, about, evidence.seen):
-            several = one.symbol in named and len(evidence.rows) > 1
             out.append(replace(one, where=f"{one.where} ({rows.data.name})".strip())
-                       if several or len(evidence.rows) > 1 else one)
+                       if len(evidence.rows) > 1 else one)
     return out
 
 
@@ -120,8 +122,8 @@ def _repeatability(evidence: Evidence) -> Contribution:
     for rows in evidence.rows:
         label = repeats(rows.data)[rows.keep]
         errors = rows.errors[:, :rows.places]
-        for one in np.unique(label):
-            mine = errors[label == one]
+        for one in grouped(label):
+            mine = errors[one]
             mine = mine[np.isfinite(mine).all(axis=1)]
             if len(mine) > 1:
                 sums.append((float(np.sum((mine - mine.mean(axis=0)) ** 2)),
@@ -160,15 +162,20 @@ def _model(evidence: Evidence) -> Contribution:
                        "no uncertainty can be stated", str(evidence.path),
                        "Run identify with tolerances as prior")
     variance = [by_parameters(r, names, covariance)[:, :r.places].mean(axis=1)
-                for r in evidence.rows]
+                for r in _seeing(evidence)]
     return Contribution("model parameters", TYPE_A, NORMAL, _root_mean(variance),
                         max(evidence.record.noise.degrees, 1.0),
                         note="covariance of the fit, carried to the poses")
 
 
+def _seeing(evidence: Evidence) -> list[JudgedRows]:
+    """Return the data sets that an instrument measured."""
+    return [r for r in evidence.rows if not r.data.kind.blind]
+
+
 def _registration(evidence: Evidence) -> Contribution:
     """Return what the fitted frame and target leave open of positions."""
-    variance = [r.registered[r.keep][:, :r.places].mean(axis=1) for r in evidence.rows]
+    variance = [r.registered[r.keep][:, :r.places].mean(axis=1) for r in _seeing(evidence)]
     return Contribution("registration", TYPE_B, NORMAL, _root_mean(variance), KNOWN,
                         note="frame and target of the instrument, by its stated noise")
 
@@ -195,8 +202,12 @@ def places(evidence: Evidence) -> list[tuple[Array, float]]:
     """Return the platform's place in the base frame (3,) and the error there, row by row."""
     out = []
     for rows in evidence.rows:
-        where = cga.translation(rows.fit.state.poses[0][rows.keep])
+        # a distance between two platform positions has two poses: the first is shown
+        where = cga.translation(rows.fit.state.poses[0][rows.keep]).reshape(len(rows.errors), -1)
         size = (np.sqrt(np.nanmean(rows.errors**2, axis=1)) if rows.data.kind.blind
                 else rows.found.position[0][rows.keep])
-        out += [(p, float(e)) for p, e in zip(where, size, strict=True) if np.isfinite(e)]
+        out += [(p[:3], float(e)) for p, e in zip(where, size, strict=True) if np.isfinite(e)]
+    if len(out) > MAPPED:
+        some = np.linspace(0, len(out) - 1, MAPPED).astype(int).tolist()
+        out = [out[i] for i in sorted({*some, max(range(len(out)), key=lambda i: out[i][1])})]
     return out

@@ -41,12 +41,13 @@ from ppmcal.notes import NOTE, Note
 from ppmcal.store.folder import read_record
 from ppmcal.store.provenance import Provenance, source_of
 from ppmcal.units import coordinate_quantity
-from ppmcal.wording import number, pluralize
+from ppmcal.wording import number, pluralize, row_list
 from ppmcal.wording.told import ShortTable, Told
 
 CONDITION_UNITS = {"payload": "kg", "fx": "N", "fy": "N", "fz": "N", "mx": "N m", "my": "N m",
                    "mz": "N m"}
-POSITION, CLOSURE = "a position along any one direction", "how far a limb is from closing"
+POSITION, LENGTH = "a position along any one direction", "a length that the instrument shows"
+CLOSURE = "how far a limb is from closing"
 GAUGE = ("No instrument: the machine measured itself by its joints. Lengths are those of its own "
          "drives, and the frames of base and platform are defined by the values that its file "
          "holds (gauge); what lies outside of the machine is not certified.")
@@ -119,6 +120,10 @@ def run(asked: CertifyArguments) -> CertificateResult:
     _refuse_instrument(about, evidence, str(asked.about))
     found, uncertain = figures(evidence, about), budget(evidence, about)
     source = source_of("certify", [str(asked.about), *evidence.inputs], None)
+    for path, digest in evidence.inputs.items():
+        if digest and source["inputs"][path] != digest:
+            raise BadInput("changed after it had come out again, so that nothing is certified",
+                           path, "Run certify again")
     record = recorded(about, evidence, found, uncertain, source, folder)
     return CertificateResult(source, record.findings, evidence.mechanism, record)
 
@@ -164,14 +169,14 @@ def recorded(about: AboutFile, evidence: Evidence, found: list[Figure], uncertai
                    f"the {number(decision.accepted)} {units.name('length')} that the rule "
                    f"'{decision.rule}' accepts"),) if decision.result == FAIL else ()
     told = (*(Note(str(f), NOTE) for f in mechanism.findings),
-            *(f for r in evidence.rows for f in r.data.findings))
+            *(f for r in evidence.rows for f in r.data.findings), *_left_out(evidence))
     blind = all(r.data.kind.blind for r in evidence.rows)
     return CertificateRecord.filled(
         None, units, format=CertificateRecord.FORMAT, name=mechanism.name, **_people(about, units),
         machine=CertifiedMachine(maker=about.machine.maker, model=about.machine.model or "",
                                  serial=about.machine.serial, name=mechanism.name),
         basis=_basis(evidence), gauge=GAUGE if blind else "", held_out=evidence.seen,
-        figures=shown, budget=_budget(uncertain, units, blind), decision=decision,
+        figures=shown, budget=_budget(uncertain, units, _measurand(evidence)), decision=decision,
         validity=_validity(mechanism, units),
         rows=tuple(CertifiedRow.filled(None, units, place=tuple(p.tolist()), error=e)
                    for p, e in places(evidence)),
@@ -194,12 +199,28 @@ def _people(about: AboutFile, units: MachineUnits) -> dict[str, Any]:
             "temperature": tuple(about.temperature), "conditions": dict(about.conditions)}
 
 
-def _budget(found: Budget, units: MachineUnits, blind: bool) -> CertifiedBudget:
+def _left_out(evidence: Evidence) -> Iterator[Note]:
+    """Yield which rows count in no figure: typed wrong, or the model cannot predict them."""
+    for r in evidence.rows:
+        if r.left_out:
+            yield Note(f"{r.data.name}: {row_list([n - 1 for n in r.left_out])} of "
+                       f"{len(r.left_out) + int(r.keep.sum())} left out of every figure: typed "
+                       "wrong, or such that the model cannot predict them")
+
+
+def _measurand(evidence: Evidence) -> str:
+    kinds = [r.data.kind for r in evidence.rows]
+    if all(k.blind for k in kinds):
+        return CLOSURE
+    return LENGTH if all(k.blind or k.scalar for k in kinds) else POSITION
+
+
+def _budget(found: Budget, units: MachineUnits, of: str) -> CertifiedBudget:
     lines = tuple(CertifiedContribution.filled(
         c, units, degrees=c.degrees if np.isfinite(c.degrees) else None) for c in found.lines)
     degrees = found.degrees if np.isfinite(found.degrees) else None
     return CertifiedBudget.filled(
-        None, units, of=CLOSURE if blind else POSITION, lines=lines, combined=found.combined,
+        None, units, of=of, lines=lines, combined=found.combined,
         degrees=degrees, factor=found.factor, coverage=COVERED, expanded=found.expanded)
 
 
