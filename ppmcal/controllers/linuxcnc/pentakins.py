@@ -112,20 +112,11 @@ def export_pentapod(mechanism: Mechanism, old: Path | None, poses: Path | None) 
     lacks = tuple(_lacks(mechanism, bare, wanted, new, held))
     before, after = (pose_errors(bare, _reached(bare, s, wanted), wanted) for s in (nominal, new))
     names = [limb.name for limb in bare.limbs if limb.driven]
-    home = strut_lengths(new.numbers, bare.home[None])[0] / UNIT
-    ini = tuple(Joint(float(h), float(s), float(d / UNIT)).rounded()
-                for h, s, d in zip(home, new.stretch, new.shift, strict=True))
     head = "\n".join([f"{mechanism.name}: error if the model is exact {after.words()}, before "
                       f"{before.words()}.", *(f"Cannot be expressed: {k.what}." for k in lacks),
                       "Pins of LinuxCNC's pentakins; lengths in mm, as [TRAJ]LINEAR_UNITS must "
                       "be."])
-    texts = {HAL: format_pins(new.numbers, names, head),
-             JOINTS: format_joints(ini, names, f"What {HAL} needs of the machine's INI file; "
-                                   "lengths in mm. Change 'present' once.")}
-    if (not np.array_equal(parse_pins(texts[HAL], HAL), np.round(new.numbers / UNIT, DIGITS) + 0.0)
-            or parse_joints(texts[JOINTS], JOINTS) != ini):
-        raise NoResult("the lines read back as other numbers", f"{HAL}, {JOINTS}",
-                       "This is a fault of ppmcal; do not use them")
+    texts = _files(bare, new, names, head)
     return Exported(
         "linuxcnc", "LinuxCNC", texts,
         f"pentakins' numbers hold {'most of it, fitted' if lacks else 'all of the geometry'}",
@@ -135,6 +126,26 @@ def export_pentapod(mechanism: Mechanism, old: Path | None, poses: Path | None) 
         (Note(f"Load {HAL} by HALFILE in place of the lines that set these pins now, and change "
               f"the INI file's joints as {JOINTS} says, once.", NOTE),),
         poses=pose_vector(wanted))
+
+
+def _files(mechanism: Mechanism, new: PentapodSetting, names: list[str], head: str
+           ) -> dict[str, str]:
+    """Return the two files, read back.
+
+    Raises:
+        NoResult: as other numbers.
+    """
+    home = strut_lengths(new.numbers, mechanism.home[None])[0] / UNIT
+    ini = tuple(Joint(float(h), float(s), float(d / UNIT)).rounded()
+                for h, s, d in zip(home, new.stretch, new.shift, strict=True))
+    texts = {HAL: format_pins(new.numbers, names, head),
+             JOINTS: format_joints(ini, names, f"What {HAL} needs of the machine's INI file; "
+                                   "lengths in mm. Change 'present' once.")}
+    if (not np.array_equal(parse_pins(texts[HAL], HAL), np.round(new.numbers / UNIT, DIGITS) + 0.0)
+            or parse_joints(texts[JOINTS], JOINTS) != ini):
+        raise NoResult("the lines read back as other numbers", f"{HAL}, {JOINTS}",
+                       "This is a fault of ppmcal; do not use them")
+    return texts
 
 
 def _poses(mechanism: Mechanism) -> Array:
