@@ -19,7 +19,9 @@ from ppmcal.controllers.hangprinter.importer import import_config as import_hang
 from ppmcal.controllers.joints import file as joint_tables_file
 from ppmcal.controllers.klipper import config as klipper_config
 from ppmcal.controllers.klipper import reading as klipper_reading
+from ppmcal.controllers.klipper import rotary_machine as klipper_rotary
 from ppmcal.controllers.linuxcnc import hal as linuxcnc_hal
+from ppmcal.controllers.marlin import config as marlin_config
 from ppmcal.controllers.maslow.importer import import_config as import_maslow
 from ppmcal.controllers.reprap import config as reprap_config
 from ppmcal.controllers.reprap import reading as reprap_reading
@@ -145,6 +147,10 @@ def _joints(data):
 
 def _klipper(path):
     return klipper_reading.read_printer(path, None, (), None)
+
+
+def _rotary(path):
+    _imported(klipper_rotary.imported(path))
 
 
 def _maslow(path):
@@ -314,12 +320,25 @@ def readers():
             d.decode("utf-8", "replace"), "p.cfg")), texts("sample_data/printer/printer.cfg")),
         Reader("printer", from_file("printer.cfg", _klipper),
                texts("sample_data/printer/printer.cfg")),
+        Reader("rotary", from_file("printer.cfg", _rotary), (
+            b"[printer]\nkinematics: rotary_delta\nshoulder_radius: 33.9\n"
+            b"shoulder_height: 412.9\n[stepper_a]\ngear_ratio: 107:16, 60:16\nmicrosteps: 16\n"
+            b"position_endstop: 252\nupper_arm_length: 170\nlower_arm_length: 320\n[stepper_b]\n"
+            b"gear_ratio: 107:16, 60:16\nmicrosteps: 16\n[stepper_c]\n"
+            b"gear_ratio: 107:16, 60:16\nmicrosteps: 16\n[delta_calibrate]\nheight0: 0.0\n"
+            b"height0_pos: 23224.8, 23182.4, 23209.6\ndistance0: 40\n"
+            b"distance0_pos1: 23224.8, 23182.4, 23209.6\n"
+            b"distance0_pos2: 22562.0, 22431.6, 26207.1\n",)),
         Reader("klipper-log", from_file("l.log", _log), (
             b"probe at 0.000,0.000 is z=1.234\nprobe at 10.0,0.000 is z=1.3\n"
             b"probe at 10.0,9.0 is z=1.3\n",)),
         Reader("reprap", lambda d: reprap_config.read_delta(reprap_config.parse_lines(
             d.decode("utf-8", "replace"), "config.g")), (
             b"M665 L300:300:300 R150 H240 B90 X0.1 Y-0.2 Z0\nM666 X0.1 Y0 Z-0.1 A0 B0\nG31 Z1\n",)),
+        Reader("marlin", lambda d: marlin_config.read_delta(marlin_config.parse(
+            d.decode("utf-8", "replace"), "m503.txt")), (
+            b"echo:  M665 L250.3 R160.2 H270.4 S80 X0.3 Y-0.4 Z0.0 A0.2 B-0.1 C-0.1\n"
+            b"echo:; Endstop adjustment:\necho:  M666 X-0.25 Y0.00 Z-0.60\n",)),
         Reader("heightmap", from_file("heightmap.csv", _heights), (
             b"RepRapFirmware height map file v2\naxis0,axis1,min0,max0,min1,max1,radius,spacing0,"
             b"spacing1,num0,num1\nX,Y,-10,10,-10,10,-1,10,10,3,3\n0.1,0.2,0.3\n0.1,0,0.3\n"

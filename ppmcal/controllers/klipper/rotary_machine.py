@@ -23,6 +23,7 @@ from ppmcal.controllers.export import Exported, NotExpressed, Number
 from ppmcal.controllers.importing import MACHINE, ImportedFiles
 from ppmcal.controllers.klipper.config import parse_config, read_config, read_rows
 from ppmcal.controllers.klipper.rotary import (
+    KINEMATICS,
     RotaryDelta,
     endstop_angles,
     format_rotary,
@@ -30,6 +31,7 @@ from ppmcal.controllers.klipper.rotary import (
     read_rotary,
     turns_down,
 )
+from ppmcal.controllers.pose_errors import ErrorSummary
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io.yaml import printable
 from ppmcal.kinematics.closure import Model
@@ -44,6 +46,8 @@ FILE = "klipper.cfg"
 ACROSS, HEIGHTS = 7, (0.0, 0.02, 0.04)
 DISC = 0.6
 """Points are tried over a disc of this part of the shoulders' radius, or of the upper arms."""
+ROUNDED = 1e-7
+"""Errors below this are those of the decimals that are written, m."""
 SCALES = np.array([1.0, 1.0, *[0.3] * 3, *[1.0] * 9])
 
 
@@ -197,25 +201,33 @@ def export_rotary(mechanism: Mechanism, old: Path | None) -> Exported:
                        "new one's workspace", mechanism.source,
                        "Check that --old is this printer's, and its position_endstop")
     before, after = (error_summary(at[both], points[both]) for at in (at_old, at_new))
-    lacks = tuple(_lacks(mechanism, after.max < 1e2 * EXACT, after))
-    comment = "\n".join([
-        f"{mechanism.name}: error if the model is exact {after.words()}, before {before.words()}.",
-        "Paste above the #*# lines of printer.cfg, below all other sections: there they win.",
-        *(f"Cannot be expressed: {lack.what}." for lack in lacks)])
-    text = format_rotary(new, comment)
-    head = "[printer]\nkinematics: rotary_delta\n"
-    if read_rotary(parse_config(head + text, FILE)) != new:
-        raise NoResult("the lines read back as other numbers", FILE,
-                       "This is a fault of ppmcal; do not use them")
+    lacks = tuple(_lacks(mechanism, after))
     olds = dict(was.named())
     return Exported(
-        "klipper", "Klipper", {FILE: text},
+        "klipper", "Klipper", {FILE: _text(mechanism, new, before, after, lacks)},
         f"Klipper's numbers hold {'most of it, fitted' if lacks else 'all of the geometry'}",
         tuple(Number(n, olds[n], v, "deg" if n.endswith("angle") else "mm")
               for n, v in new.named()),
         f"{int(both.sum())} points over the bed, z 0 to {1e3 * HEIGHTS[-1]:.0f} mm; offset and "
         "rotation on the bed ignored", before, after, lacks, (), tuple(_advice(old)),
         poses=np.pad(points[both], ((0, 0), (0, 3))))
+
+
+def _text(mechanism: Mechanism, new: RotaryDelta, before: ErrorSummary, after: ErrorSummary,
+          lacks: Sequence[NotExpressed]) -> str:
+    """Return the lines, read back.
+
+    Raises:
+        NoResult: as other numbers.
+    """
+    text = format_rotary(new, "\n".join([
+        f"{mechanism.name}: error if the model is exact {after.words()}, before {before.words()}.",
+        "Paste above the #*# lines of printer.cfg, below all other sections: there they win.",
+        *(f"Cannot be expressed: {lack.what}." for lack in lacks)]))
+    if read_rotary(parse_config(f"[printer]\nkinematics: {KINEMATICS}\n{text}", FILE)) != new:
+        raise NoResult("the lines read back as other numbers", FILE,
+                       "This is a fault of ppmcal; do not use them")
+    return text
 
 
 def _points(mechanism: Mechanism) -> Array:
@@ -290,15 +302,14 @@ def _best(drive: RotaryDrive, points: Array) -> RotaryDelta:
     return RotaryDelta.of(whole)
 
 
-def _lacks(mechanism: Mechanism, exact: bool, after: object) -> Iterator[NotExpressed]:
+def _lacks(mechanism: Mechanism, after: ErrorSummary) -> Iterator[NotExpressed]:
     """Yield what one radius, one height and upright planes of the arms cannot hold."""
-    if not exact:
+    if after.max >= ROUNDED:
         changed = tuple(p.name for p in mechanism.parameters if p.value != p.nominal
                         and any(part in p.name for part in ("base.", "platform.", "joint",
                                                             "ratio")))
         yield NotExpressed("shoulders at radii and heights of their own, axes that are not "
-                           "square to the arms' planes, or gears that differ", changed,
-                           after)  # type: ignore[arg-type]
+                           "square to the arms' planes, or gears that differ", changed, after)
     for effect in mechanism.effects:
         if not effect.kind.instrument:
             yield NotExpressed(

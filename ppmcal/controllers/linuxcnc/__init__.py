@@ -20,6 +20,6 @@ def is_hexapod(mechanism: Mechanism) -> bool:
 
 
 CONTROLLER = Controller(
-    1, "HAL pins of genhexkins for a hexapod.", drives=is_hexapod,
+    1, "HAL pins of genhexkins for a hexapod, of pentakins for a pentapod.", drives=is_hexapod,
     use="ppmcal export linuxcnc {model} writes the pins of genhexkins, where LinuxCNC drives the "
         "machine")

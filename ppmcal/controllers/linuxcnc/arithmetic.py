@@ -132,7 +132,8 @@ def legs_of(mechanism: Mechanism) -> Legs:
         raise BadInput(f"the machine is {mechanism.motion} with limbs "
                        f"{', '.join(limb.kind.name for limb in limbs)}", mechanism.source,
                        f"genhexkins takes six limbs {UPS.name} with `motion: spatial`, each "
-                       "with its own actuator")
+                       "with its own actuator, pentakins five that end on rings about the "
+                       "platform's z axis; genserkins is for serial arms, which no machine here is")
     model = Model(mechanism)
     rows = []
     for i, limb in enumerate(limbs):

@@ -39,6 +39,7 @@ from ppmcal.controllers.linuxcnc.hal import (
     read_geometry,
     read_hal,
 )
+from ppmcal.controllers.linuxcnc.pentakins import export_pentapod, is_pentapod
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_poses
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
@@ -67,7 +68,9 @@ class Over:
 
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
-    """Return the machine in genhexkins' numbers; see :class:`export.Exporter`."""
+    """Return the machine in genhexkins' numbers, or pentakins'; see :class:`export.Exporter`."""
+    if is_pentapod(mechanism):
+        return export_pentapod(mechanism, old, poses)
     present = None if old is None else read_geometry(read_hal(old))
     unit = _unit(mechanism, present, old)
     drive = drive_of(mechanism, LENGTHS[unit])
