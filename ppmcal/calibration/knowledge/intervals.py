@@ -115,15 +115,18 @@ def by_sessions(fit: Fit, inflation: float) -> SessionVariance | None:
 def by_blocks(fit: Fit, inflation: float) -> SessionVariance | None:
     """Return the same of blocks of rows, over joint space or in their order.
 
-    None where neither differ by more than noise, or rows are too few to tell; of both the one
-    that makes the intervals longer.
+    Of joint values alone rows at one place are a block too: what limbs pull against each other
+    there is one number, however often it is read. None where none differ by more than noise, or
+    rows are too few to tell; of all the one that makes the intervals longest.
     """
     rows = [int(k.sum()) for k in fit.keep]
     if sum(rows) < BLOCKS * LEAST_ROWS or not fit.problem.free or fit.problem.earlier is not None:
         return None
     found = []
-    for name, label in (("joint space", _near), ("order", _in_order)):
-        masks = _blocks(fit, label)
+    ways = {"joint space": _blocks(fit, _near), "order": _blocks(fit, _in_order)}
+    if fit.problem.blind and len(places := _places(fit)) < sum(rows):
+        ways["place"] = places
+    for name, masks in ways.items():
         data = clusters(fit, [f"{name} {b + 1}" for b in range(len(masks))], masks)
         if fit.problem.blind:
             parts, most = by_gaps(data), float(np.sqrt(data.count.sum()))
@@ -141,6 +144,14 @@ def _blocks(fit: Fit, label: Callable[[Array], Ints]) -> list[list[Bools]]:
     """Return the rows (N,) of every data set, block by block."""
     labels = _labels(fit, label)
     return [[own == b for own in labels] for b in range(BLOCKS)]
+
+
+def _places(fit: Fit) -> list[list[Bools]]:
+    """Return the rows (N,) of every data set, place by place."""
+    sets = fit.problem.datasets
+    return [[np.asarray((d.groups == place) & (n == own)) for n, d in enumerate(sets)]
+            for own, data in enumerate(sets)
+            for place in np.unique(data.groups[fit.keep[own]]).tolist()]
 
 
 def spatial_blocks(fit: Fit) -> list[Ints]:
