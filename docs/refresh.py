@@ -11,7 +11,8 @@ from generators.pages import WHOLE, with_output
 from generators.paths import DOCS, ROOT
 
 if __name__ == "__main__":
-    named = [Path(p) for p in sys.argv[1:]] or sorted(DOCS.glob("*.md"))
+    named = [Path(p) for p in sys.argv[1:]] or [
+        *sorted(DOCS.glob("*.md")), *sorted((ROOT / "examples").glob("*.md"))]
     for path in named:
         page = path.read_text(encoding="utf-8")
         # the stranger's path is written whole
