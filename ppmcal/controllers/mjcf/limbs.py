@@ -18,6 +18,7 @@ from ppmcal.errors import BadInput
 from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import ChainStep, Values
 from ppmcal.model.limbs.kind import LimbKind
+from ppmcal.model.limbs.surfaces import SPHERE
 
 AXES = dict(zip("xyz", np.eye(3), strict=True))
 FLAT = 1e-12
@@ -111,10 +112,14 @@ def parts_of(kind: LimbKind, values: Values) -> LimbParts:
     """Return a limb of slots and directions ``values``, SI, at u = 0.
 
     Raises:
-        BadInput: nothing is known of the joints of its surface, or a planar limb leaves its plane.
+        BadInput: nothing is known of the joints of its surface, a planar limb leaves its plane, or
+            a rope goes over something on its way.
     """
     passive = (IN_PLANE if kind.planar else {}).get(kind.surface.name) or PASSIVE.get(
         kind.surface.name)
+    if kind.pulls_only and kind.surface is not SPHERE:
+        raise BadInput(f"a {kind.name} is no tendon from a point to a point", "",
+                       "Export `grid`: what lies on the pulley would have to wrap about a body")
     if passive is None:
         raise BadInput(f"the passive joints of limb kind '{kind.name}' are not known: its closure "
                        f"family is '{kind.surface.name}'", "", "Export `grid`")
