@@ -22,7 +22,7 @@ from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import largest_box, named, placed
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.kinematics.tables import SINGULAR, inverse_table
-from ppmcal.kinematics.ways import Ways, _between
+from ppmcal.kinematics.ways import Ways, between
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.measured import MeasurementBasis
 from ppmcal.model.mechanism import Mechanism
@@ -75,7 +75,7 @@ def test_ways_that_a_fine_search_finds_unsound_are_found(name: str) -> None:
     wrong = np.zeros_like(mine)
     low, high = mechanism.limits.T
     for part in np.linspace(0.0, 1.0, 65)[1:-1]:
-        pose, q = ways._joints(_between(ways.pose[before], ways.pose[after],
+        pose, q = ways._joints(between(ways.pose[before], ways.pose[after],
                                         np.full(len(before), part)))
         at = ways._places(pose, q)
         wrong |= (~(at.value >= SINGULAR * ways.home_value) | (at.sign != ways.home_sign)

@@ -38,7 +38,7 @@ def pdf_pages(record: CertificateRecord) -> bytes:
     """Return the PDF; without a date of its own, so that the same numbers give the same bytes."""
     stream = io.BytesIO()
     with look(), matplotlib.rc_context({"pdf.fonttype": 42}):
-        sheet = Sheet(record)
+        sheet = PrintedSheet(record)
         for block in blocks(record):
             sheet.put(block)
         pages = sheet.ended()
@@ -78,7 +78,7 @@ def _pieces(word: str, width: float, size: float) -> Iterator[str]:
     yield word
 
 
-class Sheet:
+class PrintedSheet:
     """Pages that are filled from above; ``y`` is where the next line goes, inches from below."""
 
     def __init__(self, record: CertificateRecord) -> None:
