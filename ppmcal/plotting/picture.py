@@ -217,7 +217,8 @@ def _polygon(axes: Axes, path: Path, alpha: float) -> None:
 def _(layer: Strokes, plot: Plot, axes: Axes) -> None:
     ends = (apart(layer.x, layer.x), apart(layer.low, layer.high))[::-1 if layer.flat else 1]
     _line(axes, *plot.inside(*ends), color=COLOURS[layer.kind], linewidth=layer.size,
-          alpha=layer.alpha, solid_capstyle=layer.cap, label=layer.name or "_")
+          alpha=layer.alpha, solid_capstyle=layer.cap, label=layer.name or "_",
+          snap=False if layer.cap == "round" else None)    # in whole pixels a dot has no length
 
 
 @draw_layer.register

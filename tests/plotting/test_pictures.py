@@ -184,6 +184,18 @@ def test_thousands_of_dots_are_small():
     assert blue.any(axis=0).mean() > 0.75
 
 
+def test_each_of_some_dots_is_there_in_pixels_too():
+    """Ends in whole pixels would leave a dot no length, and nothing to draw."""
+    def blue(count):
+        t = 0.31 + 9.0 * np.arange(count) / 29.0
+        with look():
+            shot = image.imread(io.BytesIO(png(figure_of(picture(
+                Dots(t, 0.9 * np.sin(t), "after", 4.0))), dpi=213.0)))[..., :3]
+        return (np.abs(shot - np.array([0x1f, 0x62, 0xa6]) / 255.0).max(axis=-1) < 0.1).sum()
+
+    assert blue(30) > 20.0 * blue(1) > 0.0
+
+
 @pytest.mark.parametrize("values", [[], [np.nan], [0.0], [3.0], [1e300, -1e300], [np.inf, 1.0],
                                     [5e-324] * 3, [1e-90, 2e-90], [1.0, 1.0 + 1e-15]])
 @pytest.mark.parametrize("log", [False, True])

@@ -105,7 +105,7 @@ def _figures(record: CertificateRecord) -> Iterator[Block]:
     given = [f for f in record.figures if f.value is not None]
     yield PrintedTable(["figure", "standard", "value", "U", "unit", "of"], [
         [f.label, f.norm or NONE, _value(f.value), _value(f.expanded), f.unit, _of(f)]
-        for f in given], (0.38, 0.10, 0.11, 0.10, 0.06, 0.25), (2, 3))
+        for f in given], (0.34, 0.13, 0.12, 0.11, 0.06, 0.24), (2, 3))
     missing: dict[tuple[str, str], list[str]] = {}
     for f in record.figures:
         if f.value is None:
@@ -167,5 +167,5 @@ def _provenance(record: CertificateRecord) -> Iterator[Block]:
     yield Heading("Made again")
     yield Words("Before this certificate was written, ppmcal "
                 f"{record.provenance.version} made the results again from the measurements; every "
-                "file came out as it is, by the bounds of `verify`. SHA-256:")
-    yield PrintedTable(["file", "SHA-256"], [[n, d] for n, d in record.digests.items()], (0.3, 0.7))
+                "file came out as it is, by the bounds of verify. SHA-256:")
+    yield PrintedTable(["file", "SHA-256"], [[n, d] for n, d in record.digests.items()], (0.21, 0.79))
