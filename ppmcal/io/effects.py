@@ -123,6 +123,7 @@ def with_effects(mechanism: Mechanism, raw: object, units: Units, source: str) -
 def limb_entries(kind: LimbKind) -> tuple[str, ...]:
     """Return the keys of a limb that are parameters of an effect: of ropes what makes them longer.
 
+    >>> from ppmcal.model.limbs.kind import find_kind
     >>> limb_entries(find_kind("rope"))
     ('elongation', 'weight')
     """

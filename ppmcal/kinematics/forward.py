@@ -15,7 +15,6 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
-from scipy.special import chdtri
 
 from ppmcal import algebra as cga
 from ppmcal import linalg
@@ -115,9 +114,7 @@ def least_of_minima(model: Model, q: Array, pose: Array) -> Array:
     of = len(q)
     least = _gap_square(model, q, pose, of)
     known = least[np.isfinite(least)]
-    surplus = model.mechanism.surplus
-    # chi-squared over its median
-    most = chdtri(surplus, STANDS_OUT) / chdtri(surplus, 0.5)
+    most = _times_the_median(model.mechanism.surplus)
     usual = np.median(known) if known.size else 0.0
     far = finite_rows(q) & ~(least <= most * usual + (ROUND_OFF * model.mechanism.reach) ** 2)
     if not far.any():
@@ -134,6 +131,14 @@ def least_of_minima(model: Model, q: Array, pose: Array) -> Array:
         found *= np.where(found[:, :4] @ model.mechanism.home[:4] < 0.0, -1.0, 1.0)[:, None]
         pose[rows[better]], least[rows[better]] = found[better], value[better]
     return pose
+
+
+@lru_cache(maxsize=64)
+def _times_the_median(surplus: int) -> float:
+    """Return how many times its median chi-squared of so many numbers exceeds that rarely."""
+    from scipy.special import chdtri
+
+    return float(chdtri(surplus, STANDS_OUT) / chdtri(surplus, 0.5))
 
 
 def _gap_square(model: Model, q: Array, pose: Array, of: int) -> Array:

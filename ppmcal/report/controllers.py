@@ -154,4 +154,4 @@ EXPORT: Kind[Held[ExportRecord]] = Kind(
     lambda one, _: {"folder": one.folder, "export": one.record.entries()},
     lambda one: [("export", one.record)],
     lambda one, _: [(one.folder, text) for text in one.record.all_findings()],
-    lambda one, _: {"gain": drawings(one.record)})
+    lambda one, _: {"errors": drawings(one.record)})

@@ -229,7 +229,7 @@ def test_singular_poses_in_tables(rz):
         assert [(n, s) for n, s, _ in had(found).failed] == [(2, "singular")]
     springs = face.stiffness({**machine, "stiffness": {"drive": 1e7}}, poses=asked,
                              load_at_tool="fx=10")
-    assert len(had(springs).failed) == 1
+    assert len(had(springs).row_failures) == 1
     only = poses((500, 288.675, rz))
     refused("singular", lambda: face.sensitivity(machine, poses=only))
     refused("singular", lambda: face.tolerances(machine, accuracy=0.5, poses=only, cores=1))

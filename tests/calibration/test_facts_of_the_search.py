@@ -51,7 +51,7 @@ class Search:
         def at(x: Array) -> Any:
             return SimpleNamespace(x=x, poses=(np.zeros((1, 8)),))
 
-        problem: Any = SimpleNamespace(size=len(start), datasets=(), sigma_joints=(),
+        problem: Any = SimpleNamespace(size=len(start), datasets=(), noisy_closure=(),
                                        moved=lambda s, step: at(s.x + step))
         return least_squares(problem, at(np.array(start)), [np.ones(1, dtype=bool)],
                              np.zeros(len(start)), iterations, **options)
@@ -152,7 +152,7 @@ def test_a_last_step_that_loses_a_pose_is_not_taken(monkeypatch: pytest.MonkeyPa
         return SimpleNamespace(x=state.x + step, poses=(np.full((1, 8), np.nan),))
 
     start: Any = SimpleNamespace(x=np.zeros(1), poses=(np.zeros((1, 8)),))
-    problem: Any = SimpleNamespace(size=1, datasets=(), sigma_joints=(), moved=moved)
+    problem: Any = SimpleNamespace(size=1, datasets=(), noisy_closure=(), moved=moved)
     found = least_squares(problem, start, [np.ones(1, dtype=bool)], np.zeros(1), 5)
     assert found.state is start
     assert (found.converged, search.costs) == (True, 0)
@@ -177,7 +177,7 @@ def test_nothing_is_linearised_where_no_row_has_a_pose(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(gauss_newton, "cost", cost)
     start: Any = SimpleNamespace(x=np.zeros(1), poses=(np.zeros((2, 1)),))
-    problem: Any = SimpleNamespace(size=1, datasets=(), sigma_joints=(), moved=moved)
+    problem: Any = SimpleNamespace(size=1, datasets=(), noisy_closure=(), moved=moved)
     found: Any = least_squares(problem, start, [np.ones(2, dtype=bool)], np.zeros(1), 3).state
     assert 0.4 < found.x[0] <= 0.95
     assert max(asked) <= 0.95

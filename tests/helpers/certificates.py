@@ -19,7 +19,7 @@ KINDS = {"3-RPR": {"poses": CIRCLE, "approach": "both", "repeats": 6, "seed": 8}
          "3-RPS": {"repeats": 2, "seed": 8}, "6-UPS": {"repeats": 2, "seed": 8},
          "delta-rotary": {"repeats": 2, "seed": 8}, "maslow": {"seed": 8}}
 """What another session of each machine is beside the scenario that comes with it."""
-INSTRUMENT = {"make": "Leica AT960", "serial": "750123", "certificate": "D-K-2026-01",
+INSTRUMENT = {"make": "Leica AT960", "serial": "T-750123", "certificate": "D-K-2026-01",
               "calibrated": "2026-01-10", "uncertainty": 0.01, "coverage_factor": 2}
 ABOUT: dict[str, Any] = {
     "format": "ppmcal/about/1", "units": {"length": "mm", "angle": "deg"}, "number": "C-2026-014",

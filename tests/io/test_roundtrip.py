@@ -85,30 +85,38 @@ def points(draw, size, shares):
     return {"radius": radius, "angle": draw(slots()), **({"z": draw(slots())} if size == 3 else {})}
 
 
+def put(tree, path, value):
+    """Write a value under a path, such as base.pulley.center."""
+    *heads, last = path.split(".")
+    for head in heads:
+        tree = tree.setdefault(head, {})
+    tree[last] = value
+
+
 @st.composite
 def limbs(draw, kind, name, shares):
     out = {"name": name, "kind": kind.name}
     size = 2 if kind.planar else 3
     for spec in kind.slots:
-        head, _, tail = spec.name.partition(".")
-        if tail.startswith("point"):
-            if tail.endswith(".x"):
-                out.setdefault(head, {})["point"] = draw(points(size, shares))
+        point, _, tail = spec.name.rpartition(".")
+        if point.endswith((".point", ".center")):
+            if tail == "x":
+                put(out, point, draw(points(size, shares)))
         elif spec.name in ("offset", "lateral", "ratio"):
             if draw(st.booleans()):
-                out[head] = draw(slots(positive if spec.name == "ratio" else numbers))
+                out[spec.name] = draw(slots(positive if spec.name == "ratio" else numbers))
         elif spec.default is None:
-            value = draw(slots(positive))
-            (out.setdefault(head, {}) if tail else out)[tail or head] = value
+            put(out, spec.name, draw(slots(positive)))
     for direction in kind.directions:
         zero = direction in kind.zeros.values()
         axis = [0.6, 0.0, 0.8] if zero else [0.8, 0.0, -0.6]
+        if kind.planar:
+            axis = [0.6, 0.8, 0.0] if zero else [0.0, 0.0, -1.0]
         if direction == "base.direction":
             axis = [draw(st.floats(-1, 1)), draw(st.floats(-1, 1)), 1.0]
-        if not zero and draw(st.booleans()):
+        if not (zero or kind.planar) and draw(st.booleans()):
             axis = {"value": axis, "tolerance": draw(spread), "sigma": [0.1, 0.2, 0.3]}
-        body, _, tail = direction.partition(".")
-        out[body][tail] = axis
+        put(out, direction, axis)
     if kind.branch and draw(st.booleans()):
         out[kind.branch] = draw(st.sampled_from([1] if kind.strut else [1, -1]))
     if kind.joint_slots and draw(st.booleans()):

@@ -79,8 +79,9 @@ def imported(path: Path) -> ImportedFiles:
         texts["distances.yaml"] = touch_sidecar(
             "distances", "distance", "distance", DISTANCE_SIGMA,
             "# Distances on a printed part between two nozzle positions.")
-    findings = [] if rows else ["the file holds no measured heights: run DELTA_CALIBRATE and "
-                                "SAVE_CONFIG on the printer, then import again"]
+    findings = [] if rows else [Note(
+        "the file holds no measured heights: run DELTA_CALIBRATE and SAVE_CONFIG on the printer, "
+        "then import again", topic="heights")]
     return ImportedFiles(
         texts, f"{path}: a rotary delta with {pluralize(len(rows), 'height')} and "
         f"{pluralize(len(pairs), 'distance')}.",
