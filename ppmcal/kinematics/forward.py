@@ -33,9 +33,9 @@ STEP = 1e-11
 """Converged: the last step, translations in parts of the length scale, is below this."""
 CLOSED = 1e-12
 """Closed: every misclosure below this part of the reach."""
-STANDS_OUT = 1e-4
+STANDS_OUT, STANDS_OUT_ANEW = 3.3e-2, 1e-4
 """Rows of surplus limbs whose squared gaps noise makes so large as rarely as this are looked at
-again."""
+again: on the way from home, and where a fit moves on from poses that were."""
 ROUND_OFF = 1e-10
 MOST_COMBINATIONS, MOST_PARTS = 1000, 8
 """Sets of limbs that close a machine: so many are listed, and so many tried."""
@@ -99,22 +99,24 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
             result[rest], progress[rest] = _lead(model.take(rest), origin[rest], q[rest],
                                                  pose[rest], of)
     if model.mechanism.surplus and start is None:
-        result = least_of_minima(model, q, result)
+        result = least_of_minima(model, q, result, STANDS_OUT)
         progress[finite_rows(result)] = 1.0
     return Forward(result, progress >= 1.0, progress)
 
 
-def least_of_minima(model: Model, q: Array, pose: Array) -> Array:
+def least_of_minima(model: Model, q: Array, pose: Array, rare: float = STANDS_OUT_ANEW
+                    ) -> Array:
     """Return poses (N, 8) of which far-off rows are where their limbs contradict each other least.
 
     Least squares have minima besides, in which limbs that agree elsewhere are kept apart. As many
     limbs as close the machine exactly lead from home to the right one, unless they meet a
-    singularity on the way: several sets of them are tried, for rows that stand out.
+    singularity on the way: several sets of them are tried, for rows that stand out: those whose
+    gaps noise makes as rarely as ``rare``.
     """
     of = len(q)
     least = _gap_square(model, q, pose, of)
     known = least[np.isfinite(least)]
-    most = _times_the_median(model.mechanism.surplus)
+    most = _times_the_median(model.mechanism.surplus, rare)
     usual = np.median(known) if known.size else 0.0
     far = finite_rows(q) & ~(least <= most * usual + (ROUND_OFF * model.mechanism.reach) ** 2)
     if not far.any():
@@ -134,11 +136,11 @@ def least_of_minima(model: Model, q: Array, pose: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _times_the_median(surplus: int) -> float:
+def _times_the_median(surplus: int, rare: float) -> float:
     """Return how many times its median chi-squared of so many numbers exceeds that rarely."""
     from scipy.special import chdtri
 
-    return float(chdtri(surplus, STANDS_OUT) / chdtri(surplus, 0.5))
+    return float(chdtri(surplus, rare) / chdtri(surplus, 0.5))
 
 
 def _gap_square(model: Model, q: Array, pose: Array, of: int) -> Array:
