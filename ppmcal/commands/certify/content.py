@@ -168,4 +168,5 @@ def _provenance(record: CertificateRecord) -> Iterator[Block]:
     yield Words("Before this certificate was written, ppmcal "
                 f"{record.provenance.version} made the results again from the measurements; every "
                 "file came out as it is, by the bounds of verify. SHA-256:")
-    yield PrintedTable(["file", "SHA-256"], [[n, d] for n, d in record.digests.items()], (0.21, 0.79))
+    yield PrintedTable(["file", "SHA-256"], [[n, d] for n, d in record.digests.items()],
+                       (0.21, 0.79))
