@@ -10,6 +10,7 @@ import argparse
 import csv
 import json
 import multiprocessing
+import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -148,8 +149,8 @@ def main() -> None:
         lines = []
         for line in pool.imap_unordered(run, jobs):
             lines.append(line)
-            print(", ".join(f"{k} {v}" for k, v in line.items()), flush=True)
-    print("\n" + table(lines))
+            print(", ".join(f"{k} {v}" for k, v in line.items()), file=sys.stderr, flush=True)
+    print(table(lines))
 
 
 if __name__ == "__main__":
