@@ -335,6 +335,8 @@ def conditions(mechanism: Mechanism, count: int) -> dict[str, Array]:
     rng = np.random.default_rng(2)
     out = {name: np.sort(rng.uniform(*ends, count)) for name, ends in CONDITIONS.items()}
     kinds = [e.kind for e in mechanism.effects]
+    if any("tension" in k.needs for k in kinds):
+        out |= {f"tension_{a}": rng.uniform(20.0, 90.0, count) for a in mechanism.actuators}
     if any({"order", "past"} & set(k.needs) for k in kinds):
         return out     # directions follow from the times then
     for a in mechanism.actuators:

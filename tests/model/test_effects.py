@@ -161,7 +161,8 @@ def recorded(mechanism: Mechanism, q: Array, seed: int = 3) -> dict[str, Array]:
     for a, way in zip(mechanism.actuators, ways(q).T, strict=True):
         columns[f"dir_{a}"] = np.nan_to_num(way, nan=1.0)
         columns[f"vel_{a}"] = rng.uniform(-0.1, 0.1, n)
-    return columns
+    pulls = np.random.default_rng(seed + 1).uniform(20.0, 90.0, (n, len(mechanism.actuators)))
+    return columns | {f"tension_{a}": f for a, f in zip(mechanism.actuators, pulls.T, strict=True)}
 
 
 @cache
