@@ -120,6 +120,19 @@ def turn(quaternion: Array, w1: float, w2: float, w3: float) -> None:
 
 
 @part
+def displace(step: Array, turns: bool, quaternion: Array, R: Array, t: Array) -> None:
+    """Move rotor (4,), rotation (9,) and translation (3,) by a step (6,), base axes.
+
+    ``turns``: whether the platform does.
+    """
+    for i in range(3):
+        t[i] += step[i]
+    if turns:
+        turn(quaternion, step[3], step[4], step[5])
+        rotation(quaternion, R)
+
+
+@part
 def pack(quaternion: Array, t: Array, motor: Array) -> None:
     """Fill the motor T R (8,) of a rotor (4,) and a translation (3,)."""
     s, a1, a2, a3 = quaternion[0], quaternion[1], quaternion[2], quaternion[3]

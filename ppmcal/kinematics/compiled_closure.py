@@ -17,12 +17,11 @@ import numpy as np
 
 from ppmcal.kinematics.compilation import compiled, part
 from ppmcal.kinematics.compiled_algebra import (
+    displace,
     factorise,
     pack,
-    rotation,
     solve_factorised,
     solve_transposed,
-    turn,
     unpack,
 )
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
@@ -216,11 +215,7 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
                 sizes[n, k] = size
             if not size < 10.0 * reach / scale:
                 break
-            for i in range(3):
-                t[i] += step[i]
-            if d > 3 or limbs.dof[d - 1] > 2:
-                turn(quaternion, step[3], step[4], step[5])
-                rotation(quaternion, R)
+            displace(step, d > 3 or limbs.dof[d - 1] > 2, quaternion, R, t)
             if size < smallest and worst < closed * reach:
                 converged[n] = True
                 break

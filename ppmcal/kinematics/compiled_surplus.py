@@ -13,11 +13,10 @@ import numpy as np
 
 from ppmcal.kinematics.compilation import compiled, part
 from ppmcal.kinematics.compiled_algebra import (
+    displace,
     factorise,
     pack,
-    rotation,
     solve_factorised,
-    turn,
     unpack,
 )
 from ppmcal.kinematics.compiled_closure import (
@@ -229,11 +228,7 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
                 break
             if k == 1 and sizes[n, 0] > 1e-6 and size > most * sizes[n, 0]:
                 break
-            for i in range(3):
-                t[i] += step[i]
-            if d > 3 or limbs.dof[d - 1] > 2:
-                turn(quaternion, step[3], step[4], step[5])
-                rotation(quaternion, R)
+            displace(step, d > 3 or limbs.dof[d - 1] > 2, quaternion, R, t)
             if size < smallest:
                 converged[n] = True
                 break

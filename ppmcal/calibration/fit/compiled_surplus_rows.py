@@ -25,7 +25,7 @@ from ppmcal.calibration.fit.compiled_rows import (
 )
 from ppmcal.calibration.fit.nuisance_columns import InstrumentTables
 from ppmcal.kinematics.compilation import compiled, part
-from ppmcal.kinematics.compiled_algebra import pack, rotation, turn, unpack
+from ppmcal.kinematics.compiled_algebra import displace, pack, unpack
 from ppmcal.kinematics.compiled_closure import (
     BLOCK,
     chains_at,
@@ -168,11 +168,7 @@ def likely_rows(limbs: LimbTables, sight: InstrumentTables, noise: Array, gaps: 
                 largest = max(largest, abs(x[j]))
             if not largest > still or not largest < math.inf:
                 break
-            for i in range(3):
-                t[i] += step[i]
-            if d > 3 or limbs.dof[d - 1] > 2:
-                turn(rotor, step[3], step[4], step[5])
-                rotation(rotor, R)
+            displace(step, d > 3 or limbs.dof[d - 1] > 2, rotor, R, t)
         pose[n] = best
     return out
 
