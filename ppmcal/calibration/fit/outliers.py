@@ -20,6 +20,7 @@ from ppmcal.inference.priors import MOST_GROSS, NO_WEIGHT, NOISE_FREEDOM
 from ppmcal.inference.row_weights import row_weights
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, Bools, finite_rows, reciprocals
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording.progress import stage
 
 HUBER = 1.5
@@ -249,13 +250,14 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
         data = fit.problem.datasets[rows.dataset]
         places = coordinates(data, motion)
         worst = np.argmax(np.abs(rows.residual), axis=1)
+        gaps = _gaps(rows) if np.any(worst >= len(places)) else np.zeros((0, 0))
         for n, (index, c) in enumerate(zip(rows.index.tolist(), worst.tolist(), strict=True)):
             # as it was judged, and where nobody did as it is
             times = (fit.times[rows.dataset] if fit.times else {}).get(
                 index, float(abs(rows.residual[n, c])))
             if c >= len(places):
-                name, gap = _widest_gap(rows, n)
-                slack = _may_be_slack(rows, n) if data.kind.blind else ()
+                name, gap = _widest(gaps[n], fit.problem.mechanism)
+                slack = _may_be_slack(gaps[n], fit.problem.mechanism) if data.kind.blind else ()
                 yield GrossError(data.name, int(data.rows[index]), 0, gap, 0.0, times, name, slack)
                 continue
             value = float(shown(data)[index, places[c]])
@@ -270,27 +272,26 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
                              name)
 
 
-def _widest_gap(rows: Rows, n: int) -> tuple[str, float]:
-    """Return which limb of one row is farthest from closing where all do best, and its gap, m."""
+def _gaps(rows: Rows) -> Array:
+    """Return how far limbs are from closing where all do best (n, m), m."""
     assert rows.response is not None
-    closure = rows.response.closure
-    gaps = closure.lengths(rows.response.pose)[n]
-    names = gap_names(closure.model.mechanism)
+    return rows.response.closure.lengths(rows.response.pose)
+
+
+def _widest(gaps: Array, mechanism: Mechanism) -> tuple[str, float]:
+    """Return which limb of one row is farthest from closing, and its gap, of all (m,)."""
     widest = int(np.argmax(np.abs(gaps)))
-    return names[widest], float(gaps[widest])
+    return gap_names(mechanism)[widest], float(gaps[widest])
 
 
-def _may_be_slack(rows: Rows, n: int) -> tuple[str, ...]:
+def _may_be_slack(gaps: Array, mechanism: Mechanism) -> tuple[str, ...]:
     """Return the ropes within whose readings their ends are in one row, where none stands alone.
 
     One contradiction shares itself among all limbs, so that its size tells none of them.
     """
-    assert rows.response is not None
-    closure = rows.response.closure
-    limbs = closure.model.mechanism.limbs
-    if closure.model.mechanism.surplus != 1 or not all(limb.kind.pulls_only for limb in limbs):
+    limbs = mechanism.limbs
+    if mechanism.surplus != 1 or not all(limb.kind.pulls_only for limb in limbs):
         return ()
-    gaps = closure.lengths(rows.response.pose)[n]
     return tuple(limb.name for limb, gap in zip(limbs, gaps, strict=True) if gap < 0.0)
 
 
