@@ -9,7 +9,7 @@ they differ by more than noise. What differs between sessions, one cannot show.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,8 +31,8 @@ from ppmcal.model.sessions import session_masks
 from ppmcal.notes import Note
 from ppmcal.wording.progress import stage
 
-BLOCKS, LEAST_ROWS = 8, 3
-"""Blocks of a session, and rows in each at least."""
+BLOCKS, LEAST_ROWS, MOST_PLACES = 8, 3, 100
+"""Blocks of a session, rows in each at least, and blocks of places at most."""
 STRETCHES = 1.0
 """Blocks, of one machine, differ by no more than so many tolerances."""
 APART = "identify each alone, and `ppmcal compare` tells what changed"
@@ -123,8 +123,9 @@ def by_blocks(fit: Fit, inflation: float) -> SessionVariance | None:
     if sum(rows) < BLOCKS * LEAST_ROWS or not fit.problem.free or fit.problem.earlier is not None:
         return None
     found = []
-    ways = {"joint space": _blocks(fit, _near), "order": _blocks(fit, _in_order)}
-    if fit.problem.blind and len(places := _places(fit)) < sum(rows):
+    ways = {"joint space": _blocks(_labels(fit, _near), BLOCKS),
+            "order": _blocks(_labels(fit, _in_order), BLOCKS)}
+    if fit.problem.blind and (places := _places(fit)):
         ways["place"] = places
     for name, masks in ways.items():
         data = clusters(fit, [f"{name} {b + 1}" for b in range(len(masks))], masks)
@@ -140,18 +141,27 @@ def by_blocks(fit: Fit, inflation: float) -> SessionVariance | None:
         f.half[:count] / fit.scale[:count])))
 
 
-def _blocks(fit: Fit, label: Callable[[Array], Ints]) -> list[list[Bools]]:
-    """Return the rows (N,) of every data set, block by block."""
-    labels = _labels(fit, label)
-    return [[own == b for own in labels] for b in range(BLOCKS)]
+def _blocks(labels: Sequence[Ints], count: int) -> list[list[Bools]]:
+    """Return the rows (N,) of every data set, block by block, of the blocks' numbers (N,)."""
+    return [[own == b for own in labels] for b in range(count)]
 
 
 def _places(fit: Fit) -> list[list[Bools]]:
-    """Return the rows (N,) of every data set, place by place."""
-    sets = fit.problem.datasets
-    return [[np.asarray((d.groups == place) & (n == own)) for n, d in enumerate(sets)]
-            for own, data in enumerate(sets)
-            for place in np.unique(data.groups[fit.keep[own]]).tolist()]
+    """Return the rows (N,) of every data set, place by place; none where none is read again.
+
+    Of many places neighbours are one block: how much noisier they make rows stays the same.
+    """
+    labels, count = [], 0
+    for data, keep in zip(fit.problem.datasets, fit.keep, strict=True):
+        own = np.full(len(data), -1)
+        places, own[keep] = np.unique(data.groups[keep], return_inverse=True)
+        own[keep] += count
+        labels.append(own)
+        count += places.size
+    if count == sum(int(k.sum()) for k in fit.keep):
+        return []
+    blocks = min(count, MOST_PLACES)
+    return _blocks([np.where(own < 0, -1, own * blocks // count) for own in labels], blocks)
 
 
 def spatial_blocks(fit: Fit) -> list[Ints]:
