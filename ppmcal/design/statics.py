@@ -22,7 +22,7 @@ from ppmcal.design.error_jacobian import to_tool
 from ppmcal.design.spring_model import Spring, spring_columns
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import inverse
-from ppmcal.kinematics.least_squares_closure import EXACT, surplus
+from ppmcal.kinematics.least_squares_closure import EXACT, surplus, symmetric_system
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import Mechanism
 
@@ -66,14 +66,10 @@ def balance(a: Array, give: Array, wrench: Array, gaps: Array, ropes: Bools, siz
         size: of each coordinate (d,), which makes rotations lengths.
     """
     m, d = a.shape[-2:]
-    compliance = give @ np.swapaxes(give, -1, -2)
-    unit = np.trace(compliance, axis1=-2, axis2=-1)[:, None] / m
+    system, total = symmetric_system(give, a / size, EXACT)
+    system[:, m:, m:] = -FREE * np.eye(d)
+    unit = total[..., 0]
     with np.errstate(invalid="ignore", divide="ignore"):
-        whole = compliance / unit[..., None] + EXACT * np.eye(m)
-        system = np.concatenate([
-            np.concatenate([whole, a / size], axis=-1),
-            np.concatenate([np.swapaxes(a / size, -1, -2),
-                            np.broadcast_to(-FREE * np.eye(d), (len(a), d, d))], axis=-1)], axis=-2)
         right = np.concatenate([gaps / unit, wrench / size], axis=-1)
     taut = np.ones((len(a), m), dtype=np.bool_)
     out = np.zeros((len(a), m + d))
