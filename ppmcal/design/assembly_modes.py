@@ -109,8 +109,8 @@ def judged(model: Model, closure: Closure, found: FoundModes, method: str) -> Mo
         return Modes(motors, none, none, none.astype(bool), None, complete, method)
     smallest, sign = smallest_singular_value(closure, motors)
     sharp = sharp & (smallest > SAME)
-    if sharp.all() and len(motors) % 2:
-        complete = False  # simple roots come in pairs
+    if sharp.all() and len(motors) % 2 and not mechanism.surplus:
+        complete = False  # simple roots come in pairs; surplus limbs may leave one of a pair
     singular = ~sharp | (smallest < SINGULAR * home_singular_value(mechanism)[0])
     return Modes(motors, sign, smallest, singular, None if home is None else 0, complete, method)
 

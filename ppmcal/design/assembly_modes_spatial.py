@@ -9,6 +9,7 @@ over all rotations and over a box about the base, batch by batch, until batches 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -119,20 +120,25 @@ def _starts(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Array
 def point_pair(closure: Closure) -> FoundModes:
     """Return the modes of a machine that never turns: where three surfaces meet.
 
-    They are those of its origin, and meet in a point pair ([PPM] eq. 5, 17).
+    They are those of its origin, and meet in a point pair ([PPM] eq. 5, 17). Surplus surfaces
+    leave of the pair what closes by them too.
 
     Raises:
         NoResult: the centres are on one line; then there are infinitely many poses or none.
     """
-    pair = cga.meet(*origin_surfaces(closure))
-    flat, square = cga.middle(pair), cga.pair_radius_squared(pair)
-    reach = closure.model.mechanism.reach
-    if not np.isfinite(flat).all() or np.max(np.abs(flat)) > 1e6 * reach:
-        raise NoResult("the centres of the three spheres are on one line: infinitely many poses "
-                       "close at these joint values, or none", PLACE, "Choose other joint values")
-    near = np.abs(square) < 1e-12 * reach * reach
-    places = flat[None] if near else cga.coordinates(np.stack(cga.split(pair)[:2]))
-    if not np.isfinite(places).all():
-        places = np.zeros((0, 3))
-    turn = np.broadcast_to(closure.model.mechanism.home_pose[3:], places.shape)
-    return closing(closure, cga.motor_from_rotation_vector(turn, places))
+    surfaces = origin_surfaces(closure)
+    plane = surfaces[len(closure.fixed[0]):]
+    for spheres in combinations(surfaces[:len(closure.fixed[0])], 3 - len(plane)):
+        pair = cga.meet(*spheres, *plane)
+        flat, square = cga.middle(pair), cga.pair_radius_squared(pair)
+        reach = closure.model.mechanism.reach
+        if not np.isfinite(flat).all() or np.max(np.abs(flat)) > 1e6 * reach:
+            continue
+        near = np.abs(square) < 1e-12 * reach * reach
+        places = flat[None] if near else cga.coordinates(np.stack(cga.split(pair)[:2]))
+        if not np.isfinite(places).all():
+            places = np.zeros((0, 3))
+        turn = np.broadcast_to(closure.model.mechanism.home_pose[3:], places.shape)
+        return closing(closure, cga.motor_from_rotation_vector(turn, places))
+    raise NoResult("the centres of the three spheres are on one line: infinitely many poses "
+                   "close at these joint values, or none", PLACE, "Choose other joint values")

@@ -86,8 +86,7 @@ def run(fleet: Fleet, batch: tuple[int, np.random.SeedSequence]) -> MonteCarloEr
     if fleet.setup is None:
         return MonteCarloErrors(built)
     setup = fleet.setup
-    m = len(setup.instrument.kind.coordinates(setup.mechanism.motion))
-    noise = rng.normal(size=(count, len(setup.q), m))
+    noise = rng.normal(size=(count, *setup.linear.white.shape[:-1]))
     plain = calibrate(setup, setup.registration, g, noise)
     known = calibrate(setup, setup.linear, g, noise)
     return MonteCarloErrors(built, *(_left(fleet, setup, c, g, at, owner) for c in (plain, known)))

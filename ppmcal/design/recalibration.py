@@ -33,6 +33,7 @@ from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
+from ppmcal.kinematics.least_squares_closure import surplus, unexplained
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array, svd
@@ -45,6 +46,8 @@ ROUNDS = 12
 SETTLED = 1e-3
 """A fit has settled when a step changes no column by more than this part of its deviation."""
 UNSEEN = 1e-12
+FOLLOWING = 5
+"""Newton steps of joints that follow a platform: from errors of a thousandth to round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,15 +178,18 @@ def alone(
     how it gets there from the nominal one. ``noise``: white (N, m), as :func:`calibrate` takes it.
     """
     mechanism, instrument = setup.mechanism, setup.instrument
-    real, there, _ = newton(Model(mechanism, g).closure(setup.q), pose_motor(setup.pose))
+    model = Model(mechanism, g)
+    real, there, _ = newton(model.closure(setup.q), pose_motor(setup.pose))
     raw = np.asarray(linalg.solve(linear.white, noise[..., None])[..., 0], dtype=np.float64)
-    data = perturbed(instrument.dataset(setup.q, pose_vector(real), {}, mechanism), raw,
+    seen, gaps = np.split(raw, [raw.shape[1] - mechanism.surplus], axis=1)
+    q = readings(model, setup.q, real, gaps)
+    data = perturbed(instrument.dataset(q, pose_vector(real), {}, mechanism), seen,
                      mechanism.motion)
     free = list(setup.problem.free) if linear.geometry else []
     problem = Problem(mechanism, (data.take(there),), tuple(free))
     first = mechanism.values.copy()
     first[free] = g[free]
-    closed, here, _ = newton(Model(mechanism, first).closure(setup.q[there]), real[there])
+    closed, here, _ = newton(Model(mechanism, first).closure(q[there]), real[there])
     if not here.all():
         return None
     try:
@@ -217,6 +223,7 @@ def _chord(
     q, start = np.tile(setup.q, (m, 1)), np.tile(pose_motor(setup.pose), (m, 1))
     truth = setup.instrument.registration
     real, reached, _ = newton(Model(mechanism, g[owner]).closure(q), start)
+    q = readings(Model(mechanism, g[owner]), q, real, np.zeros((m * n, mechanism.surplus)))
     shown = predict(truth, real)
     now = Calibrated(np.tile(mechanism.values, (m, 1)), Registration(
         np.tile(truth.frame, (m, 1)), np.tile(truth.target, (m, 1)),
@@ -226,9 +233,12 @@ def _chord(
     small = np.zeros((m, len(problem.columns)), dtype=np.bool_)
     sigma = np.where(linear.sigma > 0.0, linear.sigma, 1.0)
     for _ in range(ROUNDS):
-        pose, found, _ = newton(Model(mechanism, now.g[owner]).closure(q), pose)
+        closure = Model(mechanism, now.g[owner]).closure(q)
+        pose, found, _ = newton(closure, pose)
         usable &= found.reshape(m, n).all(axis=1)
         raw = _residual(shown, predict(now.seen_by(owner), pose), setup)
+        if mechanism.surplus:
+            raw = np.concatenate([raw, -unexplained(closure, pose)], axis=1)
         white = (linear.white @ raw.reshape(m, n, -1, 1))[..., 0] + noise
         step = white.reshape(m, -1) @ linear.gain.T
         step += (mechanism.nominals[free] - now.g[:, free]) @ linear.pull.T
@@ -239,6 +249,25 @@ def _chord(
             break
         pose = np.where(usable[owner][:, None], pose, start)
     return replace(now, settled=usable & small.all(axis=1))
+
+
+def readings(model: Model, q: Array, pose: Array, gaps: Array) -> Array:
+    """Return the joints (R, k) that a machine shows at poses (R, 8): surplus limbs follow it.
+
+    ``q`` (R, k): what was commanded, at which the limbs of a machine that is off contradict each
+    other; ``gaps`` (R, s): what the readings are to miss of the closure, m.
+    """
+    if not model.mechanism.surplus:
+        return q
+    for _ in range(FOLLOWING):
+        closure = model.closure(q)
+        c, lines = closure.misclosure_and_lines(pose)
+        own = surplus(model.mechanism, closure.pose_matrix(pose, lines))
+        joint = closure.joint_matrix(pose, lines)
+        turned = np.swapaxes(joint, -1, -2)
+        c = c[..., None] + own @ gaps[..., None]
+        q = q - np.asarray(linalg.solve(turned @ joint, turned @ c))[..., 0]
+    return q
 
 
 def predicted(setup: MeasurementSetup, q: Array, pose: Array) -> Array:

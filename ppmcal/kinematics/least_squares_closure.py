@@ -190,6 +190,13 @@ def surplus(mechanism: Mechanism, a: Array) -> Array:
     return np.asarray(out)
 
 
+def unexplained(closure: Closure, pose: Array) -> Array:
+    """Return N' c (n, m - d) at platform motors (n, 8), m: what no pose explains."""
+    c, lines = closure.misclosure_and_lines(pose)
+    own = surplus(closure.model.mechanism, closure.pose_matrix(pose, lines))
+    return np.asarray((np.swapaxes(own, -1, -2) @ c[..., None])[..., 0])
+
+
 @lru_cache(maxsize=64)
 def _surplus_at_home(mechanism: Mechanism) -> Array:
     """Return N (m, m - d) at home: the first equations' parts that no pose explains."""

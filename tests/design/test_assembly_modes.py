@@ -27,6 +27,8 @@ from ppmcal.design.assembly_modes import assembly_modes
 from ppmcal.design.assembly_modes_planar import DEGREE, resultant_spectrum
 from ppmcal.errors import NoResult
 from ppmcal.io import read_mechanism
+from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.kinematics.tables import inverse_table
 
 CONFIGS = ROOT / "configs"
 
@@ -225,6 +227,18 @@ def test_translational_machines_meet_in_a_point_pair(machine):
         assert found.home == 0 and sorted(found.sign) == [-1, 1]
         assert np.allclose(matrices(found.motors[:1])[1], matrices(pose)[1], atol=1e-10)
         assert np.abs(limb_lengths(model, np.tile(row, (2, 1)), found.motors)).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["maslow", "hangprinter"])
+def test_surplus_ropes_leave_of_the_pair_what_closes_by_all(name):
+    """Three lengths close at two points; the fourth says which."""
+    model = Model(read_mechanism(CONFIGS / f"{name}.yaml"))
+    _, poses = spread(model, 4)
+    q = inverse_table(model, pose_vector(poses)).q
+    for row, pose in zip(q, poses, strict=True):
+        found = assembly_modes(model, row)
+        assert len(found) == 1 and found.complete and found.method == "point pair"
+        assert np.allclose(matrices(found.motors)[1], matrices(pose)[1], atol=1e-9)
 
 
 def test_delta_where_the_two_modes_meet_and_beyond():

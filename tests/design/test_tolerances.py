@@ -21,7 +21,7 @@ from ppmcal.design.error_sources import geometry_only, sources, tolerances
 from ppmcal.design.monte_carlo import Fleet, MachineErrors, batches, run, together
 from ppmcal.design.plan.candidate_poses import evenly, region_of
 from ppmcal.design.processes import over
-from ppmcal.design.recalibration import MeasurementSetup, calibrate, predicted
+from ppmcal.design.recalibration import MeasurementSetup, calibrate, predicted, readings
 from ppmcal.design.tolerance_allocation import Demand, Share, check, count
 from ppmcal.design.tolerance_costs import (
     cost,
@@ -35,6 +35,7 @@ from ppmcal.design.virtual_instrument import Instrument, default_instrument
 from ppmcal.io import read_mechanism, write_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
+from ppmcal.kinematics.least_squares_closure import unexplained
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.region import named
 from ppmcal.kinematics.registration import predict
@@ -157,7 +158,8 @@ def test_no_scheduler_is_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), [
     ("3-RPR", "pose"), ("3-RPR", "position"), ("6-UPS", "pose"), ("6-UPS", "distance"),
-    ("delta-linear", "position"), ("delta-linear", "plane"), ("3-RPS", "pose")])
+    ("delta-linear", "position"), ("delta-linear", "plane"), ("3-RPS", "pose"),
+    ("cable-4-planar", "pose"), ("stewart-7", "position")])
 def test_the_fleet_is_calibrated_as_identify_would(name: str, kind: str) -> None:
     """Five machines, each measured and identified on its own with the same noise."""
     one = fleet(name, kind, 40)
@@ -166,7 +168,8 @@ def test_the_fleet_is_calibrated_as_identify_would(name: str, kind: str) -> None
     g = np.tile(m.values, (5, 1))
     g[:, list(one.wanted)] += rng.normal(size=(5, len(one.wanted))) * one.sigma
     width = len(find_instrument(kind).coordinates(m.motion))
-    noise = rng.normal(size=(5, len(setup.q), width))
+    noise = rng.normal(size=(5, len(setup.q), width + m.surplus))
+    noise[..., width:] = 0.0
     found = calibrate(setup, setup.linear, g, noise)
     assert found.settled.all()
     sigma = setup.linear.sigma[:len(setup.problem.free)]
@@ -180,19 +183,39 @@ def test_the_fleet_is_calibrated_as_identify_would(name: str, kind: str) -> None
         assert rms((found.g[i, free] - g[i, free]) / sigma) < 2.0
 
 
+@pytest.mark.parametrize("name", ["cable-4-planar", "stewart-7", "cable-8-pulleys"])
+def test_readings_follow_the_platform_and_miss_the_closure_as_asked(name: str) -> None:
+    """Joints commanded at which limbs contradict each other, then what their encoders show."""
+    one = fleet(name, "pose", 10)
+    m, rng = one.mechanism, np.random.default_rng(6)
+    g = m.values.copy()
+    g[list(one.wanted)] += rng.normal(size=len(one.wanted)) * one.sigma
+    model = Model(m, g)
+    pose, there, _ = newton(model.closure(one.setup.q), pose_motor(one.setup.pose))
+    gaps = rng.normal(size=(len(pose), m.surplus)) * 1e-4
+    own = unexplained(model.closure(one.setup.q), pose)
+    assert there.all() and np.abs(own).max() > 1e-6
+    found = unexplained(model.closure(readings(model, one.setup.q, pose, gaps)), pose)
+    assert np.abs(found + gaps).max() < 1e-12
+
+
 def measured(setup: MeasurementSetup, g: np.ndarray, noise: np.ndarray) -> Dataset:
     """What the setup's instrument shows of one machine, as a data set."""
     m, instrument = setup.mechanism, setup.instrument
     real, _, _ = newton(Model(m, g).closure(setup.q), pose_motor(setup.pose))
-    clean = instrument.dataset(setup.q, pose_vector(real), {}, m)
+    # encoders of surplus limbs read how long they are at the pose that all agree on
+    q = inverse_table(Model(m, g), pose_vector(real)).q if m.surplus else setup.q
+    clean = instrument.dataset(q, pose_vector(real), {}, m)
+    # noise of the joints, where the machine states it, moves what is seen along with the rest
+    raw = np.linalg.solve(setup.linear.white, noise[..., None])[..., 0]
     if instrument.kind.scalar:
-        return replace(clean, value=clean.value + instrument.sigma_value * noise[:, 0])
+        return replace(clean, value=clean.value + raw[:, 0])
     pick = list(instrument.kind.coordinates(m.motion))
     whole = np.zeros((len(noise), 6))
-    whole[:, pick] = noise
-    position = clean.position + instrument.sigma_position * whole[:, :3]
+    whole[:, pick] = raw[:, :len(pick)]
+    position = clean.position + whole[:, :3]
     turn = predict(instrument.registration, real)[1]
-    shake = cga.motor_from_rotation_vector(instrument.sigma_rotation * whole[:, 3:], np.zeros(3))
+    shake = cga.motor_from_rotation_vector(whole[:, 3:], np.zeros(3))
     shaken = cga.rotation_vector(cga.compose(shake, cga.motor_from_matrix(turn, np.zeros(3))))
     rotation = np.where(np.isnan(clean.rotation), np.nan, shaken)
     return replace(clean, position=position, rotation=rotation)
@@ -200,7 +223,7 @@ def measured(setup: MeasurementSetup, g: np.ndarray, noise: np.ndarray) -> Datas
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["3-RPR", "6-UPS", "linapod", "delta-rotary", "6-RUS", "3-PPR-1",
-                                  "3-RRR-1"])
+                                  "3-RRR-1", "cable-4-planar", "cable-8-pulleys", "stewart-7"])
 def test_linear_prediction_and_machines_drawn_agree(name: str) -> None:
     one = fleet(name)
     found = together([run(one, b) for b in batches(200, 5)])

@@ -438,3 +438,14 @@ def test_bad_input(tmp_path, args, words):
     run = ppmcal("workspace", CONFIGS / "3-RPR.yaml", *args, "--out", tmp_path / "w", cwd=tmp_path,
                  expect=2)
     assert words in run.err and not (tmp_path / "w").exists()
+
+
+def test_surplus_ropes_have_no_sign_to_keep(tmp_path):
+    """The least singular value in reach is told with its place, which is a row of the map."""
+    run = ppmcal("workspace", CONFIGS / "maslow.yaml", "--out", tmp_path / "out", expect=0)
+    assert "keeps its sign" not in run.out
+    said = " ".join(run.out.split())
+    found = [r for r in rows(tmp_path / "out" / "map.csv") if r["status"] == "ok"]
+    least = min(found, key=lambda r: number(r, "condition"))
+    assert (f"Smallest singular value in reach: {number(least, 'condition'):.3f} at "
+            f"x {number(least, 'x'):.1f}, y {number(least, 'y'):.1f} (home") in said

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ppmcal.design.workspace import Workspace
 from ppmcal.io.results.workspace_tables import (
     ModeRow,
@@ -47,8 +49,10 @@ def singularities(found: Workspace) -> list[str]:
     near = found.nearest
     if near is None:
         joined = bool((found.table.singular_value >= 0.0).any())
-        return ["No singularity on this grid: det A keeps its sign wherever the limbs reach."
-                if joined else "No pose of this grid has joint values."]
+        if not joined:
+            return ["No pose of this grid has joint values."]
+        return [_weakest(found) if found.mechanism.surplus and found.reached.any() else
+                "No singularity on this grid: det A keeps its sign wherever the limbs reach."]
     units, quantity = found.mechanism.units, found.distance_quantity
     scale = units.words(found.mechanism.length_scale, "length")
     mixed = len({c >= 3 for c in found.grid.coordinates}) > 1
@@ -68,6 +72,17 @@ def singularities(found: Workspace) -> list[str]:
         out.append(f"The grid ends {units.words(near.edge, quantity)} from home; beyond its end "
                    "there may be nearer ones.")
     return out
+
+
+def _weakest(found: Workspace) -> str:
+    """Return where surplus limbs hold the platform least: A there has no sign that could change."""
+    value = np.where(found.reached, found.table.singular_value, np.nan)
+    row = int(np.nanargmin(value))
+    where = ", ".join(f"{name} {v[0]}" for name, v in
+                      places(found.mechanism, found.table.pose[row:row + 1]).items())
+    return ("With more limbs than freedoms, a grid may step over singular poses. Smallest singular "
+            f"value in reach: {value[row]:.3f} at {where} "
+            f"(home {found.home.singular_value[0]:.3f}).")
 
 
 def assembly_modes(found: Workspace, rows: Sequence[ModeRow]) -> list[str]:
