@@ -9,7 +9,7 @@ from collections.abc import Callable
 from itertools import takewhile
 from typing import Any
 
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, refuse_unknown
 from ppmcal.io.csv import Table
 from ppmcal.io.frames import as_table
 from ppmcal.limits import TABLE_CELLS, UNPACKED_BYTES, refuse_shape
@@ -52,8 +52,7 @@ def excel_table(data: bytes, source: str, may_be_text: Callable[[str], bool],
     except Exception as error:    # a damaged archive raises anything
         raise BadInput(f"cannot be read as a spreadsheet ({type(error).__name__})", source,
                        "Save it again as .xlsx, or save the sheet as CSV") from None
-    if sheet is not None and sheet not in names:
-        raise unknown("sheet", sheet, names, source)
+    refuse_unknown("sheet", [sheet or names[0]], names, source)
     if not rows:
         raise BadInput("the sheet is empty", source, "Name another under `read.sheet` in the "
                        f"sidecar: {', '.join(names)}")

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import BeforeValidator
 
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, refuse_unknown
 from ppmcal.io.noise_limits import refuse_sigma
 from ppmcal.io.schema import LARGEST, Strict, each, numbers
 from ppmcal.io.yaml import to_file
@@ -49,9 +49,7 @@ def read_gaps(file: ClosureFile | None, mechanism: Mechanism) -> dict[str, float
             "other than noise of the drives", place, "Say that in the sidecar of the "
             "measurements, `instrument: {sigma: {actuator: 0.1}}`, and leave this key out")
     given = file.sigma if isinstance(file.sigma, dict) else dict.fromkeys(names, file.sigma)
-    for name in given:
-        if name not in names:
-            raise unknown("limb", name, names, f"{place}.sigma")
+    refuse_unknown("limb", given, names, f"{place}.sigma")
     out = {name: given[name] * mechanism.units.factor("length") for name in names
            if given.get(name)}
     refuse_sigma(np.array(list(out.values())), "length", mechanism, mechanism.units,

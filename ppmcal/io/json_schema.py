@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from ppmcal.errors import unknown
+from ppmcal.errors import refuse_unknown
 from ppmcal.io.effects import EffectFile, limb_entries
 from ppmcal.io.limb_reader import NO_DRIVE
 from ppmcal.io.mechanism_schema import MechanismFile
@@ -50,8 +50,7 @@ def file_schema(name: str) -> Schema:
     Raises:
         BadInput: there is no such file.
     """
-    if name not in FILES:
-        raise unknown("file", name, FILES)
+    refuse_unknown("file", [name], FILES)
     return {"mechanism": _mechanism, "dataset": _dataset, "scenario": _scenario}[name]()
 
 

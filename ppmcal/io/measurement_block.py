@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.errors import unknown
+from ppmcal.errors import refuse_unknown
 from ppmcal.io.mechanism_schema import MeasurementFile, MechanismFile
 from ppmcal.io.pose_fields import COORDINATES, pose_from_map, pose_to_map
 from ppmcal.io.yaml import to_file
@@ -59,12 +59,9 @@ def read_measured(file: MeasurementFile | None, units: Units, actuators: Sequenc
     if file is None or (file.noise is None and not file.ranges and file.converged is None):
         return None
     known = _columns(units, actuators, joints)
-    ranges = {}
-    for name, (low, high) in file.ranges.items():
-        if name not in known:
-            raise unknown("column", name, known, f"{source}: measurement.ranges")
-        factor, zero = known[name]
-        ranges[name] = (low * factor + zero, high * factor + zero)
+    refuse_unknown("column", file.ranges, known, f"{source}: measurement.ranges")
+    ranges = {name: (low * known[name][0] + known[name][1], high * known[name][0] + known[name][1])
+              for name, (low, high) in file.ranges.items()}
     noise = file.noise
     if noise is None:
         return MeasurementBasis(ranges=ranges, converged=file.converged)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, refuse_unknown
 from ppmcal.io.ros_tables import POSE_COLUMNS, Recording, joint_header, recording, seconds
 from ppmcal.limits import BAG_BYTES, TABLE_ROWS, UNPACKED_BYTES
 from ppmcal.model.mechanism import Mechanism
@@ -81,9 +81,7 @@ def bag_tables(path: Path, mechanism: Mechanism, topics: Sequence[str] = ()) -> 
 def _chosen(connections: Sequence[Any], topics: Sequence[str], source: str) -> list[Any]:
     """Return the connections to read: one of joints, one of poses, or those that are named."""
     useful = {c.topic: c for c in connections if c.msgtype == JOINTS or c.msgtype in POINTS}
-    for topic in topics:
-        if topic not in useful:
-            raise unknown("topic", topic, useful, f"{source}: read.topics")
+    refuse_unknown("topic", topics, useful, f"{source}: read.topics")
     chosen = [c for t, c in useful.items() if not topics or t in topics]
     if not chosen:
         raise BadInput(f"no topic holds joints or poses ({len(connections)} topics)", source,

@@ -6,7 +6,7 @@ letters (:mod:`ppmcal.kinematics.rotations`) and in the file's angle unit.
 
 from __future__ import annotations
 
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, refuse_unknown
 from ppmcal.io.csv import Table
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.kinematics.rotations import CONVENTIONS
@@ -22,8 +22,7 @@ def check_convention(name: str, mechanism: Mechanism) -> str:
     Raises:
         BadInput: there is none of that name, or the machine does not rotate in space.
     """
-    if name not in CONVENTIONS:
-        raise unknown("rotation convention", name, CONVENTIONS, "--rotation")
+    refuse_unknown("rotation convention", [name], CONVENTIONS, "--rotation")
     if name != "rotvec" and not mechanism.motion.turns_freely:
         turn = "its rotation is rz" if mechanism.motion.turns else "it does not turn"
         raise BadInput(f"a {mechanism.motion} machine has no spatial rotation: {turn}",

@@ -9,11 +9,12 @@ x, y and z together. What is not given, or .inf, is rigid.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ppmcal.errors import BadInput, unknown
-from ppmcal.io.schema import LARGEST, show
+from ppmcal.errors import BadInput, refuse_unknown
+from ppmcal.io.schema import LARGEST, is_number, show
 from ppmcal.io.yaml import to_file
 from ppmcal.model.limbs import LimbKind
 from ppmcal.model.limbs.chain import JOINT_COMPONENTS
@@ -100,15 +101,9 @@ def _section(raw: Any, joints: Iterable[str], place: str, parts: Sequence[str] =
     if not isinstance(raw, dict):
         raise BadInput(f"{show(raw)} is not a mapping", place,
                        f"Write keys with values here: {', '.join(allowed)}")
-    out: dict[str, Springs] = {}
-    for key, value in raw.items():
-        if key not in allowed:
-            raise unknown("key", key, allowed, place)
-        if key in PARTS:
-            out[key] = {key: _value(value, f"{place}.{key}")}
-        else:
-            out[key] = _joint(key, value, f"{place}.{key}")
-    return out
+    refuse_unknown("key", raw, allowed, place)
+    return {key: {key: _value(value, f"{place}.{key}")} if key in PARTS else
+            _joint(key, value, f"{place}.{key}") for key, value in raw.items()}
 
 
 def _joint(name: str, raw: Any, place: str) -> Springs:
@@ -119,24 +114,18 @@ def _joint(name: str, raw: Any, place: str) -> Springs:
     if not isinstance(raw, dict):
         one = _value(raw, place)
         return {f"{name}.{c}": one for c in TRANSLATIONS}
-    out: Springs = {}
-    if "value" in raw:
-        out |= _joint(name, raw["value"], place)
-    for key, value in raw.items():
-        if key == "value":
-            continue
-        if key not in JOINT_COMPONENTS:
-            raise unknown("joint frame component", key, JOINT_COMPONENTS, place)
-        out[f"{name}.{key}"] = _value(value, f"{place}.{key}")
-    return out
+    alike = _joint(name, raw["value"], place) if "value" in raw else {}
+    own = {key: value for key, value in raw.items() if key != "value"}
+    refuse_unknown("joint frame component", own, JOINT_COMPONENTS, place)
+    return alike | {f"{name}.{key}": _value(value, f"{place}.{key}") for key, value in own.items()}
 
 
 def _value(raw: Any, place: str) -> float:
-    if isinstance(raw, bool) or not isinstance(raw, int | float) or not raw > 0.0:
+    if not is_number(raw, math.inf) or raw <= 0.0:
         raise BadInput(f"{show(raw)} is not a stiffness", place,
                        "Write a positive number, or .inf for rigid")
     value = float(raw)
-    if value != float("inf") and not SMALLEST <= value <= LARGEST:
+    if value != math.inf and not SMALLEST <= value <= LARGEST:
         raise BadInput(f"{show(raw)} is out of range", place,
                        "Write a number such as 5e7, or .inf for rigid")
     return value
