@@ -198,10 +198,16 @@ def _header(line: bytes, source: str, separator: str) -> tuple[str, ...]:
         if not name:
             raise BadInput(f"column {i + 1} has no name", f"{source}: header",
                            "Name it, or remove the stray separator")
-        if name in names[:i]:
-            raise BadInput(f"two columns are called '{name}'", f"{source}: header",
-                           "Rename or remove one of them")
+    refuse_double(names, f"{source}: header")
     return tuple(names)
+
+
+def refuse_double(names: Sequence[str], place: str, hint: str = "Rename or remove one of them",
+                  what: str = "columns") -> None:
+    """Refuse two columns of one name."""
+    double = next((n for i, n in enumerate(names) if n in names[:i]), None)
+    if double is not None:
+        raise BadInput(f"two {what} are called '{double}'", place, hint)
 
 
 def remark_table(table: Table) -> None:

@@ -14,12 +14,12 @@ from pydantic import BaseModel
 from ppmcal.errors import refuse_unknown
 from ppmcal.io.effects import EffectFile, limb_entries
 from ppmcal.io.limb_reader import NO_DRIVE
+from ppmcal.io.mechanism_blocks import PARTS, TRANSLATIONS, joint_names, parts_of
 from ppmcal.io.mechanism_schema import MechanismFile
 from ppmcal.io.pose_fields import PoseFile
 from ppmcal.io.scenario_schema import ScenarioFile
 from ppmcal.io.sidecar import SidecarFile
 from ppmcal.io.slots import DirectionFile, SlotFile, SlotGroup, groups
-from ppmcal.io.stiffness import PARTS, TRANSLATIONS, joint_names, parts_of
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.instruments import instruments
 from ppmcal.model.limbs import LimbKind, kinds

@@ -15,15 +15,18 @@ from ppmcal.errors import BadInput, refuse_unknown, unknown
 from ppmcal.io import parameter_reader as assemble
 from ppmcal.io.directions import rotation, square
 from ppmcal.io.effects import with_effects, with_limb_entries
-from ppmcal.io.gaps import read_gaps
 from ppmcal.io.limb_reader import LimbReader, limb_kind
-from ppmcal.io.measurement_block import read_measured, read_registrations
+from ppmcal.io.mechanism_blocks import (
+    read_gaps,
+    read_measured,
+    read_registrations,
+    read_stiffness,
+)
 from ppmcal.io.mechanism_schema import MechanismFile, TolerancesFile, word
 from ppmcal.io.noise_limits import refuse_tolerances
 from ppmcal.io.parameter_reader import Draft
 from ppmcal.io.pose_fields import COORDINATES, pose_from_map
 from ppmcal.io.schema import check, dotted
-from ppmcal.io.stiffness import read_stiffness
 from ppmcal.io.yaml import decimals, to_file
 from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
 from ppmcal.kinematics.closed_at_home import held_twice
