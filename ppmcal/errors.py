@@ -13,7 +13,7 @@ import contextlib
 import difflib
 import signal
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 
 LONGEST = 4000
 """Characters of each part of a message; of a longer one the middle is left out."""
@@ -91,6 +91,18 @@ def unknown(what: str, name: object, allowed: Iterable[object], where: str = "")
     hint = f" Did you mean '{near[0]}'?" if near else ""
     known = f"Allowed: {', '.join(names)}." if names else "There is none here."
     return BadInput(f"unknown {what} '{name}'", where, known + hint)
+
+
+def refuse_unknown(what: str, names: Iterable[object], allowed: Collection[object], where: str = ""
+                   ) -> None:
+    """Refuse the first of the names that is not in ``allowed``.
+
+    Raises:
+        BadInput: as :func:`unknown`.
+    """
+    for name in names:
+        if name not in allowed:
+            raise unknown(what, name, allowed, where)
 
 
 class _Uninterrupted(threading.local):

@@ -15,8 +15,7 @@ from ppmcal.calibration.interpretation import without_stale
 from ppmcal.commands.spec import Measurements, Path_
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import read_campaign, read_mechanism
-from ppmcal.io.campaign import joined
-from ppmcal.io.dataset_reader import dataset_of, may_be_words, read_files
+from ppmcal.io.dataset_reader import dataset_of, joined, may_be_words, read_files
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.read_block import ReadFile
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path

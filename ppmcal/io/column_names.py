@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from difflib import get_close_matches
 
 from ppmcal.errors import BadInput
+from ppmcal.io.csv_numbers import is_float
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.io.schema import did_you_mean
 from ppmcal.model.dataset import WRENCH
@@ -117,7 +118,7 @@ def strangers(columns: Mapping[str, Sequence[str] | None], mechanism: Mechanism,
     check_columns([h for h in columns if h not in known and h not in strange], mechanism, source)
     for name, cells in columns.items():
         if cells is not None and name not in (*strange, *LABELS):
-            row = next((i for i, c in enumerate(cells) if not _is_number(c)), 0)
+            row = next((i for i, c in enumerate(cells) if c and not is_float(c)), 0)
             raise BadInput(f"'{cells[row]}' is not a number",
                            f"{source}: row {row + 1}, column {name}",
                            "Correct the cell, or leave it empty")
@@ -128,14 +129,6 @@ def strangers(columns: Mapping[str, Sequence[str] | None], mechanism: Mechanism,
     return strange, [Note(f"{source}: column{'s' * (not one)} {names}: not used, nobody knows "
                           f"{'it' if one else 'them'}. `read: {{ignore: [{ignore}]}}` in the "
                           "sidecar says that this is meant")]
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell or "nan")
-    except ValueError:
-        return False
-    return True
 
 
 def ambiguous_directions(header: Sequence[str], mechanism: Mechanism, source: str) -> list[Note]:

@@ -7,6 +7,7 @@ count from 1, without the header and without blank lines; :mod:`ppmcal.io.csv_bo
 from __future__ import annotations
 
 import csv
+import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -18,8 +19,12 @@ from ppmcal.io.csv_body import Cells, read_body
 from ppmcal.io.csv_dialect import Dialect, declared, separator_of
 from ppmcal.io.csv_numbers import PLAIN
 from ppmcal.limits import TABLE_COLUMNS, refuse_long_lines, refuse_shape
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Bools
+from ppmcal.wording import pluralize, row_list
 
+log = logging.getLogger(__package__)
+SHOWN = 24
+"""Columns of a table that are logged."""
 LARGEST = 1e15
 """No cell of a column that the program computes with may hold a larger number."""
 
@@ -77,6 +82,18 @@ class Table:
                                                    if not isinstance(c, tuple)}},
                        text={**kept.text, **{h: c for h, c in columns.items()
                                              if isinstance(c, tuple)}})
+
+    def refuse_rows(self, bad: Bools, column: str, what: str, hint: str, listed: bool = False
+                    ) -> None:
+        """Refuse a column with bad rows (N,), at the first of them.
+
+        Raises:
+            BadInput: ``what`` is wrong, with the rows where they are to be ``listed``.
+        """
+        rows = np.flatnonzero(bad)
+        if rows.size:
+            raise BadInput(f"{what} ({row_list(rows)})" if listed else what,
+                           self.at(column, int(rows[0])), hint)
 
     def at(self, column: str, row: int | None = None) -> str:
         """Return ``run3.csv: row 17, column x`` (row index counted from 0)."""
@@ -181,10 +198,23 @@ def _header(line: bytes, source: str, separator: str) -> tuple[str, ...]:
         if not name:
             raise BadInput(f"column {i + 1} has no name", f"{source}: header",
                            "Name it, or remove the stray separator")
-        if name in names[:i]:
-            raise BadInput(f"two columns are called '{name}'", f"{source}: header",
-                           "Rename or remove one of them")
+    refuse_double(names, f"{source}: header")
     return tuple(names)
+
+
+def refuse_double(names: Sequence[str], place: str, hint: str = "Rename or remove one of them",
+                  what: str = "columns") -> None:
+    """Refuse two columns of one name."""
+    double = next((n for i, n in enumerate(names) if n in names[:i]), None)
+    if double is not None:
+        raise BadInput(f"two {what} are called '{double}'", place, hint)
+
+
+def remark_table(table: Table) -> None:
+    """Log rows and columns of a table."""
+    names = [*table.header[:SHOWN], *(["..."] if len(table.header) > SHOWN else [])]
+    log.info("%s: %s, %s: %s", table.source, pluralize(len(table), "row"),
+             pluralize(len(table.header), "column"), ", ".join(names))
 
 
 def refuse_absurd(numbers: Mapping[str, Array], source: str, largest: float = LARGEST,

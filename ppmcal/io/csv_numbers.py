@@ -26,6 +26,15 @@ def is_number(cell: str, dialect: Dialect) -> bool:
     return not cell or PLAIN.fullmatch(cell) is not None
 
 
+def is_float(cell: str) -> bool:
+    """Whether Python takes a word for a number, in whatever spelling."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
 def plain_column(cells: tuple[str, ...], dialect: Dialect) -> Array | None:
     """Return stripped cells as numbers (n,), nan where empty; None where one of them is not plain.
 

@@ -1,31 +1,43 @@
-"""Reading measurement files: CSV and sidecar to :class:`ppmcal.model.dataset.Dataset`, SI."""
+"""Reading measurement files: CSV and sidecar to :class:`ppmcal.model.dataset.Dataset`, SI.
+
+Several files are one campaign: their names are unique, and frames may be shared.
+"""
 
 from __future__ import annotations
 
+import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal import algebra as cga
-from ppmcal.calibration.interpretation import chance, steps_of, without_copies
-from ppmcal.errors import BadInput
+from ppmcal.calibration.interpretation import (
+    chance,
+    steps_of,
+    without_copies,
+    without_shared,
+)
+from ppmcal.errors import BadInput, unknown
 from ppmcal.io import column_names as names
 from ppmcal.io.clock import clock_of_words
-from ppmcal.io.csv import Table
+from ppmcal.io.csv import Table, remark_table
 from ppmcal.io.header import bare_name, declared, header_columns, named
-from ppmcal.io.measured import measured
-from ppmcal.io.measurement_columns import further_columns, joint_values, second_joints
+from ppmcal.io.measurement_columns import (
+    further_columns,
+    joint_values,
+    measured,
+    second_joints,
+)
 from ppmcal.io.noise_limits import refuse_noise
 from ppmcal.io.read_block import MATRIX, ReadFile
 from ppmcal.io.reading import in_conventions, in_units
-from ppmcal.io.remarks import remark_data
 from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
+    at_point,
     frame_of,
     located,
     offset_of,
@@ -37,17 +49,19 @@ from ppmcal.io.sidecar import (
 )
 from ppmcal.io.tables import SUFFIXES, read_table
 from ppmcal.io.yaml import number_text
-from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.pose_readings import shifted_rows
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.repeats import commanded_poses, places
+from ppmcal.model.sessions import as_campaigns
 from ppmcal.notes import Note
 from ppmcal.units import Units
 from ppmcal.wording import row_list
 from ppmcal.wording.progress import stage
+
+log = logging.getLogger(__package__)
 
 
 @stage("reading the measurements")
@@ -153,7 +167,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         headers=headers)
     data.kind.refuse(mechanism.motion, mechanism.surplus, side, mechanism.gravity)
     refuse_noise(data, mechanism, side)
-    remark_data(data, table, file, side)
+    _remark(data, table, file, side)
     data = replace(data, chance=chance(data, steps_of(plain.numbers, data, mechanism.reach)))
     data = _usable(shifted_rows(_from_point(data, side), read.shift), mechanism)
     return without_copies(data)
@@ -179,9 +193,7 @@ def _from_point(data: Dataset, side: str) -> Dataset:
         raise BadInput("distances cannot share a frame: the point that they are measured from "
                        "is their frame's origin", f"{side}: frame.same_as",
                        "Write `frame: known` and the point in the base frame, or `point: unknown`")
-    moved = cga.compose(cga.motor_from_rotation_vector(np.zeros(3), -point.value),
-                        pose_motor(data.frame.value))
-    return replace(data, frame=Unknown(point.fitted or data.frame.fitted, pose_vector(moved)))
+    return replace(data, frame=at_point(data.frame, point))
 
 
 def _fixed_point(file: SidecarFile, to_q: Array | None, mechanism: Mechanism, units: Units,
@@ -282,3 +294,85 @@ def _usable(data: Dataset, mechanism: Mechanism) -> Dataset:
                        "Fill in the empty cells")
     return replace(data.take(keep), findings=tuple(findings),
                    dropped=tuple(sorted(dropped)))
+
+
+def _remark(data: Dataset, table: Table, file: SidecarFile, side: str) -> None:
+    """Log what a table of measurements and its sidecar were taken to mean."""
+    if not log.isEnabledFor(logging.INFO):
+        return
+    remark_table(table)
+    sigma = ", ".join(f"{name} {value:g}" for name, value in
+                      file.instrument.sigma.model_dump().items()
+                      if isinstance(value, float | int) and not isinstance(value, bool) and value)
+    log.info("%s: units %s and %s; instrument %s, sigma %s; frame %s, target %s; approach %s%s",
+             side, file.units.length, file.units.angle, data.kind, sigma or "from columns",
+             _state(data.frame), _state(data.target), data.approach,
+             " (by default)" if file.approach is None else "")
+    if data.headers or data.read:
+        renamed = ", ".join(f"{own} from '{theirs}'" for own, theirs in data.headers.items())
+        log.info("%s: read with %s", table.source, "; ".join(
+            part for part in (renamed, str(data.read) if data.read else "") if part))
+
+
+def _state(place: Unknown) -> str:
+    if place.same_as is not None:
+        return f"that of {place.same_as}"
+    return "fitted" if place.fitted else "known"
+
+
+# ---- campaigns
+
+
+def read_campaign(paths: Sequence[str | os.PathLike[str]], mechanism: Mechanism
+                  ) -> tuple[Dataset, ...]:
+    """Return the data sets of one campaign, with unique names and ``same_as`` resolved.
+
+    A frame that is the same as one that is given is given too; a chain of ``same_as`` ends
+    at the data set whose frame is fitted.
+
+    Raises:
+        BadInput: as :func:`read_dataset`; two data sets of one name, or a name in
+            ``same_as`` that is not among them.
+    """
+    return joined([read_dataset(p, mechanism) for p in paths])
+
+
+def joined(data: Sequence[Dataset]) -> tuple[Dataset, ...]:
+    """Return data sets as one campaign; see :func:`read_campaign`."""
+    by_name: dict[str, Dataset] = {}
+    for d in data:
+        if d.name in by_name:
+            raise BadInput(f"two data sets are called '{d.name}' (the other is "
+                           f"{by_name[d.name].source})", d.source,
+                           "Give each sidecar its own `name`, and each file only once")
+        by_name[d.name] = d
+    return as_campaigns(without_shared([replace(d, frame=_resolve(d, by_name)) for d in data]))
+
+
+def _resolve(data: Dataset, by_name: dict[str, Dataset]) -> Unknown:
+    frame, seen = data.frame, [data.name]
+    while frame.same_as is not None:
+        source = Path(by_name[seen[-1]].source)
+        # a table that is in memory has no file
+        side = sidecar_path(source) if source.suffix else f"sidecar of {source}"
+        place = f"{side}: frame.same_as"
+        others = [n for n in by_name if n not in seen]
+        if frame.same_as == seen[-1]:
+            raise BadInput("a data set has its own frame, this names itself", place,
+                           "Write `frame: unknown`, or name another data set" + (
+                               f": {', '.join(others)}" if others else ""))
+        if frame.same_as not in by_name and not others:
+            raise BadInput(f"unknown data set '{frame.same_as}': no other data set is given", place,
+                           f"Give '{frame.same_as}' too, or write `frame: unknown`")
+        if frame.same_as not in by_name:
+            error = unknown("data set", frame.same_as, others, place)
+            raise BadInput(error.what, place, f"{error.hint} Give the other file too")
+        if frame.same_as in seen:
+            raise BadInput(f"the data sets refer to each other in a circle "
+                           f"({' -> '.join([*seen, frame.same_as])})", place,
+                           "Write `frame: unknown` in one of them")
+        seen.append(frame.same_as)
+        frame = by_name[frame.same_as].frame
+    if len(seen) == 1 or not frame.fitted:
+        return frame
+    return Unknown(True, frame.value, seen[-1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
@@ -9,8 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field
 
-from ppmcal.errors import BadInput, unknown
-from ppmcal.io.schema import Flag, Label, Number, Sigma, Strict, check, refuse, show
+from ppmcal.errors import BadInput, refuse_unknown
+from ppmcal.io.schema import Flag, Label, Number, Sigma, Strict, check, is_number, refuse, show
 from ppmcal.io.yaml import to_file
 from ppmcal.model.effects import (
     GEOMETRY,
@@ -55,7 +56,7 @@ class ValueFile(Strict):
 def _value(raw: object) -> object:
     if isinstance(raw, dict):
         return raw
-    if isinstance(raw, bool) or not isinstance(raw, int | float) or not np.isfinite(raw):
+    if not is_number(raw, sys.float_info.max):
         raise refuse(f"{show(raw)} is not a parameter's value",
                      "Write a number, or {value: 0.02, tolerance: 0.01, free: true}")
     return {"value": raw}
@@ -159,15 +160,14 @@ def with_limb_entries(mechanism: Mechanism, limbs: Sequence[Mapping[Any, Any]], 
 
 
 def _added(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) -> Mechanism:
-    if one.kind not in effect_kinds():
-        raise unknown("effect", one.kind, [*effect_kinds(), GEOMETRY], f"{place}.kind")
+    refuse_unknown("effect", [one.kind], [*effect_kinds(), GEOMETRY], f"{place}.kind")
     kind = find_effect(one.kind)
     on = _actuators(one, kind, mechanism, machine, place)
     kind = _made(one, kind, joint_quantity(mechanism, on), machine, place)
     if not kind.exists_in(machine.motion):
         raise BadInput(kind.refused, f"{place}.kind", "Remove it")
     specs = kind.parameters(machine.motion)
-    _known_names(one, specs, place)
+    refuse_unknown("parameter", one.parameters, [s.name for s in specs], f"{place}.parameters")
     given = {s.name: _given(one, s, resolved(s.quantity, joint_quantity(mechanism, on)), machine,
                             place) for s in specs}
     if any(g.free for g in given.values()):
@@ -185,9 +185,7 @@ def _made(one: EffectFile, kind: EffectKind, joint: str, machine: Machine, place
     """Return the kind, made of the further entries of the file where it is one of those."""
     further = dict(one.model_extra or {})
     known = kind.from_file.entries if kind.from_file else ()
-    for name in further:
-        if name not in known:
-            raise unknown("key", name, ["kind", "on", "parameters", *known], place)
+    refuse_unknown("key", further, ["kind", "on", "parameters", *known], place)
     if kind.from_file is None:
         return kind
     try:
@@ -210,9 +208,7 @@ def _actuators(one: EffectFile, kind: EffectKind, mechanism: Mechanism, machine:
     if not kind.per_actuator and one.on is not None and set(one.on) != set(machine.actuators):
         raise BadInput(f"{kind.name} acts on the whole machine", f"{place}.on", "Remove `on`")
     chosen = list(machine.actuators) if one.on is None else one.on
-    for name in chosen:
-        if name not in machine.actuators:
-            raise unknown("actuator", name, machine.actuators, f"{place}.on")
+    refuse_unknown("actuator", chosen, machine.actuators, f"{place}.on")
     on = tuple(a in chosen for a in machine.actuators)
     quantities = {q for q, used in zip(machine.quantities, on, strict=True) if used}
     if not any(on):
@@ -232,13 +228,6 @@ def _actuators(one: EffectFile, kind: EffectKind, mechanism: Mechanism, machine:
         raise BadInput("the effect is shared by actuators that slide and others that turn",
                        f"{place}.on", "Write one effect for each sort")
     return on
-
-
-def _known_names(one: EffectFile, specs: Sequence[EffectParameter], place: str) -> None:
-    names = [s.name for s in specs]
-    for name in one.parameters:
-        if name not in names:
-            raise unknown("parameter", name, names, f"{place}.parameters")
 
 
 def _given(one: EffectFile, spec: EffectParameter, quantity: str, machine: Machine,
@@ -272,9 +261,8 @@ def _geometry(mechanism: Mechanism, one: EffectFile, machine: Machine, place: st
     """Add errors of slots to the geometry itself."""
     made = list(mechanism.parameters)
     index = {n: i for i, p in enumerate(made) for n in (p.name, *p.aliases)}
+    refuse_unknown("parameter", one.parameters, index, f"{place}.parameters")
     for name, given in one.parameters.items():
-        if name not in index:
-            raise unknown("parameter", name, index, f"{place}.parameters")
         p = made[index[name]]
         f = machine.units.factor(p.quantity)
         free = bool(given.free)

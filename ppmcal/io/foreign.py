@@ -17,11 +17,17 @@ from ppmcal.io.clock import Clock, clock_of_numbers, clock_of_words
 from ppmcal.io.column_names import GROUPED, is_target, known_columns, own_name, strangers, unit_in
 from ppmcal.io.csv import Table, csv_table, refuse_absurd
 from ppmcal.io.header import HeaderColumn, bare_name, header_columns, named, unit_of, zone_of
-from ppmcal.io.klipper_log import klipper_log
 from ppmcal.io.point_list import with_header
 from ppmcal.io.read_block import FURTHER, MATRIX, ReadFile
-from ppmcal.io.ros_bag import bag_tables, is_bag
-from ppmcal.io.ros_tables import FORM, Recording, ros_csv, ros_headers
+from ppmcal.io.recordings import (
+    FORM,
+    Recording,
+    bag_tables,
+    is_bag,
+    klipper_log,
+    ros_csv,
+    ros_headers,
+)
 from ppmcal.io.tables import is_text, read_table
 from ppmcal.io.yaml import number_text
 from ppmcal.model.instruments import InstrumentKind

@@ -9,7 +9,7 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.csv import Table, refuse_absurd
+from ppmcal.io.csv import Table, refuse_absurd, refuse_double
 from ppmcal.io.csv_numbers import PLAIN
 from ppmcal.limits import CELL_SIZE, refuse_shape
 
@@ -69,9 +69,7 @@ def _columns(source: Any, names: Sequence[str], what: str) -> dict[str, Any]:
     """Return the columns by name, whatever holds them."""
     if isinstance(source, Mapping) or hasattr(source, "columns"):
         keys = [str(k).strip() for k in (source if isinstance(source, Mapping) else source.columns)]
-        if len(set(keys)) < len(keys):
-            double = next(k for k in keys if keys.count(k) > 1)
-            raise BadInput(f"two columns are called '{double}'", what, "Rename one of them")
+        refuse_double(keys, what, "Rename one of them")
         held = source if isinstance(source, Mapping) else {c: source[c] for c in source.columns}
         return {k: _cells(v) for k, v in zip(keys, held.values(), strict=True)}
     block = source if np.ma.isMaskedArray(source) else np.asarray(source)

@@ -11,15 +11,15 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from ppmcal.errors import unknown
+from ppmcal.errors import refuse_unknown
 from ppmcal.io.effects import EffectFile, limb_entries
 from ppmcal.io.limb_reader import NO_DRIVE
+from ppmcal.io.mechanism_blocks import PARTS, TRANSLATIONS, joint_names, parts_of
 from ppmcal.io.mechanism_schema import MechanismFile
 from ppmcal.io.pose_fields import PoseFile
 from ppmcal.io.scenario_schema import ScenarioFile
 from ppmcal.io.sidecar import SidecarFile
 from ppmcal.io.slots import DirectionFile, SlotFile, SlotGroup, groups
-from ppmcal.io.stiffness import PARTS, TRANSLATIONS, joint_names, parts_of
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.instruments import instruments
 from ppmcal.model.limbs import LimbKind, kinds
@@ -50,8 +50,7 @@ def file_schema(name: str) -> Schema:
     Raises:
         BadInput: there is no such file.
     """
-    if name not in FILES:
-        raise unknown("file", name, FILES)
+    refuse_unknown("file", [name], FILES)
     return {"mechanism": _mechanism, "dataset": _dataset, "scenario": _scenario}[name]()
 
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, refuse_unknown, unknown
 from ppmcal.io.directions import square, to_nominal, unit
 from ppmcal.io.effects import limb_entries
 from ppmcal.io.mechanism_schema import word
@@ -139,9 +139,8 @@ class LimbReader:
         if not isinstance(value, dict):
             raise BadInput(f"{show(value)} is not a mapping", self.at(path),
                            f"Write keys with values here: {', '.join(keys)}")
+        refuse_unknown("key", value, keys, self.at(path))
         for key, below in value.items():
-            if key not in keys:
-                raise unknown("key", key, keys, self.at(path))
             self._spread(f"{path}.{key}", below, wanted, out)
 
     def _actuator(self) -> str | None:
@@ -224,9 +223,7 @@ class LimbReader:
             raise BadInput(f"{show(raw)} is not a mapping", self.at(group.path),
                            f"Write keys with values here: {', '.join(names)}")
         given: dict[Any, Any] = raw or {}
-        for key in given:
-            if key not in names:
-                raise unknown("joint frame component", key, names, self.at(group.path))
+        refuse_unknown("joint frame component", given, names, self.at(group.path))
         for key, spec in names.items():
             path = f"{self.draft.name}.{spec.name}"
             if key in given or any(fnmatchcase(path, p) for p in self.patterns):

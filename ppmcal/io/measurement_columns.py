@@ -1,8 +1,9 @@
-"""The columns of a measurement file in SI: joints, commanded and measured poses, conditions."""
+"""What measurement files hold, in SI: joints, poses, conditions, and what the instrument saw."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,13 +11,17 @@ from ppmcal.errors import BadInput
 from ppmcal.io.column_names import ENVIRONMENT, tension_columns
 from ppmcal.io.csv import Table, refuse_absurd
 from ppmcal.io.pose_fields import COORDINATES, NORM_TOLERANCE, QUATERNION, factors, rotation_vectors
+from ppmcal.io.sidecar import SidecarFile, actuator_noise, sigma_needs
 from ppmcal.linalg import Array
-from ppmcal.model.dataset import ZERO_CELSIUS
-from ppmcal.model.instruments import InstrumentKind
+from ppmcal.model.dataset import ZERO_CELSIUS, unknown
+from ppmcal.model.instruments import InstrumentKind, number_names
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.notes import Note
 from ppmcal.units import Units
 from ppmcal.wording import row_list
 
+PLACES = (*COORDINATES, *QUATERNION)
+"""Columns of where something is."""
 NOT_MOVED = 1e-12
 
 
@@ -40,13 +45,11 @@ def poses(table: Table, mechanism: Mechanism, units: Units, prefix: str = "") ->
     for i, name in enumerate(COORDINATES):
         if i in mechanism.dof:
             continue
-        moved = np.flatnonzero(np.abs(np.nan_to_num(out[:, i])) > NOT_MOVED)
-        if moved.size:
-            own = prefix + (name if f"{prefix}{name}" in table.header else QUATERNION[i - 3])
-            raise BadInput(f"a {mechanism.motion} machine has no coordinate {name} "
-                           f"({row_list(moved)})", table.at(own, int(moved[0])),
-                           "Remove the column; a pose here is "
-                           f"{', '.join(prefix + c for c in mechanism.coordinates)}")
+        own = prefix + (name if f"{prefix}{name}" in table.header else QUATERNION[i - 3])
+        table.refuse_rows(np.abs(np.nan_to_num(out[:, i])) > NOT_MOVED, own,
+                          f"a {mechanism.motion} machine has no coordinate {name}",
+                          "Remove the column; a pose here is "
+                          f"{', '.join(prefix + c for c in mechanism.coordinates)}", listed=True)
         out[:, i] = 0.0
     return out
 
@@ -91,8 +94,7 @@ def joint_values(table: Table, mechanism: Mechanism, units: Units, joint: Array
         missing = [n for n in names if n not in have]
         raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",
                        "Give the joint values of all actuators, or commanded poses (cmd_x, ...)")
-    for name in have:
-        _not_empty(table, name)
+    _refuse_empty(table, have, "Fill it in, or remove the column")
     q = stacked(table, names) * joint
     if not commands:
         return q, None
@@ -114,10 +116,11 @@ def joint_values(table: Table, mechanism: Mechanism, units: Units, joint: Array
     return q, commanded
 
 
-def _not_empty(table: Table, name: str) -> None:
-    if not np.isfinite(table.numbers[name]).any():
-        raise BadInput("all values of the column are missing", table.at(name),
-                       "Fill it in, or remove the column")
+def _refuse_empty(table: Table, names: Sequence[str], hint: str) -> None:
+    """Refuse a column without any number."""
+    for name in names:
+        if not np.isfinite(table.numbers[name]).any():
+            raise BadInput("all values of the column are missing", table.at(name), hint)
 
 
 def second_joints(table: Table, mechanism: Mechanism, joint: Array, kind: InstrumentKind
@@ -131,8 +134,7 @@ def second_joints(table: Table, mechanism: Mechanism, joint: Array, kind: Instru
         raise BadInput(f"the columns {', '.join(n for n in names if n not in have)} are missing",
                        f"{table.source}: header",
                        "Give the second position's joint values of all actuators")
-    for name in have:
-        _not_empty(table, name)
+    _refuse_empty(table, have, "Fill it in, or remove the column")
     return stacked(table, names) * joint
 
 
@@ -154,8 +156,197 @@ def further_columns(table: Table, mechanism: Mechanism, joint: Array) -> dict[st
             if bad.size:
                 raise BadInput(f"{values[bad[0]]:g} is not a direction of approach",
                                table.at(name, int(bad[0])), "Write 1, -1, or leave it empty")
-        if name == "payload" and np.any(values < 0.0):
-            raise BadInput("a payload cannot be negative",
-                           table.at(name, int(np.argmax(values < 0.0))), "Write kg, 0 or more")
+        if name == "payload":
+            table.refuse_rows(values < 0.0, name, "a payload cannot be negative",
+                              "Write kg, 0 or more")
         out[name] = values + ZERO_CELSIUS if warm else values * factor.get(name, 1.0)
     return out
+
+
+# ---- what the instrument saw
+
+
+@dataclass(frozen=True)
+class Measured:
+    """SI; position and rotation (N, 3), value (N,), and their standard deviations."""
+
+    position: Array
+    rotation: Array
+    value: Array
+    sigma_position: Array
+    sigma_rotation: Array
+    sigma_value: Array
+    findings: tuple[Note, ...]
+
+
+def _measured(n: int, findings: Sequence[Note], **known: Array) -> Measured:
+    """Return what was measured in N rows, nan where that is not among ``known``."""
+    shapes = {f"{of}{name}": shape for of in ("", "sigma_") for name, shape in (
+        ("position", (n, 3)), ("rotation", (n, 3)), ("value", (n,)))}
+    return Measured(findings=tuple(findings), **{
+        name: known.get(name, unknown(*shape)) for name, shape in shapes.items()})
+
+
+def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -> Measured:
+    """Return the measured columns that the sidecar's instrument needs.
+
+    Raises:
+        BadInput: a needed column is missing or wholly empty, or a sigma is not positive.
+    """
+    units, kind = file.units.units(), file.instrument.kind
+    if kind.scalar:
+        return _scalar(table, file, side, units)
+    if kind.blind:
+        return _nothing(table, mechanism, file, side)
+    if kind.of_turn is not None:
+        return _tilts(table, mechanism, file, side)
+    position, rotation, findings = _pose(table, mechanism, kind, units)
+    sigma_needs(file, side, bool(np.isfinite(rotation).any()))
+    sigma = file.instrument.sigma
+    return _measured(
+        len(table), findings, position=position, rotation=rotation,
+        sigma_position=_sigmas(table, "position", sigma.position, units.factor("length")),
+        sigma_rotation=_sigmas(table, "rotation", sigma.rotation, units.factor("angle")))
+
+
+def _nothing(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -> Measured:
+    """Return rows of joint values alone; what stands for the noise of positions is theirs."""
+    kind, n, factors = file.instrument.kind, len(table), mechanism.joint_factors(file.units.units())
+    kind.refuse(mechanism.motion, mechanism.surplus, side)
+    joints = actuator_noise(file.instrument.sigma.actuator, mechanism, factors, side)
+    gaps = mechanism.gap_sigma
+    if not np.all(joints > 0.0) and not np.all(gaps > 0.0):
+        raise BadInput("the noise of the joint values is missing: without an instrument it is all "
+                       "that a row may be off by", f"{side}: instrument.sigma",
+                       "Add how well readings at one place repeat, such as `actuator: 0.2`; with "
+                       "`estimated: true` it is only where its estimate begins. Or say what all "
+                       "limbs may gap, `closure: {sigma: 0.2}` in the mechanism file")
+    size = float(np.median(joints * mechanism.joint_ratios) or np.median(gaps))
+    return _measured(n, _unused(table, kind, lambda c: c in PLACES), sigma_position=np.full(
+        (n, 3), size))
+
+
+def _tilts(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -> Measured:
+    """Return angles of a body's rotation in the places of their coordinates."""
+    kind, n, angle = file.instrument.kind, len(table), file.units.units().factor("angle")
+    kind.refuse(mechanism.motion, mechanism.surplus, side, mechanism.gravity)
+    sigma_needs(file, side, False)
+    names = kind.columns(mechanism.motion)
+    _need(table, names, f"instrument `{kind}`")
+    rotation = np.full((n, 3), np.nan)
+    sigma = np.full((n, 3), (file.instrument.sigma.rotation or np.nan) * angle)
+    for name, c in zip(names, kind.coordinates(mechanism.motion), strict=True):
+        rotation[:, c - 3] = table.numbers[name] * angle
+        _override(sigma[:, c - 3], table, f"sigma_{name}", angle)
+    return _measured(n, _unused(table, kind, lambda c: c in PLACES and c not in names),
+                     rotation=rotation, sigma_rotation=sigma)
+
+
+def _sigmas(table: Table, what: str, shared: float | None, factor: float) -> Array:
+    """Return standard deviations (N, 3): the sidecar's, or a row's own; one row in memory."""
+    out = np.broadcast_to((shared or np.nan) * factor, (len(table), 3))
+    for i, name in enumerate(COORDINATES[:3] if what == "position" else COORDINATES[3:]):
+        for source in (f"sigma_{what}", f"sigma_{name}"):
+            if source in table.numbers:
+                out = out if out.flags.writeable else out.copy()
+                _override(out[:, i], table, source, factor)
+    return out
+
+
+def _pose(table: Table, mechanism: Mechanism, kind: InstrumentKind, units: Units
+          ) -> tuple[Array, Array, list[Note]]:
+    """Return position (N, 3) and rotation (N, 3) as far as the instrument and motion go."""
+    planar = mechanism.motion.planar
+    needed = ("x", "y") if planar else ("x", "y", "z")
+    _need(table, needed, f"instrument `{kind}`")
+    position = stacked(table, COORDINATES[:3]) * units.factor("length")
+    findings = _unused(table, kind)
+    turns = [c for c in table.header if c in COORDINATES[3:] or c in QUATERNION]
+    if not kind.sees_rotation:
+        rotation = unknown(len(table), 3)
+        if turns:
+            findings.append(Note(
+                f"{table.source}: columns {', '.join(turns)}: not used, because the "
+                "instrument's kind is `position`; write `kind: pose` to use them."))
+    else:
+        rotation = _rotation(table, mechanism, units)
+    if planar:
+        position[:, 2] = np.nan
+        rotation = np.where([False, False, True], rotation, np.nan)
+        unused = [c for c in table.header if c in ("z", "rx", "ry")]
+        if unused:
+            findings.append(Note(
+                f"{table.source}: columns {', '.join(unused)}: not used, because a "
+                "planar pose is x, y, rz."))
+    return position, rotation, findings
+
+
+def _rotation(table: Table, mechanism: Mechanism, units: Units) -> Array:
+    """Return the measured rotation vectors (N, 3); needed unless motion is translational."""
+    rotation, given = rotations(table, units.factor("angle"))
+    if not mechanism.motion.turns:
+        return rotation
+    if not given:
+        columns = "rz" if mechanism.motion.planar else "rx, ry, rz"
+        raise BadInput(f"there is no column {columns}, which the instrument `pose` needs",
+                       f"{table.source}: header",
+                       f"Add {columns} (or quat_x, quat_y, quat_z, quat_w), or write `kind: "
+                       "position` in the sidecar")
+    if not any(c in table.header for c in QUATERNION):
+        _need(table, ("rz",) if mechanism.motion.planar else COORDINATES[3:],
+              "instrument `pose`")
+    elif not np.isfinite(rotation).any():
+        raise BadInput("all values of the column are missing", table.at("quat_x"),
+                       "Fill it in, or write `kind: position` in the sidecar")
+    return rotation
+
+
+def _need(table: Table, names: tuple[str, ...], who: str) -> None:
+    missing = [n for n in names if n not in table.header]
+    if missing:
+        raise BadInput(f"there is no column {', '.join(missing)}, which the {who} needs",
+                       f"{table.source}: header", "Add it, or change `instrument.kind` in the "
+                                                  "sidecar")
+    _refuse_empty(table, names, f"Fill it in: the {who} needs it")
+
+
+def _scalar(table: Table, file: SidecarFile, side: str, units: Units) -> Measured:
+    """Return heights, distances or a joint's readings with their noise."""
+    kind, sigma = file.instrument.kind, file.instrument.sigma
+    name = kind.number
+    sigma_needs(file, side, False)
+    _need(table, (name,), f"instrument `{kind}`")
+    n, factor = len(table), units.factor(kind.quantity)
+    value = stacked(table, [name])[:, 0] * factor
+    table.refuse_rows(kind.along_line & (value <= 0.0), name, f"a {name} must be greater than 0",
+                      "Check the value")
+    sigma_value = np.full(n, (kind.sigma_stated(sigma) or np.nan) * factor)
+    _override(sigma_value, table, f"sigma_{name}", factor)
+    return _measured(n, _unused(table, kind, lambda c: c in PLACES), value=value,
+                     sigma_position=np.repeat(sigma_value[:, None], 3, axis=1),
+                     sigma_value=sigma_value)
+
+
+def _scalar_column(name: str, own: InstrumentKind) -> bool:
+    """Whether a column belongs to an instrument for one number other than ``own``."""
+    return (name in number_names() and name != own.number) or (
+        name.startswith("to_q_") and not own.along_line)
+
+
+def _unused(table: Table, kind: InstrumentKind,
+            which: Callable[[str], bool] = lambda c: False) -> list[Note]:
+    """Return the finding that names the columns which the instrument cannot use."""
+    unused = [c for c in table.header if which(c) or _scalar_column(c, kind)]
+    return [Note(f"{table.source}: columns {', '.join(unused)}: not used, because the instrument's "
+                 f"kind is `{kind}`.")] if unused else []
+
+
+def _override(into: Array, table: Table, name: str, factor: float) -> None:
+    """Write a row's own standard deviations over the sidecar's, in place."""
+    values = table.numbers.get(name)
+    if values is None:
+        return
+    table.refuse_rows(values <= 0.0, name, "a standard deviation must be greater than 0",
+                      "Write a positive number, or leave it empty for the sidecar's", listed=True)
+    given = np.isfinite(values)
+    into[given] = values[given] * factor

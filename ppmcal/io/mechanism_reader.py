@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -10,20 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, refuse_unknown, unknown
 from ppmcal.io import parameter_reader as assemble
 from ppmcal.io.directions import rotation, square
 from ppmcal.io.effects import with_effects, with_limb_entries
-from ppmcal.io.gaps import read_gaps
 from ppmcal.io.limb_reader import LimbReader, limb_kind
-from ppmcal.io.measurement_block import read_measured, read_registrations
+from ppmcal.io.mechanism_blocks import (
+    read_gaps,
+    read_measured,
+    read_registrations,
+    read_stiffness,
+)
 from ppmcal.io.mechanism_schema import MechanismFile, TolerancesFile, word
 from ppmcal.io.noise_limits import refuse_tolerances
 from ppmcal.io.parameter_reader import Draft
 from ppmcal.io.pose_fields import COORDINATES, pose_from_map
-from ppmcal.io.remarks import remark_machine
 from ppmcal.io.schema import check, dotted
-from ppmcal.io.stiffness import read_stiffness
 from ppmcal.io.yaml import decimals, to_file
 from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
 from ppmcal.kinematics.closed_at_home import held_twice
@@ -33,6 +36,9 @@ from ppmcal.model.motions import Motion
 from ppmcal.model.parameters import NO_TOLERANCE, Parameter, free_indices, unmatched
 from ppmcal.notes import NOTE, Note
 from ppmcal.units import Units, coordinate_quantity
+from ppmcal.wording import pluralize
+
+log = logging.getLogger(__package__)
 
 
 def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanism:
@@ -85,7 +91,7 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
     machine = with_effects(with_limb_entries(mechanism, file.limbs, units, source), file.effects,
                            units, source)
     refuse_tolerances(machine)
-    remark_machine(machine)
+    _remark(machine)
     return machine
 
 
@@ -266,9 +272,8 @@ def _joint_factors(drafts: Sequence[Draft], actuators: Sequence[str], units: Uni
 def _by_actuator(given: Mapping[str, Any] | None, out: Array, actuators: Sequence[str],
                  factors: Array, place: str) -> Array:
     """Return ``out`` with what is given for actuators, SI, in the rows of these."""
+    refuse_unknown("actuator", given or {}, actuators, place)
     for name, value in (given or {}).items():
-        if name not in actuators:
-            raise unknown("actuator", name, actuators, place)
         i = actuators.index(name)
         out[i] = np.array(value) * factors[i]
     return out
@@ -286,9 +291,8 @@ def _gravity(file: MechanismFile, source: str) -> Array:
 
 
 def _cost(file: MechanismFile, source: str) -> dict[str, tuple[float, float]]:
-    for name in file.cost or {}:
-        if name not in TolerancesFile.model_fields:
-            raise unknown("class of slots", name, TolerancesFile.model_fields, f"{source}: cost")
+    refuse_unknown("class of slots", file.cost or {}, TolerancesFile.model_fields,
+                   f"{source}: cost")
     return {name: (c.weight, c.exponent) for name, c in (file.cost or {}).items()}
 
 
@@ -306,3 +310,16 @@ def _digits(file: MechanismFile, drafts: Sequence[Draft], units: Units) -> dict[
         places = [decimals(v) for kind, v in printed if kind == q]
         out[q] = 0.5 * 10.0 ** -max(places) * units.factor(q) if places else 0.0
     return out
+
+
+def _remark(machine: Mechanism) -> None:
+    """Log what a mechanism file says."""
+    if not log.isEnabledFor(logging.INFO):
+        return
+    kinds = ", ".join(dict.fromkeys(limb.kind.name for limb in machine.limbs))
+    default = "" if machine.free_patterns is not None else " (those with a tolerance, by default)"
+    effects = ", ".join(e.kind.name for e in machine.effects) or "none"
+    log.info("%s: %s, %s %s, units %s and %s; %d of %d parameters free%s; effects: %s",
+             machine.source, machine.motion, pluralize(len(machine.limbs), "limb"), kinds,
+             machine.units.length, machine.units.angle, len(machine.free),
+             len(machine.parameters), default, effects)

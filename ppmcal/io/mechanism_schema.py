@@ -7,8 +7,8 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
 
-from ppmcal.io.gaps import ClosureFile
 from ppmcal.io.schema import (
+    LARGEST,
     LIMIT,
     Flag,
     Label,
@@ -20,6 +20,8 @@ from ppmcal.io.schema import (
     UnitsFile,
     Word,
     choice,
+    each,
+    numbers,
     refuse,
     show,
     translate,
@@ -122,6 +124,19 @@ class MeasurementFile(Strict):
     """Lowest and highest measured value by column: pose in the base frame, joints, conditions."""
     converged: Flag | None = None
     """Whether the fit was at its minimum, or ended at the noise; else it is not commanded."""
+
+
+_sigma = each(numbers(lambda v: 0 <= v <= LARGEST, "a standard deviation",
+                      "Write a number of 0 or more, or one for each limb: {c1: 0.1}"))
+
+
+class ClosureFile(Strict):
+    """What limbs may gap, of a machine with more of them than its platform has freedoms."""
+
+    examples: ClassVar[Mapping[str, str]] = {"sigma": "sigma: {c1: 0.1, c2: 0.2}"}
+    sigma: Annotated[Any, BeforeValidator(_sigma)]
+    """Standard deviation of how far limbs are from closing beside their drives' noise, as a length:
+    one number, or one by limb."""
 
 
 class MechanismFile(Strict):

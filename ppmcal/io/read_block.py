@@ -70,7 +70,7 @@ class ReadFile(Strict):
     """Sheet of a spreadsheet  [default: the first]."""
     ignore: list[Label] = Field(default_factory=list)
     """Headers of the file to leave alone."""
-    units: Annotated[dict[str, str], _mapping("unit", choice("unit", *UNITS).check)] = Field(
+    units: Annotated[dict[str, str], _mapping("unit", choice("unit", *UNITS).find)] = Field(
         default_factory=dict)
     """Unit of a column (or of all that a pattern such as q_* names), if not the file's."""
     counts_per_turn: Annotated[float, BeforeValidator(PULSES)] | None = None

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, refuse_unknown
 from ppmcal.io.effects import with_effects
 from ppmcal.io.noise_limits import refuse_sigma
 from ppmcal.io.pose_fields import COORDINATES, pose_from_map
 from ppmcal.io.poses import read_poses
 from ppmcal.io.scenario_schema import PosesFile, ScenarioFile
-from ppmcal.io.schema import LARGEST, check, did_you_mean, show
+from ppmcal.io.schema import check, did_you_mean, is_number, show
 from ppmcal.io.sidecar import actuator_noise, frame_of, point_of, rotation_of
 from ppmcal.io.yaml import read_yaml
 from ppmcal.io.yaml_merge import IN_MEMORY
@@ -24,7 +24,6 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import ZERO_CELSIUS, Unknown
 from ppmcal.model.instruments import InstrumentKind
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.model.parameters import Parameter
 from ppmcal.simulation.scenario import Circle, GridPattern, Helix, Listed, Pattern, Random, Scenario
 from ppmcal.units import Units
 
@@ -105,9 +104,7 @@ def _offset(raw: object, kind: InstrumentKind, units: Units, place: str) -> floa
         return 0.0
     if kind.placed is None:
         raise BadInput(f"the instrument '{kind}' has no offset", place, "Take it out")
-    if isinstance(raw, bool) or not isinstance(raw, int | float) or not abs(raw) <= LARGEST:
-        raise BadInput(f"{show(raw)} is not a number", place, "Write a number such as 12.5")
-    return float(raw) * units.factor(kind.quantity)
+    return _number(raw, place, "12.5") * units.factor(kind.quantity)
 
 
 def _given(value: Unknown, place: str) -> Array:
@@ -139,28 +136,27 @@ def _errors(raw: object, mechanism: Mechanism, units: Units, source: str
                            "frame components exist where the limb gives them or `free` names "
                            f"them.{did_you_mean(name, by_name)}")
         else:
-            out[by_name[name].name] = _error(value, by_name[name], units, f"{place}.{name}")
+            p = by_name[name]
+            out[p.name] = _number(value, f"{place}.{name}", "0.5") * units.factor(p.quantity)
     return out, scale
 
 
-def _error(value: object, parameter: Parameter, units: Units, place: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not (
-            abs(value) <= LARGEST):
-        raise BadInput(f"{show(value)} is not a number", place, "Write a number such as 0.5")
-    return float(value) * units.factor(parameter.quantity)
+def _number(value: object, place: str, example: str) -> float:
+    if not is_number(value):
+        raise BadInput(f"{show(value)} is not a number", place, f"Write a number such as {example}")
+    return float(value)
 
 
 LARGEST_SCALE = 1e6
 
 
 def _scale(value: object, place: str) -> float:
-    scale = value.get("scale", 1.0) if isinstance(value, dict) else None
-    good = isinstance(scale, int | float) and not isinstance(scale, bool) and (
-        0 <= scale <= LARGEST_SCALE)
-    if not good or not isinstance(value, dict) or set(value) - {"scale"}:
+    scale = value.get("scale", 1.0) if isinstance(value, dict) and not (
+        set(value) - {"scale"}) else None
+    if not is_number(scale, LARGEST_SCALE) or scale < 0:
         raise BadInput(f"{show(value)} cannot be used here", f"{place}.random",
                        "Write {random: {scale: 1.0}}")
-    return float(scale or 0.0)
+    return float(scale)
 
 
 def _listed(path: Path, mechanism: Mechanism) -> Listed:
@@ -209,11 +205,9 @@ def _poses(file: PosesFile, mechanism: Mechanism, units: Units, source: str, pat
     if file.grid is not None:
         g = file.grid
         counts = np.ones(6, dtype=np.int64)
-        for name, count in g.counts.items():
-            if name not in mechanism.coordinates:
-                raise unknown("pose coordinate", name, mechanism.coordinates,
-                              f"{source}: poses.grid.counts")
-            counts[COORDINATES.index(name)] = count
+        refuse_unknown("pose coordinate", g.counts, mechanism.coordinates,
+                       f"{source}: poses.grid.counts")
+        counts[[COORDINATES.index(name) for name in g.counts]] = [*g.counts.values()]
         return GridPattern(center(g.center, "poses.grid.center"),
                     pose(g.half_range, "poses.grid.half_range", 0.0), counts)
     if file.random is not None:

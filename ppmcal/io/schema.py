@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, TypeGuard, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -19,7 +19,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError, core_schema
 
 from ppmcal.codec import LARGEST_WHOLE
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, refuse_unknown, unknown
 from ppmcal.units import ANGLES, LENGTHS, Units
 
 T = TypeVar("T", bound=BaseModel)
@@ -49,6 +49,11 @@ def _finite(value: object) -> float:
     return number
 
 
+def is_number(value: object, most: float = LARGEST) -> TypeGuard[float]:
+    """Whether a value of a file is a number from -most to most; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= most
+
+
 def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         hint = "Write a number such as 12.5"
@@ -60,21 +65,6 @@ def _number(value: object) -> float:
     return float(value)
 
 
-def _sigma_value(value: object) -> float:
-    number = _number(value)
-    if math.isnan(number) or number < 0.0:
-        raise refuse(f"{show(value)} is not a standard deviation",
-                     "Write a number of 0 or more, or .inf for no prior")
-    return number
-
-
-def _positive(value: object) -> float:
-    number = _finite(value)
-    if number <= 0.0:
-        raise refuse(f"{show(value)} is not greater than 0", "Write a positive number")
-    return number
-
-
 def _label(value: object) -> str:
     if isinstance(value, int) and not isinstance(value, bool):
         value = str(value)
@@ -83,20 +73,16 @@ def _label(value: object) -> str:
     return value.strip()
 
 
-def _word(value: object) -> str:
-    name = _label(value)
-    if not all(c.isalnum() or c in "_-" for c in name):
-        raise refuse(f"the name {show(name)} has other characters than letters, digits, _ and -",
-                     "Rename it: names become column headers and parameter paths")
-    return name
+def _of_letters(marks: str, listed: str, why: str) -> BeforeValidator:
+    """Return a validator of names that have letters, digits and some marks; ``why`` no others."""
+    def check(value: object) -> str:
+        name = _label(value)
+        if not all(c.isalnum() or c in marks for c in name):
+            raise refuse(f"the name {show(name)} has other characters than letters, digits, "
+                         f"{listed}", f"Rename it: {why}")
+        return name
 
-
-def _path(value: object) -> str:
-    name = _label(value)
-    if not all(c.isalnum() or c in "_-." for c in name):
-        raise refuse(f"the name {show(name)} has other characters than letters, digits, _, - "
-                     "and .", "Rename it: shared names become parameter names")
-    return name
+    return BeforeValidator(check)
 
 
 def _flag(value: object) -> bool:
@@ -105,12 +91,21 @@ def _flag(value: object) -> bool:
     return value
 
 
-def numbers(accepts: Callable[[float], bool], what: str, hint: str, make: type[Any] = float
-            ) -> Callable[[object], Any]:
-    """Return a check of numbers, whole ones where ``make`` is int; ``what`` one that it refuses."""
+def numbers(accepts: Callable[[float], bool], what: str, hint: str, make: type[Any] = float,
+            first: Callable[[object], object] = lambda value: value) -> Callable[[object], Any]:
+    """Return a check of numbers, whole ones where ``make`` is int.
+
+    Args:
+        accepts: says of a number whether it is good.
+        what: what one that it refuses is not.
+        hint: what to write.
+        make: what the number becomes.
+        first: a check before this one.
+    """
     kinds = int if make is int else int | float
 
     def check(value: object) -> Any:
+        first(value)
         if isinstance(value, bool) or not isinstance(value, kinds) or not accepts(value):
             raise refuse(f"{show(value)} is not {what}", hint)
         return make(value)
@@ -137,17 +132,20 @@ ROW_COUNT = numbers(lambda v: abs(v) <= 1_000_000, "a number of rows",
                     "Write a whole number such as 1", int)
 PULSES = numbers(lambda v: 0 < v < 1e12, "a number of counts", "Write a positive number")
 PAYLOAD = numbers(lambda v: 0 <= v < 1e300, "a payload", "Write kg, 0 or more: [0, 20]")
-DEVIATION = numbers(lambda v: v >= 0.0, "a standard deviation",
-                    "Write a number of 0 or more, or .inf for no prior")
+_DEVIATION = (lambda v: v >= 0.0, "a standard deviation",
+              "Write a number of 0 or more, or .inf for no prior")
+DEVIATION = numbers(*_DEVIATION)
 LIMIT = numbers(lambda v: not math.isnan(v), "a number", "Write a number, .inf or -.inf")
 Number = Annotated[float, BeforeValidator(_finite)]
-Sigma = Annotated[float, BeforeValidator(_sigma_value)]
-Positive = Annotated[float, BeforeValidator(_positive)]
+Sigma = Annotated[float, BeforeValidator(numbers(*_DEVIATION, first=_number))]
+Positive = Annotated[float, BeforeValidator(numbers(
+    lambda v: v > 0.0, "greater than 0", "Write a positive number", first=_finite))]
 Count = Annotated[int, BeforeValidator(numbers(
     lambda v: 1 <= v <= 10_000_000, "a count", "Write a whole number from 1 to 10 million", int))]
 Label = Annotated[str, BeforeValidator(_label)]
-Word = Annotated[str, BeforeValidator(_word)]
-Path = Annotated[str, BeforeValidator(_path)]
+Word = Annotated[str, _of_letters(
+    "_-", "_ and -", "names become column headers and parameter paths")]
+Path = Annotated[str, _of_letters("_-.", "_, - and .", "shared names become parameter names")]
 Flag = Annotated[bool, BeforeValidator(_flag)]
 
 
@@ -165,29 +163,12 @@ def vector(*sizes: int, of: Callable[[object], float] = _finite) -> BeforeValida
     return BeforeValidator(check)
 
 
-@dataclass(frozen=True)
-class AllowedWords:
-    """One word out of a few: refused with the nearest match, an ``enum`` in the JSON Schema."""
-
-    what: str
-    allowed: tuple[str, ...]
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler
-                                     ) -> core_schema.CoreSchema:
-        """Return the text's schema with the check after it."""
-        return core_schema.no_info_after_validator_function(self.check, handler(source))
-
-    def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema,
-                                     handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """Return the JSON Schema of a text with the allowed words."""
-        return {**handler(schema), "enum": list(self.allowed)}
-
-    def check(self, value: str) -> str:
-        """Return the word, or refuse it."""
-        if value not in self.allowed:
-            error = unknown(self.what, value, self.allowed)
-            raise refuse(error.what, error.hint)
-        return value
+def _one_of(what: str, name: object, allowed: Collection[object]) -> None:
+    """Refuse a name that is not allowed, with the nearest match."""
+    try:
+        refuse_unknown(what, [name], allowed)
+    except BadInput as error:
+        raise refuse(error.what, error.hint) from None
 
 
 @dataclass(frozen=True)
@@ -212,15 +193,13 @@ class Registered:
     def find(self, name: str) -> Any:
         """Return the kind, or refuse the name."""
         kinds = self.kinds()
-        if name not in kinds:
-            error = unknown(self.what, name, kinds)
-            raise refuse(error.what, error.hint)
+        _one_of(self.what, name, [*kinds])
         return kinds[name]
 
 
-def choice(what: str, *allowed: str) -> AllowedWords:
+def choice(what: str, *allowed: str) -> Registered:
     """Return a validator for one word out of a few."""
-    return AllowedWords(what, allowed)
+    return Registered(what, lambda: {word: word for word in allowed})
 
 
 def did_you_mean(name: object, allowed: Iterable[object]) -> str:
@@ -245,10 +224,8 @@ class Strict(BaseModel):
         if not isinstance(data, dict):
             raise refuse(f"{show(data)} is not a mapping",
                          f"Write keys with values here: {', '.join(names)}")
-        for key in data:
-            if key not in names and cls.model_config.get("extra") != "allow":
-                error = unknown("key", key, names)
-                raise refuse(error.what, error.hint)
+        for key in data if cls.model_config.get("extra") != "allow" else ():
+            _one_of("key", key, names)
         for name, field in cls.model_fields.items():
             key = field.alias or name
             if field.is_required() and key not in data:

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, model_validator
 
 from ppmcal import algebra as cga
 from ppmcal.design.virtual_instrument import Instrument
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, refuse_unknown, unknown
 from ppmcal.io.noise_limits import refuse_sigma
 from ppmcal.io.pose_fields import pose_from_map
 from ppmcal.io.read_block import ReadFile
@@ -27,6 +27,7 @@ from ppmcal.io.schema import (
     check,
     choice,
     each,
+    is_number,
     numbers,
     show,
 )
@@ -237,10 +238,9 @@ def _three(raw: object, sizes: tuple[int, ...], factor: float, place: str, form:
     """Return three numbers, SI, the last one 0 where it is left out."""
     if raw in ("unknown", "known"):
         return Unknown(raw == "unknown", np.zeros(3))
-    numbers = _list(raw, sizes)
-    if numbers is None:
+    if not isinstance(raw, list) or len(raw) not in sizes or not all(map(is_number, raw)):
         raise _neither(raw, place, form)
-    return Unknown(False, np.array([*numbers, 0.0][:3]) * factor)
+    return Unknown(False, np.array([*map(float, raw), 0.0][:3]) * factor)
 
 
 def scale_of(raw: object, kind: InstrumentKind, source: str, where: str = "scale") -> Unknown:
@@ -274,10 +274,9 @@ def offset_of(file: InstrumentFile, units: Units, source: str) -> Unknown:
         return NO_OFFSET
     if raw in (None, "unknown", "known"):
         return Unknown(raw != "known", np.zeros(1))
-    found = _list([raw], (1,))
-    if found is None:
+    if not is_number(raw):
         raise _neither(raw, place, "a number")
-    return Unknown(False, np.array(found) * units.factor(kind.quantity))
+    return Unknown(False, np.array([float(raw)]) * units.factor(kind.quantity))
 
 
 def located(file: SidecarFile, mechanism: Mechanism, source: str) -> SidecarFile:
@@ -292,8 +291,7 @@ def located(file: SidecarFile, mechanism: Mechanism, source: str) -> SidecarFile
 
 
 def _near_one(raw: object) -> TypeGuard[float]:
-    return not isinstance(raw, bool) and isinstance(raw, int | float) and (
-        NEAR_ONE[0] <= raw <= NEAR_ONE[1])
+    return is_number(raw) and NEAR_ONE[0] <= raw <= NEAR_ONE[1]
 
 
 def _known_about(raw: Mapping[Any, Any], source: str, where: str) -> Unknown:
@@ -306,7 +304,7 @@ def _known_about(raw: Mapping[Any, Any], source: str, where: str) -> Unknown:
         raise BadInput(f"{show(value)} is not a number from {NEAR_ONE[0]:g} to {NEAR_ONE[1]:g}",
                        f"{source}: {where}.value", "Write what the file shows over true lengths, "
                        "such as 0.995")
-    if isinstance(sigma, bool) or not isinstance(sigma, int | float) or not 0.0 < sigma < 1.0:
+    if not is_number(sigma) or not 0.0 < sigma < 1.0:
         raise BadInput(f"{show(sigma)} is not a standard deviation of a scale",
                        f"{source}: {where}.sigma", "Write a number between 0 and 1, such as "
                        "0.0015; of a scale that is known for sure write the value alone")
@@ -318,21 +316,9 @@ def actuator_noise(raw: object, mechanism: Mechanism, factors: Array, source: st
     names = mechanism.actuators
     if not isinstance(raw, dict):
         return float(raw) * factors if isinstance(raw, int | float) else np.zeros(len(names))
-    out = np.zeros(len(names))
-    for name, value in raw.items():
-        if str(name) not in names:
-            raise unknown("actuator", name, names, f"{source}: instrument.sigma.actuator")
-        out[names.index(str(name))] = value * factors[names.index(str(name))]
-    return out
-
-
-def _list(raw: object, sizes: tuple[int, ...]) -> list[float] | None:
-    if not isinstance(raw, list) or len(raw) not in sizes:
-        return None
-    if any(isinstance(v, bool) or not isinstance(v, int | float) or not abs(v) <= LARGEST
-           for v in raw):
-        return None
-    return [float(v) for v in raw]
+    given = {str(name): value for name, value in raw.items()}
+    refuse_unknown("actuator", given, names, f"{source}: instrument.sigma.actuator")
+    return np.array([given.get(a, 0.0) * f for a, f in zip(names, factors, strict=True)])
 
 
 def _neither(raw: object, place: str, form: str) -> BadInput:
@@ -359,7 +345,7 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
         raise BadInput("a plan has one instrument, and no other data set to refer to", f"{source}: "
                        "frame.same_as", "Write unknown, known, or the pose")
     if kind.along_line:
-        frame = _from_point(file, frame, mechanism, units, source)
+        frame = at_point(frame, _fixed_point(file, mechanism, units, source))
     length, angle = units.factor("length"), units.factor("angle")
     own, scalar = kind.sigma_stated(sigma), kind.scalar
     of = units.factor(kind.quantity) if scalar else length
@@ -377,14 +363,18 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
     return found
 
 
-def _from_point(file: SidecarFile, frame: Unknown, mechanism: Mechanism, units: Units,
-                source: str) -> Unknown:
-    """Return the frame whose origin is the point that distances are measured from."""
+def at_point(frame: Unknown, point: Unknown) -> Unknown:
+    """Return a frame with its origin in a point of it, as which distances have theirs."""
+    away = cga.motor_from_rotation_vector(np.zeros(3), -point.value)
+    return Unknown(point.fitted or frame.fitted,
+                   pose_vector(cga.compose(away, pose_motor(frame.value))))
+
+
+def _fixed_point(file: SidecarFile, mechanism: Mechanism, units: Units, source: str) -> Unknown:
+    """Return the point that distances are measured from, as far as a plan must know it."""
     raw, place = file.instrument.point, f"{source}: instrument.point"
     if raw in (None, "unknown"):
         raise BadInput("which distances tell most depends on where the fixed point is", place,
                        "Write it as well as you know it, such as `point: [0, 0, 500]`, in the "
                        "base frame, and `frame: unknown` to have it fitted")
-    point = point_of(raw, mechanism.motion, units, source, "instrument.point")
-    away = cga.motor_from_rotation_vector(np.zeros(3), -point.value)
-    return Unknown(frame.fitted, pose_vector(cga.compose(away, pose_motor(frame.value))))
+    return point_of(raw, mechanism.motion, units, source, "instrument.point")

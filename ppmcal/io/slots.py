@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator
 
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput, refuse_unknown, unknown
 from ppmcal.io.schema import DEVIATION, Flag, Number, Path, Sigma, Strict, refuse, show, vector
 from ppmcal.model.limbs import LimbKind
 from ppmcal.model.limbs.chain import SlotSpec
@@ -145,9 +145,8 @@ def _spread_point(raw: dict[Any, Any], axes: list[str], place: str) -> dict[str,
     """Return one slot per axis from ``{value: [x, y], tolerance: 0.2, share: NAME}``."""
     allowed = list(SlotFile.model_fields)
     out: dict[str, dict[str, Any]] = {axis: {} for axis in axes}
+    refuse_unknown("key", raw, allowed, place)
     for key, value in raw.items():
-        if key not in allowed:
-            raise unknown("key", key, allowed, place)
         for i, axis in enumerate(axes):
             one = value
             if isinstance(value, list):

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.io.csv import Table
+from ppmcal.io.pose_fields import EULER
 from ppmcal.io.results.kinematics import KinematicsRecord
-from ppmcal.io.rotations import EULER
 from ppmcal.kinematics.path_rates import accelerations, rates, without_turns
 from ppmcal.linalg import Array, Ints
 from ppmcal.plotting.canvas import Drawing

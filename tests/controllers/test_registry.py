@@ -18,7 +18,7 @@ from ppmcal import controllers
 from ppmcal.io import read_mechanism
 
 PACKAGE = Path(ppmcal.__file__).parent
-LOGS = {"io/klipper_log.py", "io/foreign.py", "limits.py"}
+LOGS = {"io/recordings.py", "io/foreign.py", "limits.py"}
 """What reads recordings, and the table of limits: a log is data, and no format of a controller."""
 WORKSHOP = '''"""Offsets of the workshop's controller."""
 

@@ -25,8 +25,8 @@ from ppmcal.design.spring_model import springs_of
 from ppmcal.design.stiffness import Compliance, compliance, stiffness_at_home, stiffness_table
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import csv_text, read_mechanism, write_mechanism
+from ppmcal.io.mechanism_blocks import joint_names
 from ppmcal.io.results.tables import pose_columns
-from ppmcal.io.stiffness import joint_names
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward

@@ -18,7 +18,7 @@ from helpers.paths import ROOT
 
 from ppmcal import limits
 from ppmcal.errors import BadInput
-from ppmcal.io import excel
+from ppmcal.io import tables
 from ppmcal.io.csv import csv_table
 from ppmcal.io.grid import read_grid
 from ppmcal.io.json import read_object
@@ -284,7 +284,7 @@ def test_a_spreadsheet_that_unpacks_to_too_much(tmp_path, monkeypatch):
             archive.open("xl/worksheets/sheet1.xml", "w", force_zip64=True) as sheet:
         for _ in range(3):
             sheet.write(b" " * 1_000_000)
-    monkeypatch.setattr(excel, "UNPACKED_BYTES", replace(limits.UNPACKED_BYTES, most=2_000_000))
+    monkeypatch.setattr(tables, "UNPACKED_BYTES", replace(limits.UNPACKED_BYTES, most=2_000_000))
     (tmp_path / "t.xlsx").write_bytes(held.getvalue())
     refused(lambda: read_table(tmp_path / "t.xlsx"), "unpacked")
 
@@ -319,7 +319,7 @@ def test_a_sheet_that_says_it_is_wide_and_long(tmp_path):
 
 
 def test_a_sheet_of_empty_cells_that_are_too_many(tmp_path, monkeypatch):
-    monkeypatch.setattr(excel, "TABLE_CELLS", replace(limits.TABLE_CELLS, most=100_000))
+    monkeypatch.setattr(tables, "TABLE_CELLS", replace(limits.TABLE_CELLS, most=100_000))
     rows = "".join(f'<row r="{i}"><c r="A{i}"><v>1</v></c><c r="XFD{i}"/></row>'
                    for i in range(1, 10))
     sheet_of(tmp_path / "t.xlsx", rows)

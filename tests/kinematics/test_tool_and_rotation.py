@@ -11,7 +11,7 @@ from helpers.paths import ROOT
 from scipy.spatial.transform import Rotation
 
 from ppmcal.errors import BadInput
-from ppmcal.io.rotations import check_convention
+from ppmcal.io.pose_fields import check_convention
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import PoseConvention, pose_motor, pose_vector

@@ -18,8 +18,8 @@ from ppmcal.design.processes import cores as all_cores
 from ppmcal.design.processes import over
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import csv_text
-from ppmcal.io.parquet import refuse_without_pyarrow
 from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table, with_findings
+from ppmcal.io.tables import refuse_without_pyarrow
 from ppmcal.notes import FINDING, NOTE, Note
 from ppmcal.store.folder import running
 from ppmcal.store.inputs import current

@@ -7,11 +7,11 @@ from dataclasses import field, fields
 from typing import ClassVar
 
 from ppmcal.calibration.validation import Identification
-from ppmcal.io.parquet import parquet_bytes
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate, summaries
 from ppmcal.io.results.record import Part, Record, Shown, Text, UnitText, Whole
+from ppmcal.io.tables import parquet_bytes
 from ppmcal.wording import MOST, abbreviate_list, pluralize
 
 TABLE = "campaigns.parquet"

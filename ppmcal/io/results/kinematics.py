@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.io import csv_text
-from ppmcal.io.pose_fields import QUATERNION
+from ppmcal.io.pose_fields import EULER, QUATERNION, columns_of
 from ppmcal.io.results.kinematics_uncertainty import KinematicsUncertainty, ModelSigma
 from ppmcal.io.results.record import Finite, Flag, Part, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import (
@@ -19,7 +19,6 @@ from ppmcal.io.results.tables import (
     joint_columns,
     pose_columns,
 )
-from ppmcal.io.rotations import EULER, columns_of
 from ppmcal.kinematics.rotations import euler_like, to_quaternion
 from ppmcal.kinematics.tables import SINGULAR, KinematicsTable, home_singular_value
 from ppmcal.linalg import Array, Bools, Ints

@@ -14,8 +14,8 @@ from ppmcal.errors import BadInput
 from ppmcal.io import csv_text
 from ppmcal.io.csv import Table, csv_table, joined, refuse_absurd, whole_rows
 from ppmcal.io.csv_body import Cells
+from ppmcal.io.pose_fields import EULER
 from ppmcal.io.results.record import Part
-from ppmcal.io.rotations import EULER
 from ppmcal.limits import refuse_shape
 from ppmcal.linalg import Array
 from ppmcal.model.instruments import is_own_reading, number_names
